@@ -1,14 +1,14 @@
 """Disk cache of machine code; loads only what the current user alone can write.
 
-The evaluators of `ocp.compiled` and the kernels of `kernel` are kept here, under keys
-that name all they are made from, so nothing in it is ever out of date.
+It keeps the evaluators of `ocp.compiled` and the kernels of `kernel`, under keys of
+everything that they are made from, so that no entry is ever out of date.
 
-Loading code that somebody else could have written is the risk to close. So the folder
-must be a real folder of the user's own with mode 0700, a file a real file of the user's
-own that no other may write; anything else is refused. A file begins with the hash of
-its key and code; one that is damaged, or another's, is rebuilt. Files are replaced
-atomically, so two processes that build at once do no harm; if nothing can be kept
-(an unwritable home, or none), code is built anew in each process.
+Machine code written by another user must never be loaded. So the folder must be a real
+folder that the user owns, with mode 0700, and a file a real file that the user owns and
+no other user may write; anything else is refused. A file begins with the hash of its
+key and code; a file that is damaged, or has another key, is rebuilt. Files are replaced
+atomically, so processes that write at the same time do no harm. If nothing can be
+stored (an unwritable or missing home folder), each process builds its code anew.
 
 The files used least recently are removed when all of them together exceed LIMIT_BYTES.
 """
@@ -25,13 +25,13 @@ from pathlib import Path
 LIMIT_BYTES = 256 * 2**20
 """Size of the cache above which files are removed."""
 KEPT_PART = 0.75
-"""Part of the limit that is left when files are removed, so that it is done rarely."""
+"""Fraction of the limit to which the cache shrinks, so that this happens rarely."""
 USE_NOTED_S = 3600.0
-"""Age of a file's time stamp from which a use renews it [s]."""
+"""Least age of a file's time stamp at which a use renews it [s]."""
 
 _TEMPORARY = ".new-"
 _ABANDONED_S = 3600.0
-"""Age from which a temporary file is the rest of a process that was killed [s]."""
+"""Age at which a temporary file counts as left by a killed process [s]."""
 _DIGEST_BYTES = hashlib.sha256().digest_size
 _PRIVATE, _PRIVATE_FILE = 0o700, 0o600
 _OTHERS_MAY_WRITE = 0 if os.name == "nt" else 0o022
@@ -82,7 +82,7 @@ def load(key: str) -> bytes | None:
 
 
 def store(key: str, code: bytes) -> None:
-    """Keep code under a key, if that can be done safely; say nothing if not.
+    """Store code under a key if that is safe; else do nothing.
 
     Args:
         key: Hexadecimal digits.
@@ -99,7 +99,7 @@ def store(key: str, code: bytes) -> None:
 
 
 def refusal() -> str | None:
-    """Return why the folder of the cache is not used; None if it is, or can be made."""
+    """Return the reason why the cache's folder is not used; None if it is usable."""
     where = folder()
     if not where.is_absolute():
         return "the user has no home folder"
@@ -110,7 +110,7 @@ def refusal() -> str | None:
 
 
 def usage() -> Usage:
-    """Return where the cache is, and how large."""
+    """Return the folder, the number of files and the size of the cache."""
     where, refused = folder(), refusal()
     kept = [] if refused else _files(where)
     return Usage(
@@ -122,9 +122,9 @@ def usage() -> Usage:
 
 
 def clear() -> int:
-    """Remove all files of the cache, and none in a folder that is not used.
+    """Remove all files of the cache, unless its folder is refused.
 
-    Processes that run keep the code they have loaded.
+    Running processes keep the code that they have loaded.
 
     Returns:
         The number of files removed.
@@ -157,7 +157,7 @@ def _can_be_made(where: Path) -> bool:
 
 
 def _replace(path: Path, content: bytes) -> None:
-    """Write a file in one step, leaving nothing else behind."""
+    """Write a file atomically, leaving no temporary file."""
     descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=_TEMPORARY)
     try:
         with os.fdopen(descriptor, "wb") as file:
@@ -169,7 +169,7 @@ def _replace(path: Path, content: bytes) -> None:
 
 
 def _make_room(where: Path) -> None:
-    """Remove what processes that were killed left; if too large, the least used."""
+    """Remove files of killed processes; if too large, also the least used ones."""
     files, now = _files(where), time.time()
     for path, status in files:
         is_left = path.name.startswith(_TEMPORARY)
@@ -186,7 +186,7 @@ def _make_room(where: Path) -> None:
 
 
 def _files(where: Path) -> list[tuple[Path, os.stat_result]]:
-    """Return the files of a folder, without those that vanish meanwhile."""
+    """Return the files of a folder, skipping those that are removed meanwhile."""
     found = []
     with contextlib.suppress(OSError), os.scandir(where) as entries:
         for entry in entries:
@@ -198,14 +198,14 @@ def _files(where: Path) -> list[tuple[Path, os.stat_result]]:
 
 
 def _note_use(descriptor: int) -> None:
-    """Renew the time stamp of a file that is used, but not at every use."""
+    """Renew the time stamp of a used file, unless it is recent."""
     if time.time() - os.fstat(descriptor).st_mtime > USE_NOTED_S:
         with contextlib.suppress(OSError):
             os.utime(descriptor)
 
 
 def _open_own(path: str, flags: int) -> int:
-    """Open a file that is the user's own, and that no other may write."""
+    """Open a file that the user owns and no other user may write."""
     flags |= getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
     descriptor = os.open(path, flags)
     status = os.fstat(descriptor)
@@ -222,7 +222,7 @@ def _digest(key: str, code: bytes) -> bytes:
 
 
 def _is_private(where: Path) -> bool:
-    """Return whether a folder is real, the user's own, and closed to all others."""
+    """Return whether a folder is real, owned by the user, and closed to others."""
     try:
         status = where.lstat()
     except OSError:

@@ -1,7 +1,7 @@
-"""Wall time without what loading and compiling machine code takes.
+"""Wall time, apart from the time spent on loading and compiling machine code.
 
-What makes machine code does so within `compiling`; what measures time does so with a
-`stopwatch`, which shows both apart.
+Code that loads or compiles runs within `compiling`; time is measured by a `stopwatch`,
+which keeps the two apart.
 """
 
 import contextlib
@@ -15,7 +15,7 @@ log = logging.getLogger(__name__)
 
 
 class Stopwatch:
-    """Wall time since the start, that spent on machine code apart.
+    """A clock of the wall time since its start, without that spent on machine code.
 
     Attributes:
         compile_seconds: Time spent on machine code [s].
@@ -30,7 +30,7 @@ class Stopwatch:
 
     @property
     def seconds(self) -> float:
-        """Time spent on all else [s]."""
+        """Wall time without that spent on machine code [s]."""
         return time.perf_counter() - self._begin - self.compile_seconds
 
 
@@ -42,10 +42,10 @@ _held: ContextVar[tuple[Held, ...]] = ContextVar("_held", default=())
 
 @contextlib.contextmanager
 def stopwatch() -> Iterator[Stopwatch]:
-    """Measure time; machine code counts apart as long as the context is open.
+    """Return a context that measures time, machine code apart.
 
     Yields:
-        A stopwatch that may be read at any time; those within others all run.
+        A stopwatch that may be read at any time; nested ones run independently.
     """
     watch = Stopwatch()
     token = _running.set((*_running.get(), watch))
@@ -57,10 +57,10 @@ def stopwatch() -> Iterator[Stopwatch]:
 
 @contextlib.contextmanager
 def held_while_compiling(held: Held) -> Iterator[None]:
-    """Hold something, such as a limit of time, while machine code is made.
+    """Enter another context, such as a paused time limit, whenever code is compiled.
 
     Args:
-        held: Makes the context that machine code is made in.
+        held: Makes the context in which machine code is compiled.
 
     Yields:
         Nothing.
@@ -74,7 +74,7 @@ def held_while_compiling(held: Held) -> Iterator[None]:
 
 @contextlib.contextmanager
 def compiling() -> Iterator[None]:
-    """Count what is done meanwhile as loading or compiling; once if nested.
+    """Count the time in this context as loading or compiling; nested ones count once.
 
     Yields:
         Nothing.
@@ -97,12 +97,12 @@ def compiling() -> Iterator[None]:
 
 @cache
 def announce(what: str, duration: str, *, is_kept: bool = True) -> None:
-    """Say by logging, once in a process, that something is compiled.
+    """Log, once in a process, that something is compiled.
 
     Args:
-        what: What is compiled.
-        duration: How long it takes, in words.
-        is_kept: Whether a later process finds it.
+        what: Name of what is compiled.
+        duration: Expected time, in words.
+        is_kept: Whether later processes find the code in the cache.
     """
     how_often = "once" if is_kept else "as in each process, since no cache can be used"
     log.info("compiling %s for this machine, %s, %s", what, how_often, duration)

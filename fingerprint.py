@@ -1,15 +1,14 @@
-"""Fingerprints: hashes of all that compiled code is made from.
+"""Fingerprints: hashes of everything that compiled code is made from.
 
-A kernel that Numba compiles takes in, besides its own bytecode, that of every function
-it calls and the value of every global name it reads, in whatever module they stand. Its
+The machine code of a Numba kernel depends on its own bytecode, on that of every
+function it calls, and on the value of every global name it reads, in any module. Its
 fingerprint is a hash of all of these, found from the function itself:
 
     fingerprint(f) = hash(bytecode, constants, names, defaults and closure of f,
                           and the fingerprint of each global that f reads)
 
-So it changes with an edit anywhere below the kernel, a pull, a branch switch or a new
-wheel, and not with an edit of something that the kernel does not use. Comments and
-docstrings do not count.
+So it changes with any edit of code that the kernel uses (by hand, a pull, a branch
+switch, a new wheel), and with no other edit. Comments and docstrings do not count.
 
 The machine code of an evaluator is made by Python code, so its fingerprint is that of
 the source files: `sources` hashes a module and all modules of this package it imports.
@@ -33,7 +32,7 @@ import numpy as np
 PACKAGE = "swarmstart"
 ROOT = Path(__file__).parent
 CALLED_FROM_PYTHON = "no_cpython_wrapper"
-"""The option of a kernel that says who calls it; it changes from call to call."""
+"""The option of a kernel that depends on its caller; fingerprints leave it out."""
 _IMPORT = re.compile(
     rf"^[ \t]*(?:from[ ](?P<module>{PACKAGE}[\w.]*)[ ]import[ ]"
     rf"(?:\((?P<listed>[^)]*)\)|(?P<names>.*))|import[ ](?P<whole>{PACKAGE}[\w.]*))",
@@ -53,12 +52,12 @@ def fingerprint(function: Callable[..., object]) -> str:
         function: A Python function, or one that Numba has taken.
 
     Returns:
-        Hexadecimal digits; the same in another process, of another path, for the same
-        version of Python.
+        Hexadecimal digits; the same in every process and path, for one version of
+        Python.
 
     Raises:
-        UnknownValueError: If it reads a global that is neither a number, a text, an
-            array, a tuple of these, a class, a module nor a function.
+        UnknownValueError: If it reads a global that is not a number, a text, an array,
+            a tuple of these, a class, a module or a function.
     """
     digest, seen = hashlib.sha256(), dict[int, int]()
     for part in _parts(function, seen):
@@ -67,7 +66,7 @@ def fingerprint(function: Callable[..., object]) -> str:
 
 
 def sources(*modules: str) -> str:
-    """Return a hash of the source of modules and of all they import of this package.
+    """Return a hash of modules' source, imports from this package included.
 
     Args:
         modules: Their full names; imports within functions count too.
@@ -105,9 +104,9 @@ def source(module: str) -> bytes:
 
 
 def _file_of(module: str) -> Path | None:
-    """Return the file of a module of this package; None: there is none.
+    """Return the file of a module of this package; None if there is none.
 
-    Looked up without importlib, which would import the packages on the way to it.
+    It is found without importlib, which would import the packages above the module.
     """
     place = ROOT.joinpath(*module.split(".")[1:])
     files = (place / "__init__.py", place.parent / f"{place.name}.py")
@@ -127,15 +126,15 @@ def _imported(text: bytes) -> Iterator[str]:
 
 @cache
 def _is_module(name: str) -> bool:
-    """Return whether a name of this package is that of a module."""
+    """Return whether a name in this package is a module."""
     return _file_of(name) is not None
 
 
 def _parts(value: object, seen: dict[int, int]) -> Iterator[object]:
-    """Yield what identifies a value, as objects with a repr of their content.
+    """Yield the parts that identify a value, as objects with a repr of their content.
 
     Args:
-        value: A function, or what one reads.
+        value: A function, or a value that one reads.
         seen: Numbers of the functions met, by identity: functions may call each other.
     """
     function = _function_of(value)
@@ -154,10 +153,10 @@ def _parts(value: object, seen: dict[int, int]) -> Iterator[object]:
 
 
 def _description(value: object) -> tuple[object, ...]:
-    """Return what identifies a value that holds no other.
+    """Return a description that identifies a value without parts.
 
     Raises:
-        UnknownValueError: If it is of a kind that is not known.
+        UnknownValueError: If its type is not supported.
     """
     if isinstance(value, _PLAIN):
         return type(value).__name__, value
@@ -188,7 +187,7 @@ def _function_parts(
         yield from _parts(known.get(name), seen)
         module = known.get(name)
         if isinstance(module, types.ModuleType) and not _version_of(module.__name__):
-            # Read as module.name: the bytecode does not tell which, so all it names.
+            # Read as module.name. The bytecode does not say which, so take all names.
             for attribute in sorted(_names(code) & vars(module).keys()):
                 yield from _parts(vars(module)[attribute], seen)
 
@@ -206,7 +205,7 @@ def _code_parts(
 
 
 def _globals_read(code: types.CodeType) -> set[str]:
-    """Return the names of the globals that a function and those in it read."""
+    """Return the names of globals that a function and its inner functions read."""
     names = {
         str(step.argval)
         for step in dis.get_instructions(code)
@@ -219,7 +218,7 @@ def _globals_read(code: types.CodeType) -> set[str]:
 
 
 def _names(code: types.CodeType) -> set[str]:
-    """Return the names of attributes and globals in a function and those in it."""
+    """Return the names of attributes and globals, inner functions included."""
     names = set(code.co_names)
     for constant in code.co_consts:
         if isinstance(constant, types.CodeType):
@@ -242,9 +241,9 @@ def _options_of(value: Any) -> str:
 
 @cache
 def _version_of(module: str) -> str | None:
-    """Return the version that tells what a module holds; None if only its source does.
+    """Return the version that identifies a module's content; None if it has none.
 
-    That of Python stands for its standard library.
+    Python's version stands for its standard library.
     """
     top = module.split(".", maxsplit=1)[0]
     if top in sys.stdlib_module_names and top != "__main__":

@@ -1,14 +1,14 @@
 """The decorators of every function that Numba compiles, and the cache of its code.
 
-Numba is imported untyped; this is the one place where that meets the type checker.
+Numba is imported untyped; only this module has to deal with that.
 With NUMBA_DISABLE_JIT=1 the same functions run as plain Python. No fast-math: both give
 the same bits.
 
-Numba's own cache keeps code beside the source, under the hash of the one file that the
-function stands in; so a change to what it calls in another file goes unnoticed. Here
-code is kept in `code_cache`, under a key of all that it is made from: the function's
-fingerprint, the types it is compiled for, the processor, and the versions and options
-of Numba, LLVM, NumPy and Python.
+Numba's own cache keeps code beside the source, under the hash of the file that holds
+the function. It does not notice a change in another file that the function calls. Here
+code is kept in `code_cache`, under a key of everything that it is made from: the
+function's fingerprint, the types it is compiled for, the processor, and the versions
+and options of Numba, LLVM, NumPy and Python.
 """
 
 import hashlib
@@ -62,12 +62,12 @@ def kernel(function: Function) -> Function:
 
 
 def ieee_kernel(function: Function) -> Function:
-    """Compile likewise; a division by zero gives infinity or NaN, and no error."""
+    """Compile as `kernel` does; a division by zero gives infinity or NaN, no error."""
     return _compiled(function, error_model="numpy")
 
 
 def free_kernel(function: Function) -> Function:
-    """Compile likewise; Python's lock is released while it runs."""
+    """Compile as `kernel` does; Python's lock is released while the function runs."""
     return _compiled(function, nogil=True)
 
 
@@ -75,7 +75,7 @@ def prepare(function: Callable[..., object], *arguments: object) -> None:
     """Load or compile a kernel for arguments of these types, without calling it.
 
     Args:
-        function: A kernel; of another function nothing is prepared.
+        function: A kernel; for any other function nothing is done.
         arguments: Values of the types that it will be called with.
     """
     known = function, _key_of(arguments)
@@ -95,7 +95,7 @@ def is_kept(
     Args:
         function: A kernel; another function needs no compiling.
         arguments: Values of the types that it will be called with.
-        for_kernel: Whether for `address_of`, or for a call from Python.
+        for_kernel: True for `address_of`, False for a call from Python.
     """
     known = for_kernel and (function, _key_of(arguments)) in _ADDRESSES
     if known or not isinstance(function, _Kernel):
@@ -111,7 +111,7 @@ def is_kept(
 
 
 def address_of(function: Callable[..., object], *arguments: object) -> int:
-    """Return where the machine code of a kernel is, for `call_at`.
+    """Return the address of a kernel's machine code, for `call_at`.
 
     It stays there: Numba unloads no code as long as the process runs.
 
@@ -135,14 +135,14 @@ def _types_of(arguments: tuple[object, ...]) -> tuple[Any, ...]:
 
 
 _ADDRESSES: dict[object, int] = {}
-"""Kernel and key of its arguments -> address: each search asks again, and finding and
-hashing Numba's types takes 0.1 ms each."""
+"""(kernel, key of its arguments) -> address. Every search asks for it, and to find and
+hash Numba's types takes 0.1 ms each."""
 _PREPARED: set[object] = set()
-"""Kernels and keys of arguments for which `prepare` has nothing left to do."""
+"""Kernels with keys of arguments that `prepare` has prepared."""
 
 
 def _key_of(value: object) -> object:
-    """Return what determines Numba's type of a value."""
+    """Return a key that determines Numba's type of a value."""
     if isinstance(value, np.ndarray):
         return value.dtype.str, value.ndim, value.flags.num
     if isinstance(value, tuple):
@@ -158,15 +158,15 @@ def _compiled(function: Function, **options: Any) -> Function:
 
 
 _for_kernel: ContextVar[bool] = ContextVar("_for_kernel", default=False)
-"""Whether what is compiled now will be called by machine code only."""
+"""True while the code that is being compiled will be called by machine code only."""
 
 
 class _Kernel(CPUDispatcher):
     """A function compiled by Numba, for Python or for other kernels.
 
-    Code that only other kernels call needs no part that takes Python objects apart:
-    for kernels whose arguments are records of many arrays that is a third of the work.
-    Such a part is made when Python calls the kernel with those types after all.
+    Code that only other kernels call needs no entry that unpacks Python objects. For
+    kernels whose arguments are records of many arrays, that entry is a third of the
+    compiling. It is made when Python calls the kernel with those types after all.
     """
 
     def __init__(self, **options: Any) -> None:
@@ -175,9 +175,9 @@ class _Kernel(CPUDispatcher):
         self.cache = self._cache = _KernelCache(self)
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
-        """Compile for a kernel that calls this one; return what it must know.
+        """Compile for a kernel that calls this one; return Numba's call template.
 
-        A constant counts as a number: else code would be made for each constant.
+        A constant counts as a number: else each constant would need its own code.
         """
         plain = tuple(unliteral(kind) for kind in args)
         named = {name: unliteral(kind) for name, kind in kws.items()}
@@ -217,7 +217,7 @@ class _KernelCache(_Cache):
     cache_path = None
 
     def __init__(self, dispatcher: Any) -> None:
-        """Remember whose code is kept; the key is made when it is first needed."""
+        """Keep the dispatcher; the key is made when it is first needed."""
         self._dispatcher = dispatcher
 
     def load_overload(self, signature: Any, target_context: Any) -> Any:
@@ -237,7 +237,7 @@ class _KernelCache(_Cache):
         return key is not None and load(key) is not None
 
     def save_overload(self, signature: Any, result: Any) -> None:
-        """Keep the code compiled for a signature, if another process could use it."""
+        """Store the code compiled for a signature, if another process could use it."""
         key = self._key(signature, result.library.codegen)
         lifted = any(not one.can_cache for one in result.lifted)
         if key is not None and not lifted and not result.library.has_dynamic_globals:
@@ -250,7 +250,7 @@ class _KernelCache(_Cache):
         """Do nothing: it is always on."""
 
     def flush(self) -> None:
-        """Do nothing: what is kept is never out of date."""
+        """Do nothing: stored code is never out of date."""
 
     def _key(self, signature: Any, codegen: Any) -> str | None:
         """Return the hash of all that determines the code; None if that is unknown."""
@@ -267,14 +267,14 @@ class _KernelCache(_Cache):
 
 
 def _room_of(dispatcher: Any) -> str:
-    """Return the folder of this package that a kernel stands in; may be empty."""
+    """Return the folder of this package that holds a kernel; may be empty."""
     return str(dispatcher.py_func.__module__).partition(".")[2].partition(".")[0]
 
 
 def _described(kind: Any) -> str:
-    """Return a text that tells a type of Numba from all others.
+    """Return a text that distinguishes a type of Numba from all others.
 
-    The name that Numba gives a named tuple has neither its module nor its fields.
+    Numba's own name of a named tuple has neither its module nor its fields.
 
     Raises:
         UnknownValueError: If the type is that of a function, whose name is an address.
@@ -291,7 +291,7 @@ def _described(kind: Any) -> str:
 
 @cache
 def _toolchain() -> tuple[str, ...]:
-    """Return the versions of all that makes the code."""
+    """Return the versions of all software that makes the code."""
     python = sys.version, sys.implementation.cache_tag, platform.machine()
     return *python, numba.__version__, llvmlite.__version__, np.__version__
 

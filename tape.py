@@ -1,8 +1,9 @@
 """The instructions of an SX function as single static assignments.
 
 CasADi evaluates an SX function by a list of instructions on a work vector whose entries
-are overwritten. Here every value gets a name of its own, equal values one name (value
-numbering), and what no output needs is left out. CasADi has folded the constants.
+are overwritten. Here every value gets its own number, equal values share one (value
+numbering), and values that no output needs are left out. CasADi has already folded the
+constants.
 """
 
 from collections.abc import Iterator, Sequence
@@ -19,13 +20,13 @@ OPERATIONS: dict[int, str] = {
         "remainder assign lift"
     ).split()
 }
-"""CasADi's operation code -> name, for what a tape may hold."""
+"""CasADi's operation code -> name, for all operations that a tape may hold."""
 
 COMMUTATIVE = frozenset(("add", "mul", "eq", "ne", "and", "or"))
 
 
 class UnknownOperationError(Exception):
-    """An operation that is unknown to the reader or to what uses the tape.
+    """An operation that is unknown to the reader or to a user of the tape.
 
     Attributes:
         operation: Its name; empty if the function has no tape at all.
@@ -39,12 +40,12 @@ class UnknownOperationError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Node:
-    """One value.
+    """One value of a tape.
 
     Attributes:
         operation: A name of OPERATIONS, "input" or "constant".
-        arguments: Numbers of the values it is computed from; (argument, nonzero) of an
-            input; nothing of a constant.
+        arguments: Numbers of the values it is computed from; (argument, nonzero) for an
+            input; empty for a constant.
         value: The constant.
     """
 
@@ -82,20 +83,20 @@ class Tape:
 
 
 class TapeBuilder:
-    """Gives each different value one number.
+    """Builder of a tape, which gives equal values one number.
 
     Attributes:
         nodes: The values so far.
     """
 
     def __init__(self) -> None:
-        """Begin with nothing."""
+        """Begin an empty tape."""
         self.nodes: list[Node] = []
         self._numbers: dict[tuple[object, ...], int] = {}
 
     def number(self, node: Node) -> int:
-        """Return the number of a value, a new one where it is new."""
-        # repr tells 0.0 from -0.0, which compare equal, and one NaN equals another.
+        """Return the number of a value, a new number for a new value."""
+        # Compared by repr: 0.0 and -0.0 must differ, and one NaN must equal another.
         key = (node.operation, node.arguments, repr(node.value))
         if key not in self._numbers:
             self._numbers[key] = len(self.nodes)
@@ -193,7 +194,7 @@ def read_tape(function: ca.Function) -> Tape:
 
 
 def _name(code: int) -> str:
-    """Return what CasADi calls an operation, or its number."""
+    """Return CasADi's name of an operation, or its number."""
     names = (name for name in dir(ca) if name.startswith("OP_"))
     found = (name for name in names if getattr(ca, name) == code)
     return next(found, f"OP_{code}").removeprefix("OP_").lower()

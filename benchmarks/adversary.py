@@ -1,11 +1,12 @@
-"""The adversary: problems with answers known otherwise, in three units, two backends.
+"""The adversary: problems with independently known answers, in three unit systems.
 
     python benchmarks/adversary.py
     python benchmarks/adversary.py --class nonsmooth --limit 10 --backend auto --verbose
 
-Each is solved with default settings; a judge that knows each problem a second time, in
-NumPy, says by DOP853 at 1e-10 whether the claim is true and whether the answer is
-right. The exit status is 1 if any claim was false. Classes in brackets do not count.
+Each is solved with default settings, on two backends. A judge has its own statement of
+each problem in NumPy, and decides by DOP853 at 1e-10 whether the claim is true and the
+answer right. The exit status is 1 if any claim was false. Classes in brackets do not
+count.
 """
 
 import argparse
@@ -31,7 +32,7 @@ COLUMNS = ("class", "problems", "runs", "false", "solvable", "solved", "share")
 
 
 class Job(NamedTuple):
-    """One run: a case by class and name, so that it travels; units, backend, seed."""
+    """One run: class and name of a case (so that it can be pickled), units, backend."""
 
     kind: str
     name: str
@@ -41,15 +42,15 @@ class Job(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """A run and what became of it.
+    """A run and its outcome.
 
     Attributes:
         job: The run.
-        verdict: The judge's.
+        verdict: Verdict of the judge.
         is_solvable: Whether the problem has a solution.
         is_counted: Whether its class counts.
-        failure: What was raised; empty if nothing was.
-        seconds: Of wall time, the judge's included.
+        failure: The error that was raised; empty if there was none.
+        seconds: Wall time, the judge's included.
     """
 
     job: Job
@@ -67,7 +68,7 @@ def cases_of(kind: str) -> dict[str, Case]:
 
 
 def outcome_of(job: Job) -> Outcome:
-    """Solve one case, and judge what is claimed."""
+    """Solve one case, and judge its claim."""
     case = in_units(cases_of(job.kind)[job.name], UNITS[job.units])
     start, failure, verdict = time.perf_counter(), "", Verdict()
     try:
@@ -85,7 +86,7 @@ def outcome_of(job: Job) -> Outcome:
 
 
 def jobs(options: argparse.Namespace) -> list[Job]:
-    """Return the runs that are asked for."""
+    """Return the requested runs."""
     kinds = [options.kind] if options.kind else [*CLASSES]
     backends = [options.backend] if options.backend else [*BACKENDS]
     found = []
@@ -104,7 +105,7 @@ def jobs(options: argparse.Namespace) -> list[Job]:
 
 
 def say(outcome: Outcome) -> None:
-    """Print what is false or not solved in one run."""
+    """Print a run whose claim is false or whose problem is not solved."""
     job, verdict = outcome.job, outcome.verdict
     said = "; ".join(verdict.faults)
     mark = "FALSE" if said else "crash" if outcome.failure else "missed"

@@ -25,11 +25,11 @@ class Row(NamedTuple):
     """A published number and what was measured.
 
     Attributes:
-        name: Which number.
-        measured: What was measured.
-        published: What was published.
-        tolerance: What difference is allowed, and where that comes from.
-        holds: Whether it is within.
+        name: Name of the number.
+        measured: The measured number.
+        published: The published number.
+        tolerance: The allowed difference, and its source.
+        holds: Whether the difference is allowed.
     """
 
     name: str
@@ -83,11 +83,11 @@ def expected_running_time(results: Sequence[SearchResult]) -> tuple[int, float]:
 
 
 class PeerMissingError(ImportError):
-    """A package that is compared with is not installed."""
+    """A package to compare with is not installed."""
 
 
 def peer(name: str) -> Any:
-    """Import a package that is compared with.
+    """Import a package to compare with.
 
     Raises:
         PeerMissingError: If it is not installed.

@@ -1,7 +1,8 @@
-"""Seconds until the best optimum is found with 95 % probability, of two ways to it.
+"""Seconds until two methods find the best optimum with 95 % probability.
 
-A way whose runs hit with the probability p and take t seconds on average wants
-t max(1, log(0.05) / log(1 - p)): so many runs that all miss with 5 %, but one at least.
+A method whose runs hit with probability p and take t seconds on average needs
+t max(1, log(0.05) / log(1 - p)): after this many runs, at least one, the probability
+that all have missed is 5 %.
 """
 
 import math
@@ -20,19 +21,19 @@ SURE = 0.95
 SELDOM = 0.3
 """Share of hits below which IPOPT's starts hit seldom."""
 SOONER = 10
-"""How many times less is asked for there."""
+"""Required ratio of the seconds in that case."""
 _COLD, _MORE = 1.3, 0.2
 _SAMPLES = 2000
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Way:
-    """Runs of one way.
+    """Runs of one method.
 
     Attributes:
         runs: Their number.
-        share: Part of them that hit.
-        mean_s: Seconds of one, on average [s].
+        share: Fraction of them that hit.
+        mean_s: Mean time of a run [s].
         seconds: Until the best optimum is found [s].
         samples: The same of samples of the runs with replacement, shape (2000,) [s].
     """
@@ -45,20 +46,20 @@ class Way:
 
     @property
     def told(self) -> str:
-        """Seconds, and the range of most samples."""
+        """The seconds with the range of most samples, as text."""
         sign = "" if self.share else "> "
         return f"{sign}{_number(self.seconds)} ({_range(self.samples)})"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Raced:
-    """Two ways, and what is asked for.
+    """Two methods, and the bar for their ratio.
 
     Attributes:
-        ipopt: One random start after the other.
-        solve: One seed after the other.
-        asked: What is asked for, in words.
-        reached: Whether it is so.
+        ipopt: IPOPT from one random start after the other.
+        solve: `solve` with one seed after the other.
+        asked: The bar, in words.
+        reached: Whether the bar is reached.
     """
 
     ipopt: Way
@@ -68,7 +69,7 @@ class Raced:
 
     @property
     def told(self) -> str:
-        """How many times less the second takes, and the range of most samples."""
+        """The ratio of the two times with the range of most samples, as text."""
         times = self.ipopt.seconds / self.solve.seconds
         sign = "" if self.ipopt.share else "> "
         samples = self.ipopt.samples / self.solve.samples
@@ -79,9 +80,9 @@ def seconds_until(share: float, mean_s: float, runs: int) -> float:
     """Return the seconds until a hit with 95 % probability [s].
 
     Args:
-        share: Part of the runs that hit; 0 counts as the largest that would give none
-            in 5 % of all cases.
-        mean_s: Of a run [s].
+        share: Fraction of the runs that hit; 0 counts as the largest probability with
+            which no run hits in 5 % of all cases.
+        mean_s: Mean time of a run [s].
         runs: Their number.
     """
     if share >= 1:
@@ -91,11 +92,11 @@ def seconds_until(share: float, mean_s: float, runs: int) -> float:
 
 
 def way(seconds: Sequence[float], hits: Sequence[bool]) -> Way:
-    """Return what runs tell of a way.
+    """Return the summary of the runs of a method.
 
     Args:
-        seconds: Of each run [s].
-        hits: Whether it hit.
+        seconds: Time of each run [s].
+        hits: Whether each run hit.
     """
     spent, hit = np.array(seconds), np.array(hits, dtype=float)
     n = spent.size
@@ -120,12 +121,12 @@ def raced(
     answers: Sequence[Run],
     answer_hits: Sequence[bool],
 ) -> Raced:
-    """Return two ways, and whether what is asked for is so.
+    """Return two methods, and whether the bar for their ratio is reached.
 
     Args:
-        starts: IPOPT's from random starts.
+        starts: Runs of IPOPT from random starts.
         start_hits: Whether they hit.
-        answers: Those of `solve`.
+        answers: Runs of `solve`.
         answer_hits: Whether they hit.
     """
     ipopt = way([run.wall_s for run in starts], start_hits)
@@ -144,7 +145,7 @@ def raced(
 
 
 def _until(run: Run, hit: bool) -> float:
-    """Return the seconds of a solve until it found its answer; of a miss all."""
+    """Return the seconds until a solve found its answer; all of them for a miss."""
     return run.wall_s if run.found_s is None or not hit else run.found_s
 
 

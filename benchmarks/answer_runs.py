@@ -1,8 +1,8 @@
 """Runs of `solve` and of IPOPT from random starts, kept line by line in a file.
 
-Each run is a line of JSON, written as it ends. A run whose line is there is not done
-again, so a long measurement goes on where it was stopped; a new state of the code wants
-a new file. Costs are as the problem states them.
+Each run is a line of JSON, written when it ends. A run whose line exists is not
+repeated, so a measurement that was stopped can be continued; a new state of the code
+needs a new file. Costs are those of the stated problem.
 """
 
 import json
@@ -56,7 +56,7 @@ _SELDOM, _AS_LONG, _MANY = 0.3, 12, 100_000
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Run:
-    """A run and what it led to.
+    """A run and its result.
 
     Attributes:
         problem: Name of the problem.
@@ -95,7 +95,7 @@ class Run:
 
 
 class Seconds(NamedTuple):
-    """How long something took [s]."""
+    """Times of a call [s]."""
 
     process: float
     wall: float
@@ -162,7 +162,7 @@ class Shipped:
         return self._run(what, number, found, seconds)
 
     def from_start(self, number: int) -> Run:
-        """Return what IPOPT makes of a random start; the seconds are IPOPT's."""
+        """Return IPOPT's result from a random start, with IPOPT's own seconds."""
         planner = self.planner
         if planner.polisher is None:
             raise TypeError("expected a planner with a polish")
@@ -275,7 +275,7 @@ class Log:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Amount:
-    """How many runs of a problem are made.
+    """Numbers of runs of a problem.
 
     Attributes:
         seeds: Of `solve`, at least.
@@ -285,7 +285,7 @@ class Amount:
         most_starts: As many if they take less than `ipopt_s`.
         ipopt_s: See there [s].
         repaired_s: As many seeds with repair=True as take less, three at least [s].
-        longest_s: Of IPOPT's starts where they seldom hit, at most [s].
+        longest_s: Largest time of IPOPT's starts if they seldom hit [s].
     """
 
     seeds: int = 20
@@ -321,16 +321,16 @@ def wanted(
 ) -> Iterator[Wanted]:
     """Yield the runs that a problem wants.
 
-    Where IPOPT's starts seldom hit, there are more of them, until they have taken
-    twelve times as long as a solve: less would not show that they take ten times as
-    long where none hits.
+    If IPOPT's starts seldom hit, there are more of them, until they have taken twelve
+    times as long as a solve: with fewer, ten times as long could not be shown if none
+    hits.
 
     Args:
         one: The problem.
-        log: What has been done; runs with repair=True are wanted where an answer that
-            is in it breaks a constraint along its path.
-        amount: How much is wanted.
-        is_hit: Whether a run found the best that is known.
+        log: Finished runs; if one of their answers violates a constraint along its
+            path, runs with repair=True are added.
+        amount: Numbers of runs.
+        is_hit: Whether a run found the best known optimum.
     """
     alone: list[tuple[What, int]] = [("zero", 1), ("cold", COLD)]
     if one.middle is not None:
@@ -363,8 +363,8 @@ def missing(one: Shipped, log: Log, runs: Iterable[Wanted]) -> Iterator[Run]:
 
     Args:
         one: The problem.
-        log: What has been done; the caller adds what is yielded.
-        runs: What is wanted.
+        log: Finished runs; the caller adds the yielded ones.
+        runs: The runs to be made.
     """
     is_first = True
     for kind in runs:

@@ -4,9 +4,9 @@
         [--only NAME]
         [--seeds 20] [--lanes N] [--short] [--out results/answers]
 
-Every run is a line of OUT/runs.jsonl; what is there is not done again, so a measurement
-goes on where it was stopped, and the page is made of what is there. It wants a quiet
-machine: some twenty minutes. A new state of the code wants a new folder.
+Every run is a line of OUT/runs.jsonl. Finished runs are not repeated, so a measurement
+that was stopped can be continued; the page is made of all finished runs. It takes about
+twenty minutes on an idle machine. A new state of the code needs a new folder.
 """
 
 import sys
@@ -41,9 +41,9 @@ SHORT = Amount(
     repaired_s=0, longest_s=0,
 )  # fmt: skip
 SAME = 1e-6
-"""Of a cost, relative: a difference that is rounding."""
+"""Relative difference of costs that counts as rounding."""
 LONGEST, TIMES_COLD = 5.0, 3.0
-"""A solve is to end within so many seconds, or so many cold ones."""
+"""A solve must end within this many seconds, or this many times a cold solve's time."""
 TEXT = """# How often the best answer is found
 
 Made by `python benchmarks/answers.py --write docs/measured/answers_measured.md`:
@@ -84,23 +84,23 @@ differ by more than 1e-4); with a single optimum, at most 1.3 times the cold sol
 
 
 def is_hit(run: Run, value: float, sense: float) -> bool:
-    """Return whether a run found the best that is known, or better.
+    """Return whether a run found the best known cost, or a better one.
 
     Args:
         run: The run.
-        value: The best that is known, as the problem states it.
-        sense: -1 where costs are gains.
+        value: The best known cost, as the problem states it.
+        sense: -1 if costs are gains.
     """
     return run.feasible and sense * (run.cost - value) <= WITHIN * abs(value)
 
 
 def worse(answers: Iterable[Run], others: Sequence[Run], sense: float) -> int:
-    """Return how many answers are worse than a solve that is simpler.
+    """Return the number of answers that are worse than a simpler solve.
 
     Args:
-        answers: Of `solve`.
+        answers: Answers of `solve`.
         others: Solves from other starts.
-        sense: -1 where costs are gains.
+        sense: -1 if costs are gains.
     """
     number = 0
     feasible = [run.cost for run in others if run.feasible]

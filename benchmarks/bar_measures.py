@@ -1,10 +1,11 @@
-"""Flies the runs of the bars and measures what only they ask for.
+"""Runs of the bars, with measures that only the bars need.
 
-`name[k]`: entry k of a list. `wall_s`: wall time of the run. `settled`: 1 where x and y
+`name[k]`: entry k of a list. `wall_s`: wall time of the run. `settled`: 1 if x and y
 both settle. `error_in_turn_ft`: largest distance from the slot while the leader turns.
-`best_cost_per_horizon[k]`: the best J known from the states flown; `search_gap_max`: by
-how much the search's own answers miss it, before the polish. `steps_worse_than_search`:
-plans worse than the search's answer that they were polished from.
+`best_cost_per_horizon[k]`: the best known J from the states of the run;
+`search_gap_max`: the largest gap of the search's own answers to it, before the polish.
+`steps_worse_than_search`: number of plans worse than the search's answer that they were
+polished from.
 """
 
 from collections.abc import Mapping
@@ -22,15 +23,15 @@ from swarmstart.ocp import Source
 from swarmstart.ocp.polish import is_better
 
 FEASIBLE = 1e-6
-"""Largest violation that counts as none: the problems' tolerance."""
+"""Largest violation that counts as feasible: the problems' tolerance."""
 TURN_S = (25.0, 125.0)
-"""When the full turn is on, and the wingman has met it."""
+"""Interval in which the full turn is on and the wingman follows it [s]."""
 REPEATED = 10
-"""Seeds that are flown twice."""
+"""Number of seeds that are run twice."""
 
 
 def fly(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Fly a run; called in a worker, in place of `flown.fly`."""
+    """Simulate a run of a bar, in a worker."""
     del folder
     finished = run(resolved_again(job["settings"], job["variant"]), seed=job["seed"])
     measures: dict[str, Measure] = {**finished.measures, "wall_s": finished.wall_s}
@@ -78,7 +79,7 @@ def _worse_than_search(finished: Run) -> int:
 
 
 def same_again(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Return the share of seeds whose second flight is the first, to the bit."""
+    """Return the share of seeds whose second run equals the first, to the bit."""
     del job, folder
     resolved = resolve(read_document("close_formation"))
     same = 0

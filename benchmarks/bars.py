@@ -1,8 +1,8 @@
-"""The project's bars: claims of its own, judged over seeds as the chapter's are.
+"""The project's bars: its own claims, judged over seeds like those of the chapter.
 
     python benchmarks/bars.py benchmarks/claims/formation.yaml [--short] [--write FILE]
 
-Runs that have finished are kept, and the same command goes on from there.
+Finished runs are kept, and the same command continues from there.
 """
 
 import sys
@@ -24,7 +24,7 @@ from swarmstart.cases.commands.replicate import recorded
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run what a file's claims need, and judge them; return 3 if one is missed."""
+    """Run and judge the claims of a file; return 3 if one is missed."""
     parser = page_options(__doc__)
     parser.add_argument("claims", type=Path, help="a file of benchmarks/claims")
     parser.add_argument("--short", action="store_true", help="one seed of everything")
@@ -88,7 +88,7 @@ def _table(found: Sequence[JudgedClaim]) -> list[str]:
 
 
 def _shown(claim: JudgedClaim) -> bool:
-    """Return whether nothing is asked, but only shown."""
+    """Return whether a claim has no bar and is only shown."""
     return all(part.planned.part.beside for part in claim.parts)
 
 

@@ -31,17 +31,17 @@ from swarmstart.heuristics.minimize import values_of
 
 
 class Bbob(NamedTuple):
-    """An algorithm on a function of BBOB, and what another implementation needs there.
+    """An algorithm on a function of BBOB, with another implementation's result.
 
     Attributes:
-        name: Which.
+        name: Name of the row.
         algorithm: Its settings.
         function: Number of the function.
         gap: Cost above the optimum that is the target.
-        ert: Its expected running time; None where only successes count.
-        tolerance: Of the expected running time, relative.
-        successes: Least part of the runs that must succeed.
-        source: Which implementation, and its successes where only they count.
+        ert: Its expected running time; None if only successes count.
+        tolerance: Relative tolerance of the expected running time.
+        successes: Least fraction of the runs that must succeed.
+        source: The other implementation, with its successes if only they count.
     """
 
     name: str
@@ -57,7 +57,7 @@ class Bbob(NamedTuple):
 GBEST = ParticleSwarm(size=40, inertia=0.7298, cognitive=1.496, social=1.496)
 
 PYGMO_GBEST = replace(GBEST, velocity_max=0.5, bound_handling="absorb")
-"""As in pygmo a particle stops at a bound, and flies at most half the box."""
+"""Settings of pygmo: a particle stops at a bound, and moves by at most half the box."""
 
 RING = replace(GBEST, neighbours=4)
 """A particle itself is in its neighbourhood; in pygmo it is not.

@@ -103,7 +103,7 @@ def cec2006(*, short: bool) -> Iterator[Row]:
 # L-SHADE on CEC 2014, 10-D, 1e5 evaluations, the settings of its paper.
 
 FALSE_OPTIMUM = 34.78
-"""Error of the local optimum of F4 in 10-D that most runs of the paper end in."""
+"""Error of the local optimum of F4 in 10-D in which most runs of the paper end."""
 
 
 def cec2014(*, short: bool) -> Iterator[Row]:

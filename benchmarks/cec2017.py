@@ -2,11 +2,11 @@
 
     python benchmarks/cec2017.py [--write docs/measured/search_2017.md] [--seeds 2]
 
-The 29 functions that the competition kept (without F2), in 10 and 30 variables. An
-error is the least value within the budget less the optimum's, at least 1e-8; once as
-the search leaves it, and once after a local descent from there (L-BFGS-B, gradients by
-differences, not counted), which stands for the polish. Ranks are among all searches on
-one function with one seed, ties share theirs.
+The functions are the 29 that the competition kept (without F2), in 10 and 30 variables.
+An error is the least value within the budget less the optimum's, at least 1e-8. It is
+taken at the end of the search, and after a local descent from there (L-BFGS-B,
+gradients by differences, not counted), which represents the polish. Ranks are among all
+searches on one function with one seed; ties share a rank.
 
 Source: Awad, Ali, Liang, Qu and Suganthan (2016), Problem definitions and evaluation
 criteria for the CEC 2017 special session; minionpy is by Muzakka et al. (2025),
@@ -36,11 +36,11 @@ RIVALS = ("ARRDE", "RCMAES", "RDEX")
 HALVES = "lshade, then cma"
 REFERENCE = "lshade"
 SAME = 1e-4
-"""Relative difference of errors that counts as none after the descent."""
+"""Relative difference of errors that counts as equal after the descent."""
 DESCENT = 50
 """Iterations of the descent."""
 STEP = 1e-6
-"""Of differences, in a box of width 200."""
+"""Step of the differences, in a box of width 200."""
 
 
 class Counted:
@@ -67,7 +67,7 @@ class Counted:
         return values
 
     def errors(self) -> tuple[float, float]:
-        """Return how far above the optimum the least value is, and a descent ends."""
+        """Return the error of the least value, and the error after a descent."""
         found = descend(
             self._with_gradient, self._best, jac=True, method="L-BFGS-B",
             bounds=Bounds(-100.0, 100.0), options={"maxiter": DESCENT},
@@ -93,7 +93,7 @@ class Run(NamedTuple):
     seed: int
 
     def errors(self, search: str) -> tuple[float, float]:
-        """Return how near a search comes to the optimum, before and after a descent."""
+        """Return the errors of a search, before and after a descent."""
         objective = Counted(self.number, self.dim, self.budget)
         if search in RIVALS:
             self._rival(search, objective)
@@ -139,7 +139,7 @@ def errors(dim: int, budget: int, seeds: int) -> Array:
 
 
 def ratios(found: Array) -> Array:
-    """Return geometric means of errors, in parts of the reference's."""
+    """Return geometric means of errors, relative to those of the reference."""
     logarithms = np.log(found)
     away = logarithms - logarithms[SEARCHES.index(REFERENCE)]
     return np.asarray(np.exp(away.mean(axis=1)))
@@ -151,7 +151,7 @@ def ranks(found: Array) -> Array:
 
 
 def best(found: Array) -> Array:
-    """Return in which part of the runs nothing was nearer than each search."""
+    """Return for each search the fraction of runs in which it was the best."""
     nearest = found.min(axis=0) * (1 + SAME)
     return np.asarray((found <= nearest).mean(axis=1))
 

@@ -9,9 +9,9 @@ random moment, or one of its workers is killed before. After each:
 - the mark of every cell that had finished is there, the same bytes;
 - no process of the campaign is left, and after a signal no file under a temporary name.
 
-When a campaign ends by itself, its outcomes are those of one that nothing happened to;
-then its folder is emptied, and the next begins. With --full-disk (Linux, where a file
-system in memory may be mounted) the disk is full again and again, and is made larger.
+When a campaign ends by itself, its outcomes must equal those of an undisturbed one;
+then its folder is emptied, and the next begins. With --full-disk (on Linux, if a file
+system in memory can be mounted) the disk is full again and again, and is enlarged.
 """
 
 import argparse
@@ -50,7 +50,7 @@ SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 INTERRUPTED = 130
 FULL = 5
 STEP = 48 * 2**10
-"""By how much the full disk is made larger [B]."""
+"""Step by which the full disk is enlarged [B]."""
 
 
 def work(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
@@ -121,13 +121,13 @@ def besieged(
     Args:
         count: Number of local workers.
         engine: Of `carried_out`.
-        moments: How often.
-        chance: Of the moments and of what is sent.
-        cluster: Process whose children are workers of Dask, which are killed too; 0:
+        moments: Number of attacks.
+        chance: Source of randomness of moments and signals.
+        cluster: Process whose children are workers of Dask, which are killed too; 0 for
             none.
 
     Returns:
-        What happened how often, and everything that was wrong.
+        The number of attacks of each kind, and all complaints.
     """
     happened, wrong = Counter[str](), list[str]()
     with tempfile.TemporaryDirectory() as place:

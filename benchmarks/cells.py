@@ -1,11 +1,11 @@
-"""Cost of a cell beside its work: many cells of nothing, and of a small problem.
+"""Overhead of a cell: many cells without work, and with a small problem.
 
     python benchmarks/cells.py [--cells 10000] [--workers 2] [--solved 10000]
 
-Everything counts that a campaign does: starting workers, folders, commits, scheduling,
-and reading them again when the same command is called once more. `empty` is a work that
-returns nothing; `solved` one generation of random search on a small problem, verified.
-The bar: at most 5 ms of wall time for a cell.
+All work of a campaign counts: starting workers, folders, commits, scheduling, and
+reading the cells again when the same command is repeated. `empty` cells return nothing;
+`solved` ones run one generation of random search on a small problem, verified. The bar
+is at most 5 ms of wall time for a cell.
 """
 
 import argparse
@@ -25,7 +25,7 @@ from swarmstart.cases.format.scenario import read_document, resolve
 BAR_MS = 5.0
 SCENARIO = "double_integrator"
 EVALUATIONS = 20
-"""Of random search: one generation, the least there is."""
+"""Evaluations of random search: one generation, the least possible."""
 
 
 class Cost(NamedTuple):
@@ -71,7 +71,7 @@ def solved_cells(count: int) -> list[Cell]:
 
 
 def measured(cells: Sequence[Cell], workers: int) -> Cost:
-    """Return what the cells cost.
+    """Return the cost of the cells.
 
     Raises:
         SystemExit: If one has failed.

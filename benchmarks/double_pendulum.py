@@ -39,7 +39,7 @@ class Solved(NamedTuple):
 
 
 def solved(seed: int) -> Solved:
-    """Return what a run finds."""
+    """Return the result of a run."""
     found = run("double_pendulum", seed=seed)
     return Solved(float(found.measures["cost"]), found.measures["confirmed"] == 1)  # type: ignore[arg-type]
 

@@ -1,4 +1,4 @@
-"""Time of elementary functions of a population, beside NumPy's."""
+"""Time of elementary functions of a population, compared with NumPy's."""
 
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 VALUES = 1000
 OURS, NUMPY = "ours, prepared", "NumPy"
 _AGREE = 1e-12
-"""Largest difference from NumPy's value, in parts of it."""
+"""Largest relative difference from NumPy's value."""
 
 
 class Way(NamedTuple):
@@ -70,7 +70,7 @@ class Timed(NamedTuple):
 
     @property
     def ratio(self) -> float:
-        """How many times as fast as theirs ours is, by the medians."""
+        """Speed of ours relative to theirs, by the medians."""
         return self.ns[NUMPY].median / self.ns[OURS].median
 
 
@@ -78,7 +78,7 @@ def timed(*, rounds: int) -> list[Timed]:
     """Return the time of each function, both in turns on the same values.
 
     Args:
-        rounds: How often each has its turn.
+        rounds: Number of turns of each.
 
     Raises:
         ArithmeticError: If a value is not NumPy's.

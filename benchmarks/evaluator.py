@@ -53,7 +53,7 @@ LARGE, SMALL = 1000, 20
 
 
 _WITH_TANGENTS = 25
-"""How many times as fast as the map the bicycle is to be, on any machine."""
+"""Least speed of the bicycle relative to the map, on any machine."""
 
 
 class Measured(NamedTuple):
@@ -116,7 +116,7 @@ def instances(*, short: bool) -> list[Instance]:
 
 
 def floors(measured: Measured) -> list[Bar]:
-    """Return what must be kept on any machine."""
+    """Return the bars for any machine."""
     large, small = (measured.race(five_uavs().name, size) for size in (LARGE, SMALL))
     return [
         _ratio_bar(large, POINTER, 15),
@@ -125,7 +125,7 @@ def floors(measured: Measured) -> list[Bar]:
 
 
 def bars(measured: Measured) -> list[Bar]:
-    """Return what the project asks for."""
+    """Return the bars of the project."""
     main_problem, single = five_uavs().name, one_uav().name
     wanted = 80 if _has_avx512(machine()) else 40
     found = []

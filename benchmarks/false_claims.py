@@ -1,11 +1,11 @@
-"""How often a comparison claims a difference where there is none, and where there is.
+"""Frequencies of false and of true claims of differences by comparisons.
 
     python benchmarks/false_claims.py [--repetitions 1000]
 
-Solvers are made up: two (or six) that draw their costs from one distribution, and one
-whose costs are 0.8 times the other's. Each comparison goes through all of it, cells,
-tests, words and headline; a claim is what the words claim. The same for the gate
-against an older comparison.
+Solvers are simulated: two (or six) that draw their costs from one distribution, and one
+whose costs are 0.8 times the other's. Each comparison passes through all steps: cells,
+tests, words and headline. A claim is what the words say. The gate against an older
+comparison is tested likewise.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ CLAIMS = (r"^(cheaper|dearer|faster|slower)\b", r": in (more|fewer) seeds")
 GAINED = r"^on .* (comes .* in more seeds than|finds (cheaper|better) answers than)"
 LOST = r"which does so in more than"
 Costs = Mapping[str, Mapping[str, Sequence[float] | Array]]
-"""Scenario -> solver -> cost of each seed; infinite where not feasible."""
+"""Scenario -> solver -> cost of each seed; infinite if infeasible."""
 
 
 def made_up(
@@ -186,7 +186,7 @@ def found_differences(
     """Return how often a solver with `ratio` times the costs is called cheaper.
 
     Returns:
-        Shares of the comparisons in whose rows, and in whose headline, that is said.
+        Shares of the comparisons whose rows, and whose headline, say so.
     """
     rows = headlines = 0
     for _ in range(repetitions):

@@ -6,8 +6,8 @@
     constant    twice or half; 0 and 1 exchanged
     extreme     min and max, any and all, fmin and fmax, argmin and argmax exchanged
 
-Text is left alone: strings, what is raised, `__repr__`; so are annotations, imports and
-the numbers of type parameters.
+Text is not changed: strings, raised errors, `__repr__`; nor are annotations, imports
+and the numbers of type parameters.
 """
 
 import ast
@@ -44,7 +44,7 @@ _TEXT = (ast.JoinedStr, ast.Raise, ast.Import, ast.ImportFrom)
 
 
 class Fault(NamedTuple):
-    """A piece of a module's text and what stands there instead.
+    """A piece of a module's text and its replacement.
 
     Attributes:
         start: First byte that is replaced.
@@ -87,7 +87,7 @@ def line_of(source: str, fault: Fault) -> int:
 
 
 class _Finder(ast.NodeVisitor):
-    """Visits what is computed, and collects the faults of each place."""
+    """Visitor of all computations, which collects the faults of each place."""
 
     def __init__(self, source: str) -> None:
         self.found: list[tuple[Fault, ...]] = []
@@ -101,7 +101,7 @@ class _Finder(ast.NodeVisitor):
             super().visit(node)
 
     def visit_FunctionDef(self, node: ast.FunctionDef) -> None:
-        """Visit defaults and body, but no annotation, and not what only prints."""
+        """Visit defaults and body, but no annotation, and not `__repr__`."""
         if node.name == "__repr__":
             return
         for part in (*node.decorator_list, *node.args.defaults, *node.body):
@@ -172,7 +172,7 @@ class _Finder(ast.NodeVisitor):
         self._extreme(node, node.id)
 
     def visit_Attribute(self, node: ast.Attribute) -> None:
-        """Exchange them as attributes, too."""
+        """Exchange them as attributes too."""
         self._extreme(node, node.attr)
         self.generic_visit(node)
 

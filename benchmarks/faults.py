@@ -1,4 +1,4 @@
-"""Faults put into the code on purpose: how many of them the mirrored tests notice.
+"""Share of deliberate faults in the code that the mirrored tests notice.
 
     python benchmarks/faults.py --seed 16 --count 200
     python benchmarks/faults.py --seed 1 --count 30 --file 'ocp/*' --jobs 2
@@ -58,7 +58,7 @@ FILES = {
         "commands/checking",
     )),
 }  # fmt: skip
-"""What is drawn from: patterns of files, by what they make sound."""
+"""Patterns of the files that faults are drawn from, by what they make sound."""
 MORE_TESTS: Mapping[str, str] = {
     "ocp/constraints.py": "tests/ocp/test_problem.py",
     "terminal_set/certification.py": "tests/terminal_set/test_drift.py",
@@ -69,7 +69,7 @@ MORE_TESTS: Mapping[str, str] = {
         "tests/terminal_set/checker/test_statements_by_parts.py"
     ),
 }
-"""Pattern of files -> further tests of theirs, run after those of the same name."""
+"""Pattern of files -> further tests, run after those of the same name."""
 LIMIT_GB = 8
 _LIMITED = (
     "import resource, sys, pytest; "
@@ -77,7 +77,7 @@ _LIMITED = (
     "sys.exit(pytest.main())"
 )
 PATIENCE = 4.0
-"""Times the time that the tests take without a fault, before they count as endless."""
+"""Multiple of the time without a fault after which tests count as endless."""
 HARMLESS_FILE = ROOT / "benchmarks" / "harmless_faults.yaml"
 HARMLESS: tuple[tuple[str, str, str, str], ...] = tuple(
     (file, line, after, reason)
@@ -99,7 +99,7 @@ class Outcome(Enum):
 
 
 class Drawn(NamedTuple):
-    """A fault and where it is.
+    """A fault and its place.
 
     Attributes:
         file: Path of its file in the tree.
@@ -121,11 +121,11 @@ class Drawn(NamedTuple):
 
 
 def soundness_files(root: Path, patterns: Sequence[str] = ("*",)) -> list[str]:
-    """Return the files that are drawn from, sorted.
+    """Return the files that faults are drawn from, sorted.
 
     Args:
         root: Root of the tree.
-        patterns: Of these, the ones that match any of these patterns.
+        patterns: Only files that match any of these patterns.
     """
     found = {
         path.relative_to(root).as_posix()
@@ -166,7 +166,7 @@ def drawn(
 
     Args:
         places: The faults of each place.
-        count: How many; all places if there are fewer.
+        count: Number of faults; all places if there are fewer.
         rng: Source of all randomness.
     """
     chosen = rng.permutation(len(places))[:count]
@@ -282,12 +282,12 @@ def limits(copy: Path, files: Iterable[str]) -> dict[str, float]:
 
 
 def judged(root: Path, chosen: Sequence[Drawn], jobs: int) -> list[Outcome]:
-    """Return what became of each fault, and print it.
+    """Return the outcome of each fault, and print it.
 
     Args:
         root: Root of the tree.
         chosen: The faults.
-        jobs: How many are tried at a time, each in a copy of its own.
+        jobs: Number of faults tried at a time, each in its own copy.
     """
     with tempfile.TemporaryDirectory(prefix="faults-") as folder:
         copies: queue.SimpleQueue[Path] = queue.SimpleQueue()

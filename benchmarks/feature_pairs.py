@@ -4,9 +4,9 @@
     python benchmarks/feature_pairs.py --pairs 400 --seeds 0 1 2
 
 Each problem is drawn with two features and made twice: by swarmstart, and by multiple
-shooting in Opti. Compared are cost and violation of three random points on both
-backends (1e-9), the end and the cost of a finer path with DOP853, and the optimum that
-IPOPT finds from one start (1e-6). The exit status is 3 if anything differs.
+shooting in Opti. The comparison covers cost and violation of three random points on
+both backends (1e-9), the end and the cost of a finer path with DOP853, and the optimum
+that IPOPT finds from one start (1e-6). The exit status is 3 if anything differs.
 """
 
 import argparse
@@ -25,8 +25,8 @@ def judged(seed: int, count: int) -> list[Compared]:
     """Compare the first pairs of a seed, and print what differs.
 
     Args:
-        seed: Of the order of the pairs, and of their numbers.
-        count: How many.
+        seed: Seed of the order of the pairs, and of their numbers.
+        count: Number of pairs.
     """
     found = []
     for number, names in enumerate(islice(pairs(np.random.default_rng(seed)), count)):

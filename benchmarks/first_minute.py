@@ -5,7 +5,7 @@ XDG_CACHE_HOME in a new folder. Prints the table of docs/measured/first_minute.m
 
     python benchmarks/first_minute.py [--repeats 3]
 
-The machine must have nothing else to do, and two processors.
+The machine must be idle and have two processors.
 """
 
 import argparse
@@ -38,7 +38,7 @@ problem = ss.OptimalControlProblem(
 ss.solve(problem, x0=[0, 0], seed=0)
 """
 FLIGHT = ["-m", "swarmstart", "run", "formation_v"]
-COMMANDS = {  # What is asked for, the arguments of Python, the most it may take [s].
+COMMANDS = {  # Name: arguments of Python, largest allowed time [s].
     "`minimize`, the first": (["-c", MINIMIZE], 10.0),
     "`solve`, the first": (["-c", SOLVE], 10.0),
     "`swarmstart run formation_v`, the first": (FLIGHT, 12.0),

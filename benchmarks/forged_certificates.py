@@ -1,11 +1,12 @@
-"""Does the checker of certificates take a forged one, or fail on one?
+"""Attack on the checker of certificates by forged files.
 
     python benchmarks/forged_certificates.py --count 1000 --seed 0
 
 Genuine certificates are forged (`forgeries.py`) and given to the checker. It fails if
-it raises, exits with 1, takes longer than its `--seconds` and SLACK, or prints what is
-not printable. It is deceived if it says "proven again" and a state of the set, flown by
-DOP853 from the file's own numbers, leaves it, breaks a bound or does not come nearer.
+it raises, exits with 1, takes longer than its `--seconds` and SLACK, or prints
+unprintable characters. It is deceived if it says "proven again" and a state of the set,
+simulated by DOP853 with the file's own numbers, leaves it, violates a bound or does not
+come nearer.
 Exit code 3 if any of that was seen.
 """
 
@@ -40,14 +41,14 @@ FORGED = (
     "stirred tank, 350 K", "formation, R = diag(1, 100), bounds",
 )  # fmt: skip
 SLACK = 3.0
-"""Beyond the time allowed [s]: to read a file, to end a step, on shared cores."""
+"""Allowed time beyond the limit [s]: to read a file, to end a step, on shared cores."""
 HOPELESS = 60.0
-"""After so much beyond it a check is stopped [s]."""
+"""Time beyond the limit at which a check is stopped [s]."""
 STATES = 200
 DURATION = 1.0
-"""Of a flight with an input that moves all the time [s]."""
+"""Duration of a simulation with a continuous input [s]."""
 ROUNDING = 1e-7
-"""Of what a flight shows: relative, far above its tolerance over one hold."""
+"""Relative tolerance for a simulation, far above the integrator's over one hold."""
 PRINTED = frozenset("\n")
 
 
@@ -57,7 +58,7 @@ class Outcome:
 
     Attributes:
         code: Its exit code; None if it raised or was stopped.
-        fault: What went wrong; "" if nothing did.
+        fault: Description of the failure; "" if there is none.
     """
 
     code: int | None
@@ -65,11 +66,11 @@ class Outcome:
 
 
 class _StoppedError(BaseException):
-    """A check that did not end; no error, so that nothing on the way takes it."""
+    """A check that did not end; not an Exception, so that no handler catches it."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Forge, check, fly, and print how often what came out."""
+    """Forge, check and simulate; print the number of each outcome."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--count", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=0)
@@ -115,11 +116,11 @@ def forged(genuine: Sequence[Content], seed: int, number: int) -> bytes:
 
 
 def checked(data: bytes, seconds: float) -> Outcome:
-    """Give a file to the checker, and fly its states if it is taken.
+    """Give a file to the checker, and simulate its states if it is accepted.
 
     Args:
         data: The file.
-        seconds: For the check [s].
+        seconds: Time for the check [s].
     """
     said = io.StringIO()
     with tempfile.TemporaryDirectory() as folder:
@@ -142,7 +143,7 @@ def checked(data: bytes, seconds: float) -> Outcome:
 
 
 def _fault(code: int, late: float, said: str, data: bytes) -> str:
-    """Return what is wrong with a check that came to an end."""
+    """Return the fault of a check that ended; "" if there is none."""
     if code not in (0, 2, 3, 4):
         return f"exit code {code}"
     if late > SLACK:
@@ -157,7 +158,7 @@ def _fault(code: int, late: float, said: str, data: bytes) -> str:
 
 @contextlib.contextmanager
 def _stopped_after(seconds: float) -> Iterator[None]:
-    """Raise in the block after so many seconds, where the system can."""
+    """Raise in the block after some seconds, if the system supports it."""
     if not hasattr(signal, "SIGALRM"):
         yield
         return
@@ -224,11 +225,11 @@ def _felt(tape: list[list[Any]], xdot: list[int]) -> set[int]:
 
 
 def refuted(content: Content, rng: np.random.Generator) -> str:
-    """Return what states of a certified set do that they should not; "" if nothing.
+    """Return a violation by states of a certified set; "" if there is none.
 
     Args:
         content: The file.
-        rng: Of the states, half of them on the set's edge.
+        rng: Source of randomness of the states, half of them on the set's edge.
     """
     stated = _Stated(content)
     nx = len(stated.P)
@@ -252,7 +253,7 @@ def refuted(content: Content, rng: np.random.Generator) -> str:
 
 
 def _without_decrease(stated: _Stated, e: Array, path: Array) -> str:
-    """Return whether e'Pe of a flight falls as is stated, or grows beyond it."""
+    """Return a message if e'Pe of a simulation does not decrease as stated."""
     deviations = (path - _reference(stated, path))[:, :, :-1]
     values = [stated.value(part) for part in deviations]
     before, after = values[0], values[-1]
@@ -283,7 +284,7 @@ def _rate(stated: _Stated, e: Array) -> Array:
 
 
 def _reference(stated: _Stated, path: Array) -> Array:
-    """Return the reference at each time: at rest, but for what may move along."""
+    """Return the reference at each time, at rest except for states that may move."""
     along = stated.may_move[:, None]
     return np.where(along, path[:, :, -1:], stated.x_ref[:, None])
 

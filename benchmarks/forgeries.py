@@ -1,8 +1,9 @@
-"""Forgeries of certificates: genuine files with a few things changed, from a seed.
+"""Forgeries of certificates: genuine files with a few seeded changes.
 
-Numbers are scaled, negated, made huge or no numbers; keys dropped, doubled, retyped;
-statements rewritten; and what a forger would want is done on purpose: a larger level, a
-narrower bound, an indefinite P, smaller margins. The digest is kept or computed anew.
+Numbers are scaled, negated, made huge or NaN; keys are dropped, doubled, retyped;
+statements are rewritten. Other changes are those that a forger would make: a larger
+level, a narrower bound, an indefinite P, smaller margins. The digest is kept or
+computed anew.
 """
 
 import copy
@@ -37,11 +38,11 @@ def forgery(genuine: Content, rng: Rng) -> bytes:
 
     Args:
         genuine: The content of a certificate.
-        rng: What is changed, and how.
+        rng: Source of randomness of the changes.
     """
     content = copy.deepcopy(genuine)
     for _ in range(int(rng.integers(1, 4))):
-        # Most of what is done anywhere is refused for its shape alone.
+        # Most changes at random places are refused for their shape alone.
         changes = ANYTHING if rng.random() < 0.35 else ON_PURPOSE
         changes[int(rng.integers(len(changes)))](content, rng)
     if rng.random() < 0.85:
@@ -79,7 +80,7 @@ def _any_place(
     """Return a container and a key of it whose value is wanted."""
     places = [path for path in _places(content) if wanted(_at(content, path))]
     if not places:
-        return {"": 0.0}, ""  # Nothing of the kind is left: a change of nothing.
+        return {"": 0.0}, ""  # Nothing of the kind is left: change a dummy.
     path = places[int(rng.integers(len(places)))]
     return _at(content, path[:-1]), path[-1]
 

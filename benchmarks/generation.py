@@ -37,10 +37,10 @@ Array = NDArray[np.float64]
 carray = numba.carray  # type: ignore[attr-defined]
 
 BAR = 4.0
-"""A generation may cost so many times what drawing its random numbers costs."""
+"""Largest cost of a generation, relative to drawing its random numbers."""
 
 GENERATIONS = 400
-"""Of a measurement; so many more that the swarm has not come to rest in them."""
+"""Generations of a measurement; few enough that the swarm does not come to rest."""
 
 UNBOUNDED = Limits(evaluations=UNLIMITED, target=-math.inf, stagnation=0)
 """The budget is never used up: the population of L-SHADE stays as large as it was."""
@@ -71,7 +71,7 @@ class Draws(NamedTuple):
 
 
 def swarm_draws(shape: Shape) -> Draws:
-    """r1 and r2 for each coordinate (`swarm.fly`); reflection draws nothing."""
+    """Return r1 and r2 for each coordinate; reflection draws nothing."""
     return Draws(2.0 * shape.size * shape.dim)
 
 
@@ -170,7 +170,7 @@ class Sphere:
         return (population**2).sum(axis=0), np.zeros(population.shape[1])
 
     def attach(self, asked: Array, cost: Array, violation: Array) -> Pointers:
-        """Bind to buffers."""
+        """Bind to buffers; see `CompiledObjective`."""
         double = ctypes.POINTER(ctypes.c_double)
         self._buffers = asked, cost, violation
         self._in = (double * 1)(asked.ctypes.data_as(double))
@@ -183,16 +183,16 @@ class Sphere:
 def draw(
     rng: np.random.Generator, counts: tuple[int, int, int], numbers: Array, times: int
 ) -> None:
-    """Draw the numbers of a generation into an array, so many times.
+    """Draw the numbers of a generation into an array, several times.
 
-    They are stored and not added up: a sum that is carried through calls of the
-    generator takes longer than the calls.
+    They are stored, not summed: to carry a sum through calls of the generator takes
+    longer than the calls.
 
     Args:
         rng: Source of the numbers.
-        counts: How many uniform, normal and Cauchy numbers.
-        numbers: Where they are stored, shape (at least their sum,).
-        times: How many generations.
+        counts: Number of uniform, normal and Cauchy numbers.
+        numbers: Array that they are stored in, shape (at least their sum,).
+        times: Number of generations.
     """
     uniforms, normals, cauchys = counts
     for _ in range(times):
@@ -206,7 +206,7 @@ def draw(
 
 @kernel
 def evaluate(pointers: Pointers, size: int, generations: int) -> None:
-    """Evaluate so many generations, with nothing in between."""
+    """Evaluate some generations, with nothing in between."""
     for _ in range(generations):
         call_kernel(pointers.function, pointers.inputs, pointers.outputs, size)
 

@@ -4,10 +4,10 @@
         [PROBLEM ...]
 
 The cheapest answer of some seeds at the problem's own checks is solved again with 2, 4,
-8, ... times as many, on the same control intervals, until a path on which nothing is
-integrated in longer steps breaks no row by more than 1e-6 of its scale. A margin takes
-the rest: the cost with it, kept everywhere, is the value; that before it is a bound
-from below. Nothing of `repair` decides where it ends.
+8, ... times as many checks, on the same control intervals, until no row is violated by
+more than 1e-6 of its scale on the finely integrated path. A margin removes the rest:
+the cost with it, with the constraints kept everywhere, is the value; the cost before is
+a lower bound. The method does not use `repair`.
 """
 
 import argparse
@@ -51,11 +51,11 @@ PROBLEMS = (
 )
 VALUES = Path(__file__).parent.parent / "docs" / "measured" / "kept_values.json"
 BROKEN = 1e-6
-"""In parts of a row's scale; a margin is left to keep it."""
+"""Largest violation, relative to a row's scale, that a margin removes."""
 MOST = 16
-"""Times as many checks."""
+"""Largest multiple of the number of checks."""
 LEFT = 1e-9
-"""Excess, in parts of a scale, that is left to the tolerance of an NLP solver."""
+"""Excess, relative to a scale, that counts as the tolerance of an NLP solver."""
 
 
 @dataclass(frozen=True, slots=True)

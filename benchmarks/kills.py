@@ -1,4 +1,4 @@
-"""Commands interrupted and killed again and again: nothing finished lost, no rests.
+"""Repeated interrupts and kills of commands: no finished work lost, nothing left over.
 
     python benchmarks/kills.py --signals 50 --kills 50 --seed 0
 
@@ -44,18 +44,18 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 WALL_TIMES = ("step_seconds", "wall_s", "seconds", "compile_seconds")
 WHOLE = {"run": "whole"}
 Numbers = Any
-"""What a command has found, without wall times and the folder."""
+"""Results of a command, without wall times and the folder."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Command:
-    """A command that goes on from what it finds.
+    """A command that continues from finished work.
 
     Attributes:
         name: Its name.
-        arguments: All but --out.
-        finished: Folder -> what is finished there: name -> content.
-        numbers: (folder, standard output) -> what it has found.
+        arguments: Its arguments without --out.
+        finished: Folder -> finished work there: name -> content.
+        numbers: (folder, standard output) -> its results.
     """
 
     name: str

@@ -3,8 +3,8 @@
     python benchmarks/lane_searches.py [--write docs/measured/lane_searches.md]
         [--seeds 10]
 
-Seconds are those of the process, so that what else the machine does counts for little;
-machine code is loaded before.
+Seconds are CPU time of the process, so that other processes matter little; machine code
+is loaded before.
 """
 
 import statistics

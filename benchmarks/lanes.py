@@ -4,8 +4,8 @@
         [--plot docs/measured/lanes.png]
         [--starts 256] [--solves 24] [--only NAME]
 
-Seconds are those of the process, so that what else the machine does counts for little;
-only the gain of a second thread is by the clock, and wants two idle cores.
+Seconds are CPU time of the process, so that other processes matter little. Only the
+gain of a second thread is wall time, and needs two idle cores.
 """
 
 import time
@@ -73,23 +73,23 @@ class Posed(NamedTuple):
 
 
 class Compared(NamedTuple):
-    """What lanes and IPOPT made of the same starts.
+    """Results of lanes and of IPOPT from the same starts.
 
     Attributes:
-        method: How the lanes are solved.
-        lane_ms: Of one lane [ms].
-        ipopt_ms: Of one solve by IPOPT, on the faster of its NLPs [ms].
-        nlp: Which that is.
-        feasible: Share of the lanes that are.
-        ipopt_feasible: Share of IPOPT's answers that are.
+        method: Method of the lanes.
+        lane_ms: Time of one lane [ms].
+        ipopt_ms: Time of one solve by IPOPT, on the faster of its NLPs [ms].
+        nlp: Name of that NLP.
+        feasible: Share of feasible lanes.
+        ipopt_feasible: Share of IPOPT's feasible answers.
         best: Cost of the cheapest optimum.
         lane_hits: Share of the lanes that found it.
         ipopt_hits: Share of IPOPT's answers.
         optima: Number of distinct optima of the lanes.
-        unseen: Share that was not seen, and the most that it may be.
-        warm: Iterations of IPOPT from the best optimum of the lanes, and by how much it
-            changes its cost, relative.
-        threads: How many times faster two threads are.
+        unseen: Estimated share of unseen optima, and its upper limit.
+        warm: Iterations of IPOPT from the best optimum of the lanes, and the relative
+            change of its cost.
+        threads: Speed of two threads relative to one.
     """
 
     method: str
@@ -122,12 +122,12 @@ def of_instance(instance: Instance) -> Posed:
 
 
 def compared(posed: Posed, starts: int, solves: int) -> Compared | str:
-    """Return what both made of the same starts; a text: why there are no lanes.
+    """Return the results of both; or a text, the reason why there are no lanes.
 
     Args:
         posed: The problem.
         starts: Number of lanes.
-        solves: Number of them that IPOPT solves, too.
+        solves: Number of them that IPOPT solves too.
     """
     planner = Planner(
         posed.problem, search=None, polish=IpoptOptions(max_iterations=ITERATIONS)
@@ -201,7 +201,7 @@ def _warm(
     answers: LaneAnswers,
     lanes: Sequence[int],
 ) -> tuple[int, float]:
-    """Return the most iterations of IPOPT from lanes, and what they change."""
+    """Return the most iterations of IPOPT from lanes, and the change by them."""
     if planner.polisher is None:
         raise TypeError("expected a planner with a polish")
     iterations, change = 0, 0.0
@@ -248,7 +248,7 @@ def _polished(
     decided: Array,
     number: int,
 ) -> float:
-    """Return IPOPT's cost from one of the starts; infinite where it is infeasible."""
+    """Return IPOPT's cost from one of the starts; infinite if it is infeasible."""
     if planner.polisher is None:
         raise TypeError("expected a planner with a polish")
     start = started(planner.problem, x0, decided[:, number])

@@ -44,9 +44,9 @@ from swarmstart.cases.format.scenario import read_document, resolve, shipped
 from swarmstart.errors import SwarmstartError
 
 LIMIT_S = 180
-"""A proof of a terminal set gives up after a minute, and there may be two."""
+"""Time limit of a command [s]: a proof stops after a minute, and there may be two."""
 STEPS = 2
-"""Of a run."""
+"""Steps of a run."""
 MEMORY = 8 << 30
 """Address space of the process [B], so that what asks for more is refused."""
 NUMBERS = (
@@ -251,7 +251,7 @@ def _expression(text: str, chance: random.Random) -> str:
 
 
 def _renamed(text: str, chance: random.Random) -> str:
-    """Give what a key or a word names another name everywhere."""
+    """Rename a key or a name everywhere."""
     old, new = _found(_KEY, text, chance).group(), chance.choice(NAMES)
     quoted = chance.choice((new, f'"{new}"'))
     return re.sub(rf"\b{old}\b", lambda _: quoted, text) if old else text
@@ -304,7 +304,7 @@ OF_PROBLEMS = (*OF_PROBLEMS, *(_part, _part))
 def originals(kind: str = "") -> list[str]:
     """Return the texts that are mutated: the shipped scenarios, or those of a kind.
 
-    But for those with tables in a file, which is not beside a mutated text.
+    Those with tables in a file are left out: a mutated text has no such file.
     """
     files = [*shipped().values(), *(_BASES.glob("*.yaml") if kind else ())]
     files = [path for path in sorted(files) if not path.with_suffix(".csv").exists()]

@@ -1,4 +1,4 @@
-"""What `warm_start` adds to an Opti: seconds on top, and how often it wins.
+"""Benefit of `warm_start` for an Opti: extra seconds, and how often it wins.
 
 Two problems, at 100 and at 400 intervals: the race car of CasADi's documentation, and a
 UAV's way through four discs whose states' start is left at 0. Prints the table of
@@ -6,8 +6,8 @@ docs/measured/opti_warm_start.md:
 
     python benchmarks/opti_warm_start.py [--seeds 10]
 
-Seconds on top are those of `warm_start` and of `solve`, less those of the Opti's own
-start, as wall and as processor time; the machine must have nothing else to do.
+Extra seconds are those of `warm_start` and of `solve`, less those of the Opti's own
+start, as wall and as processor time; the machine must be idle.
 """
 
 import argparse

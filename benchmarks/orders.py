@@ -2,8 +2,8 @@
 
     python benchmarks/orders.py --seeds 25 --write docs/measured/orders.md
 
-Every order with the same searches, evaluations and seeds. A run is solved if its answer
-violates by at most 1e-6 and lies within 1e-4 of the best known cost, relative where
+Every order has the same searches, evaluations and seeds. A run is solved if its
+violation is at most 1e-6 and its cost within 1e-4 of the best known one, relative if
 that is above 1. Wilcoxon's signed-rank test on paired seeds compares each order with
 feasibility first, corrected by Holm over the orders of a column.
 """
@@ -56,7 +56,7 @@ OPTIMA = {**INEQUALITIES, **EQUALITIES}
 """Number of a problem -> its best known cost."""
 
 REFERENCE = "feasibility first"
-"""What the others are tested against: the simplest order without a parameter."""
+"""The order that others are tested against: the simplest one without a parameter."""
 
 ORDERS: Mapping[str, Order] = {
     "static penalty, 1e4": static_penalty(1e4),
@@ -91,7 +91,7 @@ class Job(NamedTuple):
 
 
 class Found(NamedTuple):
-    """The gap to the best known cost, relative where that is above 1; a violation."""
+    """The gap to the best known cost, relative if that is above 1; a violation."""
 
     gap: float
     violation: float
@@ -222,7 +222,7 @@ def _marks(
 
 
 def _units(groups: Groups) -> list[str]:
-    """Return how many runs are solved where the unit of the cost changes."""
+    """Return the numbers of solved runs with other units of the cost."""
     search, evaluations = RUNS[0]
     heads = ["2^-20 cost", "cost", "2^20 cost"]
     lines = [_UNITS.format(search=search, evaluations=f"{evaluations:,}"), ""]

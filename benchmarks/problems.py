@@ -50,10 +50,10 @@ SPEED = 15.0
 
 
 class Instance(NamedTuple):
-    """A problem with what its evaluation needs besides the controls.
+    """A problem with all that its evaluation needs except the controls.
 
     Attributes:
-        name: How the tables call it.
+        name: Its name in tables.
         problem: The problem.
         x0: Initial state, shape (nx,).
         known: Parameters and signals.
@@ -82,8 +82,8 @@ def five_uavs(substeps: int = 1) -> Instance:
 
     Signals are the leader's x and y. Cost, summed over the steps: speed and heading
     errors, squared distances from the slots, squared controls; at the end ten times the
-    squared errors. Violation: what each pair misses of the smallest distance, in metres
-    (`scale` 1), as the rivals written by hand sum it.
+    squared errors. Violation: the sum over pairs of the shortfall of the least
+    distance, in metres (`scale` 1), as in the rivals written by hand.
     """
     starts = [(SPEED, 0.0, 5.0, y) for y in (65, 75, 85, 45, 55)]
     return _followers("five UAVs", starts, substeps)
@@ -297,7 +297,7 @@ def formation(scenario: str) -> list[Instance]:
     controller = flight.controller
     team = controller.team if isinstance(controller, DualMode) else controller
     if not isinstance(team, Team):
-        raise TypeError(f"{scenario} flies no team")
+        raise TypeError(f"{scenario} has no team")
 
     def plan(number: int, state: Array, seen: tuple[Array, ...]) -> Plan:
         controller = team.agents[number].controller

@@ -125,7 +125,7 @@ COLUMNS = "| row | measured | published | tolerance | verdict |\n|---|---|---|--
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the tables; return 1 where a number is missed."""
+    """Run the tables; return 1 if a number is missed."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--short", action="store_true", help="fewer runs")
     parser.add_argument("--write", type=Path, metavar="FILE", help="also into a file")

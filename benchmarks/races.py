@@ -89,7 +89,7 @@ class Race(NamedTuple):
         return Timing(*(s / self.size * 1e9 for s in self.seconds[contestant]))
 
     def ratio(self, contestant: str, to: str = MAP) -> Timing:
-        """Return how many times as fast as another a contestant is.
+        """Return the speed of a contestant relative to another.
 
         The quartiles are the contestant's, against the other's median.
         """

@@ -5,7 +5,7 @@ numpy_by_hand   the UAVs' rollout in NumPy, vectorised over the population
 generated_c     CasADi's C code of the rollout, called in a loop over the individuals
 hand_written_c  five_uavs.c, vectors of individuals
 
-All start from buffers laid out as they like best; copying into them is not timed.
+Each uses buffers in its preferred layout; copying into them is not timed.
 """
 
 import ctypes
@@ -50,9 +50,9 @@ class Contestant(NamedTuple):
 
     Attributes:
         run: Evaluates it; this is timed.
-        outputs: Cost and violation, each (size,), that `run` fills; None where it
+        outputs: Cost and violation, each (size,), that `run` fills; None if it
             returns them.
-        keeps_alive: What must live as long as `run` is called.
+        keeps_alive: Objects that must live as long as `run` is called.
     """
 
     run: Callable[[], Any]
@@ -202,7 +202,7 @@ def _moved(
 
 
 def _closeness(state: Sequence[Array]) -> Array:
-    """Return what the pairs miss of the smallest distance, summed."""
+    """Return the sum over pairs of the shortfall of the least distance."""
     _, _, x, y = state
     i, j = np.tril_indices(len(x), -1)
     apart = np.sqrt((x[i] - x[j]) ** 2 + (y[i] - y[j]) ** 2)

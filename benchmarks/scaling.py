@@ -31,7 +31,7 @@ SIZES = (20, 50, 100, 300, 1000, 3000, 10000, 30000, 100000)
 HORIZONS = (10, 30, 100, 300, 1000)
 INDIVIDUALS = 100
 ANCHOR = 1000
-"""Where the plot's straight lines go through."""
+"""Size at which the plot's straight lines meet the measurements."""
 
 Prepare = Callable[[Instance, NDArray[np.float64]], Contestant]
 
@@ -40,9 +40,9 @@ class Series(NamedTuple):
     """Seconds of one call against a size.
 
     Attributes:
-        name: What is evaluated.
+        name: Name of what is evaluated.
         seconds: Size -> time of one call.
-        rollouts: How many rollouts a call of each size is.
+        rollouts: Number of rollouts in a call of each size.
     """
 
     name: str
@@ -103,7 +103,7 @@ def _timed(
 
 
 def build_times(*, builds: int, reloads: int) -> list[Build]:
-    """Return how long machine code takes to make and to read again."""
+    """Return the times to make machine code and to read it again."""
     instances = {
         "five UAVs": five_uavs(),
         "formation_v, first UAV": formation("formation_v")[0],

@@ -22,7 +22,7 @@ from swarmstart.ocp.shooting import Shooting
 Array = NDArray[np.float64]
 
 WEIGHT = 1e4
-"""What a unit of violation costs."""
+"""Cost of a unit of violation."""
 
 
 class Found(NamedTuple):
@@ -38,11 +38,11 @@ class Found(NamedTuple):
 
 
 Search = Callable[[int], Found]
-"""Seed -> what was found."""
+"""Seed -> answer of the search."""
 
 
 class Task(NamedTuple):
-    """A problem to search, and with how much.
+    """A problem to search, with its effort.
 
     Attributes:
         instance: The problem.

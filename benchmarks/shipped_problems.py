@@ -30,12 +30,12 @@ from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.cases.kinds.problem.scenario import ProblemScenario
 
 WHOLE = "lotka_volterra_whole"
-"""A control of which takes whole numbers: no optimum is known, and its bar was written
-down before it was measured."""
+"""Problem with an integer control: no optimum is known, and its bar was written down
+before it was measured."""
 MOST, MEDIAN, RELAXED = 1.3508, 1.3501, 1.34466
-"""That bar: a genetic algorithm's worst and best; with any part of the fleet."""
+"""Its bar: worst and best cost of a genetic algorithm; optimum of the relaxation."""
 WITHIN = 1e-4
-"""Of a value, relative."""
+"""Relative tolerance of a value."""
 TEXT = """# The shipped problems
 
 Made by `python benchmarks/shipped_problems.py --write
@@ -107,11 +107,12 @@ class Stated(NamedTuple):
     """Statements of a problem's claims.
 
     Attributes:
-        intervals: Of its grid.
-        value: On that grid.
-        free: Without a grid, or on a fine one; None if the grid belongs to the problem.
-        source: Of `free`, or else of `value`.
-        gap: How far the two may be apart, relative to `free`.
+        intervals: Number of intervals of its grid.
+        value: Value on that grid.
+        free: Value without a grid, or on a fine one; None if the grid belongs to the
+            problem.
+        source: Source of `free`, or else of `value`.
+        gap: Largest difference of the two, relative to `free`.
     """
 
     intervals: int

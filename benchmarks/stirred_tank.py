@@ -1,10 +1,10 @@
-"""A stirred tank in closed loop, beside do-mpc: cost, temperature, time of a step.
+"""A stirred tank in closed loop, compared with do-mpc: cost, temperature, step time.
 
     python benchmarks/stirred_tank.py [--steps 50]
         [--write docs/measured/stirred_tank.md]
 
-Controllers decide in turns, A B A B, each on a plant of its own that is integrated
-finely. do-mpc is not needed: without it the columns that it fills are left out.
+Controllers decide in turns, A B A B, each on its own finely integrated plant. do-mpc is
+optional: without it its columns are left out.
 """
 
 import sys
@@ -53,17 +53,17 @@ from swarmstart.ocp.closed_loop import Step, fly
 
 Array = NDArray[np.float64]
 PEER_COST = 0.0143020
-"""Of do-mpc 5.1.2 in 50 steps on the nominal plant, as measured here."""
+"""Cost of do-mpc 5.1.2 in 50 steps on the nominal plant, measured here."""
 OURS, THEIRS = "IPOPT", "do-mpc"
 MANY, BRANCHED, TREE = "ensemble", "tree", "do-mpc's tree"
 
 
 def nominal(model: Model, *, search: str | None = None) -> RecedingHorizon:
-    """Return the controller that believes in the nominal plant.
+    """Return the controller that assumes the nominal plant.
 
     Args:
         model: The tank.
-        search: Of the planner; None: IPOPT alone.
+        search: Search of the planner; None for IPOPT alone.
     """
     planner = Planner(problem(model), search=search, polish=IpoptOptions())
     return RecedingHorizon(
@@ -80,7 +80,7 @@ def robust(model: Model) -> RecedingHorizon:
 
 
 class Flight(NamedTuple):
-    """What a controller did with a plant.
+    """The closed-loop run of a controller on a plant.
 
     Attributes:
         cost: Stage costs and costs of changes, at the control instants.
@@ -101,12 +101,12 @@ def flights(
     plant: tuple[float, float],
     steps: int,
 ) -> dict[str, Flight]:
-    """Return what controllers do with a plant, one step of each in turn.
+    """Return the closed-loop runs of controllers on a plant, one step of each in turn.
 
     Args:
         model: The tank.
-        controllers: By name.
-        plant: Its alpha and beta.
+        controllers: Controllers by name.
+        plant: Alpha and beta of the plant.
         steps: Number of control intervals.
     """
     true = Plant(
@@ -150,7 +150,7 @@ def measure(steps: int, repeats: int) -> "Measured":
     several: dict[str, Controller] = {MANY: robust(model), BRANCHED: branching()}
     found = {}
     for plant in PLANTS:
-        if has_peer():  # It remembers its last step, so each flight has a new one.
+        if has_peer():  # It keeps its last step, so each run has a new one.
             single[THEIRS], several[TREE] = peer([NOMINAL]), peer(PLANTS)
         found[plant] = flights(model, single | several, plant, steps)
     timed = []
@@ -183,7 +183,7 @@ class Measured(NamedTuple):
         return np.concatenate([flown[name].seconds for flown in self.timed])
 
     def ratio(self, name: str, other: str) -> float | None:
-        """Return the ratio of two controllers' medians; None if one did not fly."""
+        """Return the ratio of two controllers' medians; None if one did not run."""
         if not all(other in flown for flown in self.timed):
             return None
         return float(np.median(self.seconds(name)) / np.median(self.seconds(other)))
@@ -234,7 +234,7 @@ def _spread(found: Measured, name: str, other: str) -> str:
 
 
 def bars(found: Measured) -> list[Bar]:
-    """Return what is asked of the tank."""
+    """Return the bars for the tank."""
     flown = found.flights[NOMINAL]
     theirs = flown.get(THEIRS)
     return [
@@ -247,7 +247,7 @@ def bars(found: Measured) -> list[Bar]:
 
 
 def text(found: Measured) -> str:
-    """Return what stands above the tables: the finding first."""
+    """Return the text above the tables, the finding first."""
     flown = found.flights[NOMINAL]
     kept = f"on all nine plants the ensemble keeps T_R below {found.hottest:.2f} deg C"
     lines = ["# A stirred tank in closed loop", ""]
@@ -293,7 +293,7 @@ medians. The ratios of one run can be compared, milliseconds of different runs c
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Fly all, print the tables, and write the page if that is asked for."""
+    """Run all, print the tables, and write the page on request."""
     parser = page_options(__doc__)
     parser.add_argument("--steps", type=int, default=50)
     parser.add_argument("--repeats", type=int, default=3)

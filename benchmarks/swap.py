@@ -1,4 +1,4 @@
-"""The antipodal swap: where IPOPT ends from several starts, and how often.
+"""The antipodal swap: results of IPOPT from several kinds of starts.
 
     python benchmarks/swap.py --write docs/measured/swap.md
 
@@ -114,7 +114,7 @@ def starts_of(
 
 
 def polished(polish: Polisher, start: Start, x0: Array) -> Tried:
-    """Return where IPOPT ends from a start."""
+    """Return IPOPT's result from a start."""
     began = time.perf_counter()
     found = polish(start.controls, x0, states=start.states)
     seconds = time.perf_counter() - began
@@ -122,7 +122,7 @@ def polished(polish: Polisher, start: Start, x0: Array) -> Tried:
 
 
 def searched(name: str, sets: Sequence[str], seeds: int) -> list[Tried]:
-    """Return what a search and IPOPT find, for each seed."""
+    """Return the results of a search followed by IPOPT, for each seed."""
     flight = flight_of_name(name, *sets)
     tried = []
     for seed in range(seeds):

@@ -1,4 +1,4 @@
-"""What a table costs in machine code, against CasADi's interpolants through its map.
+"""Time of a table in machine code, compared with CasADi's interpolants in its map.
 
 python benchmarks/table_speed.py [--short] [--write docs/measured/table_speed.md]
 """
@@ -35,9 +35,9 @@ Method = Literal["linear", "bspline"]
 Contestants = dict[str, Callable[[], object]]
 POPULATION = 1000
 FLOOR = 10.0
-"""A table of up to 100 values is so many times as fast as the map, at least."""
+"""Least speed of a table of up to 100 values, relative to the map."""
 CLOSE = 1e-9
-"""In which the values of all contestants agree, in parts of the largest."""
+"""Largest difference of the contestants' values, relative to the largest value."""
 
 
 class Row(NamedTuple):
@@ -127,7 +127,7 @@ def _bound(
 
 
 def measure(*, short: bool) -> Iterator[Row]:
-    """Yield what each table and each problem takes for one individual."""
+    """Yield the time of each table and each problem for one individual."""
     rounds = 5 if short else 25
     methods: tuple[Method, ...] = ("linear", "bspline")
     sizes: list[tuple[int, ...]] = (

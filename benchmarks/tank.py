@@ -31,14 +31,14 @@ INTERVALS = 20
 HOTTEST = 140.0
 """Bound of T_R [deg C]."""
 WANTED = 0.6
-"""Of C_b [mol/l]."""
+"""Desired C_b [mol/l]."""
 UNITS = np.array([100.0, 2000.0])
-"""Of F and Q_dot in the cost of their changes."""
+"""Units of F and Q_dot in the cost of their changes."""
 WEIGHTS = np.array([0.1, 1e-3])
-"""Of these changes."""
+"""Weights of these changes."""
 START = np.array([0.8, 0.5, 134.14, 130.0])
 BEFORE = np.array([5.0, 0.0])
-"""Controls before the flight: the nearest to zero that is allowed."""
+"""Controls before the run: the allowed ones nearest to zero."""
 STATE_LIMITS = ([0.1, 0.1, 50.0, 50.0], [2.0, 2.0, HOTTEST, 140.0])
 CONTROL_LIMITS = ([5.0, -8500.0], [100.0, 0.0])
 STATES, CONTROLS = ("C_a", "C_b", "T_R", "T_K"), ("F", "Q_dot")

@@ -21,13 +21,13 @@ from swarmstart.ocp import (
 )
 
 _MARGIN = 0.01
-"""Of T_R [deg C], as it may be higher between two checks."""
+"""Margin of T_R [deg C], which may be higher between two checks."""
 
 
 def tree() -> OptimalControlProblem:
     """Return the problem of nine tanks.
 
-    T_R is bounded in the middle of each interval, too, and a little lower.
+    T_R is also bounded in the middle of each interval, by a slightly lower bound.
     """
     one = problem(tank())
     lower, upper = (np.array(limits) for limits in STATE_LIMITS)

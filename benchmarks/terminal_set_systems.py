@@ -1,10 +1,10 @@
 """Systems whose terminal sets are certified and measured, published and others.
 
-Three are here since they were not looked at before the proof was finished: the F-8, the
-jet engine and the magnet. They were measured once and nothing was changed after.
+Three of them (the F-8, the jet engine and the magnet) were not used before the proof
+was finished. They were measured once, and nothing was changed afterwards.
 
-From the pole to the centre, the features that end a set are such as a search for
-counterexamples does not see: a pole, the edge of the domain, or something thin.
+From `pole` to `centre`, the set is limited by a feature that a search for
+counterexamples misses: a pole, the edge of the domain, or a thin region.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,7 +21,7 @@ from swarmstart.terminal_set import Reference, TerminalSet, Weights
 
 Array = NDArray[np.float64]
 FREE = 1e3
-"""Bounds that no proven set comes near: it is the decrease that limits the level."""
+"""Bounds that no proven set reaches, so that the decrease limits the level."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -32,8 +32,8 @@ class System:
         dynamics: f(x, u).
         reference: Reference and bounds.
         weights: Of the law.
-        dt: How long the input is held [s]; None: it moves all the time.
-        substeps: Runge-Kutta steps a hold.
+        dt: Time for which the input is held [s]; None for a continuous input.
+        substeps: Number of Runge-Kutta steps in a hold.
         of_cost_to_go: Whether the margin is Q + K'RK, for a bound of the cost to go.
         given: A law and a P in place of a design.
         is_new: Whether it was first looked at after the proof was finished.
@@ -137,7 +137,7 @@ def reactor() -> System:
 
 
 def unicycle(weight: float, *, speed: float, dt: float | None, tight: bool) -> System:
-    """Behind a leader that flies straight: the chapter's formation."""
+    """A wingman behind a leader on a straight course: the chapter's formation."""
     x, u = ca.SX.sym("x", 4), ca.SX.sym("u", 2)
     xdot = ca.vertcat(u, x[0] * ca.cos(x[1]), x[0] * ca.sin(x[1]))
     u_max = [5.0, np.pi / 18] if tight else [FREE, FREE]
@@ -266,7 +266,7 @@ def spiral(rate: Callable[[ca.SX], ca.SX], *, room: float = 8.0) -> System:
 
 
 def pole() -> System:
-    """1 + x0 is divided by: at x0 = -1 the sign of the damping jumps."""
+    """A system with a division by 1 + x0: at x0 = -1 the sign of the damping jumps."""
     x = ca.SX.sym("x", 2)
     xdot = ca.vertcat(x[1] - x[0], -x[0] - x[1] / (1 + x[0]))
     return autonomous(xdot, x, room=30.0)

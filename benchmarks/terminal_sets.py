@@ -4,7 +4,7 @@
 
 Each system is certified; then states are drawn from the certified set, half of them
 from its edge, and simulated by another integrator. The exit code is 3 if one of them
-leaves the set, breaks an input's bound or does not come nearer.
+leaves the set, violates an input's bound or does not come nearer.
 """
 
 import sys
@@ -84,12 +84,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def measure(system: System, *, samples: int, seconds: float) -> Measured:
-    """Certify a system and fly samples of its set.
+    """Certify a system and simulate samples of its set.
 
     Args:
         system: The system.
         samples: Number of states drawn.
-        seconds: For each proof [s].
+        seconds: Time for each proof [s].
     """
     found = certified(system, seconds)
     return Measured(
@@ -125,7 +125,7 @@ def certified(system: System, seconds: float) -> TerminalSet:
 def violations_of(
     system: System, found: TerminalSet, samples: int, rng: np.random.Generator
 ) -> int:
-    """Return how many states of a set do not do what it promises."""
+    """Return the number of states of a set that violate its statements."""
     return sum(
         _violations(system, found, min(BLOCK, samples - done), rng)
         for done in range(0, samples, BLOCK)
@@ -135,13 +135,13 @@ def violations_of(
 def _violations(
     system: System, found: TerminalSet, count: int, rng: np.random.Generator
 ) -> int:
-    """Fly a block of states; see `violations_of`."""
+    """Simulate a block of states; see `violations_of`."""
     nx, reference = len(found.P), system.reference
     e = found.ellipsoid.boundary(rng.normal(size=(nx, count)))
     inner = np.arange(count) % 2 == 0
     e *= np.where(inner, rng.random(count) ** (1 / nx), 1.0)
     f = _numeric(system)
-    # The reference flies along, as the last column.
+    # The reference is simulated too, as the last column.
     x0 = np.hstack([e, np.zeros((nx, 1))]) + found.x_ref[:, None]
     held = found.u_ref[:, None] + np.hstack(
         [found.feedback(e), 0 * found.u_ref[:, None]]
@@ -161,7 +161,7 @@ def _violations(
         rtol=TOLERANCE, atol=TOLERANCE,
     )  # fmt: skip
     if not flown.success:
-        raise ArithmeticError(f"the samples could not be flown: {flown.message}")
+        raise ArithmeticError(f"the samples could not be simulated: {flown.message}")
     x = flown.y[:, -1].reshape(nx, count + 1)
     before, after = found.value(e), found.value(x[:, :-1] - x[:, -1:])
     du = found.feedback(e)

@@ -1,4 +1,4 @@
-"""Timing side by side: ratios from one run, on a machine whose speed wanders."""
+"""Timing side by side: ratios from one run, for machines whose speed varies."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -27,9 +27,9 @@ def timings(
     """Return how long each call takes, measured in turns.
 
     Args:
-        calls: Name -> what is timed; each is called once before, so that nothing is
+        calls: Name -> timed function; each is called once before, so that nothing is
             compiled or first touched while the clock runs.
-        rounds: How often each has its turn.
+        rounds: Number of turns of each.
         at_least_s: A call is repeated until a turn takes about this long [s].
     """
     repeats = {name: _repeats(call, at_least_s) for name, call in calls.items()}

@@ -1,12 +1,13 @@
-"""How often the account's interval holds the share of optima that were not seen.
+"""Coverage of the account's interval of the share of unseen optima.
 
     python benchmarks/unseen_share.py [--write docs/measured/unseen_share.md]
         [--only NAME]
         [--lanes 2000] [--draws 400] [--keep FOLDER]
 
-Each problem is solved once from 2,000 random starts. From these, 400 times, some are
-drawn without replacement; the account of a draw is made as if there were no others, and
-its interval compared with the share of the others that ended elsewhere. No time counts.
+Each problem is solved once from 2,000 random starts. 400 times, some of these are drawn
+without replacement. The account of a draw is made as if there were no others, and its
+interval is compared with the share of the other starts that ended elsewhere. Times are
+not measured.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -45,7 +46,7 @@ ASKED = ("four_discs", "pendulum_on_cart", "lynx_and_hares")
 CONTROLS = ("goddard_rocket", "two_stage_launch", "passing")
 SIZES = (16, 40, 64, 256)
 HELD = 0.9
-"""Part of the draws whose interval is to hold the share."""
+"""Least fraction of the draws whose interval must contain the share."""
 TEXT = """# The share of optima not seen
 
 Made by `python benchmarks/unseen_share.py --write docs/measured/unseen_share.md`. The
@@ -94,7 +95,7 @@ All but Wilson's and Clopper-Pearson's are at least 3 / n.
 
 
 class Held(NamedTuple):
-    """What accounts of draws of one size stated, and what was so.
+    """Accounts of draws of one size, and the true shares.
 
     Attributes:
         problem: Its name.
@@ -102,7 +103,7 @@ class Held(NamedTuple):
         shares: Of each draw: of all, of those not drawn, and of these by the draw's own
             optima; shape (draws, 3).
         most: Way -> what it stated, shape (draws,).
-        more: Of each draw: how many more starts were alone, in parts of all.
+        more: For each draw, the further starts that were alone, as a fraction of all.
     """
 
     problem: str
@@ -112,13 +113,13 @@ class Held(NamedTuple):
     more: Array
 
     def holds(self, way: str = "score") -> Array:
-        """Return in which part of the draws a way holds each of the shares, (3,)."""
+        """Return the fraction of draws whose interval contains each share, (3,)."""
         within = self.shares <= self.most[way][:, None] + 1e-12
         return np.asarray(within.mean(axis=0))
 
 
 def solved(name: str, lanes: int) -> LaneAnswers:
-    """Return what lanes made of random starts of a problem."""
+    """Return the answers of lanes from random starts of a problem."""
     posed = of_instance(passing()) if name == "passing" else shipped(name)
     planner = Planner(posed.problem, search=None, polish=IpoptOptions())
     solver = LaneSolver(planner.fitness.shooting)
@@ -148,11 +149,11 @@ def of(answers: LaneAnswers, lanes: NDArray[np.int64]) -> LaneAnswers:
 
 
 def held(name: str, answers: LaneAnswers, size: int, draws: int) -> Held:
-    """Return what the accounts of draws stated, and what was so.
+    """Return the accounts of draws, and the true shares.
 
     Args:
-        name: Of the problem.
-        answers: All of them.
+        name: Name of the problem.
+        answers: All answers.
         size: Starts in a draw.
         draws: Their number.
     """

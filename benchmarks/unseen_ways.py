@@ -1,7 +1,7 @@
-"""Ways to state how large the share of optima not seen may be, and known laws for them.
+"""Upper limits of the share of unseen optima, and known distributions to test them.
 
-Each takes how often every optimum was found, and returns the upper end of an interval
-whose lower end is 0.
+Each method takes the number of times that every optimum was found, and returns the
+upper end of an interval whose lower end is 0.
 """
 
 import math
@@ -21,12 +21,12 @@ _RESAMPLED = 100
 
 
 def score(counts: Sequence[int]) -> float:
-    """Return the account's."""
+    """Return the limit of the account."""
     return unseen_share(counts).most
 
 
 def one_side(counts: Sequence[int]) -> float:
-    """Return n1 / n + 1.96 sqrt(n1 + 2 n2) / n, what was stated before."""
+    """Return n1 / n + 1.96 sqrt(n1 + 2 n2) / n, the limit used before."""
     n, once, twice = _found(counts)
     beyond = _TWO_SIDED * math.sqrt(once + 2 * twice) / n if once else 0.0
     return _within(once / n + beyond, n)

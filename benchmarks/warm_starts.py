@@ -2,9 +2,9 @@
 
     python benchmarks/warm_starts.py
 
-Twelve problems, each with a feature that multipliers must survive, are solved cold, and
-again from that answer: the same, on another grid, over another horizon, from another
-start. The sums are those of docs/measured/warm_starts.md.
+Twelve problems, each with a feature that the transfer of multipliers must handle, are
+solved cold, and again from that answer: unchanged, on another grid, over another
+horizon, from another start. The sums are those of docs/measured/warm_starts.md.
 """
 
 from collections.abc import Callable, Iterator
@@ -91,7 +91,7 @@ def discs(intervals: int, stretch: float) -> tuple[Problem, list[float]]:
 
 
 def harvest(intervals: int, stretch: float) -> tuple[Problem, list[float]]:
-    """Return a cost that is maximised."""
+    """Return a problem whose cost is maximised."""
     x, u = ca.SX.sym("x"), ca.SX.sym("u")
     return Problem(
         ss.Model(states=x, controls=u, ode=x - 0.1 * x**2 - u), horizon=3 * stretch,
@@ -123,7 +123,7 @@ def blocks(intervals: int, stretch: float) -> tuple[Problem, list[float]]:
 
 
 def members(risk: Literal["mean", "worst"]) -> Pose:
-    """Return what poses an ensemble of three."""
+    """Return a function that poses an ensemble of three."""
 
     def pose(intervals: int, stretch: float) -> tuple[Problem, list[float]]:
         problem, x0 = cart(intervals, stretch)
@@ -154,7 +154,7 @@ PROBLEMS: dict[str, Pose] = {
 
 
 def tasks(pose: Pose) -> Iterator[tuple[Problem, Array]]:
-    """Yield what is solved again, in the order of WAYS."""
+    """Yield the problems that are solved again, in the order of WAYS."""
     problem, given = pose(20, 1.0)
     x0 = np.array(given)
     yield problem, x0

@@ -1,11 +1,11 @@
-"""When does a swarm help? The page docs/when.md, from comparisons of the command line.
+"""The page docs/when.md, on when a swarm helps, from comparisons of the command line.
 
     for name in plans long_plans flights close_flights; do
         swarmstart compare benchmarks/comparisons/$name.yaml --out results/when/$name
     done
     python benchmarks/when.py results/when/* > docs/when.md
 
-The words follow from the numbers: a problem is where its success rates put it.
+The words follow from the numbers: success rates decide the group of a problem.
 """
 
 import json
@@ -58,7 +58,7 @@ GROUPS = {
 
 
 def group_of(scenario: Scenario) -> str:
-    """Return where a scenario belongs, by its success rates."""
+    """Return the group of a scenario, by its success rates."""
     rows = {one["solver"]: one for one in scenario["rows"]}
     names = list(GROUPS)
     rates = {name: _rate(one) for name, one in rows.items()}
@@ -104,7 +104,7 @@ NOTES = {
     "lanes; these columns show IPOPT from random paths",
     "bifunctional_catalyst": "is stiff: it has no lanes, and hundreds of local optima",
 }
-"""What must be known to read a row."""
+"""Notes that explain a row."""
 
 
 def _notes(found: Sequence[tuple[Scenario, str]]) -> list[str]:

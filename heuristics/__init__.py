@@ -1,4 +1,4 @@
-"""Population search on arrays: everything minimises; knows no optimal control.
+"""Population search on arrays: minimises any function over a box.
 
 A population is a float64 array of shape (dim, size): a column is an individual.
 """

@@ -1,8 +1,8 @@
-"""A second process that compiles a part of the kernels, where there are two processors.
+"""A second process that compiles a part of the kernels, on two or more processors.
 
 The first use of an algorithm on a machine takes some seconds of compiling. A helper
-process does a part of it at the same time, and leaves its machine code in the cache,
-where this process finds it. If the helper fails, this process does all by itself.
+process does a part of it at the same time and leaves its machine code in the cache, in
+which this process finds it. If the helper fails, this process does all by itself.
 """
 
 import contextlib
@@ -29,7 +29,7 @@ LARGER_PART: Part = (0, 1)
 """`propose` and `accept`: for one that is started while there is other work."""
 
 PATIENCE_S = 120.0
-"""How long a helper is waited for; then this process does its part too [s]."""
+"""Longest time to wait for a helper; then this process does its part too [s]."""
 _IN_HELPER = "SWARMSTART_COMPILES_AHEAD"
 """Set in the environment of a helper, which starts no other."""
 _CODE = """
@@ -67,17 +67,18 @@ _helper: ContextVar[Helper] = ContextVar("_helper", default=NO_HELPER)
 def compiled_ahead(
     algorithm: Algorithm, *, compiled: bool, part: Part = SMALLER_PART
 ) -> Iterator[Helper]:
-    """Have a helper compile a part of the kernels of an algorithm meanwhile.
+    """Have a helper compile a part of an algorithm's kernels during a context.
 
-    Within another such context no second helper is started. It ends with the context.
+    The helper ends with the context. Within another such context no second helper is
+    started.
 
     Args:
         algorithm: The algorithm.
-        compiled: Whether for the compiled loop, or for a loop in Python.
+        compiled: True for the compiled loop, False for a loop in Python.
         part: Which of the `preparations` of a search it does.
 
     Yields:
-        The helper; one that does nothing if none could be started.
+        The helper; an idle one if no process could be started.
     """
     running = _helper.get()
     if running.process is not None or not _is_possible():
@@ -95,7 +96,7 @@ def compiled_ahead(
 
 
 def helper_runs() -> bool:
-    """Return whether a helper is at work: some kernels may be there, others to come."""
+    """Return whether a helper is at work, so that some kernels may be missing yet."""
     process = _helper.get().process
     return process is not None and process.poll() is None
 

@@ -96,11 +96,11 @@ class State(Protocol):
 
     @property
     def best_cost(self) -> Array:
-        """Cost of `best`, shape (1,); infinity as long as nothing finite was seen."""
+        """Cost of `best`, shape (1,); infinity until a finite one was seen."""
 
     @property
     def best_violation(self) -> Array:
-        """Violation of `best`, shape (1,); infinity likewise."""
+        """Violation of `best`, shape (1,); infinity until a finite one was seen."""
 
     @property
     def nonfinite(self) -> Count:
@@ -116,7 +116,7 @@ class State(Protocol):
 
     @property
     def improved(self) -> Count:
-        """Generations accepted when `best`, or the level, last improved, shape (1,)."""
+        """Number of the generation in which `best` or the level last improved, (1,)."""
 
 
 class CommonFields(NamedTuple):
@@ -157,7 +157,7 @@ class Algorithm(Protocol):
 
         Args:
             box: The box.
-            evaluations: The budget; None where that is not known.
+            evaluations: The budget; None if it is not known.
         """
 
     def kernel_settings(self, box: Box, order: RunningOrder) -> tuple[object, ...]:
@@ -203,10 +203,10 @@ def common_fields(population: Array) -> CommonFields:
 def take_generation(
     order: RunningOrder, state: State, asked: Array, cost: Array, violation: Array
 ) -> None:
-    """Update the shared fields: the best, what is counted, the level of the order.
+    """Update the shared fields: the best point, the counters, the level of the order.
 
-    The best is what is best in the end, when the level has come to the tolerance. Until
-    then every generation counts as one that improved: the level does.
+    The best point is the best by the final tolerance, whatever the level is now. As
+    long as the level is above the tolerance, every generation counts as an improvement.
 
     Args:
         order: The order.
@@ -237,10 +237,10 @@ def take_generation(
 
 
 def require(name: str, value: object, *, ok: bool, allowed: str) -> None:
-    """Refuse a setting that is not ok.
+    """Raise InvalidSettingsError unless a setting is ok.
 
     Raises:
-        InvalidSettingsError: If not ok.
+        InvalidSettingsError: If ok is False.
     """
     if not ok:
         raise InvalidSettingsError(name, value, allowed)
@@ -259,10 +259,10 @@ class OfFixedSize:
 
 
 class BoundHandled:
-    """Base of the settings with a `bound_handling`; refuses the keyword it had before.
+    """Base of the settings with a `bound_handling`; refuses its old name `bounds`.
 
     Raises:
-        InvalidSettingsError: If `bounds` is given, which is a box's word only.
+        InvalidSettingsError: If `bounds` is given; that is a keyword of `minimize`.
     """
 
     __slots__ = ()
@@ -277,19 +277,19 @@ class BoundHandled:
 
 
 def require_bound_handling(name: str) -> None:
-    """Refuse a name that is no rule of `bound_handling`.
+    """Validate the name of a rule of `bound_handling`.
 
     Raises:
-        InvalidSettingsError: If so.
+        InvalidSettingsError: If there is no such rule.
     """
     require_name("bound_handling", name, NAMES)
 
 
 def require_name(name: str, value: str, names: tuple[str, ...]) -> None:
-    """Refuse a setting that is not one of the names.
+    """Validate a setting that must be one of several names.
 
     Raises:
-        InvalidSettingsError: If so.
+        InvalidSettingsError: If it is another.
     """
     require(name, value, ok=value in names, allowed=f"one of {', '.join(names)}")
 
@@ -299,7 +299,7 @@ def first_size_of(algorithm: Algorithm, box: Box, evaluations: int | None) -> in
 
     Args:
         algorithm: The settings.
-        box: Where it searches.
+        box: The box that is searched.
         evaluations: The budget; None if it is wall time.
 
     Raises:
@@ -312,10 +312,10 @@ def first_size_of(algorithm: Algorithm, box: Box, evaluations: int | None) -> in
 
 
 def require_size(size: int, *, at_least: int) -> None:
-    """Refuse a population size that is no integer or too small.
+    """Validate a population size.
 
     Raises:
-        InvalidSettingsError: If so.
+        InvalidSettingsError: If it is not an integer, or too small.
     """
     ok = isinstance(size, int) and size >= at_least
     require("size", size, ok=ok, allowed=f"an integer of at least {at_least}")

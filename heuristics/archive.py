@@ -1,13 +1,14 @@
 """The best distinct basins that a search has met.
 
-Two points are of one basin when they are near each other in the box: with widths w, the
-mean taken over the variables that are not fixed,
+Two points belong to one basin if they are near each other in the box: with widths w,
+the mean taken over the variables that are not fixed,
 
     sqrt(mean_d ((a_d - b_d) / w_d)^2) < radius
 
-An archive keeps at most so many points, the best of each basin; a point that is better
-than a member near it takes its place, and that of every other member near it. What
-basins of attraction a local solver finds from these points is another matter.
+An archive keeps a limited number of points, the best of each basin. A new point that is
+better than a member near it replaces this member and every other member near it. These
+basins are not the basins of attraction of a local solver: two points of the archive may
+lead a solver to the same optimum.
 """
 
 from typing import NamedTuple
@@ -68,7 +69,7 @@ def collect(
     """Offer a generation to the archive.
 
     Args:
-        order: How points are compared: as they are in the end, at its tolerance.
+        order: The order of points; they are compared at its final tolerance.
         archive: The archive, changed in place.
         asked: The generation, shape (dim, size).
         cost: Costs, shape (size,).
@@ -92,7 +93,7 @@ def collect(
 def offer(
     order: RunningOrder, archive: Archive, point: Array, cost: float, violation: float
 ) -> None:
-    """Take one point in where it is the best of its basin."""
+    """Add one point if it is the best of its basin."""
     for k in range(archive.members[0]):
         near = distance(archive, point, k) < archive.radius[0]
         if near and not _beats(order, cost, violation, archive, k):

@@ -45,10 +45,10 @@ def algorithm_of(
     Args:
         given: Settings; or a class of settings, or a name of ALGORITHMS, for its
             defaults; None or "default" for `default_algorithm`.
-        evaluations: The budget, for the default; None where it is wall time.
+        evaluations: The budget, for the default; None if it is wall time.
 
     Raises:
-        InvalidSettingsError: If it is something else.
+        InvalidSettingsError: If it is none of these kinds.
 
     Example:
         >>> algorithm_of("cma") == algorithm_of(CMAES) == CMAES()
@@ -78,7 +78,7 @@ def box_of(given: Box | ArrayLike | None, bounds: Box | ArrayLike | None = None)
 
     Args:
         given: A box, or pairs (lower, upper), one for each variable.
-        bounds: The same by another name; exactly one of both is not None.
+        bounds: Another name for it; exactly one of the two must be given.
 
     Raises:
         InvalidBoxError: If they are not pairs, or no bounds of a box.
@@ -89,7 +89,7 @@ def box_of(given: Box | ArrayLike | None, bounds: Box | ArrayLike | None = None)
         [1.0, 5.0]
     """
     if given is not None and bounds is not None:
-        raise InvalidSettingsError("bounds", bounds, "None where box is given")
+        raise InvalidSettingsError("bounds", bounds, "None if box is given")
     chosen = bounds if given is None else given
     if isinstance(chosen, Box):
         return chosen
@@ -116,7 +116,8 @@ def generator_of(
 
     Args:
         rng: A generator.
-        seed: An integer of at least 0, or several; exactly one of both is not None.
+        seed: An integer of at least 0, or several; exactly one of rng and seed must be
+            given.
 
     Raises:
         InvalidSettingsError: If both are given or neither, or one is of another kind.
@@ -128,7 +129,7 @@ def generator_of(
         True
     """
     if rng is not None and seed is not None:
-        raise InvalidSettingsError("seed", seed, "None where rng is given")
+        raise InvalidSettingsError("seed", seed, "None if rng is given")
     if rng is not None:
         if not isinstance(rng, np.random.Generator):
             allowed = "a numpy.random.Generator (an integer is for seed)"

@@ -4,12 +4,12 @@ clip      onto the bound it crossed; a particle keeps its velocity, as in the ch
 absorb    onto the bound; a particle's velocity becomes zero (Clerc, SPSO 2007)
 reflect   as far inside of the bound as it was outside, as often as it takes; a
           particle's velocity turns round with each reflection
-midpoint  half the way from where it came from to the bound; a velocity becomes zero
+midpoint  halfway between its last position and the bound; a velocity becomes zero
 redraw    uniform between the bounds; a velocity becomes zero
 none      it stays outside (for published results that had no bounds)
 
-With any but none, what comes out lies in the box. `absorb` differs from `clip` in the
-velocity alone. A variable whose bounds are equal stays there under every rule, and its
+Under every rule but `none` the result lies in the box. `absorb` and `clip` differ only
+in the velocity. A variable whose bounds are equal stays there under every rule, and its
 velocity becomes zero.
 """
 
@@ -40,9 +40,9 @@ def repair(
 
     Args:
         rule: A code of CODES.
-        value: The coordinate; NaN is taken for a bound where it is not drawn anew, and
-            stays under `none`.
-        origin: Where it came from, in [lower, upper].
+        value: The coordinate. NaN becomes a bound, or a new draw under `redraw`, and
+            stays NaN under `none`.
+        origin: Its last position, in [lower, upper].
         lower: Lower bound.
         upper: Upper bound.
         fraction: For `redraw` a random number in [0, 1), drawn by the caller: a call
@@ -66,7 +66,7 @@ def repair(
 def turned(
     rule: int, velocity: float, value: float, lower: float, upper: float
 ) -> float:
-    """The velocity of a particle whose coordinate was repaired by a rule.
+    """Return the velocity of a particle whose coordinate was repaired by a rule.
 
     Args:
         rule: A code of CODES.
@@ -88,10 +88,9 @@ def turned(
 
 @kernel
 def reflected(value: float, lower: float, upper: float) -> float:
-    """The coordinate after all reflections at the bounds: a triangular wave.
+    """Return the coordinate after all reflections at the bounds: a triangular wave.
 
-    Where the distance overflows or is NaN, or the bounds are equal, it is the lower
-    bound.
+    If the distance overflows or is NaN, or the bounds are equal, it is the lower bound.
     """
     width = upper - lower
     if (

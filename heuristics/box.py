@@ -46,13 +46,22 @@ class Box:
         lower: Lower bounds, shape (dim,), in the units of the variables.
         upper: Upper bounds, shape (dim,), none below its lower bound. A variable whose
             bounds are equal is fixed.
-        per_step: Where the variables are a sequence in time, step after step: how many
-            of them belong to one step. None where they are no sequence.
-        constant: How many of the variables, the last ones, belong to no step.
+        per_step: Number of variables of one time step, if the variables are a sequence
+            in time, step after step. None if they are not.
+        constant: Number of variables, the last ones, that belong to no time step.
 
     Raises:
         InvalidBoxError: If the bounds are no vectors of one length, not finite, or a
             lower bound is above its upper bound, or per_step does not divide dim.
+
+    Example:
+        >>> import numpy as np
+        >>> import swarmstart as ss
+        >>> box = ss.Box(lower=[-1, 0], upper=[1, 5])
+        >>> box.dim, box.width.tolist()
+        (2, [2.0, 5.0])
+        >>> box.contains(np.array([[0.0, 0.0], [3.0, 7.0]])).tolist()
+        [True, False]
     """
 
     lower: Array
@@ -82,7 +91,7 @@ class Box:
 
     @property
     def in_sequence(self) -> int:
-        """Number of variables that belong to steps, where there are any."""
+        """Number of variables that belong to steps, if there are any."""
         return self.dim - self.constant
 
     @property
@@ -92,9 +101,9 @@ class Box:
 
     @property
     def free(self) -> Count:
-        """Indices of the variables that are not fixed; of all if all are.
+        """Indices of the variables that are not fixed; all indices if all are fixed.
 
-        So it is never empty, and algorithms need no other rule for that case.
+        It is never empty, so that algorithms need no special case.
         """
         free = np.flatnonzero(self.lower < self.upper)
         return free if free.size else np.arange(self.dim)

@@ -11,7 +11,7 @@ from swarmstart.heuristics.stopping import UNLIMITED, Limits
 
 
 class InvalidBudgetError(SwarmstartError, ValueError):
-    """A budget that is no budget, or in which not one generation fits.
+    """An invalid budget, or one too small for a single generation.
 
     Attributes:
         evaluations: The evaluations given; None if not given.
@@ -33,10 +33,10 @@ class Budget:
         evaluations: Largest number of individuals evaluated, at least 1; None means no
             limit.
         seconds: Wall time in s, above 0, after which no generation is started (the
-            first always is); None means no limit. It begins when all machine code is
-            loaded, or compiled once per machine.
-        target: Cost at which the search stops, once a feasible point has it; None means
-            none.
+            first always is); None means no limit. Loading machine code, or compiling
+            it once per machine, does not count.
+        target: Cost at which the search stops as soon as a feasible point reaches it;
+            None means no target.
         stagnation: Generations without a better point after which it stops, at least 1;
             None means never. A constant added to the cost changes nothing. Generations
             in which the level of the order is above its tolerance do not count.
@@ -46,8 +46,9 @@ class Budget:
             of its range.
 
     Example:
-        >>> Budget(evaluations=20_000, target=1e-8).evaluations
-        20000
+        >>> import swarmstart as ss
+        >>> ss.Budget(evaluations=20_000, seconds=2.0, target=1e-8)
+        Budget(evaluations=20000, seconds=2.0, target=1e-08, stagnation=None)
     """
 
     evaluations: int | None = None
@@ -76,7 +77,7 @@ class Budget:
             raise InvalidBudgetError(message, self)
 
     def limits(self) -> Limits:
-        """Return what both loops look at after a generation."""
+        """Return the limits that both loops check after a generation."""
         return Limits(
             evaluations=UNLIMITED
             if self.evaluations is None
@@ -90,7 +91,7 @@ def budget_of(given: Budget | int) -> Budget:
     """Return a budget; an integer is a number of evaluations.
 
     Raises:
-        InvalidBudgetError: If it is neither, or below 1.
+        InvalidBudgetError: If it is neither a Budget nor an integer of at least 1.
 
     Example:
         >>> budget_of(5000) == Budget(evaluations=5000)

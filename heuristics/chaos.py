@@ -49,7 +49,7 @@ def leave_traps(rng: np.random.Generator, z: Array) -> None:
 
 
 def draw_seeds(shape: tuple[int, int], *, rng: np.random.Generator) -> Array:
-    """Draw seeds of the map: uniform in (0, 1), none of them a trap.
+    """Draw seeds of the map, uniform in (0, 1) without the traps.
 
     Args:
         shape: Shape of the array to draw, (dim, size).

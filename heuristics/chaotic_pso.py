@@ -11,7 +11,7 @@ and reseeding: as soon as the particles have come together,
 the worse half is placed anew by the logistic map (5.17).
 
 Source: chapter 5, section 5.2.3.3, eq. (5.17)-(5.19), steps 4 to 8; Duan and Liu
-(2010). What the text leaves open is settled in the docstring of `ChaoticPSO`.
+(2010). The docstring of `ChaoticPSO` says how gaps of the text are filled.
 """
 
 import math
@@ -49,7 +49,7 @@ Reseed = Literal["logistic", "uniform", "none"]
 InitialVelocity = Literal["independent", "smooth"]
 
 SPEED = 0.4
-"""Largest speed by the width of the box, where it is not given."""
+"""Default of the largest speed, as a fraction of the width of the box."""
 
 NONE, UNIFORM, LOGISTIC = 0, 1, 2
 RESEED_CODES: dict[str, int] = {"none": NONE, "uniform": UNIFORM, "logistic": LOGISTIC}
@@ -106,7 +106,7 @@ def propose(
     state: ChaoticPSOState,
     asked: Array,
 ) -> None:
-    """Place the worse half anew if the swarm has come together, then fly.
+    """Place the worse half anew if the swarm has converged, then move all particles.
 
     Equations (5.18), (5.17), (5.19), (2.11); steps 6, 7, 5. Not in generation 0.
     """
@@ -200,25 +200,25 @@ def number_ahead(order: RunningOrder, state: ChaoticPSOState, i: int) -> int:
 class ChaoticPSO(OfFixedSize, BoundHandled):
     """Settings of the chaotic particle swarm; the defaults are those of the text.
 
-    But for `bound_handling`, where the text has clip; c1 = c2 = 1.496 is recommended
-    besides.
+    The one exception is `bound_handling`: the text uses clip. For problems other than
+    the text's, c1 = c2 = 1.496 is recommended.
 
-    Two of them are in the units of the variables, as in the text: velocity_max and
-    search_length. With both None nothing depends on those units.
+    velocity_max and search_length are in the units of the variables, as in the text.
+    With None for both, nothing depends on those units.
 
-    What the text leaves open is read as follows.
+    The text leaves some points open. Here:
 
     - Velocities start uniform in [-velocity_max, velocity_max]: independent of each
-      other, or smooth in time (`sampling`). It matters where velocity_max is large
-      against the box: while the inertia is above 1, each coordinate stays at the bound
-      its first velocity points to, for dozens of generations.
+      other, or smooth in time (`sampling`). The choice matters if velocity_max is large
+      compared with the box: while the inertia is above 1, each coordinate stays for
+      dozens of generations at the bound that its first velocity points to.
     - (5.18) is measured on the positions that were evaluated last, before they move,
       on raw coordinates. A swarm whose particles all start at one point (the shifted
-      last plan) has D = 0 and reseeds at once: reseeding is then what initialises it.
-    - Placed particles then fly like all the others. Personal bests and velocities are
-      kept, so that the swarm forgets nothing.
+      last plan) has D = 0 and reseeds at once, which then initialises it.
+    - Reseeded particles then move like all others. Personal bests and velocities are
+      kept.
     - Step 7 ends "go to Step 4", which would initialise for ever; read as Step 5.
-    - The text's particles stay in the box: by `clip`, which keeps their velocities.
+    - The text keeps particles in the box by `clip`, which keeps their velocities.
     - iter_k / iter_max of (5.19) is the fraction of the evaluation budget used.
 
     Attributes:
@@ -231,10 +231,10 @@ class ChaoticPSO(OfFixedSize, BoundHandled):
             text; that of `ParticleSwarm` is a fraction of the box): one number, or one
             for each variable, shape (dim,) (kept as a tuple). None means 0.4 of the
             width of the box in each variable, the text's ratio to search_length.
-        initial_velocity: "independent", or "smooth" in time, which asks for a box whose
+        initial_velocity: "independent", or "smooth" in time, which needs a box whose
             variables are a sequence (`Box.per_step`).
-        reseed: Where the numbers that place particles come from: "logistic" (5.17),
-            "uniform" (the same with uniform random numbers), or "none" (no reseeding).
+        reseed: Source of the numbers that place particles: "logistic" (5.17),
+            "uniform" (uniform random numbers instead), or "none" (no reseeding).
         diversity_threshold: eps, at least 0; the swarm reseeds when D < eps.
         search_length: L of (5.18), above 0, in the units of the variables; None means
             that each variable is measured in widths of the box, and L = 1.
@@ -245,6 +245,20 @@ class ChaoticPSO(OfFixedSize, BoundHandled):
         InvalidSettingsError: If a value is out of its range.
 
     Source: chapter 5, section 5.2.4 (parameters).
+
+    Example:
+        Lengths taken from the box, so that nothing depends on the units:
+
+        >>> import swarmstart as ss
+        >>> found = ss.minimize(
+        ...     lambda x: (x**2).sum(axis=0),
+        ...     bounds=[(-1, 2)] * 3,
+        ...     algorithm=ss.ChaoticPSO(velocity_max=None, search_length=None),
+        ...     budget=5000,
+        ...     seed=0,
+        ... )
+        >>> bool(found.cost < 1e-3)
+        True
     """
 
     kernels: ClassVar[Kernels] = Kernels(propose=propose, accept=remember)
@@ -295,7 +309,7 @@ class ChaoticPSO(OfFixedSize, BoundHandled):
         """The settings as numbers and arrays.
 
         Raises:
-            InvalidSettingsError: If velocity_max has not one entry for each variable.
+            InvalidSettingsError: If velocity_max is a vector of another length.
         """
         scale = np.ones(box.dim)
         if self.search_length is None:
@@ -341,7 +355,7 @@ class ChaoticPSO(OfFixedSize, BoundHandled):
     def _velocity_fractions(
         self, box: Box, shape: tuple[int, ...], rng: np.random.Generator
     ) -> Array:
-        """Draw what sets the first velocities, uniform in (0, 1), of the shape."""
+        """Draw the first velocities as fractions, uniform in (0, 1), of this shape."""
         if self.initial_velocity == "independent":
             return rng.random(shape)
         if box.per_step is None:

@@ -10,7 +10,7 @@ the i-th best individual,
                + sqrt(c_sigma (2 - c_sigma) mu_eff) C^(-1/2) y_w              (43)
     sigma   <- sigma exp(c_sigma / d_sigma (|p_sigma| / E|N(0, I)| - 1))      (44)
     p_c     <- (1 - c_c) p_c + h_sigma sqrt(c_c (2 - c_c) mu_eff) y_w         (45)
-    w_i'    = w_i,  or  w_i n / |C^(-1/2) y_i|^2  where w_i < 0               (46)
+    w_i'    = w_i,  or  w_i n / |C^(-1/2) y_i|^2  if w_i < 0                  (46)
     C       <- (1 + c_1 delta(h_sigma) - c_1 - c_mu sum w) C
                + c_1 p_c p_c' + c_mu sum_i w_i' y_i y_i'                      (47)
 
@@ -61,7 +61,7 @@ from swarmstart.kernel import Array, Count, kernel
 SIZE_MAX = 2**16
 """Number of individuals above which a restart no longer adds any."""
 LENGTH_LEAST = 1e-150
-"""Where an eigenvalue is negative by rounding, its square root is taken for this."""
+"""Square root that replaces that of an eigenvalue which is negative by rounding."""
 
 
 class CMAESSettings(NamedTuple):
@@ -86,7 +86,7 @@ class CMAESState(NamedTuple):
             the initial population. See `Search` for its growth.
         path_sigma: Path of the step size p_sigma, shape (n,).
         decomposed: Age at which `axes` and `lengths` were computed, int64, shape (1,).
-        ended: 1 where a criterion of `cma_restarts` holds, int64, shape (1,).
+        ended: 1 if a criterion of `cma_restarts` holds, int64, shape (1,).
         restarts: Number of restarts so far, int64, shape (1,).
     """
 
@@ -121,7 +121,7 @@ def propose(
     state: CMAESState,
     asked: Array,
 ) -> None:
-    """Sample, after a restart where one is due, and repair."""
+    """Restart if that is due, then sample and repair the next generation."""
     if state.generation[0] == 0:
         copy_points(state.sampled, asked)
         return
@@ -145,7 +145,7 @@ def propose(
 
 @kernel
 def sample(rng: np.random.Generator, state: CMAESState, size: int) -> None:
-    """Sample so many individuals (38)-(40) into `sampled`."""
+    """Sample `size` individuals by (38)-(40) into `sampled`."""
     dim = state.mean.size
     z = np.empty(dim)
     for i in range(size):
@@ -166,7 +166,7 @@ def accept(
     cost: Array,
     violation: Array,
 ) -> None:
-    """Update the distribution, and ask for a restart if it has come to its end.
+    """Update the distribution, and request a restart if a criterion says so.
 
     Without restarts the distribution then stays as it is.
     """
@@ -190,7 +190,7 @@ def accept(
 
 @kernel
 def begin(settings: CMAESSettings, state: CMAESState) -> None:
-    """Set all but the mean to what it is at the beginning."""
+    """Reset everything but the mean to its initial value."""
     state.sigma[0] = settings.sigma
     state.covariance[:] = 0.0
     state.axes[:] = 0.0
@@ -327,14 +327,26 @@ class CMAES(BoundHandled):
             means 4 + floor(3 ln n) for n variables that are not fixed.
         sigma: Step size at the beginning, a fraction of the widths of the box, in
             (0, 1].
-        restarts: Whether it begins anew when it has come to an end (`cma_restarts`);
-            if not, its distribution then stays as it is.
+        restarts: Whether the search restarts when a criterion of `cma_restarts` holds;
+            if False, its distribution then stays as it is.
         increase: What the population is multiplied by at each restart, at least 1.
         bound_handling: What happens to a coordinate that leaves the box; see
             `bound_handling`.
 
     Raises:
         InvalidSettingsError: If a value is out of its range.
+
+    Example:
+        >>> import swarmstart as ss
+        >>> found = ss.minimize(
+        ...     lambda x: (x[0] - 1) ** 2 + 100 * (x[1] - x[0] ** 2) ** 2,
+        ...     bounds=[(-2, 2), (-2, 2)],
+        ...     algorithm=ss.CMAES(sigma=0.2, restarts=False),
+        ...     budget=3000,
+        ...     seed=0,
+        ... )
+        >>> found.x.round(4).tolist()
+        [1.0, 1.0]
     """
 
     kernels: ClassVar[Kernels] = Kernels(propose=propose, accept=accept)

@@ -1,4 +1,4 @@
-"""Weights and learning rates of CMA-ES: what follows from dimension and population.
+"""Weights and learning rates of CMA-ES, from dimension and population size.
 
 The equation numbers are those of the tutorial's appendix A.
 

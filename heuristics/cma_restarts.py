@@ -1,4 +1,4 @@
-"""Restarts: criteria by which a CMA-ES has ended and begins anew.
+"""Criteria for restarting a CMA-ES.
 
 With n variables that are not fixed, lambda individuals, and g the generations since it
 last began:
@@ -18,9 +18,9 @@ NoEffectAxis    the mean stays the same when 0.1 sigma times an axis is added to
 NoEffectCoord   one entry of it stays the same when 0.2 sigma sqrt(C_dd) is added
 
 A value is a cost with its violation, compared by the order; values lie within a range
-if both do. A constant added to the cost changes nothing but roundings, and the unit of
-the cost changes nothing: Hansen's TolHistFun is 1e-12 in that unit, here it is equality
-up to roundings.
+if both do. A constant added to the cost changes nothing but roundings. The unit of the
+cost changes nothing: Hansen's TolHistFun is 1e-12 in that unit, here it is equality up
+to roundings.
 
 Source: Hansen (2009), Benchmarking a BI-population CMA-ES on the BBOB-2009 function
 testbed, GECCO workshop, section 2; TolXUp as in Hansen's pycma, in place of TolUpSigma.
@@ -41,16 +41,16 @@ TOL_X = 1e-12
 TOL_X_UP = 1e4
 CONDITION_MAX = 1e14
 STAGNATION_LOOKS = 16
-"""Generations from one look at Stagnation to the next: it sorts."""
+"""Generations between two checks for Stagnation, which has to sort."""
 
 BEST, MEDIAN = 0, 2
 """Rows of the record: a cost, below it the violation."""
 EQUAL = 4
-"""Row of the record: 1 where the best and another value were equal."""
+"""Row of the record: 1 if the best and another value were equal."""
 
 
 class Distribution(State, Protocol):
-    """The fields of CMA-ES's state that say how far it has come since it last began.
+    """The fields of CMA-ES's state that the restart criteria read.
 
     The n variables are those that are not fixed.
     """
@@ -85,14 +85,14 @@ class Distribution(State, Protocol):
 
     @property
     def record(self) -> Array:
-        """Values of the last generations, shape (5, length); written round and round.
+        """Values of the last generations, a ring buffer of shape (5, length).
 
         Best cost, its violation, median cost, its violation, whether values were equal.
         """
 
 
 def record_length(dim: int) -> int:
-    """Generations that the record holds, at least what any criterion looks back to."""
+    """Return the length of the record: all that any criterion looks back to."""
     return 600 + 8 * dim
 
 
@@ -100,7 +100,7 @@ def record_length(dim: int) -> int:
 def write_record(
     state: Distribution, rank: Count, cost: Array, violation: Array
 ) -> None:
-    """Write down a generation that was ranked; its number is the age of the state."""
+    """Record a ranked generation; its number is the age of the state."""
     size = cost.size
     column = state.age[0] % state.record.shape[1]
     for row, place in ((BEST, 0), (MEDIAN, size // 2)):
@@ -138,7 +138,7 @@ def has_ended(
 
 @kernel
 def has_flat_record(state: Distribution, window: int) -> bool:
-    """TolHistFun: the best values of so many generations are equal up to roundings."""
+    """TolHistFun: the best values of `window` generations are equal up to roundings."""
     age, length = state.age[0], state.record.shape[1]
     if age < window:
         return False
@@ -154,7 +154,7 @@ def has_flat_record(state: Distribution, window: int) -> bool:
 
 @kernel
 def has_equal_values(state: Distribution, window: int) -> bool:
-    """EqualFunVals: in over a third of so many generations two values were equal."""
+    """EqualFunVals: in over a third of `window` generations two values were equal."""
     age, length = state.age[0], state.record.shape[1]
     if age < window:
         return False
@@ -177,7 +177,7 @@ def has_small_steps(state: Distribution, sigma_0: float) -> bool:
 
 @kernel
 def is_stagnant(order: RunningOrder, state: Distribution, size: int) -> bool:
-    """Stagnation: neither best nor median values have become better for long."""
+    """Stagnation: neither best nor median values have improved for a long time."""
     age, length = state.age[0], state.record.shape[1]
     window = max(age // 5, math.ceil(120.0 + 30.0 * state.mean.size / size))
     window = min(window, length)
@@ -196,7 +196,7 @@ def is_stagnant(order: RunningOrder, state: Distribution, size: int) -> bool:
 def median_of(
     order: RunningOrder, state: Distribution, row: int, first: int, number: int
 ) -> tuple[float, float]:
-    """Cost and violation in the middle of so many recorded ones, in order."""
+    """Return the median cost and violation of some recorded generations."""
     cost, violation = np.empty(number), np.empty(number)
     for k in range(number):
         column = (first + k) % state.record.shape[1]

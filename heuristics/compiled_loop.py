@@ -1,11 +1,11 @@
-"""Generations without Python in between, where the objective is compiled itself.
+"""A loop over generations without Python, for objectives that are compiled themselves.
 
-propose, evaluate, accept are called from one compiled loop, which comes back after a
-chunk of generations for the clock and for Ctrl-C. The kernels are those of ask and
-tell, called with the same numbers in the same order, so both loops give the same bits.
+One compiled loop calls propose, evaluate and accept. It returns after a chunk of
+generations, to look at the clock and for Ctrl-C. The kernels are those of ask and tell,
+called with the same numbers in the same order, so both loops give the same bits.
 
-The loop calls the kernels at their addresses: so it is compiled in a moment, and they
-but once for both ways.
+The loop calls the kernels at their addresses. So it compiles fast, and each kernel is
+compiled only once for both loops.
 """
 
 from collections.abc import Callable
@@ -35,12 +35,12 @@ LARGEST_CHUNK = 4096
 
 
 def next_chunk(generations: int, seconds: float, *, left: float = np.inf) -> int:
-    """Return how many generations to run next.
+    """Return the number of generations to run next.
 
     Args:
-        generations: How many were run last, at least 1.
-        seconds: How long they took [s].
-        left: How long the search may still take [s].
+        generations: Number of generations of the last chunk, at least 1.
+        seconds: Time that they took [s].
+        left: Time that is left to the search [s].
     """
     wanted = min(CHUNK_S, max(left, 0.0))
     fitting = generations * wanted / max(seconds, CHUNK_S / LARGEST_CHUNK)
@@ -73,11 +73,11 @@ class CompiledObjective(Protocol):
 
         Args:
             asked: Population to read, shape (dim, size), contiguous.
-            cost: Where to write costs, shape (size,).
-            violation: Where to write violations, shape (size,).
+            cost: Buffer for costs, shape (size,).
+            violation: Buffer for violations, shape (size,).
 
         Returns:
-            None where only the call from Python works.
+            The addresses; None if the objective can be called from Python only.
         """
         ...
 
@@ -92,8 +92,10 @@ class Work(NamedTuple):
         violation: Its violations, shape (size,).
         best_cost: Best cost after each generation, shape (generations,).
         best_violation: Its violation, shape (generations,).
-        evaluations: Of the whole search after each generation; int64, same shape.
-        done: Generations run, and why no more: a code of `stopping`; int64, shape (2,).
+        evaluations: Evaluations of the whole search after each generation; int64, same
+            shape.
+        done: Number of generations run, and the reason to stop, a code of `stopping`;
+            int64, shape (2,).
     """
 
     asked: Array
@@ -124,7 +126,7 @@ def can_loop(objective: object) -> bool:
 
 
 Call = tuple[Callable[..., None], tuple[object, ...]]
-"""A kernel and what it is called with."""
+"""A kernel and its arguments."""
 
 
 class Entries(NamedTuple):
@@ -151,7 +153,7 @@ def calls_of(
 
     Args:
         kernels: Those of the algorithm.
-        rng: What they will be called with, here and below.
+        rng: Generator that they will be called with.
         settings: Kernel settings of the algorithm.
         searched: State and archive of the search.
 
@@ -178,7 +180,7 @@ def loop(  # noqa: PLR0913, PLR0917 - compiled code takes no keywords
     pointers: Pointers,
     limits: Limits,
 ) -> None:
-    """Run generations: as many as `work` has room for, and as the limits allow."""
+    """Run generations until `work` is full or a limit is reached."""
     state, archive = searched
     memory, dim = work.asked.reshape(work.asked.size), state.best.size
     work.done[0] = 0
@@ -186,7 +188,7 @@ def loop(  # noqa: PLR0913, PLR0917 - compiled code takes no keywords
         n = state.size[0]
         if n > work.cost.size or state.evaluations[0] + n > limits.evaluations:
             break
-        if limits.evaluations < UNLIMITED:  # Else the clock tells it, before a chunk.
+        if limits.evaluations < UNLIMITED:  # Else it follows from time, before a chunk.
             state.progress[0] = progress_of(state.evaluations[0], n, limits.evaluations)
         asked = memory[: dim * n].reshape((dim, n))
         cost, violation = work.cost[:n], work.violation[:n]

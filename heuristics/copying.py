@@ -1,7 +1,7 @@
 """Copies of arrays in kernels, coordinate by coordinate.
 
-The same as `target[:] = source`, for which Numba compiles a message about shapes that
-do not fit: 1 to 2 s at the first use, for code that never runs.
+They do the same as `target[:] = source`. For that, Numba also compiles an error message
+about shapes that differ, which takes 1 to 2 s at the first use and never runs.
 """
 
 from swarmstart.kernel import Array, kernel

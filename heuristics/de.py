@@ -7,7 +7,7 @@ of the population,
     v = x_best + F (x_r1 - x_r2)                                     (best/1)
     v = x_i    + F (x_best - x_i) + F (x_r1 - x_r2)                  (current-to-best/1)
 
-Crossover, with k a random coordinate (none that is fixed) and r uniform in [0, 1):
+Crossover, with k a random coordinate that is not fixed and r uniform in [0, 1):
 
     u_d = v_d if r_d < CR or d = k, else x_id                        (bin)
     u_d = v_d for d = k, k + 1, ... as long as r < CR, at most once round, else x_id
@@ -109,7 +109,7 @@ def propose(
     state: DifferentialEvolutionState,
     asked: Array,
 ) -> None:
-    """One trial for each individual: mutation and crossover."""
+    """Make one trial for each individual: mutation and crossover."""
     if state.generation[0] == 0:
         copy_points(state.population, asked)
         return
@@ -157,13 +157,25 @@ class DifferentialEvolution(OfFixedSize, BoundHandled):
         F: Weight of the difference, in (0, 2].
         CR: Probability that a coordinate comes from the mutant (bin), or that the run
             goes on (exp), in [0, 1].
-        strategy: What the mutant is made of.
-        crossover: What the trial takes of the mutant.
+        strategy: Formula of the mutant: "rand/1", "best/1" or "current-to-best/1".
+        crossover: Coordinates that the trial takes from the mutant: "bin" or "exp".
         bound_handling: What happens to a coordinate that leaves the box; see
             `bound_handling`.
 
     Raises:
         InvalidSettingsError: If a value is out of its range.
+
+    Example:
+        >>> import swarmstart as ss
+        >>> found = ss.minimize(
+        ...     lambda x: (x**2).sum(axis=0),
+        ...     bounds=[(-1, 2)] * 3,
+        ...     algorithm=ss.DifferentialEvolution(size=20, strategy="best/1"),
+        ...     budget=5000,
+        ...     seed=0,
+        ... )
+        >>> bool(found.cost < 1e-6)
+        True
     """
 
     kernels: ClassVar[Kernels] = Kernels(propose=propose, accept=accept)

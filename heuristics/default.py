@@ -1,17 +1,17 @@
 """The default algorithm for a given budget, and the default order.
 
-L-SHADE; below 400 evaluations, in which its population cannot shrink any more, the
-chaotic swarm with c1 = c2 = 1.496, its lengths taken from the box. Measured on this
-project's own planning problems: docs/measured/planning.md, made by
-benchmarks/planning.py. Half of the budget for L-SHADE and half for CMA-ES from its
-best, or CMA-ES alone, has no advantage after the polish: docs/measured/search_2017.md,
-docs/measured/lane_searches.md.
+The default algorithm is L-SHADE. Below 400 evaluations, which are too few for its
+population to shrink, it is the chaotic swarm with c1 = c2 = 1.496 and lengths taken
+from the box. Both were chosen by measurements on this project's own planning problems:
+docs/measured/planning.md, made by benchmarks/planning.py. CMA-ES alone, or with half of
+the budget from the best point of L-SHADE, has no advantage after the polish:
+docs/measured/search_2017.md, docs/measured/lane_searches.md.
 
-The adaptive epsilon level: feasibility first as soon as a tenth of a generation is
-feasible. Measured on constrained problems of CEC 2006: docs/measured/orders.md, made by
-benchmarks/orders.py.
+The default order is the adaptive epsilon level, which is feasibility first as soon as a
+tenth of a generation is feasible. It was measured on constrained problems of CEC 2006:
+docs/measured/orders.md, made by benchmarks/orders.py.
 
-Nothing of both depends on the units of the cost or of the variables.
+Neither depends on the units of the cost or of the variables.
 """
 
 from swarmstart.heuristics.algorithm import Algorithm
@@ -20,18 +20,19 @@ from swarmstart.heuristics.lshade import LSHADE
 from swarmstart.heuristics.order import Order, epsilon_level
 
 FEWEST = 400
-"""Evaluations from which L-SHADE is taken."""
+"""Least number of evaluations for which L-SHADE is the default."""
 
 
 def default_algorithm(evaluations: int | None) -> Algorithm:
-    """Return the algorithm for a budget.
+    """Return the default algorithm for a budget.
 
     Args:
-        evaluations: The budget; None where it is wall time.
+        evaluations: The budget; None if it is wall time.
 
     Example:
-        >>> type(default_algorithm(20_000)).__name__
-        'LSHADE'
+        >>> import swarmstart as ss
+        >>> [type(ss.default_algorithm(n)).__name__ for n in (100, 20_000)]
+        ['ChaoticPSO', 'LSHADE']
     """
     if evaluations is not None and evaluations < FEWEST:
         return ChaoticPSO(
@@ -53,7 +54,8 @@ def default_order(tolerance: float = 0.0) -> Order:
         InvalidOrderError: If the tolerance is negative or not finite.
 
     Example:
-        >>> default_order(1e-6) == epsilon_level(1e-6)
+        >>> import swarmstart as ss
+        >>> ss.default_order(1e-6) == ss.epsilon_level(1e-6)
         True
     """
     return epsilon_level(tolerance)

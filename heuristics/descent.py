@@ -1,12 +1,12 @@
 """Local minima of many starts at once: projected L-BFGS within a box.
 
-One column is one start; each has its own memory, step and end, and the objective is
-asked for all columns at a time, its gradients too. In parts of the box's widths:
+Each column is one start, with its own memory, step and end; the objective gives values
+and gradients of all columns in one call. In coordinates scaled by the box's widths:
 
     d = -H g on the coordinates that no bound holds,  x <- P(x + a d)
 
-with H from the last ten steps and P the projection onto the box. The whole step is
-tried first, five shorter ones side by side where it does not help (Armijo).
+with H from the last ten steps and P the projection onto the box. The full step is tried
+first. If it fails (Armijo's condition), five shorter ones are tried side by side.
 
 Source: Nocedal and Wright (2006), Numerical optimization, algorithm 7.4; Bertsekas
 (1982), Projected Newton methods for optimization problems with simple constraints.
@@ -23,29 +23,29 @@ from swarmstart.heuristics.box import Box
 Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 Sloped = Callable[[Array, Numbers], tuple[Array, Array]]
-"""Population (dim, n), and of each individual the number of its start, which may have
-data of its own -> values (n,) and gradients (dim, n)."""
+"""(population (dim, n), number of the start of each individual (n,)) -> (values (n,),
+gradients (dim, n)). A start may have data of its own, hence its number."""
 
 _SHORTER = np.array([0.5, 0.2, 0.05, 0.005])
 _ARMIJO = 1e-4
 _CURVED = 1e-12
-"""Least curvature along a step, in parts of its gradient's change, that is kept."""
+"""Least curvature along a step that is kept, relative to the gradient's change."""
 _FIRST = 0.1
-"""First step: the steepest coordinate moves by this part of its width."""
+"""Length of the first step: the steepest coordinate moves this part of its width."""
 _AT_BOUND = 1e-12
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class DescentOptions:
-    """When a start has come to its end.
+    """Conditions at which a descent ends.
 
     Attributes:
-        iterations: Most steps.
-        memory: Steps that the curvature is taken from.
-        tolerance: Relative fall of the value below which a step counts as none; four
-            such in a row are the end.
-        slope: Largest component of the projected gradient, in the box's widths, that
-            counts as none, in parts of the value.
+        iterations: Largest number of steps.
+        memory: Number of steps that the curvature is taken from.
+        tolerance: Relative decrease of the value below which a step counts as no
+            progress; four such steps in a row end the descent.
+        slope: Largest component of the projected gradient, scaled by the box's widths
+            and relative to the value, at which the descent ends.
     """
 
     iterations: int = 300
@@ -56,12 +56,12 @@ class DescentOptions:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Descended:
-    """Where starts came to.
+    """The local minima that starts led to.
 
     Attributes:
         x: Shape (dim, n), within the box.
         value: Shape (n,).
-        iterations: Steps of each, shape (n,).
+        iterations: Number of steps of each start, shape (n,).
     """
 
     x: Array
@@ -78,10 +78,11 @@ def descend(
     """Return the local minima that starts lead to.
 
     Args:
-        objective: Values and gradients of a population; what is not finite is no step.
+        objective: Values and gradients of a population; a step to a value that is not
+            finite is rejected.
         box: The bounds.
         starts: Shape (dim, n), clipped to the box.
-        options: When a start has come to its end; None means the defaults.
+        options: Conditions at which a descent ends; None means the defaults.
     """
     options = options or DescentOptions()
     width = (box.upper - box.lower)[:, None]
@@ -116,7 +117,7 @@ def descend(
 
 
 class _Columns:
-    """The columns that are still worked on, and their memories."""
+    """The columns whose descent has not ended, and their memories."""
 
     def __init__(self, y: Array, value: Array, slope: Array, memory: int) -> None:
         self.numbers = np.arange(y.shape[1])
@@ -128,7 +129,7 @@ class _Columns:
         self.first = np.full(y.shape[1], _FIRST)
 
     def keep(self, chosen: NDArray[np.bool_]) -> None:
-        """Keep some columns."""
+        """Drop all columns but the chosen ones."""
         for name, values in vars(self).items():
             setattr(self, name, np.ascontiguousarray(values[..., chosen]))
 
@@ -155,7 +156,7 @@ class _Columns:
         return np.where(downhill, d, np.where(held, 0.0, -g) * scale)
 
     def remember(self, move: Array, change: Array, good: NDArray[np.bool_]) -> None:
-        """Take in a step and how the slope changed with it, where it was one."""
+        """Add good steps and their changes of the gradient to the memory."""
         product = _dot(move, change)
         usable = good & (product > _CURVED * _dot(change, change)) & (product > 0)
         for past, new in ((self.moves, move), (self.changes, change)):
@@ -171,7 +172,7 @@ class _Columns:
 def _step(
     columns: _Columns, seen: Sloped, options: DescentOptions
 ) -> NDArray[np.bool_]:
-    """Take one step in every column; return which have come to their end."""
+    """Take one step in every column; return which columns have ended."""
     d, before = columns.direction(), columns.value
     y = (columns.y + d).clip(0.0, 1.0)
     value, slope = seen(y, columns.numbers)

@@ -1,6 +1,7 @@
 """The first use of an algorithm on a machine: its kernels compiled ahead.
 
-They are the same for all searches by it: the smallest search there is has them all.
+All searches by an algorithm use the same kernels, so the smallest search compiles them
+all.
 """
 
 import contextlib
@@ -16,7 +17,7 @@ from swarmstart.heuristics.search import Search
 
 
 def smallest_search(algorithm: Algorithm) -> Search:
-    """Return a search that has the types of all searches by an algorithm.
+    """Return a small search whose arguments have the types of any by the algorithm.
 
     Args:
         algorithm: The algorithm.
@@ -26,10 +27,10 @@ def smallest_search(algorithm: Algorithm) -> Search:
 
 
 def compile_part(pickled: bytes) -> None:
-    """Compile a part of the kernels of an algorithm: the work of a helper.
+    """Compile a part of an algorithm's kernels, in a helper process.
 
     Args:
-        pickled: The algorithm, whether for the compiled loop, and the part.
+        pickled: (algorithm, whether for the compiled loop, part), pickled.
     """
     algorithm, compiled, part = pickle.loads(pickled)
     jobs = smallest_search(algorithm).preparations(compiled=compiled)
@@ -40,9 +41,9 @@ def compile_part(pickled: bytes) -> None:
 
 @contextlib.contextmanager
 def kernels_ahead(algorithm: Algorithm) -> Iterator[None]:
-    """Have a second process compile the kernels of an algorithm meanwhile, if it must.
+    """Have a second process compile an algorithm's kernels, if they are missing.
 
-    A search that begins meanwhile waits for it.
+    A search that begins in this context waits for it.
 
     Args:
         algorithm: The algorithm.

@@ -1,4 +1,4 @@
-"""Real-coded genetic algorithm, as chapter 5 compares with.
+"""Real-coded genetic algorithm, the one that chapter 5 compares with.
 
 Parents are drawn by roulette on w_i = J_max - J_i, J the merits of `order`; each pair
 has, with probability p_c and one alpha uniform in [0, 1), the children
@@ -84,7 +84,7 @@ def propose(
     state: GeneticAlgorithmState,
     asked: Array,
 ) -> None:
-    """Two children for each pair of parents (the last one single if size is odd)."""
+    """Make two children of each pair of parents (one of the last if size is odd)."""
     copy_points(state.population, asked)
     if state.generation[0] == 0:
         return
@@ -133,9 +133,9 @@ def accept(
     cost: Array,
     violation: Array,
 ) -> None:
-    """The children replace the parents; the best parent may replace the worst child.
+    """Replace the parents by the children; the best parent may replace the worst child.
 
-    Before generation 0 the costs of the parents are infinite: none of them is kept.
+    Before generation 0 the costs of the parents are infinite, so no parent is kept.
     """
     elite = best_index(settings.order, state.cost, state.violation)
     elite_point = np.empty(asked.shape[0])
@@ -160,7 +160,8 @@ def roulette_weights(
 ) -> None:
     """Weights J_max - J_i, scaled to at most 1; 0 for what is not finite.
 
-    If all finite merits are equal, they weigh the same; if none is finite, all do.
+    If all finite merits are equal, they get equal weights; if no merit is finite, all
+    individuals do.
 
     Args:
         order: The order whose merits J are used.
@@ -197,7 +198,7 @@ def spin(rng: np.random.Generator, weight: Array) -> int:
     """Draw an index with probability proportional to its weight.
 
     Args:
-        rng: Source of randomness; asked for one number.
+        rng: Source of randomness; one number is drawn.
         weight: Weights, at least 0 and not all 0, shape (size,).
 
     Returns:
@@ -224,11 +225,23 @@ class GeneticAlgorithm(OfFixedSize):
         crossover: Probability p_c that a pair is crossed, in [0, 1].
         mutation: Probability p_m that a coordinate is drawn anew, in [0, 1]; None means
             1 / n for the n variables that are not fixed.
-        elitism: Whether the best parent replaces the worst child if it is better; if
-            not, parents die. The best point ever seen is reported either way.
+        elitism: Whether the best parent replaces the worst child if it is better. If
+            False, no parent survives. The best point ever seen is reported either way.
 
     Raises:
         InvalidSettingsError: If a value is out of its range.
+
+    Example:
+        >>> import swarmstart as ss
+        >>> found = ss.minimize(
+        ...     lambda x: (x**2).sum(axis=0),
+        ...     bounds=[(-1, 2)] * 3,
+        ...     algorithm=ss.GeneticAlgorithm(size=40),
+        ...     budget=5000,
+        ...     seed=0,
+        ... )
+        >>> bool(found.cost < 0.05)
+        True
     """
 
     kernels: ClassVar[Kernels] = Kernels(propose=propose, accept=accept)

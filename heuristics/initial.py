@@ -17,17 +17,31 @@ class Initial:
     """Options of an initial population.
 
     Attributes:
-        sampling: How points are drawn, see `sampling`; None means half of them smooth
-            in time where the variables are a sequence (`Box.per_step`), else uniform.
+        sampling: Method of drawing points, see `sampling`. None means "half_smooth" if
+            the variables are a sequence (`Box.per_step`), else "uniform".
         points: First columns of the population, shape (dim, k), in the box; None means
-            none.
-        cost: Their costs, shape (k,), where they are known: they are then not
-            evaluated again. None means they are not known.
+            that all points are drawn.
+        cost: Known costs of these points, shape (k,), which are then not evaluated
+            again. None means that they are not known.
         violation: Their violations, shape (k,); None with costs means all are 0.
 
     Raises:
         InvalidSettingsError: If the sampling is unknown, or there are violations
             without costs, or costs without points.
+
+    Example:
+        Start from a guess; the other points are drawn as a Latin hypercube:
+
+        >>> import swarmstart as ss
+        >>> found = ss.minimize(
+        ...     lambda x: (x**2).sum(axis=0),
+        ...     bounds=[(-1, 2)] * 2,
+        ...     budget=100,
+        ...     initial=ss.Initial(sampling="latin_hypercube", points=[[0.1], [0.0]]),
+        ...     seed=0,
+        ... )
+        >>> bool(found.cost <= 0.1**2)
+        True
     """
 
     sampling: Sampling | None = None
@@ -36,7 +50,7 @@ class Initial:
     violation: ArrayLike | None = None
 
     def __post_init__(self) -> None:
-        """Check what can be checked without the box."""
+        """Validate all that does not depend on the box."""
         names = get_args(Sampling)
         ok = self.sampling is None or self.sampling in names
         require("sampling", self.sampling, ok=ok, allowed=f"None or one of {names}")
@@ -58,13 +72,13 @@ def initial_population(
     Args:
         box: The box.
         size: Number of individuals.
-        initial: How it is made.
+        initial: Options of the population.
         rng: Source of randomness.
 
     Raises:
-        InvalidPointsError: If given points do not fit, there is not one cost and
-            violation for each, or a violation is negative.
-        InvalidSettingsError: If smooth points are asked for in a box without per_step.
+        InvalidPointsError: If given points do not fit, costs or violations have another
+            length, or a violation is negative.
+        InvalidSettingsError: If smooth points are requested in a box without per_step.
     """
     sampling = initial.sampling
     if sampling is None:
@@ -81,7 +95,7 @@ def initial_population(
 
 
 def _points(box: Box, size: int, given: ArrayLike) -> Array:
-    """Return given points as an array; refuse what does not fit."""
+    """Return given points as an array, if they fit the box and the population."""
     try:
         points = np.asarray(given, dtype=np.float64)
     except (TypeError, ValueError) as error:
@@ -105,7 +119,7 @@ def _points(box: Box, size: int, given: ArrayLike) -> Array:
 
 
 def _values(initial: Initial, count: int) -> Values | None:
-    """Return copies of the known costs and violations; None if none are."""
+    """Return copies of the known costs and violations; None if they are unknown."""
     if initial.cost is None:
         return None
     cost = np.array(initial.cost, dtype=np.float64)

@@ -1,4 +1,4 @@
-"""Requests to stop (Ctrl-C, SIGTERM, SIGHUP), where they cannot be raised or get lost.
+"""Requests to stop (Ctrl-C, SIGTERM, SIGHUP) in calls that would lose them or crash.
 
 A signal handler raises its KeyboardInterrupt wherever Python happens to be, and three
 places do not expect that:
@@ -32,11 +32,11 @@ Call = Callable[[], object]
 
 
 class _StandIns:
-    """Handlers that do something else while in the context, and then pass on.
+    """Signal handlers that replace the usual ones in a context.
 
-    A signal may come between any two statements, also while handlers are put in or put
-    back. One of these that is left behind passes every signal on to the handler that it
-    replaced, so nothing is lost by it.
+    A signal may come between any two statements, even while handlers are replaced or
+    restored. A handler that is left behind passes every signal on to the handler that
+    it replaced, so no signal is lost.
     """
 
     def __init__(self) -> None:
@@ -63,7 +63,7 @@ class _StandIns:
         self._put_back()
 
     def meanwhile(self, handle: Call) -> None:
-        """Take a signal in the context; handle does what is done outside."""
+        """Handle a signal in the context; `handle` calls the usual handler."""
         raise NotImplementedError
 
     def _replace(self) -> None:
@@ -133,18 +133,18 @@ class _Heeded(_StandIns):
 
 
 def put_off() -> AbstractContextManager[object, None]:
-    """Return a context in which signals are noted, and handled at its end.
+    """Return a context that notes signals and handles them at its end.
 
-    Within itself it does nothing: the outermost one notes.
+    Nested contexts do nothing: only the outermost one notes signals.
     """
     return _PutOff()
 
 
 def heeded() -> AbstractContextManager[Callable[[], bool], None]:
-    """Return a context in which a request to stop cannot be swallowed.
+    """Return a context in which a request to stop cannot get lost.
 
-    A request that was, or that became another exception, is raised as KeyboardInterrupt
-    at the end. In the context, () -> whether there was one; never, in another thread
-    than the main one.
+    A request that was swallowed, or became another exception, is raised as
+    KeyboardInterrupt at the end. The context yields a function: () -> whether there was
+    a request. In another thread than the main one it always returns False.
     """
     return _Heeded()

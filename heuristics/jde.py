@@ -6,8 +6,8 @@ made, with r1 ... r4 uniform in [0, 1),
     F_i'  = F_l + r1 F_u  if r2 < tau_1, else F_i
     CR_i' = r3            if r4 < tau_2, else CR_i
 
-The trial is that of DE/rand/1/bin with F_i' and CR_i'; where it replaces its parent,
-they replace F_i and CR_i. All begin with F = 0.5 and CR = 0.9.
+The trial is that of DE/rand/1/bin with F_i' and CR_i'; if it replaces its parent, they
+replace F_i and CR_i. All begin with F = 0.5 and CR = 0.9.
 
 Source: Brest, Greiner, Boskovic, Mernik and Zumer (2006), Self-adapting control
 parameters in differential evolution: a comparative study on numerical benchmark
@@ -98,7 +98,7 @@ def propose(
     state: SelfAdaptiveDEState,
     asked: Array,
 ) -> None:
-    """One trial for each individual, with parameters of its own."""
+    """Make one trial for each individual, with parameters of its own."""
     if state.generation[0] == 0:
         copy_points(state.population, asked)
         return
@@ -125,7 +125,7 @@ def accept(
     cost: Array,
     violation: Array,
 ) -> None:
-    """A trial that is not worse replaces its parent, and brings its parameters."""
+    """Replace each parent whose trial is not worse, with the trial's parameters."""
     parents = (state.population, state.cost, state.violation)
     replaced = select(settings.order, parents, asked, cost, violation)
     for i in range(cost.size):
@@ -145,6 +145,18 @@ class SelfAdaptiveDE(OfFixedSize, BoundHandled):
 
     Raises:
         InvalidSettingsError: If a value is out of its range.
+
+    Example:
+        >>> import swarmstart as ss
+        >>> found = ss.minimize(
+        ...     lambda x: (x**2).sum(axis=0),
+        ...     bounds=[(-1, 2)] * 3,
+        ...     algorithm=ss.SelfAdaptiveDE(size=20),
+        ...     budget=5000,
+        ...     seed=0,
+        ... )
+        >>> bool(found.cost < 1e-6)
+        True
     """
 
     kernels: ClassVar[Kernels] = Kernels(propose=propose, accept=accept)

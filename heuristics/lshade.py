@@ -1,18 +1,21 @@
-"""L-SHADE: DE with a memory of what worked, an archive, and a shrinking population.
+"""L-SHADE: differential evolution with a memory of successful parameters.
+
+It has an archive of replaced parents and a population that shrinks.
 
 Trial of each individual x_i, with h a random slot of the memory:
 
-    CR_i = N(M_CR,h, 0.1) cut to [0, 1]; 0 where M_CR,h is terminal
-    F_i  = Cauchy(M_F,h, 0.1), drawn again while <= 0; 1 where above 1
+    CR_i = N(M_CR,h, 0.1) cut to [0, 1]; 0 if M_CR,h is terminal
+    F_i  = Cauchy(M_F,h, 0.1), drawn again while <= 0; 1 if above 1
     v    = x_i + F_i (x_pbest - x_i) + F_i (x_r1 - x_r2)      (current-to-pbest/1)
     u_d  = v_d if r_d < CR_i or d = k, else x_id              (bin)
 
 x_pbest is one of the max(2, round(p N)) best, r1 an individual other than i, r2 one of
 the population or of the archive other than both. A trial that is not worse replaces its
 parent; a parent that lost to a better trial goes to the archive, and with it F_i and
-CR_i of the trial to S_F and S_CR. The archive holds at most round(r_arc N); what is too
-much is deleted at random. After a generation with S_F not empty, with the improvements
-D_k and w_k = D_k / sum D, one slot h of the memory (the next in turn) becomes
+CR_i of the trial to S_F and S_CR. The archive holds at most round(r_arc N) members;
+surplus ones are deleted at random. After a generation with S_F not empty, with the
+improvements
+D_k and w_k = D_k / sum D, the next slot h of the memory, in turn, becomes
 
     M_F,h  = sum w_k F_k^2 / sum w_k F_k                      (weighted Lehmer mean)
     M_CR,h = sum w_k CR_k^2 / sum w_k CR_k; terminal, for ever, once max S_CR = 0
@@ -24,18 +27,18 @@ The population loses its worst individuals, down to
 with E the evaluations so far. Published: H = 6, M_F = M_CR = 0.5 at first, p = 0.11,
 r_arc = 2.6, N_0 = 18 dim, N_min = 4.
 
-Where this differs from the paper, or the paper is silent:
-E_max    is not known to the kernels; what is, is the fraction used before a generation,
-         (E - n) / (E_max - n) with n its size and E_max cut to whole generations. It is
-         solved for E_max. Generation 0 has fraction 0 and never shrinks. Where the
-         budget is in seconds, E_max is what the pace so far leads to.
-D_k      is |cost(u) - cost(x)| where both count as feasible, and the difference of
-         the violations where not; each divided by the largest of its kind in the
-         generation, so that the units of neither matter. Under a static penalty it is
-         the difference of the penalised costs. None of them changes with a constant
-         added to the cost.
+Differences from the paper, and points on which it is silent:
+E_max    is not known to the kernels. They know the fraction of the budget used before a
+         generation, (E - n) / (E_max - n) with n its size and E_max cut to whole
+         generations, and solve it for E_max. Generation 0 has fraction 0 and never
+         shrinks. For a budget in seconds, E_max is extrapolated from the speed so far.
+D_k      is |cost(u) - cost(x)| if both count as feasible, else the difference of the
+         violations; each divided by the largest of its kind in the generation, so that
+         units do not matter. Under a static penalty it is the difference of the
+         penalised costs. A constant added to the cost changes none of them.
 x_i      whose cost was not finite goes neither to the archive nor into the means.
-N_0      is by default clip(E_max / 80, 40, 200): small budgets cannot feed 18 dim.
+N_0      is by default clip(E_max / 80, 40, 200), chosen here: 18 dim is too large for
+         small budgets.
 
 Source: Tanabe and Fukunaga (2014), Improving the search performance of SHADE using
 linear population size reduction, IEEE Congress on Evolutionary Computation.
@@ -77,7 +80,7 @@ from swarmstart.heuristics.trials import (
 from swarmstart.kernel import Array, Count, kernel
 
 LEAST_SIZE = 4
-"""A trial needs two others and two leaders."""
+"""Least size of a population: a trial needs two others and two leaders."""
 
 EVALUATIONS_EACH = 80
 SMALLEST_FIRST, LARGEST_FIRST, FIRST_OF_UNKNOWN_BUDGET = 40, 200, 100
@@ -143,7 +146,7 @@ def propose(
     state: LSHADEState,
     asked: Array,
 ) -> None:
-    """One trial for each individual, with parameters drawn around the memory."""
+    """Make one trial for each individual, with parameters drawn around the memory."""
     dim, size = asked.shape
     if state.generation[0] == 0:
         copy_points(state.pool, asked)
@@ -186,7 +189,7 @@ def find_leaders(order: RunningOrder, state: LSHADEState, leaders: Count) -> Non
 def trim_archive(
     rng: np.random.Generator, settings: LSHADESettings, state: LSHADEState
 ) -> None:
-    """Delete random members as long as there are too many."""
+    """Delete random members until the archive has its size."""
     room = rounded(settings.archive * state.size[0])
     first = state.cost.size
     while state.archived[0] > room:
@@ -203,7 +206,7 @@ def accept(
     cost: Array,
     violation: Array,
 ) -> None:
-    """Selection, archive, memory, and the size of the next generation."""
+    """Select, and update archive, memory and the size of the next generation."""
     improvement = np.empty(cost.size)
     measure_improvements(settings.order, state, cost, violation, improvement)
     remember(state, improvement)
@@ -237,7 +240,7 @@ def fraction_after(progress: float, before: int, size: int) -> float:
     """Fraction of the budget used after a generation, in [0, 1].
 
     Args:
-        progress: Fraction before the generation; 0 where it is not known.
+        progress: Fraction before the generation; 0 if it is not known.
         before: Evaluations before the generation.
         size: Its size.
     """
@@ -260,7 +263,7 @@ def remove_worst(order: RunningOrder, state: LSHADEState, size: int) -> None:
 
 @kernel
 def rounded(value: float) -> int:
-    """The nearest integer of a number above 0; of two, the larger."""
+    """Return the integer nearest to a number above 0; of two, the larger."""
     return math.floor(value + 0.5)
 
 
@@ -269,18 +272,30 @@ class LSHADE(BoundHandled):
     """Settings of L-SHADE.
 
     Attributes:
-        size: Number of individuals N_0 of the first generation, at least `smallest`;
-            None means one for 80 evaluations of the budget, at least 40, at most 200,
-            and 100 where the budget in evaluations is not known.
+        size: Number of individuals N_0 of the first generation, at least `smallest`.
+            None means the budget's evaluations / 80, at least 40 and at most 200; 100
+            if the budget has no evaluations.
         smallest: Number of individuals N_min at the end, at least 4.
         memory: Number of slots H of the memory, at least 1.
-        archive: Size r_arc of the archive, in populations, at least 0.
-        greediness: Part p of the population that leads, in (0, 1].
+        archive: Size r_arc of the archive relative to the population, at least 0.
+        greediness: Fraction p of the population that leads, in (0, 1].
         bound_handling: What happens to a coordinate that leaves the box; see
             `bound_handling`.
 
     Raises:
         InvalidSettingsError: If a value is out of its range.
+
+    Example:
+        >>> import swarmstart as ss
+        >>> found = ss.minimize(
+        ...     lambda x: (x**2).sum(axis=0),
+        ...     bounds=[(-1, 2)] * 3,
+        ...     algorithm=ss.LSHADE(size=40),
+        ...     budget=5000,
+        ...     seed=0,
+        ... )
+        >>> bool(found.cost < 1e-6)
+        True
     """
 
     kernels: ClassVar[Kernels] = Kernels(propose=propose, accept=accept)

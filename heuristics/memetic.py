@@ -1,16 +1,16 @@
 """A population search whose best distinct members are improved by local solves.
 
-Between generations, as soon as local solves have cost less than their share of what was
-spent, the best distinct basins that were not improved yet (`archive`) are handed to
-them. What they return takes the place of as many individuals of the next generation, is
-evaluated as these are, and stays if it is better than whom it stands against. The
-population so learns of local optima, and searches between and beyond them.
+Local solves run between generations, whenever they have used less than their share of
+the evaluations so far. They start from the best distinct basins that were not improved
+yet (`archive`). Their results replace as many individuals of the next generation, are
+evaluated like these, and survive by the same selection. So the population learns of
+local optima, and searches between and beyond them.
 
-Local solves are paid from the budget: each counts as so many evaluations as it says.
+Local solves are paid from the budget, in the number of evaluations that each reports.
 
 Source: Moscato (1989), On evolution, search, optimization, genetic algorithms and
 martial arts: towards memetic algorithms, Caltech C3P report 826; Hart (1994), Adaptive
-global optimization with local search, which members to improve and how often.
+global optimization with local search (which members to improve, and how often).
 """
 
 from collections.abc import Callable
@@ -33,16 +33,16 @@ from swarmstart.heuristics.search import Individual, Search
 from swarmstart.kernel import Array
 
 GENERATIONS = 10
-"""Between two looks at whether local solves are due; fixed, so that one seed gives one
-answer."""
+"""Generations between two checks whether local solves are due; fixed, so that one seed
+gives one answer."""
 
 
 class Improved(NamedTuple):
-    """What local solves made of members.
+    """The points that local solves returned.
 
     Attributes:
-        points: In the box, shape (dim, k); of any number.
-        evaluations: What finding them cost, in evaluations.
+        points: In the box, shape (dim, k), with any k.
+        evaluations: Cost of finding them, in evaluations.
     """
 
     points: Array
@@ -55,13 +55,13 @@ Improve = Callable[[Array], Improved]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LocalSolves:
-    """Local solves, how many there are at a time, and what they may cost.
+    """Local solves, with limits of their number and cost.
 
     Attributes:
-        improve: Solves.
-        each: What the first ones are expected to cost each, in evaluations.
-        members: Most members at a time.
-        share: Part of all evaluations that they may cost, in (0, 1).
+        improve: The function that solves.
+        each: Expected cost of each of the first ones, in evaluations.
+        members: Largest number of members improved at a time.
+        share: Fraction of all evaluations that they may use, in (0, 1).
     """
 
     improve: Improve
@@ -82,11 +82,10 @@ def run_memetic(
     """Run a search and local solves until the budget of both is used up.
 
     Args:
-        search: A new search, which keeps basins: the more, the more members there are
-            to choose from.
+        search: A new search that keeps basins, from which the members are chosen.
         objective: As in `minimize`.
         local: The local solves.
-        budget: Of both. A local solve that has begun goes on to its end.
+        budget: Budget of both. A local solve that has begun is not cut short.
         on_advance: As in `minimize`.
         on_best: As in `minimize`.
 
@@ -117,7 +116,7 @@ def run_memetic(
 
 @dataclass(kw_only=True, slots=True)
 class _Known:
-    """Members that were improved and what became of them, and what that cost."""
+    """Improved members, their results and their cost."""
 
     points: list[Array] = field(default_factory=list)
     solves: int = 0

@@ -73,45 +73,47 @@ def minimize(  # noqa: PLR0913
 
     Args:
         objective: Population, shape (dim, size) -> cost, or (cost, violation), each
-            (size,). The population is read-only and stays as it is; what is returned is
-            copied. A cost alone means that every individual is feasible.
+            (size,). The population is read-only; returned arrays are copied. A cost
+            alone means that every individual is feasible.
         box: The box to search, or pairs (lower, upper), one for each variable.
-        bounds: The same by another name; give exactly one of both.
+        bounds: Another name for `box`; exactly one of the two must be given.
         algorithm: Settings of the algorithm; or their class, or one of the names
             "lshade", "cpso", "pso", "de", "jde", "cma", "ga", "random", for its
             defaults. None means `default_algorithm`.
-        budget: When to stop; an integer is a number of evaluations.
+        budget: Limits of the search; an integer is a number of evaluations.
         rng: Source of randomness. The same state of it gives the same bits, unless the
             budget has seconds only, or seconds end the search.
-        seed: The seed of a new generator instead; give exactly one of both.
-        order: How individuals are ordered; None means `default_order()`.
+        seed: Seed of a new generator; exactly one of rng and seed must be given.
+        order: Order of individuals; None means `default_order()`.
         initial: As in `Search`.
-        basins: How many of the best distinct basins are kept (`archive`).
-        radius: Least distance of two of them, a fraction of the box's widths.
+        basins: Number of best distinct basins that are kept (`archive`).
+        radius: Least distance between two of them, a fraction of the box's widths.
         on_generation: Called after each generation; may raise StopIteration to stop.
-        on_advance: Told the evaluations so far, now and then: compiled generations are
-            not slowed down.
-        on_best: Told the same, with what returns the best point so far.
+        on_advance: Called now and then with the number of evaluations so far, seldom
+            enough not to slow down compiled generations.
+        on_best: Called likewise, with the number of evaluations and a function that
+            returns the best point so far.
 
     Returns:
         The best point found, and how the search went.
 
     Raises:
-        InvalidBoxError: If the bounds are no box.
-        InvalidBudgetError: If not one generation fits into the evaluations.
-        InvalidEvaluationError: If the objective is no function, or returns wrong
+        InvalidBoxError: If the bounds do not make a box.
+        InvalidBudgetError: If the evaluations are too few for one generation.
+        InvalidEvaluationError: If the objective is not a function, or returns wrong
             shapes.
         InvalidPointsError: If initial points do not fit.
         InvalidSettingsError: If the settings do not fit the box, or an argument is of
-            another kind.
+            the wrong type.
         SearchInterrupted: On Ctrl-C, once a generation is finished.
 
     Example:
-        >>> found = minimize(
+        >>> import swarmstart as ss
+        >>> found = ss.minimize(
         ...     lambda x: (x**2).sum(axis=0), bounds=[(-1, 2)] * 3, budget=5000, seed=0
         ... )
-        >>> bool(found.cost < 1e-9)
-        True
+        >>> found.evaluations, bool(found.cost < 1e-9)
+        (5000, True)
     """
     budget = budget_of(budget)
     _require_callable(objective, on_generation)
@@ -149,9 +151,9 @@ def run(
     Args:
         search: A search, new or continued; it is advanced.
         objective: As in `minimize`.
-        budget: When to stop. Evaluations count from the beginning of the search, so
-            that a continued search ends as an uninterrupted one; seconds count from
-            this call, without what loading and compiling machine code takes.
+        budget: Limits of the search. Evaluations count from the beginning of the
+            search, so that a continued search ends as an uninterrupted one; seconds
+            count from this call, without loading and compiling machine code.
         on_generation: As in `minimize`.
         on_advance: As in `minimize`.
         on_best: As in `minimize`.
@@ -160,11 +162,11 @@ def run(
         The best point found, and how the search went.
 
     Raises:
-        InvalidBudgetError: If not one generation fits into the evaluations left.
+        InvalidBudgetError: If the evaluations left are too few for one generation.
         InvalidEvaluationError: If the objective is no function, or returns wrong
             shapes.
-        SearchInterrupted: On Ctrl-C, once a generation is finished; the search can be
-            run on.
+        SearchInterrupted: On Ctrl-C, once a generation is finished; the search can then
+            be continued.
     """
     budget = budget_of(budget)
     _require_callable(objective, on_generation)
@@ -187,12 +189,12 @@ def until_stopped(
     turn: Callable[[Stopwatch], StopReason | None],
     result: Callable[[StopReason, Stopwatch], SearchResult],
 ) -> SearchResult:
-    """Return the result of a search after as many turns as it takes.
+    """Repeat a turn of a search until it stops, and return the result.
 
     Args:
         search: The search.
-        turn: Stopwatch -> why no further turn is taken; None: one is.
-        result: (why it stopped, its stopwatch) -> the result.
+        turn: Stopwatch -> the reason to stop; None to go on.
+        result: (reason to stop, stopwatch) -> the result.
 
     Raises:
         SearchInterrupted: On Ctrl-C, once a generation is finished.
@@ -213,10 +215,10 @@ def until_stopped(
 
 
 class Running:
-    """A search under way: advances it, and keeps what it found on the way.
+    """A running search, which it advances, and its history.
 
     Attributes:
-        spent: Evaluations' worth of other work so far, which the budget pays, too.
+        spent: Evaluations charged to the budget for other work so far.
     """
 
     def __init__(
@@ -228,15 +230,15 @@ class Running:
         *,
         chunk: int | None = None,
     ) -> None:
-        """Begin with a few generations to a chunk, where there are chunks.
+        """Prepare the search; compiled chunks begin with few generations.
 
         Args:
             search: The search.
             objective: As in `minimize`.
-            budget: When to stop.
+            budget: Limits of the search.
             on_generation: As in `minimize`.
-            chunk: Generations to a chunk, whatever they take; None means as many as
-                take a moment.
+            chunk: Fixed number of generations in a chunk; None means as many as take
+                `CHUNK_S` seconds.
         """
         self._search = search
         self._objective = objective
@@ -252,7 +254,7 @@ class Running:
 
     @property
     def budget(self) -> Budget:
-        """The budget, less what was spent besides."""
+        """The budget, less the evaluations charged for other work."""
         given = self._budget.evaluations
         if given is None or not self.spent:
             return self._budget
@@ -268,7 +270,7 @@ class Running:
             suggested: As in `Search.ask`.
 
         Returns:
-            Why to stop, if on_generation said so.
+            The reason to stop, if on_generation raised StopIteration; else None.
         """
         budget = self.budget
         progress = _progress(self._search, budget, seconds)
@@ -278,7 +280,7 @@ class Running:
         return self._generation(progress, suggested)
 
     def ended(self, seconds: float) -> StopReason | None:
-        """Return why the search ends after so much wall time; None: it goes on."""
+        """Return the reason to stop after this wall time; None if there is none."""
         budget = self.budget
         reached = FINISHED[self._search.finished(budget.limits())]
         return reached or _used_up(self._search, budget, seconds)
@@ -287,8 +289,8 @@ class Running:
         """Return what was found.
 
         Args:
-            stopped: Why the search stopped.
-            watch: Started when it began.
+            stopped: Reason for the end of the search.
+            watch: Stopwatch that was started with the search.
         """
         search, best, none = self._search, self._search.best, np.empty(0)
         return SearchResult(
@@ -311,7 +313,7 @@ class Running:
     def _chunk(self, progress: float, left: float) -> bool:
         """Advance in compiled code; return whether that was possible.
 
-        Ctrl-C waits until the history has what was done, here and below.
+        Ctrl-C waits until the generations are in the history, here and below.
 
         Args:
             progress: Fraction of the budget used.
@@ -371,10 +373,10 @@ def values_of(
         size: Number of individuals.
 
     Returns:
-        Costs and violations, of any shape where they came as a tuple.
+        Costs and violations; those of a tuple are returned unchecked.
 
     Raises:
-        InvalidEvaluationError: If it is something else.
+        InvalidEvaluationError: If it is none of these.
     """
     if isinstance(returned, tuple):
         if len(returned) == len(("cost", "violation")):
@@ -410,10 +412,10 @@ def _require_callable(objective: object, on_generation: object) -> None:
 
 
 def _progress(search: Search, budget: Budget, seconds: float) -> float:
-    """Fraction of the budget used before a generation, in [0, 1].
+    """Return the fraction of the budget used before a generation, in [0, 1].
 
-    The clock counts only where there is no other limit: the same seed gives the same
-    bits.
+    Time counts only if the budget has no evaluations, so that the same seed gives the
+    same bits.
     """
     if budget.evaluations is not None:
         if search.evaluations + search.size > budget.evaluations:
@@ -423,7 +425,7 @@ def _progress(search: Search, budget: Budget, seconds: float) -> float:
 
 
 def _used_up(search: Search, budget: Budget, seconds: float) -> StopReason | None:
-    """Return which limit forbids another generation; None if none does."""
+    """Return the limit that forbids another generation; None if one is allowed."""
     after_next = search.evaluations + search.size
     if budget.evaluations is not None and after_next > budget.evaluations:
         return StopReason.EVALUATIONS
@@ -433,10 +435,10 @@ def _used_up(search: Search, budget: Budget, seconds: float) -> StopReason | Non
 
 
 def require_one_generation(search: Search, budget: Budget) -> None:
-    """Refuse a budget in which not one more generation of a search fits.
+    """Validate that one more generation of a search fits into a budget.
 
     Raises:
-        InvalidBudgetError: If so.
+        InvalidBudgetError: If it does not.
     """
     if _used_up(search, budget, seconds=0.0) is StopReason.EVALUATIONS:
         raise InvalidBudgetError(

@@ -16,20 +16,19 @@ initial population and p the fraction of the budget used,
 
     epsilon = max(tolerance, v_0 (1 - p / p_c)^c)   for p < p_c,  tolerance after
 
-As published the level depends on the budget alone. Where feasible points are easily
-found, the population then spends most of the budget on a relaxed problem whose optimum
-is infeasible. So here the level is besides at most the same quantile q of the
+As published, the level depends on the budget alone. On problems whose feasible points
+are easily found, the population then spends most of the budget on a relaxed problem
+whose optimum is infeasible. Here the level is also at most the same quantile q of the
 violations v_g of the last generation evaluated:
 
     epsilon = max(tolerance, min(v_0 (1 - p / p_c)^c, quantile_q(v_g)))
 
-What that changes is measured in docs/measured/orders.md.
+The effect of this change is measured in docs/measured/orders.md.
 
 An individual whose cost or violation is not finite ranks last under every order.
 
-An `Order` is plain numbers; a search runs it with the level it has reached. A new rule
-is one more constant, one function that builds it, and one branch in `better` and in
-`merits`.
+An `Order` is plain numbers; a search adds the level it has reached. To add a rule, add
+a constant, a function that builds it, and a branch in `better` and in `merits`.
 
 Source: Deb (2000), An efficient constraint handling method for genetic algorithms,
 Computer Methods in Applied Mechanics and Engineering 186; Takahama and Sakai (2006),
@@ -124,6 +123,21 @@ def static_penalty(weight: float) -> Order:
 
     Raises:
         InvalidOrderError: If the weight is negative or not finite.
+
+    Example:
+        A weight that is too small gives an infeasible answer, here 0.5 for 1:
+
+        >>> import numpy as np
+        >>> import swarmstart as ss
+        >>> found = ss.minimize(
+        ...     lambda x: (x[0] ** 2, np.maximum(1 - x[0], 0)),  # x >= 1
+        ...     bounds=[(-2, 2)],
+        ...     budget=2000,
+        ...     order=ss.static_penalty(1.0),
+        ...     seed=0,
+        ... )
+        >>> found.x.round(6).tolist()
+        [0.5]
     """
     _require_nonnegative("weight", weight)
     return Order(rule=STATIC_PENALTY, weight=float(weight), tolerance=0.0)
@@ -142,6 +156,19 @@ def feasibility_first(tolerance: float = 0.0) -> Order:
         InvalidOrderError: If the tolerance is negative or not finite.
 
     Source: Deb (2000).
+
+    Example:
+        >>> import numpy as np
+        >>> import swarmstart as ss
+        >>> found = ss.minimize(
+        ...     lambda x: (x[0] ** 2, np.maximum(1 - x[0], 0)),  # x >= 1
+        ...     bounds=[(-2, 2)],
+        ...     budget=2000,
+        ...     order=ss.feasibility_first(),
+        ...     seed=0,
+        ... )
+        >>> found.x.round(6).tolist(), found.violation
+        ([1.0], 0.0)
     """
     _require_nonnegative("tolerance", tolerance)
     return Order(rule=FEASIBILITY_FIRST, weight=0.0, tolerance=float(tolerance))
@@ -157,19 +184,21 @@ def epsilon_level(
 ) -> Order:
     """Order feasibility first, with a tolerance that shrinks during the search.
 
-    It differs from `feasibility_first` where few points of the first population are
-    feasible, as with equality constraints. Which of two points is better then depends
-    on the budget too; the answer is best by the final tolerance.
+    It differs from `feasibility_first` if few points of the first population are
+    feasible, for example with equality constraints. Which of two points is better then
+    depends on the fraction of the budget used; the result is best by the final
+    tolerance.
 
     Args:
         tolerance: Largest violation that counts as feasible in the end, at least 0.
-        quantile: Part q of the initial population, and if adaptive of every
-            generation, that is below the level, in [0, 1]; the paper has 0.2.
+        quantile: Fraction q of the initial population (if adaptive, of every
+            generation) whose violation is below the level, in [0, 1]; the paper has
+            0.2.
         control: Fraction of the budget after which the level is the tolerance, in
             (0, 1].
         power: How fast the level falls, at least 0.
-        adaptive: Whether the level is at most the quantile of the last generation; if
-            not, it depends on the budget alone, as published.
+        adaptive: Whether the level is at most the quantile of the last generation. If
+            False, it depends on the budget alone, as published.
 
     Returns:
         The order.
@@ -178,6 +207,20 @@ def epsilon_level(
         InvalidOrderError: If a number is out of its range.
 
     Source: Takahama and Sakai (2006).
+
+    Example:
+        An equality constraint, met to 1e-4 in the end:
+
+        >>> import swarmstart as ss
+        >>> found = ss.minimize(
+        ...     lambda x: (x[0] + x[1], abs(x[0] ** 2 + x[1] ** 2 - 2)),
+        ...     bounds=[(-2, 2)] * 2,
+        ...     budget=20_000,
+        ...     order=ss.epsilon_level(1e-4),
+        ...     seed=0,
+        ... )
+        >>> round(found.cost, 2), found.violation <= 1e-4
+        (-2.0, True)
     """
     for name, value in (("tolerance", tolerance), ("power", power)):
         _require_nonnegative(name, value)
@@ -206,10 +249,10 @@ def begin_level(order: RunningOrder, violation: Array) -> None:
 
 @kernel
 def set_level(order: RunningOrder, progress: float, violation: Array) -> None:
-    """Move the level to where it is after a generation.
+    """Update the level after a generation.
 
     Args:
-        order: The order, whose level is changed in place; nothing for the other rules.
+        order: The order, whose level is changed in place; other rules have no level.
         progress: Fraction of the budget used.
         violation: Violations of the generation, shape (size,).
     """
@@ -224,7 +267,7 @@ def set_level(order: RunningOrder, progress: float, violation: Array) -> None:
 
 @kernel
 def quantile_of(violation: Array, quantile: float) -> float:
-    """The finite violation that a part of them does not exceed; infinity if none is."""
+    """Return a quantile of the finite violations; infinity if there are none."""
     known, number = np.empty(violation.size), 0
     for i in range(violation.size):
         if math.isfinite(violation[i]):
@@ -235,7 +278,7 @@ def quantile_of(violation: Array, quantile: float) -> float:
 
 @kernel
 def nth_least(values: Array, number: int, n: int) -> float:
-    """Return the n-th least, counted from 0, of the first numbers of a vector.
+    """Return the n-th least (n from 0) of the first `number` entries of a vector.
 
     The vector is reordered (quickselect; np.sort takes 2 s to compile).
     """
@@ -309,8 +352,8 @@ def precedes(  # noqa: PLR0913, PLR0917 - numbers only: see the docstring
 ) -> bool:
     """Compare as `better_at` does, for loops over individuals.
 
-    An order holds an array, which compiled code counts the references of at each call:
-    that takes longer than the comparison.
+    It takes numbers because an `Order` holds an array: compiled code would count its
+    references at each call, which takes longer than the comparison.
     """
     if not is_finite(cost_a, violation_a):
         return False
@@ -401,7 +444,7 @@ def merits(order: RunningOrder, cost: Array, violation: Array, out: Array) -> No
 def ranges(
     order: RunningOrder, cost: Array, violation: Array
 ) -> tuple[float, float, float]:
-    """Least and largest feasible cost, and largest violation, of what is finite.
+    """Return least and largest feasible cost, and largest violation, if finite.
 
     The costs are infinity and minus infinity if nothing is feasible.
     """

@@ -1,4 +1,4 @@
-"""Particle swarm with constant coefficients, of one neighbourhood or on a ring.
+"""Particle swarm with constant coefficients, with a global best or on a ring.
 
 With r1, r2 uniform in [0, 1), drawn anew for each coordinate of each particle,
 
@@ -93,7 +93,7 @@ def propose(
     state: ParticleSwarmState,
     asked: Array,
 ) -> None:
-    """Fly by (2.11), except in generation 0."""
+    """Move all particles by (2.11), except in generation 0."""
     if state.generation[0] > 0:
         if settings.neighbours > 0:
             attractor = ring_best(settings.order, state, settings.neighbours)
@@ -112,8 +112,9 @@ class ParticleSwarm(OfFixedSize, BoundHandled):
         inertia: Inertia weight w, in [0, 1].
         cognitive: Acceleration c1 towards the particle's own best, at least 0.
         social: Acceleration c2 towards the neighbourhood's best, at least 0.
-        neighbours: On a ring, how many others a particle looks at, half of them on each
-            side: even, at least 2, below size. None means the whole swarm (gbest).
+        neighbours: Number of others on the ring that a particle looks at, half of them
+            on each side: even, at least 2, below size. None means the whole swarm
+            (gbest).
         velocity_max: Largest speed in each coordinate, as a fraction of the width of
             the box (that of `ChaoticPSO` is in the units of the variables); None means
             no limit.
@@ -122,6 +123,18 @@ class ParticleSwarm(OfFixedSize, BoundHandled):
 
     Raises:
         InvalidSettingsError: If a value is out of its range.
+
+    Example:
+        >>> import swarmstart as ss
+        >>> found = ss.minimize(
+        ...     lambda x: (x**2).sum(axis=0),
+        ...     bounds=[(-1, 2)] * 3,
+        ...     algorithm=ss.ParticleSwarm(size=30, neighbours=2),
+        ...     budget=5000,
+        ...     seed=0,
+        ... )
+        >>> bool(found.cost < 1e-3)
+        True
     """
 
     kernels: ClassVar[Kernels] = Kernels(propose=propose, accept=remember)

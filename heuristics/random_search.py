@@ -1,6 +1,6 @@
 """Random search: every generation is drawn uniformly in the box.
 
-What any other algorithm must beat.
+It is the baseline that every other algorithm must beat.
 """
 
 from dataclasses import dataclass
@@ -86,6 +86,18 @@ class RandomSearch(OfFixedSize):
 
     Raises:
         InvalidSettingsError: If the size is out of its range.
+
+    Example:
+        >>> import swarmstart as ss
+        >>> found = ss.minimize(
+        ...     lambda x: (x**2).sum(axis=0),
+        ...     bounds=[(-1, 2)] * 2,
+        ...     algorithm=ss.RandomSearch(size=50),
+        ...     budget=2000,
+        ...     seed=0,
+        ... )
+        >>> found.evaluations, bool(found.cost < 0.05)
+        (2000, True)
     """
 
     kernels: ClassVar[Kernels] = Kernels(propose=propose, accept=accept)

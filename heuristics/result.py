@@ -59,9 +59,9 @@ class SearchResult:
         violation: Its violation; 0 = feasible.
         evaluations: Individuals evaluated, those before a continuation included.
         generations: Generations evaluated, the initial population included.
-        stopped: Why the search stopped.
+        stopped: Reason for the end of the search.
         history_cost: Cost of the best point after each generation of this call, shape
-            (generations of this call,). It may rise where the violation falls.
+            (generations of this call,). It may rise while the violation falls.
         history_violation: Violation of that point, same shape.
         history_evaluations: Evaluations after each generation, those before a
             continuation included, same shape.
@@ -70,9 +70,10 @@ class SearchResult:
         seconds: Wall time of this call, without that of loading and compiling machine
             code [s].
         compile_seconds: Wall time of loading and compiling machine code [s].
-        snapshot: All that the search knows at its end; `Search` continues from it. Of
-            an interrupted search it has the generations that were finished; if one was
-            under way, what follows is another generation than it would have been.
+        snapshot: The whole state of the search at its end; `Search` continues from it.
+            That of an interrupted search has the finished generations only. If a
+            generation was interrupted, a continued search draws another one in its
+            place.
     """
 
     x: Array
@@ -95,7 +96,7 @@ class SearchInterrupted(KeyboardInterrupt):
     """Ctrl-C ended a search of which at least one generation was finished.
 
     Attributes:
-        partial: What was found until then; its `stopped` is INTERRUPTED.
+        partial: The result so far; its `stopped` is INTERRUPTED.
 
     Example:
         try:
@@ -113,7 +114,7 @@ class SearchInterrupted(KeyboardInterrupt):
         self.partial = partial
 
     def __reduce__(self) -> tuple[type["SearchInterrupted"], tuple[SearchResult]]:
-        """Go to another process with the result."""
+        """Pickle the exception with its result."""
         return type(self), (self.partial,)
 
 

@@ -1,14 +1,14 @@
 """Initial populations.
 
 uniform          independent in every variable
-latin_hypercube  of n points, one in each n-th of every variable (McKay et al. 1979)
+latin_hypercube  one of the n points in each n-th of every variable (McKay et al. 1979)
 smooth           correlated in time
 half_smooth      the first half smooth, the rest uniform
 
-Smooth in time: where the variables are a sequence, step after step, independent draws
-make sequences that jitter; a sequence that turns one way all the time, say, hardly
-occurs among them. Smooth draws have the same distribution in each variable (uniform),
-and are correlated in time by a first-order autoregressive process,
+Smooth in time: if the variables are a sequence in time, independent draws jitter; a
+sequence that turns one way all the time, for example, hardly occurs among them. Smooth
+draws have the same distribution in each variable (uniform), and are correlated in time
+by a first-order autoregressive process,
 
     z_0 = n_0,  z_k = r z_k-1 + sqrt(1 - r^2) n_k,  r = exp(-1 / steps),  u_k = Phi(z_k)
 
@@ -48,7 +48,7 @@ def sample(
     """Draw an initial population.
 
     Args:
-        box: The box; smooth ones ask for `per_step`.
+        box: The box; smooth sampling needs its `per_step`.
         size: Number of points.
         sampling: See the head of this module.
         rng: Source of randomness.

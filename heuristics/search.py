@@ -1,7 +1,7 @@
 """Ask and tell: a search one generation at a time.
 
-A generation is `points = search.ask()`, then `search.tell(*objective(points))`; what
-was found is `search.best`.
+A generation is `points = search.ask()`, then `search.tell(*objective(points))`; the
+best point so far is `search.best`.
 """
 
 import copy
@@ -49,7 +49,7 @@ ROOM = 4
 places that cannot be refilled."""
 
 Snapshot = Mapping[str, NDArray[np.generic]]
-"""All that a search knows, as arrays: np.savez(file, **snapshot) keeps it."""
+"""The whole state of a search, as arrays; save it by np.savez(file, **snapshot)."""
 
 
 class AskTellError(SwarmstartError, RuntimeError):
@@ -60,7 +60,7 @@ class InvalidEvaluationError(SwarmstartError, ValueError):
     """The objective did not return a cost and a violation of each individual.
 
     Attributes:
-        name: "cost", "violation", or "objective" if it is no pair at all.
+        name: "cost", "violation", or "objective" if the result is not a pair.
     """
 
     def __init__(self, message: str, *, name: str) -> None:
@@ -93,9 +93,21 @@ class Search:
     Attributes:
         algorithm: Settings of the algorithm.
         box: The box that is searched.
-        order: How individuals are ordered.
+        order: The order of individuals.
         rng: Source of randomness; the search advances it.
-        compile_seconds: Wall time spent on machine code, by now [s].
+        compile_seconds: Wall time spent on machine code so far [s].
+
+    Example:
+        >>> import numpy as np
+        >>> import swarmstart as ss
+        >>> box = ss.Box(lower=[-1, -1], upper=[2, 2])
+        >>> search = ss.Search(ss.LSHADE(size=20), box, rng=np.random.default_rng(0))
+        >>> for _ in range(100):
+        ...     population = search.ask()  # (dim, size)
+        ...     cost = (population**2).sum(axis=0)
+        ...     search.tell(cost, np.zeros_like(cost))
+        >>> bool(search.best.cost < 1e-6)
+        True
     """
 
     def __init__(  # noqa: PLR0913 - what a search can be told, by name
@@ -117,26 +129,26 @@ class Search:
             algorithm: Settings of the algorithm.
             box: The box to search.
             rng: Source of randomness, kept and advanced.
-            order: How individuals are ordered; None means `default_order()`.
-            initial: How the initial population is made, or points that become its first
+            order: Order of individuals; None means `default_order()`.
+            initial: Options of the initial population, or points that become its first
                 columns, shape (dim, k), in the box; copied. None means `Initial()`.
             evaluations: The budget, for algorithms whose population depends on it; None
-                where it is not known.
-            basins: How many of the best distinct basins are kept (`archive`).
-            radius: Least distance of two of them, a fraction of the box's widths.
+                if it is not known.
+            basins: Number of best distinct basins that are kept (`archive`).
+            radius: Least distance between two of them, a fraction of the box's widths.
             snapshot: Of a search with the same arguments, to continue from, bit for
                 bit: the state of `rng` is set too. Excludes `initial`.
 
         Raises:
             InvalidPointsError: If initial points do not fit.
-            InvalidSettingsError: If the settings do not fit the box, or an argument is
-                of another kind, or both `initial` and `snapshot` are given.
+            InvalidSettingsError: If the settings do not fit the box, an argument is of
+                the wrong type, or both `initial` and `snapshot` are given.
             InvalidSnapshotError: If the snapshot is of another search.
         """
         if not isinstance(rng, np.random.Generator):
             raise InvalidSettingsError("rng", rng, "a numpy.random.Generator")
         if initial is not None and snapshot is not None:
-            allowed = "None where snapshot is given"
+            allowed = "None if snapshot is given"
             raise InvalidSettingsError("initial", initial, allowed)
         _require_basins(basins, box)
         ok = isinstance(radius, Real) and bool(radius > 0.0)
@@ -227,7 +239,7 @@ class Search:
         return int(self._state.nonfinite[0])
 
     def finished(self, limits: Limits) -> int:
-        """Return why the search ends here, a code of `stopping`."""
+        """Return whether and why the search ends here, a code of `stopping`."""
         if not self.generations:
             return GOES_ON
         return finished(self._order, self._state, limits)
@@ -241,21 +253,21 @@ class Search:
             progress: Fraction of the budget used, in [0, 1]; falling inertia and
                 shrinking populations depend on it. None leaves it as it was; it starts
                 at 0.
-            suggested: Points in the box, shape (dim, k), that take the places of the
-                last ones: what something else than this search has found. Of more than
-                there are places the first count. None means none.
+            suggested: Points in the box, shape (dim, k), found by other means, that
+                replace the last individuals. If there are more points than places, the
+                first ones count. None means no points.
 
         Returns:
-            The points as columns, shape (dim, size): a new array, read-only. Of the
-            initial population those whose costs are not known.
+            The points as columns, shape (dim, size): a new array, read-only.
+            Individuals of the initial population whose costs are known are left out.
 
         Raises:
             AskTellError: If the generation asked before was not told yet.
-            InvalidPointsError: If what is suggested has another shape, or is not in the
-                box.
-            InvalidSettingsError: If progress is not in [0, 1], or something is
-                suggested to an algorithm that samples a distribution, or before the
-                initial population.
+            InvalidPointsError: If suggested points have another shape, or are not in
+                the box.
+            InvalidSettingsError: If progress is not in [0, 1], or points are suggested
+                for the initial population or to an algorithm that samples a
+                distribution.
         """
         if self._asked is not None:
             raise AskTellError("ask() before tell(): a generation is not evaluated yet")
@@ -278,7 +290,7 @@ class Search:
         return points
 
     def _require_suggestible(self, suggested: Array) -> None:
-        """Refuse points that the next generation cannot have."""
+        """Validate points suggested for the next generation."""
         first = not self.generations
         samples = "sampled" in _fields(self._state)
         allowed = "None for an algorithm that samples, and in the initial population"
@@ -329,9 +341,9 @@ class Search:
             self._asked = self._known = None
 
     def abandon(self) -> None:
-        """Forget a generation that was asked and not told, if there is one.
+        """Drop a generation that was asked but not told, if there is one.
 
-        The next `ask` makes another one, with random numbers that follow.
+        The next `ask` makes another one, with the random numbers that follow.
         """
         self._asked = None
 
@@ -347,14 +359,15 @@ class Search:
 
         Args:
             objective: A compiled objective.
-            generations: How many at most.
-            limits: What ends the search.
+            generations: Largest number of generations.
+            limits: Limits of the search.
             progress: Fraction of the budget used; with a limit of evaluations it is
                 counted anew for each generation.
 
         Returns:
-            What the loop wrote; None, and nothing is done, where the objective cannot
-            be called from compiled code, or costs of the initial population are known.
+            The history that the loop wrote. None if it did nothing, since the objective
+            cannot be called from compiled code, or costs of the initial population are
+            known.
 
         Raises:
             AskTellError: If the generation asked before was not told yet.
@@ -382,7 +395,7 @@ class Search:
         return work
 
     def prepare(self, *, compiled: bool) -> None:
-        """Compile or load what a run calls, so that it need not be done meanwhile.
+        """Compile or load all kernels of a run beforehand.
 
         Args:
             compiled: Whether the generations are run by `loop`.
@@ -400,7 +413,7 @@ class Search:
         self.compile_seconds += watch.compile_seconds
 
     def preparations(self, *, compiled: bool) -> list[Callable[[], object]]:
-        """Return what `prepare` does, as functions: propose, accept, collect, loop.
+        """Return the parts of `prepare`, as functions: propose, accept, collect, loop.
 
         Args:
             compiled: As in `prepare`.
@@ -421,7 +434,7 @@ class Search:
         return calls_of(self.algorithm.kernels, self.rng, self._settings, searched)
 
     def is_prepared(self, *, compiled: bool) -> bool:
-        """Return whether the largest kernel need not be compiled."""
+        """Return whether the largest kernel is compiled already."""
         propose, given = self._calls()[0]
         return is_kept(propose, *given, for_kernel=compiled)
 
@@ -438,9 +451,9 @@ class Search:
     def _attached_to(
         self, objective: CompiledObjective
     ) -> tuple[Work, Pointers] | None:
-        """Return memory for a generation that an objective is bound to; kept.
+        """Return memory for a generation, bound to an objective; it is reused.
 
-        None where the objective cannot be called from compiled code.
+        None if the objective cannot be called from compiled code.
         """
         size = int(self._state.size[0])
         kept = self._attached
@@ -453,10 +466,10 @@ class Search:
         return kept[1:]
 
     def snapshot(self) -> dict[str, NDArray[np.generic]]:
-        """Return copies of all that the search knows, to save and continue from.
+        """Return a copy of the whole state, to save and continue from.
 
         Raises:
-            AskTellError: If a generation was asked and not told yet, or costs of the
+            AskTellError: If a generation was asked but not told yet, or if costs of the
                 initial population are known and it was not asked yet.
         """
         if self._asked is not None or self._known is not None:
@@ -471,7 +484,7 @@ class Search:
         }
 
     def _restored(self, snapshot: Snapshot, template: State) -> State:
-        """Take over what a snapshot holds; return the state."""
+        """Take over the content of a snapshot; return the state."""
         try:
             for name, own in self._arguments().items():
                 kept = str(snapshot[f"arguments.{name}"])
@@ -488,7 +501,7 @@ class Search:
         return state
 
     def _arguments(self) -> dict[str, str]:
-        """Return what a search has in common with its snapshots, as text."""
+        """Return the arguments that a search shares with its snapshots, as text."""
         return {
             "algorithm": repr(self.algorithm),
             "box": repr((self.box.lower.tolist(), self.box.upper.tolist())),
@@ -510,9 +523,9 @@ Record = TypeVar("Record")
 def _with_room(state: State) -> State:
     """Return the state with room for the next generation in its array `sampled`.
 
-    Kernels cannot replace an array. So what a state keeps of each individual from
-    propose to accept, if anything, grows here: shape (dim, at least the size), its
-    contents lost. The compiled loop comes back before it needs more room.
+    Kernels cannot replace an array, so the array in which a state keeps individuals
+    from propose to accept grows here: shape (dim, at least the size), its contents
+    lost. The compiled loop returns before it needs more room.
     """
     kept, size = _fields(state).get("sampled"), int(state.size[0])
     if kept is None or kept.shape[1] >= size:
@@ -526,8 +539,8 @@ def _filled(template: Record, prefix: str, snapshot: Snapshot) -> Record:
     """Return a record of the template's kind with the snapshot's arrays.
 
     Raises:
-        KeyError: If one is missing.
-        ValueError: If one is of another kind, or of another number of dimensions.
+        KeyError: If an array is missing.
+        ValueError: If an array has another type or another number of dimensions.
     """
     arrays = {}
     for name, like in _fields(template).items():

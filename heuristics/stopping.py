@@ -1,9 +1,9 @@
 """Criteria for the end of a search, judged by both loops after each generation.
 
 target      the best point is feasible and its cost at most the target
-stagnation  so many generations without a better point, those in which the level of the
-            order was above its tolerance not counted; which of two points is better
-            does not change with a constant added to the cost
+stagnation  a number of generations without a better point; generations in which the
+            level of the order was above its tolerance do not count; a constant added to
+            the cost changes nothing
 """
 
 from typing import NamedTuple
@@ -48,9 +48,10 @@ def finished(order: RunningOrder, state: State, limits: Limits) -> int:
 def progress_of(evaluations: int, size: int, budget: int) -> float:
     """Fraction of the budget used before a generation, in [0, 1].
 
-    0 for the initial population, 1 for the last generation that fits: with generations
-    of one size it is iter_k / iter_max of (5.19). Where sizes change, the generations
-    left are taken to have this one, and a growing one may end the search before 1.
+    It is 0 for the initial population and 1 for the last generation that fits; with
+    generations of one size it is iter_k / iter_max of (5.19). If sizes change, the
+    remaining generations are assumed to have the present size, so that a growing
+    population may end the search before 1.
 
     Args:
         evaluations: Individuals evaluated so far.

@@ -1,8 +1,8 @@
-"""The memory of parameters that worked, of SHADE and L-SHADE.
+"""The memory of successful parameters, of SHADE and L-SHADE.
 
 Trial i draws its weight F and its crossover rate CR around a random slot of the memory;
-after the generation those of the trials that won are averaged into one slot. The
-equations stand in `lshade`.
+after the generation those of the successful trials are averaged into one slot. The
+equations are in `lshade`.
 
 Source: Tanabe and Fukunaga (2014), Improving the search performance of SHADE using
 linear population size reduction, IEEE Congress on Evolutionary Computation.
@@ -26,13 +26,13 @@ FIRST_MEMORY = 0.5
 """M_F and M_CR at the beginning."""
 
 SPREAD = 0.1
-"""Of the distributions of F and CR around the memory."""
+"""Scale of the distributions of F and CR around the memory."""
 
 TERMINAL = -1.0
-"""Stands for the terminal value of M_CR."""
+"""Code of the terminal value of M_CR."""
 
 OF_COST, OF_VIOLATION = 0, 1
-"""What an improvement is of."""
+"""Kinds of improvement: of the cost, or of the violation."""
 
 LARGEST_FLOAT = float(np.finfo(np.float64).max)
 
@@ -92,10 +92,10 @@ def measure_improvements(
     violation: Array,
     improvement: Array,
 ) -> None:
-    """Fill in by how much each trial is better than its parent, at most 1; else 0.
+    """Fill in the improvement of each trial on its parent, in [0, 1]; 0 if it is worse.
 
-    Improvements of the cost are divided by the largest of them, those of the violation
-    by theirs: the units of neither matter.
+    Improvements of the cost are divided by the largest of them, and so are those of the
+    violation: units do not matter.
     """
     largest = np.zeros(2)
     for i in range(cost.size):
@@ -120,7 +120,7 @@ def measure_improvements(
 
 @kernel
 def kind_of(order: RunningOrder, violation: float, old_violation: float) -> int:
-    """Return what a better trial improved: OF_COST or OF_VIOLATION."""
+    """Return the kind of a better trial's improvement: OF_COST or OF_VIOLATION."""
     if order.rule == STATIC_PENALTY or max(violation, old_violation) <= order.level[0]:
         return OF_COST
     return OF_VIOLATION

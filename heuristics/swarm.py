@@ -5,9 +5,10 @@ With r1, r2 uniform in [0, 1), drawn anew for each coordinate of each particle,
     v <- w v + c1 r1 (p - x) + c2 r2 (g - x),    |v| <= v_max                (2.11)
     x <- x + v
 
-p is the best point the particle has seen, g what attracts it besides: the best point
-any particle has seen (gbest), or the best p among itself and its nearest k particles on
-a ring, k/2 on each side (lbest). All particles move before any is evaluated.
+p is the best point that the particle has seen. g is its second attractor: the best
+point that any particle has seen (gbest), or the best p among itself and its nearest k
+particles on a ring, k/2 on each side (lbest). All particles move before any is
+evaluated.
 
 Source: chapter 2, eq. (2.11); Shi and Eberhart (1998), A modified particle swarm
 optimizer, IEEE International Conference on Evolutionary Computation; the ring is that
@@ -68,7 +69,7 @@ class SwarmState(State, Protocol):
 
 @kernel
 def swarm_best(state: SwarmState) -> Array:
-    """The attractor of each particle is the best point seen, shape (dim, size)."""
+    """Return the best point seen as the attractor of each particle, (dim, size)."""
     attractor = np.empty_like(state.position)
     for d in range(attractor.shape[0]):
         attractor[d, :] = state.best[d]
@@ -77,9 +78,9 @@ def swarm_best(state: SwarmState) -> Array:
 
 @kernel
 def ring_best(order: RunningOrder, state: SwarmState, neighbours: int) -> Array:
-    """The attractor of each particle is the best personal best nearby on the ring.
+    """Return the best personal best nearby on the ring, as attractor of each particle.
 
-    Of personal bests that tie, the particle's own counts, then the first from below.
+    If personal bests tie, the particle's own counts, then that of the lowest index.
 
     Args:
         order: The order.
@@ -132,7 +133,7 @@ def fly(
             )
             v = clip(v, -settings.velocity_max[d], settings.velocity_max[d])
             low, high, moved = settings.lower[d], settings.upper[d], x + v
-            if not low <= moved <= high:  # Asked here: a call costs ten times as much.
+            if not low <= moved <= high:  # Checked here: a call costs ten times more.
                 rule = settings.bound_handling
                 fraction = rng.random() if rule == REDRAW else 0.0
                 moved = repair(rule, x + v, x, low, high, fraction)
@@ -170,10 +171,10 @@ def remember(
 
 
 def require_accelerations(cognitive: float, social: float) -> None:
-    """Refuse acceleration coefficients c1, c2 that are negative or not finite.
+    """Validate the acceleration coefficients c1 and c2.
 
     Raises:
-        InvalidSettingsError: If one of them is.
+        InvalidSettingsError: If one of them is negative or not finite.
     """
     for name, value in (("cognitive", cognitive), ("social", social)):
         ok = 0.0 <= value < np.inf

@@ -3,7 +3,7 @@
 For each individual x_i, with the donors b, l, p, m and the weight F_i,
 
     v   = x_b + F_i (x_l - x_b) + F_i (x_p - x_m)                    (mutation)
-    u_d = v_d where the crossover takes it from the mutant, else x_id
+    u_d = v_d if the crossover takes it from the mutant, else x_id
     x_i <- u if u is not worse than x_i                              (selection)
 
 The random numbers of a generation are drawn first, individual by individual; then the
@@ -32,7 +32,7 @@ class Plan(NamedTuple):
 
     Attributes:
         base: Index b of each trial, shape (size,).
-        lead: Index l; where it is b, nothing pulls.
+        lead: Index l; equal to b if there is no leader.
         plus: Index p.
         minus: Index m.
         F: Weight of the differences, shape (size,).
@@ -62,7 +62,7 @@ def new_plan(dim: int, size: int) -> Plan:
 
 @kernel
 def draw_index(rng: np.random.Generator, number: int) -> int:
-    """A random index below number."""
+    """Draw an index below a number."""
     return int(rng.random() * number)
 
 
@@ -70,7 +70,7 @@ def draw_index(rng: np.random.Generator, number: int) -> int:
 def draw_three_others(
     rng: np.random.Generator, size: int, i: int
 ) -> tuple[int, int, int]:
-    """Three distinct individuals, none of them i, all triples equally likely."""
+    """Draw three distinct individuals other than i, all triples equally likely."""
     r1 = i
     while r1 == i:
         r1 = draw_index(rng, size)
@@ -87,15 +87,16 @@ def draw_three_others(
 def draw_two_others(
     rng: np.random.Generator, size: int, i: int, room: int
 ) -> tuple[int, int]:
-    """Two distinct individuals, none of them i, all pairs equally likely.
+    """Draw two distinct individuals other than i, all pairs equally likely.
 
-    Without rejection: an index is drawn among those left, and counted past the others.
+    There is no rejection: an index is drawn among those left, then shifted past the
+    excluded ones.
 
     Args:
         rng: Source of randomness.
-        size: The first is below it.
+        size: Upper limit of the first index, exclusive.
         i: An index below size.
-        room: The second is below it; at least size.
+        room: Upper limit of the second index, exclusive; at least size.
     """
     r1 = draw_index(rng, size - 1)
     r1 += int(r1 >= i)
@@ -154,10 +155,10 @@ def fill_trials(
     """Compute the trials.
 
     Args:
-        rng: Source of what the rule `redraw` draws.
+        rng: Source of randomness of the rule `redraw`.
         settings: Settings of the algorithm.
         x: Individuals as columns, those with a trial first, shape (dim, any).
-        plan: What was drawn.
+        plan: The random choices.
         asked: Filled, shape (dim, size).
     """
     dim, size = asked.shape
@@ -193,7 +194,7 @@ def select(
 ) -> Mask:
     """Let a trial replace its parent if it is not worse.
 
-    Before generation 0 the costs are infinite, so that its individuals are taken.
+    Before generation 0 the costs are infinite, so that its individuals are accepted.
 
     Args:
         order: The order.

@@ -1,9 +1,9 @@
-"""Terminal sets: where a linear law takes over, and on what grounds.
+"""Terminal sets, in which a linear law takes over, and their proofs.
 
 For x' = f(x, u) near a reference (x_ref, u_ref): a gain K, a matrix P and a level alpha
 such that inside {e : e'Pe <= alpha} the law u = u_ref - K (x - x_ref) respects the
-bounds and e'Pe falls. `certified_terminal_set` goes all the way; the modules beneath
-it hold one step each: linearisation, lqr, lyapunov, level, refutation, proof.
+bounds and e'Pe decreases. `certified_terminal_set` takes all steps; each step has a
+module: linearisation, lqr, lyapunov, level, refutation, proof.
 """
 
 from swarmstart.terminal_set.arrays import (

@@ -1,10 +1,10 @@
-"""Arrays as this package needs them: finite, of the right shape, read-only copies.
+"""Validated arrays: finite, of the right shape, read-only copies.
 
-A gain computed from a NaN or from a weight of the wrong sign is worse than none, so
-every array that comes in passes here first and is refused by its name.
+A gain computed from a NaN or from a weight of the wrong sign would be wrong without
+notice, so every input array is validated here; errors name the array.
 
-The errors are data classes; their fields are also the arguments they are made of, in
-order, so that they survive the way back from a worker process.
+The errors are data classes whose fields are their arguments, in order, so that they can
+be pickled by a worker process.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class NotFiniteError(SwarmstartError, ValueError):
     name: str
 
     def __str__(self) -> str:
-        """Say which array."""
+        """Return a message with the array's name."""
         return f"{self.name} must hold finite real numbers only"
 
 
@@ -61,7 +61,7 @@ class InvalidShapeError(SwarmstartError, ValueError):
 
 @dataclass(eq=False)
 class NotPositiveError(SwarmstartError, ValueError):
-    """A step, a level or a bound is zero, negative or infinite where it must not be.
+    """A step, a level or a bound must be positive and finite, but is not.
 
     Attributes:
         name: Name of the number.
@@ -130,8 +130,8 @@ def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> 
         A read-only copy.
 
     Raises:
-        NotFiniteError: The value holds NaN, infinity or no real numbers.
-        InvalidShapeError: The shape differs.
+        NotFiniteError: If the value holds NaN, infinity or no real numbers.
+        InvalidShapeError: If the shape differs.
     """
     array = bound_array(name, value, shape)
     if not np.all(np.isfinite(array)):
@@ -151,8 +151,8 @@ def bound_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> A
         A read-only copy, without NaN.
 
     Raises:
-        NotFiniteError: The value holds NaN or no real numbers.
-        InvalidShapeError: The shape differs.
+        NotFiniteError: If the value holds NaN or no real numbers.
+        InvalidShapeError: If the shape differs.
     """
     try:
         array = np.asarray(value).astype(np.float64, casting="same_kind")
@@ -169,7 +169,7 @@ def bound_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> A
 
 
 def columns_of(name: str, value: ArrayLike, size: int) -> Array:
-    """Take a point, or many side by side, without a copy; NaN passes.
+    """Return a point, or many as columns, without a copy; NaN is allowed.
 
     Args:
         name: What an error calls it.
@@ -180,7 +180,7 @@ def columns_of(name: str, value: ArrayLike, size: int) -> Array:
         The value as a float array.
 
     Raises:
-        InvalidShapeError: The number of rows differs.
+        InvalidShapeError: If the number of rows differs.
     """
     columns = np.asarray(value, dtype=np.float64)
     if columns.ndim not in {1, 2} or len(columns) != size:
@@ -190,7 +190,7 @@ def columns_of(name: str, value: ArrayLike, size: int) -> Array:
 
 
 def read_only(array: Array) -> Array:
-    """Lock an array of our own against writing and return it."""
+    """Set an array of the library itself read-only and return it."""
     array.setflags(write=False)
     return array
 
@@ -207,8 +207,8 @@ def square_matrix(name: str, value: ArrayLike, size: int | None = None) -> Array
         A read-only copy.
 
     Raises:
-        NotFiniteError: The value holds NaN, infinity or no real numbers.
-        InvalidShapeError: It is no matrix, not square or of another size.
+        NotFiniteError: If the value holds NaN, infinity or no real numbers.
+        InvalidShapeError: If it is no matrix, not square or of another size.
     """
     matrix = finite_array(name, value, (size, size))
     if matrix.shape[0] != matrix.shape[1]:
@@ -228,10 +228,10 @@ def positive_definite(name: str, value: ArrayLike, size: int | None = None) -> A
         A read-only copy, made symmetric to the last bit.
 
     Raises:
-        NotFiniteError: The value holds NaN, infinity or no real numbers.
-        InvalidShapeError: It is no matrix, not square or of another size.
-        AsymmetricMatrixError: It is not symmetric.
-        IndefiniteMatrixError: An eigenvalue is negative or, to rounding, zero.
+        NotFiniteError: If the value holds NaN, infinity or no real numbers.
+        InvalidShapeError: If it is no matrix, not square or of another size.
+        AsymmetricMatrixError: If it is not symmetric.
+        IndefiniteMatrixError: If an eigenvalue is negative or, to rounding, zero.
     """
     matrix, smallest, rounding = _symmetric(name, value, size)
     if not smallest > rounding:
@@ -253,10 +253,10 @@ def positive_semidefinite(
         A read-only copy, made symmetric to the last bit.
 
     Raises:
-        NotFiniteError: The value holds NaN, infinity or no real numbers.
-        InvalidShapeError: It is no matrix, not square or of another size.
-        AsymmetricMatrixError: It is not symmetric.
-        IndefiniteMatrixError: An eigenvalue is negative beyond rounding.
+        NotFiniteError: If the value holds NaN, infinity or no real numbers.
+        InvalidShapeError: If it is no matrix, not square or of another size.
+        AsymmetricMatrixError: If it is not symmetric.
+        IndefiniteMatrixError: If an eigenvalue is negative beyond rounding.
     """
     matrix, smallest, rounding = _symmetric(name, value, size)
     if not smallest >= -rounding:

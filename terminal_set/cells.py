@@ -1,9 +1,9 @@
 """Boxes of radii and directions as cells of a ball.
 
-A direction is u = w / |w| with w on a face of the cube [-1, 1]^n, a point of the ball
-z = rho w / |w|. Boxes of (rho, w) so cover a ball exactly, 2n of them the whole of it;
-what a function does in one is bounded about a point in its middle (`taylor.py`), for
-which it is known here how far a cell reaches and what a linear function is at most.
+A direction is u = w / |w| with w on a face of the cube [-1, 1]^n, and a point of the
+ball is z = rho w / |w|. So 2n boxes of (rho, w) cover the ball exactly. A function is
+bounded over a cell by its series about a point in the middle (`taylor.py`). For that,
+this module gives the size of a cell and the maximum of a linear function on it.
 """
 
 from __future__ import annotations
@@ -13,23 +13,23 @@ import numpy as np
 from swarmstart.terminal_set.arrays import Array
 
 PADDING = 1e-12
-"""Of sums of products, relative to the sum of their sizes: more than their rounding."""
+"""Padding of sums of products, relative to the sum of their sizes; above rounding."""
 
 
 class Cells:
     """Boxes of (rho, w) as cells of z = rho w / |w|.
 
     Attributes:
-        z: A point of each, to expand about, (nx, m).
-        reach: How far the cell reaches from there along each axis, (nx, m).
+        z: A point of each cell, to expand about, (nx, m).
+        reach: Distance from there to the ends of the cell along each axis, (nx, m).
         z_middle: Middle of the box around each cell, (nx, m).
-        z_reach: How far it reaches from there, (nx, m).
+        z_reach: Half widths of that box, (nx, m).
         half: Half the widths of the boxes, (1 + nx, m).
         radii: Lower and upper ends of rho, each (m,).
     """
 
     def __init__(self, lower: Array, upper: Array) -> None:
-        """Compute where the cells are.
+        """Compute the cells of boxes.
 
         Args:
             lower: Lower corners, shape (1 + nx, m), rho > 0.
@@ -86,11 +86,11 @@ class Cells:
         return np.vstack([terms, rounding]), along
 
     def spread(self, along: Array, pull: Array) -> Array:
-        """Return by how much a function spreads along rho and each w, (1 + nx, m).
+        """Return the variation of a function along rho and each w, (1 + nx, m).
 
         Args:
             along: Slopes along them in the middle, (1 + nx, m).
-            pull: By how much the slopes along z may differ from there, (nx, m).
+            pull: Bounds of the slopes' deviations from the middle, along z, (nx, m).
         """
         radial = (pull * np.abs(self._u)).sum(axis=0)
         beside = pull * self.radii[1] / self._nearest
@@ -98,7 +98,7 @@ class Cells:
 
 
 class TimedCells(Cells):
-    """Cells of a ball, each for all times of an interval: the last coordinate is t."""
+    """Cells of a ball over an interval of times, with t as the last coordinate."""
 
     def __init__(self, lower: Array, upper: Array, times: tuple[float, float]) -> None:
         """Compute where the cells are.
@@ -125,7 +125,7 @@ class TimedCells(Cells):
         return np.vstack([terms, self._half_time * np.abs(g[-1:])]), along
 
     def spread(self, along: Array, pull: Array) -> Array:
-        """Return by how much a function spreads along rho and each w; see `Cells`."""
+        """Return the variation of a function along rho and each w; see `Cells`."""
         return super().spread(along, pull[:-1])
 
 

@@ -1,9 +1,9 @@
-"""Certificates: on what grounds a terminal set stands, as a file to be checked.
+"""Certificates: the evidence of a terminal set, as a file to be checked.
 
 The file is JSON with all that the statements need: the model as data (`tape.py`), the
 law, P, alpha, the margins. `python -m swarmstart.terminal_set.check FILE` proves it
-again with another arithmetic and shares no code with what is here. The digest in it
-finds careless edits; who makes a new digest still has to get past the proof.
+again, with another arithmetic and without code of this package. The digest detects
+careless edits; a file with a new digest must still pass the proof.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from swarmstart.terminal_set.tape import tape_of
 FORMAT = "swarmstart terminal set certificate"
 VERSION = 1
 BY_LIBRARY = "proven by the library"
-"""Grounds of what the checker samples but does not prove again."""
+"""Grounds of statements that the checker samples but does not prove again."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -32,13 +32,20 @@ class Weights:
     """The weights of a design; arrays copied and read-only.
 
     Attributes:
-        Q: State weight, (nx, nx), per second or, of a held input, per step.
+        Q: State weight, (nx, nx), per second; per step for a held input.
         R: Input weight, (nu, nu), likewise.
-        kappa: Decay of e'Pe kept in reserve: 1/s if continuous, a share if sampled.
+        kappa: Decay of e'Pe kept in reserve: in 1/s if continuous; if sampled, a
+            fraction per step.
 
     Raises:
-        NotFiniteError: Q or R holds NaN or infinity.
-        InvalidShapeError: Q or R is no matrix.
+        NotFiniteError: If Q or R holds NaN or infinity.
+        InvalidShapeError: If Q or R is no matrix.
+
+    Example:
+        >>> import numpy as np
+        >>> import swarmstart as ss
+        >>> ss.Weights(Q=np.diag([10, 1]), R=[[0.1]]).Q.tolist()
+        [[10.0, 0.0], [0.0, 1.0]]
     """
 
     Q: Array
@@ -54,16 +61,16 @@ class Weights:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class HeldMargins:
-    """Margins in the proof of a held input, which is of the integrator's map.
+    """Margins in the proof for a held input, which is about the integrator's map.
 
     Attributes:
-        substeps: Runge-Kutta steps a hold.
+        substeps: Number of Runge-Kutta steps in a hold.
         integrator_error: c with |flow - map|_P <= c |e|_P at all times of a hold, for
             every e of the set; proven.
-        boxes: How many boxes its proof took.
-        growth: g with e'Pe <= g (e'Pe at the last sample) at all times, of the map; of
-            the flow (sqrt(g) + c)^2.
-        growth_is_proven: Whether that is proven; else it is measured, with a reserve.
+        boxes: Number of boxes of its proof.
+        growth: g with e'Pe <= g (e'Pe at the last sample) at all times, for the map;
+            for the flow it is (sqrt(g) + c)^2.
+        growth_is_proven: Whether that is proven; if not, it is measured, with a margin.
     """
 
     substeps: int
@@ -75,25 +82,26 @@ class HeldMargins:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Certificate:
-    """The facts shown of a law and an ellipsoid; arrays copied and read-only.
+    """The facts shown for a law and an ellipsoid; arrays copied and read-only.
 
     Attributes:
         dynamics: f(x, u) -> xdot.
         reference: Reference and bounds.
         K: Gain, shape (nu, nx).
         P: Shape of the ellipsoid, (nx, nx).
-        alpha: The proven level: of the decrease and within all bounds.
-        core: Level within which a drift of the reference, which is rounded, may undo
-            the decrease; the set V <= core is not left (`drift.py`).
-        drift: That drift, relative to the core's radius; 1/s or, held, a share.
-        dt: How long the input is held [s]; None for an input that moves all the time.
-        Q_m: Margin: e'Pe falls by e'Q_m e, per second or per hold, shape (nx, nx).
-        held: Margins of a held input; None for one that moves all the time.
-        proof: Of the decrease.
-        refutation: The nearest counterexample known; None where none was found.
-        design: What the design is called.
-        weights: Of the design; None where it has none.
-        seal: Digest of what was proven, from `sealed`; "" if nothing was.
+        alpha: The proven level: e'Pe decreases up to it, and all bounds hold.
+        core: Level within which a drift of the rounded reference may cancel the
+            decrease; no trajectory leaves the set V <= core (`drift.py`).
+        drift: That drift, relative to the core's radius; in 1/s, or a fraction per hold
+            for a held input.
+        dt: Time for which the input is held [s]; None for a continuous input.
+        Q_m: Margin: e'Pe decreases by e'Q_m e, per second or per hold, shape (nx, nx).
+        held: Margins of a held input; None for a continuous one.
+        proof: Proof of the decrease.
+        refutation: The nearest known counterexample; None if none was found.
+        design: Name of the design.
+        weights: Weights of the design; None if it has none.
+        seal: Digest of the proven facts, from `sealed`; "" if nothing was proven.
     """
 
     dynamics: ca.Function
@@ -120,18 +128,18 @@ class Certificate:
 
     @property
     def gap(self) -> float | None:
-        """Refuted level over proven level, less 1; None where none is refuted."""
+        """Refuted level over proven level, less 1; None if none is refuted."""
         if self.refutation is None:
             return None
         return self.refutation.alpha / self.alpha - 1
 
     def unproven(self) -> list[str]:
-        """Return what the library has not proven of the set; empty if nothing.
+        """Return the statements that the library has not proven; empty if all are.
 
-        Certificates that `certify` makes are proven but for the growth between samples,
-        if that was not asked for or not found. The rest is what a changed copy shows:
-        margins are part of the seal, levels are compared with the proof's and the
-        bounds' own.
+        Certificates made by `certify` are proven, except for the growth between samples
+        if its proof was not requested or failed. Other entries show that a copy was
+        changed: margins are part of the seal, and levels are compared with those of the
+        proof and of the bounds.
         """
         found = []
         if not (self.proof.proven and self.alpha <= self.proof.alpha):
@@ -153,7 +161,7 @@ class Certificate:
         return found
 
     def statements(self) -> list[dict[str, str]]:
-        """Return what is stated of the set, and on which grounds."""
+        """Return the statements about the set, with their grounds."""
         falls = "e'Pe falls by more than e'Q_m e"
         outside = " outside the stated core, which is not left"
         inputs = ("the inputs stay within their bounds on the set", "closed form")
@@ -184,21 +192,21 @@ class Certificate:
 
 
 def sealed(certificate: Certificate) -> Certificate:
-    """Return a certificate that remembers its numbers: a changed copy does not pass.
+    """Return a certificate with a digest of its numbers, by which changes are noticed.
 
-    Against mistakes, not against intent: any program can compute a seal.
+    It protects against mistakes only: any program can compute a seal.
 
     Args:
-        certificate: What was proven.
+        certificate: The proven facts.
     """
     return replace(certificate, seal=seal_of(certificate))
 
 
 def seal_of(certificate: Certificate) -> str:
-    """Return the digest of what a certificate states.
+    """Return the digest of the statements of a certificate.
 
     Args:
-        certificate: The certificate; its design, weights and seal do not count.
+        certificate: The certificate; its design, weights and seal are left out.
     """
     reference, held = certificate.reference, certificate.held
     numbers = [
@@ -217,13 +225,14 @@ def certificate_text(certificate: Certificate) -> str:
     """Write a certificate as JSON.
 
     Args:
-        certificate: What was shown.
+        certificate: The certificate.
 
     Returns:
-        The file's text; floats so that they are read back to the last bit.
+        The file's text; floats are read back to the last bit.
 
     Raises:
-        UnknownIntervalOperationError: The dynamics have an operation a file has not.
+        UnknownIntervalOperationError: If the file format lacks an operation of the
+            dynamics.
     """
     content = _content(certificate)
     content["sha256"] = digest(content)
@@ -234,7 +243,7 @@ def digest(content: dict[str, object]) -> str:
     """Return the SHA-256 of a certificate without its digest, as hexadecimal digits.
 
     Args:
-        content: The file's content; "sha256" does not count.
+        content: The file's content; "sha256" is left out.
     """
     rest = {key: value for key, value in content.items() if key != "sha256"}
     text = json.dumps(rest, sort_keys=True, separators=(",", ":"), allow_nan=False)
@@ -242,7 +251,7 @@ def digest(content: dict[str, object]) -> str:
 
 
 def _content(certificate: Certificate) -> dict[str, object]:
-    """Return the file's content but for the digest."""
+    """Return the file's content without the digest."""
     tape, xdot = tape_of(certificate.dynamics)
     reference, refutation = certificate.reference, certificate.refutation
     held, weights = certificate.held, certificate.weights
@@ -295,7 +304,7 @@ def _content(certificate: Certificate) -> dict[str, object]:
 
 
 def _margins(held: HeldMargins | None) -> dict[str, object]:
-    """Return the margins of a held input as the file has them."""
+    """Return the margins of a held input in the file's form."""
     if held is None:
         return {"integrator": None, "between_samples": None}
     return {
@@ -312,5 +321,5 @@ def _margins(held: HeldMargins | None) -> dict[str, object]:
 
 
 def _or_null(bounds: Array) -> list[float | None]:
-    """Return bounds with None in place of infinity, which JSON has not."""
+    """Return bounds with None in place of infinity, which JSON does not have."""
     return [float(bound) if np.isfinite(bound) else None for bound in bounds]

@@ -1,16 +1,17 @@
-"""Certified sets from a design: bounds, refuted, proven, with the margins named.
+"""Certification of a design: the levels of its bounds, refuted and proven levels.
 
     certified_terminal_set   designs and certifies, in one call
     certify                  certifies a design
 
-For a held input the proof is of the Runge-Kutta map F, and the flow phi is another.
-With |phi - F|_P <= c |e|_P, proven too (`flow_error.py`), and V(F) <= V,
+For a held input the proof is about the Runge-Kutta map F, which differs from the flow
+phi. With |phi - F|_P <= c |e|_P, proven too (`flow_error.py`), and V(F) <= V,
 
     V(phi) <= (|F|_P + c |e|_P)^2 <= V(F) + (2 c + c^2) V(e),
 
-so the proof asks for the margin Q_m + (2 c + c^2) P and then holds for the flow.
-Between the samples V may grow before it falls, on the map's curve to at most g V and on
-the flow to (sqrt(g) + c)^2 V; the set within which the states stay is that much larger.
+so the proof requires the margin Q_m + (2 c + c^2) P and then also holds for the flow.
+Between samples V may grow before it decreases: to at most g V on the map's curve, and
+to (sqrt(g) + c)^2 V on the flow. The set that holds the states at all times is larger
+by this factor.
 """
 
 from __future__ import annotations
@@ -62,7 +63,7 @@ from swarmstart.terminal_set.reference import Reference
 from swarmstart.terminal_set.smoothness import require_smooth
 
 ROUNDING = 1e-12
-"""Of a bound's level, beside what the condition of P adds to it."""
+"""Relative rounding of a bound's level, apart from that by the condition of P."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -70,18 +71,27 @@ class ProofOptions:
     """Options of a proof: its margin, effort and parts.
 
     Attributes:
-        Q_m: Margin, shape (nx, nx): e'Pe is to fall by e'Q_m e, per second or per hold;
-            None means 0, any decrease. With Q + K'RK the level bounds the cost to go,
-            which takes kappa > 0 in the design.
-        substeps: Runge-Kutta steps a hold, at least 1.
-        growth: Whether the growth between samples is to be proven too; otherwise it is
-            measured only, which takes less time.
-        max_seconds: For the proofs of the decrease [s], and again for that of the
-            integrator's error and that of the growth.
+        Q_m: Margin, shape (nx, nx): e'Pe must decrease by e'Q_m e, per second or per
+            hold; None means 0, any decrease. With Q + K'RK, e'Pe bounds the cost to go,
+            which needs kappa > 0 in the design.
+        substeps: Number of Runge-Kutta steps in a hold, at least 1.
+        growth: Whether the growth between samples is proven too; if False it is only
+            measured, which takes less time.
+        max_seconds: Time for the proofs of the decrease [s], and the same again for the
+            proof of the integrator's error and for that of the growth.
 
     Raises:
-        NotPositiveError: substeps is below 1, or max_seconds not above 0.
-        TypeError: substeps is no whole number.
+        NotPositiveError: If substeps is below 1, or max_seconds not above 0.
+        TypeError: If substeps is not an integer.
+
+    Example:
+        Prove that e'Pe falls by 0.1 e'e at least in every hold:
+
+        >>> import numpy as np
+        >>> import swarmstart as ss
+        >>> options = ss.ProofOptions(Q_m=0.1 * np.eye(2), max_seconds=10)
+        >>> options.substeps
+        1
     """
 
     Q_m: ArrayLike | None = None
@@ -112,18 +122,18 @@ def certified_terminal_set(
     Args:
         dynamics: f(x, u) -> xdot, SI units, of SX or of MX that can be expanded.
         reference: Reference and bounds.
-        weights: Q and R, per second or, held, per step; kappa.
-        rng: Of the samples and of the rays that look for counterexamples.
-        dt: How long the input is held [s]; None: it moves all the time.
-        options: Of the proof; None: any decrease.
+        weights: Q and R, per second, or per step for a held input; kappa.
+        rng: Source of randomness of samples and of rays that look for counterexamples.
+        dt: Time for which the input is held [s]; None for a continuous input.
+        options: Options of the proof; None means any decrease.
 
     Returns:
-        K, P, the largest level of its bounds that was proven, and the certificate.
+        K, P, the largest level within the bounds that was proven, and the certificate.
 
     Raises:
-        NotAnEquilibriumError: The reference moves in a state that matters or has
-            bounds, by more than the set can bear.
-        UnprovenSetError: No level could be proven.
+        NotAnEquilibriumError: If the reference moves too much in a state that has
+            bounds or that the dynamics depend on.
+        UnprovenSetError: If no level could be proven.
         SwarmstartError: As the designs, `refuted_level` and `prove_level` say.
     """
     Q, R, kappa = weights.Q, weights.R, weights.kappa
@@ -153,24 +163,44 @@ def certify(
         dynamics: f(x, u) -> xdot, SI units.
         reference: Reference and bounds, those of the design.
         design: The law and P; its level is not used.
-        rng: Of the samples and of the rays that look for counterexamples.
-        dt: How long the input is held [s], also where the design is for an input that
-            moves all the time; None: it does move all the time.
-        options: Of the proof; None: any decrease.
+        rng: Source of randomness of samples and of rays that look for counterexamples.
+        dt: Time for which the input is held [s], even if the design is continuous; None
+            for a continuous input.
+        options: Options of the proof; None means any decrease.
 
     Returns:
         The design with the proven level, dt and the certificate.
 
     Raises:
-        NotAnEquilibriumError: The reference moves in a state that matters or has
-            bounds, by more than the set can bear.
-        HeldTooLongError: The law does not survive the hold.
-        TooFewSubstepsError: The Runge-Kutta map of a hold is too far from the flow.
-        NotSmoothError: The dynamics have no second derivatives at the reference.
-        UnknownIntervalOperationError: They have an operation without interval form.
-        UnprovenSetError: No level could be proven.
-        NotPositiveError: No bound limits the level.
+        NotAnEquilibriumError: If the reference moves too much in a state that has
+            bounds or that the dynamics depend on.
+        HeldTooLongError: If the law is unstable with an input held for dt.
+        TooFewSubstepsError: If the Runge-Kutta map of a hold is too far from the flow.
+        NotSmoothError: If the dynamics have no second derivatives at the reference.
+        UnknownIntervalOperationError: If they have an operation without interval form.
+        UnprovenSetError: If no level could be proven.
+        NotPositiveError: If no bound limits the level.
         SwarmstartError: As `refuted_level` and `prove_level` say.
+
+    Example:
+        A pendulum that hangs, its torque held for 0.1 s:
+
+        >>> import casadi as ca
+        >>> import numpy as np
+        >>> import swarmstart as ss
+        >>> x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+        >>> f = ca.Function("f", [x, u], [ca.vertcat(x[1], u - ca.sin(x[0]))])
+        >>> rest = ss.Reference(x_ref=[0, 0], u_ref=[0], u_lower=[-1], u_upper=[1])
+        >>> design = ss.sampled_terminal_set(
+        ...     f, rest, dt=0.1, Q=np.eye(2), R=np.eye(1)
+        ... )
+        >>> certified = ss.certify(
+        ...     f, rest, design, dt=0.1, rng=np.random.default_rng(0)
+        ... )
+        >>> certified.certificate is not None
+        True
+        >>> bool(0.9 * design.alpha < certified.alpha <= design.alpha)
+        True
     """
     options = options or ProofOptions()
     _require_smooth(dynamics, reference)
@@ -198,7 +228,7 @@ def certify(
     level = proven_level(change, top, rng=rng, max_seconds=options.max_seconds)
     refutation = level.refutation
     if refutation is None and hold is not None:
-        # Without the integrator's margin: a counterexample all the more with it.
+        # Found without the integrator's margin, so also a counterexample with it.
         refutation = hold.refutation
     if not level.alpha > 0:
         known = None if refutation is None else refutation.alpha
@@ -223,7 +253,7 @@ def certify(
 
 
 class _Asked(NamedTuple):
-    """A decrease to be proven, and the level up to which it is."""
+    """A decrease to be proven, and the level up to which to prove it."""
 
     change: Change
     top: float
@@ -232,10 +262,10 @@ class _Asked(NamedTuple):
 
 
 def _levels_of_bounds(design: TerminalSet, reference: Reference) -> tuple[float, float]:
-    """Return the levels of the bounds of inputs and of states, rounding taken off.
+    """Return the levels of the input and state bounds, reduced by their rounding.
 
     Raises:
-        NotPositiveError: Neither is finite, or one is not positive.
+        NotPositiveError: If neither is finite, or one is not positive.
     """
     # F P^-1 F' is computed with an error of about eps times the condition of P.
     condition = float(np.linalg.cond(design.P))
@@ -254,7 +284,7 @@ def _asked_of_moving_input(
     Q_m: Array,
     bounds: tuple[float, float],
 ) -> _Asked:
-    """Return what is to be proven of an input that moves all the time."""
+    """Return the decrease to be proven for a continuous input."""
     top = min(bounds)
     change = continuous_change(dynamics, design, Q_m=Q_m)
     drift = bearable_drift(motion, motion.bound, change, top)
@@ -271,7 +301,7 @@ def _asked_of_held_input(
     rng: np.random.Generator,
     until: float,
 ) -> _Asked:
-    """Return what is to be proven of a held input, with its margins."""
+    """Return the decrease to be proven for a held input, with its margins."""
     inputs, states = bounds
     moved = reference_motion.over_hold(motion.dt, len(motion.holds))
     change = held_change(motion.step, motion.law, Q_m=Q_m)
@@ -282,7 +312,7 @@ def _asked_of_held_input(
 
 
 def _require_smooth(dynamics: ca.Function, reference: Reference) -> None:
-    """Refuse a reference at which f has no second derivatives; see `smoothness.py`."""
+    """Validate that f has second derivatives at the reference; see `smoothness.py`."""
     at = np.concatenate([reference.x_ref, reference.u_ref])
     x, u = ca.SX.sym("x", reference.x_ref.size), ca.SX.sym("u", reference.u_ref.size)
     f = ca.Function(dynamics.name(), [ca.vertcat(x, u)], [dynamics(x, u)])
@@ -290,7 +320,7 @@ def _require_smooth(dynamics: ca.Function, reference: Reference) -> None:
 
 
 def _margins(hold: ProvableHold, alpha: float, options: ProofOptions) -> HeldMargins:
-    """Return the margins, the growth proven if that is asked for and works out."""
+    """Return the margins; the growth is proven if that is requested and succeeds."""
     if not options.growth:
         return hold.margins
     return with_proven_growth(hold, alpha, max_seconds=options.max_seconds)

@@ -1,15 +1,15 @@
-"""Check a certificate of a terminal set, sharing no code with what wrote it.
+"""Check a certificate of a terminal set, without code of the program that wrote it.
 
     python -m swarmstart.terminal_set.check FILE [--seconds 600]
 
-Everything a certificate labels proven is proven again by branch and bound in the ball
-arithmetic of python-flint; what it labels measured is sampled. Of the file's statements
-only those in the words of the format are taken: the lines printed say what each came
-to. Nothing of the file is printed unescaped.
+Statements labelled "proven" are proven again by branch and bound in the ball arithmetic
+of python-flint; statements labelled "measured" are sampled. The file may contain only
+statements in the words of the format; one line for each says whether it was proven.
+Nothing in the file is printed unescaped.
 
-Exit codes: 0 all of it was proven again; 2 the file or the call cannot be used; 3
-refused: a statement is false or the file was changed; 4 undecided in the time given; 5
-the file cannot be read; 130 interrupted.
+Exit codes: 0 everything was proven again; 2 the file or the call is invalid; 3 refused:
+a statement is false or the file was changed; 4 undecided in the time given; 5 the file
+cannot be read; 130 interrupted.
 """
 
 from __future__ import annotations
@@ -39,10 +39,10 @@ PRECISION = 64  # bits; what floats give, and a little for differences near 0
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Check one file, print a line a statement and a verdict.
+    """Check one file; print a line for each statement, and a verdict.
 
     Args:
-        arguments: Of the command line; None: those of the process.
+        arguments: Arguments of the command line; None means those of the process.
 
     Returns:
         The exit code.
@@ -76,14 +76,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def findings(certificate: Certificate, *, seconds: float) -> Iterator[Finding]:
     """Judge a certificate, statement by statement, the quick ones first.
 
-    Stops where a refusal leaves nothing to stand on.
+    It stops at a refusal on which all other statements depend.
 
     Args:
-        certificate: What the file states.
-        seconds: Time for all of it [s].
+        certificate: The statements of the file.
+        seconds: Time for all statements [s].
 
     Yields:
-        One finding a statement.
+        A finding for each statement.
     """
     try:
         yield from _findings(certificate, Deadline.after(seconds))
@@ -122,7 +122,7 @@ def _quick_findings(certificate: Certificate, deadline: Deadline) -> Iterator[Fi
             yield Finding(Verdict.SKIPPED, "nothing is stated between samples")
         else:
             sampled = falsification.check_growth_by_samples(certificate, deadline)
-            # Where it is labelled proven, the proof's line replaces that of samples.
+            # If it is labelled proven, the proof's line replaces that of samples.
             if sampled.verdict is Verdict.REFUSED or not certificate.growth_proven:
                 yield sampled
 

@@ -1,13 +1,14 @@
 """Choice of weights: the largest proven set over a family of designs.
 
-The weights of an LQR are seldom given. With Q = R = I the formation model, held 1 s,
-has a set 24 cm wide in position; with another R it is metres wide. So a scalar s moves
-through the weights, each design gets its proven level, and the largest set is taken.
+The weights of an LQR are seldom given, but matter: with Q = R = I the formation model,
+held 1 s, has a set 24 cm wide in position; with another R it is metres wide. So the
+weights are scaled by a scalar s, each design gets its proven level, and the largest set
+is taken.
 
     largest_proven_set  the proven level (`level_search.py`) for each s, and the largest
                         of the sets
 
-Levels of different P do not compare; sizes do. The usual size is the volume.
+Levels of different P cannot be compared, sizes can. The usual size is the volume.
 """
 
 from __future__ import annotations
@@ -46,10 +47,10 @@ class Candidate:
 
     Attributes:
         scale: The scalar in its weights.
-        terminal_set: The design, with the level that was proven; with the level of its
-            bounds where none was.
-        level: What was proven and refuted.
-        size: Of the proven set; minus infinity where none was.
+        terminal_set: The design, with the proven level; with the level of its bounds if
+            none was proven.
+        level: The proven and the refuted level.
+        size: Size of the proven set; minus infinity if none was proven.
     """
 
     scale: float
@@ -77,21 +78,21 @@ def largest_proven_set(
     size: Callable[[Ellipsoid], float] = log_volume,
     max_seconds: float = 60.0,
 ) -> tuple[Candidate, ...]:
-    """Rank the designs of a family by the size of the set that is proven.
+    """Rank the designs of a family by the size of their proven sets.
 
     Args:
         design: The design at a scale, with the level of its bounds.
         change: c of a design (`decrease.py`).
         scales: The scales to try.
-        rng: Of the rays that look for counterexamples.
-        size: What is to be large, of the proven ellipsoid.
-        max_seconds: For the proofs of one design [s].
+        rng: Source of randomness of the rays that look for counterexamples.
+        size: Proven ellipsoid -> its size.
+        max_seconds: Time for the proofs of one design [s].
 
     Returns:
-        All of them, the largest first; those with nothing proven last, in their order.
+        All candidates, the largest first; those without a proof last, in their order.
 
     Raises:
-        NoProvenSetError: No level was proven for any scale.
+        NoProvenSetError: If no level was proven for any scale.
         SwarmstartError: As `design`, `refuted_level` and `prove_level` say.
     """
     found = []

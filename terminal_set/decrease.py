@@ -3,12 +3,12 @@
     continuous  c(e) = 2 e'P (f(x_ref + e, u_ref - K e) - f(x_ref, u_ref)) + e'Q_m e
     held        c(e) = V(F(x_ref + e, u_ref - K e) - F(x_ref, u_ref)) - V(e) + e'Q_m e
 
-with x+ = F(x, u) the state after dt with u held. V decreases with the margin Q_m where
-c(e) < 0. Q_m = 0 asks for any decrease; Q_m = Q + K'RK makes V a bound of the cost to
-go, which takes kappa > 0 in P: the Riccati P leaves no margin in the linear part.
+with x+ = F(x, u) the state after dt with u held. V decreases with the margin Q_m if
+c(e) < 0. Q_m = 0 requires any decrease. Q_m = Q + K'RK makes V a bound of the cost to
+go; this needs kappa > 0 in P, since the Riccati P leaves no margin in the linear part.
 
-As everywhere here what counts is the motion relative to the reference
-(linearisation.py): f(x_ref, u_ref) need not be zero.
+As everywhere here, the motion is relative to the reference (linearisation.py), so
+f(x_ref, u_ref) need not be zero.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from swarmstart.terminal_set.design import TerminalSet
 
 @dataclass(eq=False)
 class MovingCentreError(SwarmstartError, ValueError):
-    """A motion that should leave the deviation 0 where it is does not.
+    """A motion does not map the deviation 0 to 0.
 
     Attributes:
         motion: The motion at e = 0.
@@ -40,7 +40,7 @@ class MovingCentreError(SwarmstartError, ValueError):
     motion: Array
 
     def __str__(self) -> str:
-        """Say what the motion is there."""
+        """Return a message with the motion there."""
         found = ", ".join(f"{entry:.6g}" for entry in self.motion)
         return (
             f"the motion must be 0 at e = 0, got ({found}): it is that of a deviation, "
@@ -53,18 +53,19 @@ class Change:
     """The change of V(e) = e'Pe under a linear law.
 
     Attributes:
-        motion: e (nx, 1) -> the rate of e, or e after one step if held; 0 at 0.
+        motion: e (nx, 1) -> the rate of e, or e after one step if held; it must map 0
+            to 0.
         P: Shape of the ellipsoids, (nx, nx), symmetric positive definite; copied.
         Q_m: Margin, shape (nx, nx); copied.
         is_held: Whether the input is held over each step.
         function: e -> c(e), made from the others.
 
     Raises:
-        InvalidShapeError: Q_m or the motion is of another size than P.
-        NotFiniteError: P or Q_m holds NaN or infinity.
-        AsymmetricMatrixError: P is not symmetric.
-        IndefiniteMatrixError: P is not positive definite.
-        MovingCentreError: The motion is not 0 at 0, or is no number there.
+        InvalidShapeError: If Q_m or the motion is of another size than P.
+        NotFiniteError: If P or Q_m holds NaN or infinity.
+        AsymmetricMatrixError: If P is not symmetric.
+        IndefiniteMatrixError: If P is not positive definite.
+        MovingCentreError: If the motion is not 0 at 0, or not a number there.
     """
 
     motion: ca.Function
@@ -80,7 +81,7 @@ class Change:
         if sizes != {(len(P), 1)}:
             raise InvalidShapeError("the motion", max(sizes), (len(P), 1))
         at_centre = np.array(self.motion(0)).ravel()
-        # Every proof takes c as of second order there.
+        # Every proof assumes that c is of second order there.
         if not np.all(at_centre == 0):
             raise MovingCentreError(at_centre)
         Q_m = finite_array("Q_m", self.Q_m, P.shape)
@@ -102,7 +103,7 @@ class Change:
 def continuous_change(
     dynamics: ca.Function, terminal_set: TerminalSet, *, Q_m: ArrayLike | None = None
 ) -> Change:
-    """Return c for an input that moves all the time.
+    """Return c for a continuous input.
 
     Args:
         dynamics: f(x, u) -> xdot, SI units.
@@ -110,8 +111,8 @@ def continuous_change(
         Q_m: Margin, shape (nx, nx), symmetric; None means 0.
 
     Raises:
-        InvalidShapeError: Q_m has another shape.
-        NotFiniteError: Q_m holds NaN or infinity.
+        InvalidShapeError: If Q_m has another shape.
+        NotFiniteError: If Q_m holds NaN or infinity.
     """
     return _change(dynamics, terminal_set, Q_m, is_held=False)
 
@@ -127,8 +128,8 @@ def held_change(
         Q_m: Margin, shape (nx, nx), symmetric; None means 0.
 
     Raises:
-        InvalidShapeError: Q_m has another shape.
-        NotFiniteError: Q_m holds NaN or infinity.
+        InvalidShapeError: If Q_m has another shape.
+        NotFiniteError: If Q_m holds NaN or infinity.
     """
     return _change(step, terminal_set, Q_m, is_held=True)
 
@@ -140,7 +141,7 @@ def _change(
     *,
     is_held: bool,
 ) -> Change:
-    """Return c of a function of (x, u), closed by the law, less its reference value."""
+    """Return c of a function of (x, u) under the law, relative to the reference."""
     e = ca.SX.sym("e", len(terminal_set.P))
     x_ref, u_ref = ca.DM(terminal_set.x_ref), ca.DM(terminal_set.u_ref)
     u = u_ref - ca.DM(terminal_set.K) @ e

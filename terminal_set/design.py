@@ -1,4 +1,4 @@
-"""Terminal sets: a linear law and the region where it takes over (the dual mode).
+"""Terminal sets: a linear law and the region in which it takes over (the dual mode).
 
     inside Omega = {e : e'Pe <= alpha}, e = x - x_ref:  u = u_ref - K e
 
@@ -7,14 +7,14 @@ Two designs, side by side:
     sampled     gain and P of the discrete Riccati equation for the input held dt;
                 corrected level. The design for a controller that holds its input.
     continuous  gain of the continuous Riccati equation, P of (5.12) corrected,
-                corrected level. For an input that moves all the time.
+                corrected level. The design for a continuous input.
 
 A continuous design that is held may be unstable: the chapter's formation, held 1 s, has
 the spectral radius 10.8 (`held_spectral_radius`), whatever P and alpha are.
 
-All levels here come from bounds on inputs and states alone. They say nothing of the
-decrease of e'Pe under the nonlinear dynamics, nor of states between two samples: that
-takes a certificate, which may lower alpha (`certification.py`).
+All levels here come from bounds on inputs and states alone. They do not show that e'Pe
+decreases under the nonlinear dynamics, nor do they cover states between two samples:
+that needs a certificate, which may lower alpha (`certification.py`).
 
 Source: the chapter, eq. (5.8)-(5.14); H. Chen and F. Allgoewer, A quasi-infinite
 horizon nonlinear model predictive control scheme with guaranteed stability, Automatica
@@ -52,10 +52,10 @@ from swarmstart.terminal_set.stability import CONTINUOUS, SAMPLED, growth
 
 @dataclass(eq=False)
 class InvalidReserveError(SwarmstartError, ValueError):
-    """The decay kept in reserve is negative, or more than there is.
+    """The decay kept in reserve is negative, or more than the loop has.
 
     Attributes:
-        kappa: The reserve asked for, 1/s, or a share of e'Pe a step.
+        kappa: The requested reserve, in 1/s, or a fraction of e'Pe per step.
         decay: Decay of the slowest mode of the closed loop, likewise.
     """
 
@@ -63,7 +63,7 @@ class InvalidReserveError(SwarmstartError, ValueError):
     decay: float
 
     def __str__(self) -> str:
-        """Say what there is to reserve."""
+        """Return a message with the available decay."""
         return (
             f"kappa must be at least 0 and less than {self.decay:.6g}, the decay of "
             f"the slowest mode, got {self.kappa:.6g}"
@@ -72,16 +72,16 @@ class InvalidReserveError(SwarmstartError, ValueError):
 
 @dataclass(eq=False)
 class ForeignCertificateError(SwarmstartError, ValueError):
-    """A set was given a certificate that does not speak of it.
+    """A set was given the certificate of another set.
 
     Attributes:
-        name: What differs; "alpha" where the set is larger than what is certified.
+        name: Name of what differs; "alpha" if the set is larger than the certified one.
     """
 
     name: str
 
     def __str__(self) -> str:
-        """Say what differs."""
+        """Return a message with the difference."""
         if self.name == "alpha":
             return "alpha is larger than the level that the certificate proves"
         return f"the certificate is of a set with another {self.name}"
@@ -97,18 +97,18 @@ class TerminalSet:
         alpha: Level of the ellipsoid, > 0.
         x_ref: Reference state of the design, shape (nx,), SI units.
         u_ref: Reference input, shape (nu,).
-        dt: How long the input is held [s]; None for an input that moves all the time.
-        design: Which design it is: "sampled", "continuous", "literal" or one's own.
-        certificate: On what grounds the set stands; None: on those of its design.
+        dt: Time for which the input is held [s]; None for a continuous input.
+        design: Name of the design: "sampled", "continuous", "literal" or the user's.
+        certificate: Proof of the set; None if there is only its design.
         ellipsoid: {e : e'Pe <= alpha}; made from P and alpha.
 
     Raises:
-        InvalidShapeError: Sizes do not agree.
-        NotFiniteError: An array holds NaN or infinity.
-        AsymmetricMatrixError: P is not symmetric.
-        IndefiniteMatrixError: P is not positive definite.
-        NotPositiveError: alpha or dt is not positive and finite.
-        ForeignCertificateError: The certificate is of another set or a smaller one.
+        InvalidShapeError: If sizes do not agree.
+        NotFiniteError: If an array holds NaN or infinity.
+        AsymmetricMatrixError: If P is not symmetric.
+        IndefiniteMatrixError: If P is not positive definite.
+        NotPositiveError: If alpha or dt is not positive and finite.
+        ForeignCertificateError: If the certificate is of another set or a smaller one.
     """
 
     K: Array
@@ -141,7 +141,7 @@ class TerminalSet:
             self._require_own(self.certificate)
 
     def _require_own(self, certificate: Certificate) -> None:
-        """Refuse the certificate of another set."""
+        """Validate that a certificate is of this set."""
         reference = certificate.reference
         for name, value in (
             ("K", certificate.K),
@@ -166,7 +166,7 @@ class TerminalSet:
             u - u_ref, shape (nu,) or (nu, n).
 
         Raises:
-            InvalidShapeError: e has another number of rows.
+            InvalidShapeError: If e has another number of rows.
         """
         return np.asarray(-self.K @ columns_of("e", e, len(self.P)))
 
@@ -180,21 +180,21 @@ class TerminalSet:
             The value, shape () or (n,).
 
         Raises:
-            InvalidShapeError: e has another number of rows.
+            InvalidShapeError: If e has another number of rows.
         """
         return self.ellipsoid.value(e)
 
     def contains(self, e: ArrayLike) -> Mask:
-        """Tell whether e'Pe <= alpha: whether the linear law may take over.
+        """Return whether e'Pe <= alpha, so that the linear law may take over.
 
         Args:
             e: Deviation x - x_ref, shape (nx,), or many, shape (nx, n).
 
         Returns:
-            Whether it is inside, shape () or (n,).
+            True for deviations inside, shape () or (n,).
 
         Raises:
-            InvalidShapeError: e has another number of rows.
+            InvalidShapeError: If e has another number of rows.
         """
         return self.ellipsoid.contains(e)
 
@@ -208,28 +208,43 @@ def sampled_terminal_set(
     R: ArrayLike,
     kappa: float = 0.0,
 ) -> TerminalSet:
-    """Design the set for an input held over dt: what the chapter means to use.
+    """Design the set for an input held over dt, which is the chapter's controller.
 
-    P solves F'PF = (1 - kappa)(P - Q*) with F = Ad - Bd K and Q* = Q + K'RK; of
-    kappa = 0 comes the Riccati matrix.
+    P solves F'PF = (1 - kappa)(P - Q*) with F = Ad - Bd K and Q* = Q + K'RK; with
+    kappa = 0 it is the Riccati matrix.
 
     Args:
         dynamics: f(x, u) -> xdot, SI units.
         reference: Reference and bounds.
-        dt: How long the input is held, > 0, s.
+        dt: Time for which the input is held, > 0, s.
         Q: State weight per step, shape (nx, nx), symmetric positive semidefinite.
         R: Input weight per step, shape (nu, nu), symmetric positive definite.
-        kappa: Share of e'Pe kept in reserve for the nonlinear part, at least 0 and
-            below what the slowest mode loses in a step.
+        kappa: Fraction of e'Pe kept in reserve for the nonlinear part, at least 0 and
+            below the decrease of the slowest mode in a step.
 
     Returns:
-        K of the discrete Riccati equation, P as above, alpha of the bounds. State
+        K of the discrete Riccati equation, P as above, alpha from the bounds. State
         bounds hold at the samples, not necessarily between them.
 
     Raises:
-        InvalidReserveError: kappa is negative or too large.
+        InvalidReserveError: If kappa is negative or too large.
         SwarmstartError: As `linearise`, `hold`, `sampled_lqr` say; NotPositiveError
-            also when no bound limits alpha.
+            also if no bound limits alpha.
+
+    Example:
+        A double integrator, |u| <= 1 held for 0.1 s:
+
+        >>> import casadi as ca
+        >>> import numpy as np
+        >>> import swarmstart as ss
+        >>> x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+        >>> cart = ca.Function("cart", [x, u], [ca.vertcat(x[1], u)])
+        >>> rest = ss.Reference(x_ref=[0, 0], u_ref=[0], u_lower=[-1], u_upper=[1])
+        >>> terminal = ss.sampled_terminal_set(
+        ...     cart, rest, dt=0.1, Q=np.eye(2), R=np.eye(1)
+        ... )
+        >>> terminal.K.round(3).tolist(), round(terminal.alpha, 2)
+        ([[0.917, 1.636]], 6.67)
     """
     A, B = linearise(dynamics, reference.x_ref, reference.u_ref)
     Ad, Bd = hold(A, B, dt)
@@ -252,10 +267,10 @@ def continuous_terminal_set(
     R: ArrayLike,
     kappa: float = 0.0,
 ) -> TerminalSet:
-    """Design the set for an input that moves all the time, (5.9)-(5.14) corrected.
+    """Design the set for a continuous input, (5.9)-(5.14) corrected.
 
     P solves (F + kappa I)'P + P(F + kappa I) = -Q* with F = A - B K and
-    Q* = Q + K'RK; of kappa = 0 comes the Riccati matrix.
+    Q* = Q + K'RK; with kappa = 0 it is the Riccati matrix.
 
     Args:
         dynamics: f(x, u) -> xdot, SI units.
@@ -263,16 +278,16 @@ def continuous_terminal_set(
         Q: State weight, shape (nx, nx), symmetric positive semidefinite.
         R: Input weight, shape (nu, nu), symmetric positive definite.
         kappa: Decay [1/s] kept in reserve for the nonlinear part, at least 0 and below
-            that of the slowest mode of F. Needed where e'Pe is to bound the cost to go
-            of the nonlinear system: with 0 the linear part leaves no margin at all.
+            that of the slowest mode of F. It must be positive if e'Pe is to bound the
+            cost to go of the nonlinear system: with 0 the linear part has no margin.
 
     Returns:
-        K of the continuous Riccati equation, P as above, alpha of the bounds.
+        K of the continuous Riccati equation, P as above, alpha from the bounds.
 
     Raises:
-        InvalidReserveError: kappa is negative or not below the slowest mode's decay.
+        InvalidReserveError: If kappa is negative or not below the slowest mode's decay.
         SwarmstartError: As `linearise`, `continuous_lqr`, `continuous_lyapunov` say;
-            NotPositiveError also when no bound limits alpha.
+            NotPositiveError also if no bound limits alpha.
     """
     A, B = linearise(dynamics, reference.x_ref, reference.u_ref)
     K = continuous_lqr(A, B, Q, R).K
@@ -289,7 +304,7 @@ def continuous_terminal_set(
 def _set_up_to_bounds(
     K: Array, P: Array, reference: Reference, dt: float | None
 ) -> TerminalSet:
-    """Return the set whose level is that of the nearest bound, of input or state."""
+    """Return the set whose level is the smaller one of input and state bounds."""
     return TerminalSet(
         K=K,
         P=P,

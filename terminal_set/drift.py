@@ -1,22 +1,22 @@
-"""Drift: what is left of f at a reference, and the core that it leaves undecided.
+"""Drift: the residual of f at a reference, and the core that it leaves undecided.
 
 A reference is given in floats, so f(x_ref, u_ref) = r need not be 0 there. Entries on
-which f does not depend, and which have no bounds, may move: the deviation is from where
-they have moved to. All others are held, and the motion is the relative one
-(`decrease.py`) plus a drift, |.|_P being the root of e'Pe:
+which f does not depend, and which have no bounds, may move; deviations are then
+relative to the moved reference. All other entries are constant, and the motion is the
+relative one (`decrease.py`) plus a drift, with |e|_P the root of e'Pe:
 
     continuous   e' = R(e) + r           V' <= c(e) + 2 |r|_P |e|_P
     held         e+ = R(e) + d           |e+|_P <= |R(e)|_P + |d|_P
 
-d is what the reference moves in a hold, for the Runge-Kutta map and for the flow. With
-D = |r|_P or |d|_P and a relative drift a, whatever is proven with the margin
+d is the motion of the reference in a hold, for the Runge-Kutta map and for the flow.
+With D = |r|_P or |d|_P and a relative drift a, every statement proven with the margin
 
     2 a V(e)                             instead of the drift, continuous
     (|R(e)|_P + a |e|_P)^2 < V(e)        likewise, held
 
-holds with the drift for |e|_P >= D / a; and there V(e) = (D / a)^2 is not crossed from
-within. So a set is stated with its core, V(e) <= core. One that is more than MOST_CORE
-of the level is refused: the reference is no equilibrium of a set of this size.
+holds with the drift for |e|_P >= D / a, and no trajectory crosses V(e) = (D / a)^2 from
+within. So a set is stated with its core, V(e) <= core. A core above MOST_CORE of the
+level is refused: then the reference is not an equilibrium on the scale of the set.
 """
 
 from __future__ import annotations
@@ -33,27 +33,28 @@ from swarmstart.terminal_set.intervals import interval_function
 from swarmstart.terminal_set.reference import Reference
 
 MOST_CORE = 1e-6
-"""Of the level: a thousandth of the set's radius."""
+"""Largest core, relative to the level: a thousandth of the set's radius."""
 LEAST_CORE = 1e-24
-"""Of the level, so that no core underflows; far below the rounding of any state."""
+"""Least core, relative to the level: far below rounding, but without underflow."""
 MOST_SHARE = 5e-4
-"""Of the linear decrease that a drift may use up: it lowers the level by as little."""
+"""Largest fraction of the linear decrease that a drift may use."""
 LEAST_SHARE = 1e-9
 ROOM = 1e-6
-"""A core's radius, as a part of that of the bounds' level, when it can be chosen."""
+"""Radius of a core that can be chosen, relative to that of the bounds' level."""
 RESERVE = 2.0
-"""By which factor the core is larger than the drift needs: for rounding."""
+"""Factor by which the core is larger than the drift needs, for rounding."""
 ROUNDING = 1 + 1e-9
 ROUNDS = 60
-"""Of widening a box until the motion stays in it."""
+"""Largest number of times that a box is widened until the motion stays in it."""
 
 
 @dataclass(eq=False)
 class NotAnEquilibriumError(SwarmstartError, ValueError):
-    """A reference moves where it must not.
+    """A reference is not an equilibrium in states that must be constant.
 
     Attributes:
-        entries: Which entries of x_ref move and are bounded or matter.
+        entries: Entries of x_ref that move although f depends on them or they have
+            bounds.
         rates: Their rates, of f(x_ref, u_ref).
         core: Level of the core that this motion leaves undecided.
         level: Level of the set.
@@ -65,7 +66,7 @@ class NotAnEquilibriumError(SwarmstartError, ValueError):
     level: float
 
     def __str__(self) -> str:
-        """Say which entries, and what that comes to."""
+        """Return a message with the entries and the core."""
         moving = ", ".join(
             f"xdot[{entry}] = {rate:.6g}"
             for entry, rate in zip(self.entries, self.rates, strict=True)
@@ -80,13 +81,14 @@ class NotAnEquilibriumError(SwarmstartError, ValueError):
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Drift:
-    """The motion of a reference that its set has to bear.
+    """The motion of a reference that the proof of its set allows for.
 
     Attributes:
-        entries: Which states it moves.
+        entries: States that it moves.
         rates: f(x_ref, u_ref) of these.
         size: D, an upper bound of |r|_P [1/s] or of |d|_P.
-        relative: a, what the proof allows for; 1/s or, held, a share.
+        relative: a, the relative drift of the proof; in 1/s, or a fraction per hold for
+            a held input.
     """
 
     entries: tuple[int, ...]
@@ -95,13 +97,13 @@ class Drift:
     relative: float
 
     def core_of(self, alpha: float) -> float:
-        """Return the level of the core of a set; 0 of an exact equilibrium.
+        """Return the level of the core of a set; 0 for an exact equilibrium.
 
         Args:
             alpha: Level of the set.
 
         Raises:
-            NotAnEquilibriumError: It is too much of the set.
+            NotAnEquilibriumError: If the core is too large compared with the set.
         """
         if self.size == 0:
             return 0.0
@@ -112,7 +114,7 @@ class Drift:
 
 
 def resting(dynamics: ca.Function, *, is_bounded: Mask) -> Mask:
-    """Return which states must rest at a reference: f depends on them, or a bound does.
+    """Return which states must rest: f depends on them, or they have bounds.
 
     Args:
         dynamics: f(x, u) -> xdot.
@@ -138,8 +140,8 @@ class ReferenceMotion:
         """Evaluate f at the reference.
 
         Raises:
-            NotFiniteError: f is NaN or infinite there.
-            UnknownIntervalOperationError: f has an operation without interval form.
+            NotFiniteError: If f is NaN or infinite there.
+            UnknownIntervalOperationError: If f has an operation without interval form.
         """
         xdot = np.array(dynamics(reference.x_ref, reference.u_ref)).ravel()
         xdot = finite_array("the rate at the reference", xdot, (None,))
@@ -153,14 +155,14 @@ class ReferenceMotion:
         self.rates = tuple(float(xdot[entry]) for entry in moving)
 
     def over_hold(self, dt: float, substeps: int) -> Array:
-        """Bound what a hold moves the reference, for the map and for the flow.
+        """Bound the motion of the reference over a hold, for the map and the flow.
 
-        On every step a box is widened until h sup |f| over it is its growth: there
-        the flow stays, and every stage of the map.
+        On every step a box is widened until h sup |f| over it is at most its growth:
+        then the flow and every stage of the map stay in it.
 
         Args:
-            dt: How long the input is held [s].
-            substeps: Runge-Kutta steps a hold.
+            dt: Time for which the input is held [s].
+            substeps: Number of Runge-Kutta steps in a hold.
 
         Returns:
             Upper bounds, shape (nx,); infinite if no such box was found.
@@ -179,7 +181,7 @@ class ReferenceMotion:
         return moved
 
     def _fastest(self, around: Array) -> Array:
-        """Return upper bounds of |f| within so much of x_ref, 0 of free states."""
+        """Return upper bounds of |f| within `around` of x_ref; 0 for free states."""
         # Outwards: an end is rounded by half a unit of x_ref.
         slack = np.where(around > 0, 4 * np.spacing(np.abs(self._x_ref)), 0.0)
         reach = around + slack
@@ -193,19 +195,19 @@ class ReferenceMotion:
 def bearable_drift(
     motion: ReferenceMotion, moved: Array, change: Change, alpha_max: float
 ) -> Drift:
-    """Choose what a proof is to allow for the motion of a reference.
+    """Choose the drift that a proof allows for the motion of a reference.
 
     Args:
         motion: The motion of the reference.
         moved: Upper bounds of |r| or |d|, shape (nx,), >= 0.
-        change: The change of V without it.
+        change: The change of V without the drift.
         alpha_max: Level of the bounds: no set is larger.
 
     Returns:
         The drift; it costs at most MOST_SHARE of the decrease near the reference.
 
     Raises:
-        NotAnEquilibriumError: It is too much for any level up to alpha_max.
+        NotAnEquilibriumError: If the motion is too large for any level up to alpha_max.
     """
     with np.errstate(invalid="ignore"):
         parts = np.where(moved > 0, moved * np.sqrt(np.diag(change.P)), 0.0)
@@ -219,19 +221,19 @@ def bearable_drift(
         size=size,
         relative=float(relative) if size > 0 else 0.0,
     )
-    if decay > 0:  # Otherwise nothing can be proven, whatever the reference does.
+    if decay > 0:  # Otherwise nothing can be proven for any reference.
         drift.core_of(alpha_max)
     return drift
 
 
 def linear_decrease(change: Change) -> float:
-    """Return by which part V falls near the centre at least; 0 if it does not.
+    """Return the least relative decrease of V near the centre; 0 if there is none.
 
     Args:
         change: The change of V.
 
     Returns:
-        The least decay of V there, 1/s or, held, a share; from floats, not proven.
+        The decay in 1/s, or a fraction per hold if held; from floats, not proven.
     """
     e = ca.SX.sym("e", len(change.P))
     hessian = ca.Function("hessian", [e], [ca.hessian(change.function(e), e)[0]])

@@ -27,9 +27,9 @@ class InvalidPlaneError(SwarmstartError, ValueError):
     """A plane is not spanned by two different axes of the ellipsoid.
 
     Attributes:
-        i: First axis asked for.
-        j: Second axis asked for.
-        nx: Number of axes there are.
+        i: First axis as given.
+        j: Second axis as given.
+        nx: Number of axes of the ellipsoid.
     """
 
     i: int
@@ -37,7 +37,7 @@ class InvalidPlaneError(SwarmstartError, ValueError):
     nx: int
 
     def __str__(self) -> str:
-        """Say which axes there are."""
+        """Return a message with the axes that exist."""
         return (
             f"a plane needs two different axes from 0 to {self.nx - 1}, got "
             f"{self.i} and {self.j}"
@@ -53,11 +53,11 @@ class Ellipsoid:
         alpha: Level, > 0 and finite.
 
     Raises:
-        InvalidShapeError: P is not a square matrix.
-        NotFiniteError: P holds NaN or infinity.
-        AsymmetricMatrixError: P is not symmetric.
-        IndefiniteMatrixError: P is not positive definite.
-        NotPositiveError: alpha is not positive and finite.
+        InvalidShapeError: If P is not a square matrix.
+        NotFiniteError: If P holds NaN or infinity.
+        AsymmetricMatrixError: If P is not symmetric.
+        IndefiniteMatrixError: If P is not positive definite.
+        NotPositiveError: If alpha is not positive and finite.
     """
 
     P: Array
@@ -79,23 +79,23 @@ class Ellipsoid:
             The value, shape () or (n,).
 
         Raises:
-            InvalidShapeError: e has another number of rows.
+            InvalidShapeError: If e has another number of rows.
         """
         columns = columns_of("e", e, len(self.P))
         return np.asarray(np.einsum("i...,ij,j...->...", columns, self.P, columns))
 
     def contains(self, e: ArrayLike, *, tolerance: float = 0.0) -> Mask:
-        """Tell whether e'Pe <= alpha (1 + tolerance).
+        """Return whether e'Pe <= alpha (1 + tolerance).
 
         Args:
             e: A deviation from the reference, shape (nx,), or many, shape (nx, n).
             tolerance: Allowance relative to alpha, for rounding.
 
         Returns:
-            Whether it is inside, shape () or (n,); False for NaN.
+            True for deviations inside, shape () or (n,); False for NaN.
 
         Raises:
-            InvalidShapeError: e has another number of rows.
+            InvalidShapeError: If e has another number of rows.
         """
         return np.asarray(self.value(e) <= self.alpha * (1 + tolerance))
 
@@ -106,8 +106,8 @@ class Ellipsoid:
     def boundary(self, directions: ArrayLike) -> Array:
         """Map directions onto the boundary, e'Pe = alpha.
 
-        Directions that are uniform on the unit sphere cover the ellipsoid uniformly in
-        the coordinates where it is a ball.
+        Directions that are uniform on the unit sphere are mapped to points that are
+        uniform in the coordinates in which the ellipsoid is a ball.
 
         Args:
             directions: One direction, shape (nx,), or many, shape (nx, n), not zero.
@@ -116,8 +116,8 @@ class Ellipsoid:
             Points on the boundary, of the same shape.
 
         Raises:
-            InvalidShapeError: directions have another number of rows.
-            NotPositiveError: A direction is zero.
+            InvalidShapeError: If directions have another number of rows.
+            NotPositiveError: If a direction is zero.
         """
         columns = columns_of("directions", directions, len(self.P))
         lengths = np.linalg.norm(columns, axis=0)
@@ -138,7 +138,7 @@ class Ellipsoid:
             Points on the outline, shape (2, count), coordinate i in the first row.
 
         Raises:
-            InvalidPlaneError: The axes are equal or out of range.
+            InvalidPlaneError: If the axes are equal or out of range.
         """
         nx = len(self.P)
         if i == j or not (0 <= i < nx and 0 <= j < nx):

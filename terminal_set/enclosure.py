@@ -1,4 +1,4 @@
-"""Upper bounds, on boxes of radii and directions, of how e'Pe changes.
+"""Upper bounds of the change of e'Pe on boxes of radii and directions.
 
 With z = T^-1 e, T'PT = I, the ellipsoid e'Pe <= alpha is the ball |z| <= r,
 r^2 = alpha; T also diagonalises the quadratic part of c (`decrease.py`). On a box of
@@ -6,22 +6,22 @@ rho and w (`cells.py`), u = w / |w|, either
 
     c(rho T u) / rho^2 <= u'Mu + rho sup b + rho^2 sup d   over [0, rho_hi] x w
 
-or, where rho_lo > 0, c itself is bounded by its Taylor form (`taylor.py`). The first
-holds at the origin too. M is half the Hessian of c at 0; with m(s) the motion (the
-rate, or the state after a step) at e = s T u,
+or, if rho_lo > 0, c itself is bounded by its Taylor form (`taylor.py`). The first
+bound holds at the origin too. M is half the Hessian of c at 0; with m(s) the motion
+(the rate, or the state after a step) at e = s T u,
 
     continuous  b = (PTu)'m''(s),      d = 0
     held        b = m'(0)'P m''(s),    d = m''(s)'P m''(s) / 4.
 
-If the motion has a kink at the centre, m(rho) / rho is a mean of m'(s) for all that
-(`smoothness.py`), and over the same box
+Even if the motion has a kink at the centre, m(rho) / rho is a mean of m'(s)
+(`smoothness.py`), so that over the same box
 
     continuous  c(rho T u) / rho^2 <= sup 2 (PTu)'m'(s) + (Tu)'Q_m Tu
     held        c(rho T u) / rho^2 <= sup m'(s)'P m'(s) - 1 + (Tu)'Q_m Tu.
 
-u'Mu over a box of directions is bounded by its extreme candidates (M is diagonal but
-for rounding, which is added). All is evaluated in intervals with outward rounding, or
-rounded up by more than the rounding of what is added.
+u'Mu over a box of directions is bounded by its extreme candidates (M is diagonal except
+for rounding, which is added). Everything is evaluated in intervals with outward
+rounding, or rounded up by more than the rounding of the sum.
 """
 
 from __future__ import annotations
@@ -44,12 +44,12 @@ from swarmstart.terminal_set.taylor import TaylorForm, evaluated
 
 
 class Undecided(NamedTuple):
-    """Boxes where nothing is shown yet.
+    """Boxes that are not decided yet.
 
     Attributes:
         lower: Lower corners, shape (1 + nx, m).
         upper: Upper corners.
-        spread: How much c spreads along each coordinate: the largest is to be cut.
+        spread: Variation of c along each coordinate; the largest one is cut.
     """
 
     lower: Array
@@ -69,11 +69,11 @@ class DecreaseBounds:
         """Build the functions that are evaluated.
 
         Args:
-            change: c and what it is made of.
+            change: c with its motion, P and Q_m.
 
         Raises:
-            UnknownIntervalOperationError: c has an operation without interval form.
-            NotSmoothError: c jumps at the reference, or leaves its domain.
+            UnknownIntervalOperationError: If c has an operation without interval form.
+            NotSmoothError: If c jumps at the reference, or leaves its domain.
         """
         zero, one = np.zeros((len(change.P), 1)), np.eye(len(change.P))
         form = TaylorForm(change.function, one)
@@ -91,7 +91,7 @@ class DecreaseBounds:
         self._rays = _Rays(change, self.T)
 
     def __call__(self, lower: Array, upper: Array) -> Undecided:
-        """Return where c < 0 is not shown.
+        """Return the boxes for which c < 0 is not shown.
 
         Args:
             lower: Lower corners, shape (1 + nx, m).
@@ -107,7 +107,8 @@ class DecreaseBounds:
     def _about_centre(self, lower: Array, upper: Array) -> tuple[Array, Array]:
         """Return upper bounds of u'Mu and of rho b + rho^2 d, each (m,).
 
-        If the centre has a kink: of the bound by slopes at it, and of the rest.
+        If the centre has a kink, they are those of the bound by slopes at it, and of
+        the remainder.
         """
         from_zero = lower.copy()
         from_zero[0] = 0.0
@@ -138,11 +139,11 @@ def undecided(
     quadratic: Array,
     remainder: Array,
 ) -> Undecided:
-    """Return where c < 0 follows from neither of its bounds.
+    """Return the boxes for which c < 0 follows from neither of its bounds.
 
     Args:
         bounded: Lower and upper corners of boxes with rho > 0 -> upper bounds of c,
-            (m,), and how much it spreads along each coordinate, (1 + nx, m).
+            (m,), and its variation along each coordinate, (1 + nx, m).
         lower: Lower corners, shape (1 + nx, m).
         upper: Upper corners.
         quadratic: Upper bounds of u'Mu, (m,).
@@ -151,7 +152,7 @@ def undecided(
     left = ~(quadratic + remainder < 0)
     lower, upper, quadratic = lower[:, left], upper[:, left], quadratic[left]
     spread = upper - lower
-    # Near the centre it is the radius that counts, once the quadratic part is fine.
+    # Near the centre, once the quadratic part is negative, the radius matters most.
     inner = lower[0] == 0
     spread[0] = np.where(inner, np.where(quadratic < 0, np.inf, 0.0), spread[0])
     shown = np.zeros(inner.size, dtype=bool)
@@ -163,7 +164,7 @@ def undecided(
 
 
 def beside_diagonal(middle: Array, radius: Array) -> tuple[Array, float]:
-    """Return the diagonal of M = H/2, and a bound of all beside it.
+    """Return the diagonal of M = H/2, and a bound of its off-diagonal part.
 
     Args:
         middle: Middle of H, shape (nx, nx).
@@ -179,12 +180,12 @@ def quadratic_bound(
 ) -> Array:
     """Return an upper bound of u'Mu over boxes of w, shape (m,).
 
-    sum d_i s_i / sum s_i with s_i = w_i^2 between their ends is largest where the s_i
-    of the largest d_i are at their upper ends and the others at their lower.
+    sum d_i s_i / sum s_i with s_i = w_i^2 between their ends is largest if the s_i of
+    the largest d_i are at their upper ends and the others at their lower ends.
 
     Args:
-        diagonal: Of M, shape (nx,).
-        beside: A bound of all beside it.
+        diagonal: Diagonal of M, shape (nx,).
+        beside: A bound of its off-diagonal part.
         lower: Lower corners, shape (nx, m).
         upper: Upper corners.
     """
@@ -215,9 +216,9 @@ class _Rays:
     """The motion along rays from the centre, (s, w) -> ...
 
     Attributes:
-        kinks: Where it has kinks and cuts.
-        bends: -> (b, d) of the bound by second derivatives.
-        slopes: -> a bound of c / s^2 by first ones.
+        kinks: Its kinks and cuts.
+        bends: (s, w) -> (b, d) of the bound by second derivatives.
+        slopes: (s, w) -> a bound of c / s^2 by first derivatives.
     """
 
     def __init__(self, change: Change, T: Array) -> None:

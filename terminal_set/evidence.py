@@ -1,4 +1,4 @@
-"""Evidence for and against a level: how a proof went, a counterexample, neither."""
+"""Evidence for and against a level: outcomes of proofs, and counterexamples."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ class Proof:
     """The outcome of a proof.
 
     Attributes:
-        proven: Whether c < 0 everywhere in the ellipsoid but at its centre.
+        proven: Whether c < 0 everywhere in the ellipsoid except at its centre.
         alpha: The level.
-        boxes: How many were looked at.
+        boxes: Number of boxes examined.
         seconds: Wall time [s].
-        counterexample: A deviation with c >= 0 or at which c is no number, shape (nx,),
-            where one was met; None otherwise.
+        counterexample: A deviation at which c >= 0 or c is not a number, shape (nx,);
+            None if none was met.
     """
 
     proven: bool
@@ -33,7 +33,7 @@ class Refutation:
     """A deviation at which e'Pe does not decrease.
 
     Attributes:
-        alpha: e'Pe there: no level from it on is one.
+        alpha: e'Pe there: no level at or above it can be proven.
         e: The deviation, shape (nx,), read-only.
         change: c(e) >= 0 there.
     """
@@ -53,8 +53,8 @@ class UnprovenSetError(SwarmstartError, ArithmeticError):
 
     Attributes:
         smallest: The smallest level that was tried.
-        refuted: The refuted level; None where none was.
-        seconds: The time that was allowed [s].
+        refuted: The refuted level; None if none was refuted.
+        seconds: The allowed time [s].
     """
 
     smallest: float
@@ -62,7 +62,7 @@ class UnprovenSetError(SwarmstartError, ArithmeticError):
     seconds: float
 
     def __str__(self) -> str:
-        """Say what was tried."""
+        """Return a message with the levels that were tried."""
         refuted = "none" if self.refuted is None else f"{self.refuted:.6g}"
         return (
             f"no level could be proven within {self.seconds:g} s: the smallest tried "
@@ -75,13 +75,13 @@ class CoarseHoldError(UnprovenSetError):
     """The integrator's error over a hold leaves too little of the decrease.
 
     Attributes:
-        substeps: Runge-Kutta steps a hold.
+        substeps: Number of Runge-Kutta steps in a hold.
     """
 
     substeps: int
 
     def __str__(self) -> str:
-        """Say what helps."""
+        """Return a message with a remedy."""
         return (
             f"{super().__str__()}; the error of {self.substeps} Runge-Kutta steps a "
             "hold, or the bound that could be proven of it, leaves too little of the "

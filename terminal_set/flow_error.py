@@ -5,19 +5,20 @@ d = p - x. So does the reference's own curve, by d_0, and with D = d - d_0
 
     D' = A D + B + r(e) - r(0),   A = f_x somewhere within |d| and |d_0| of p,
 
-B = O(d_0) e, the little that it matters that the reference's curve is no motion either.
-With |r4(e) - r4(0)|_P <= R(q) |e|_P, the residual at s is (s - q)^3 / 6 R(q) |e|_P at
-most, integrated over q from 0 to s. On a piece of time of length d, on which A grows no
-vector faster than at the rate m, the logarithmic norm of T^-1 A T, |D|_P is at most
+where B = O(d_0) e is the small effect of the reference's curve not being a motion
+either. With |r4(e) - r4(0)|_P <= R(q) |e|_P, the residual at s is at most the integral
+of (s - q)^3 / 6 R(q) |e|_P over q from 0 to s. On a piece of time of length d, let m be
+a bound of the logarithmic norm of T^-1 A T, the fastest growth rate of a vector under
+A. Then |D|_P is at most
 
     e^(m d) |D|_P + e^(max(m, 0) d) (r + b d) |e|_P
 
-at its end, r that residual integrated over the piece and b a bound of B. R and m are
-shown by interval branch and bound over the whole ellipsoid, R in the form of the
-mean-value theorem, so that it is |r4(e) - r4(0)| over |e| itself that is bounded, the
-origin included. That x stays as near to p as A takes it to be follows from the bound
-itself: it is below the radius of the tube at all times before the first at which it
-would not be.
+at its end, with r that residual integrated over the piece and b a bound of B. R and m
+are proven by interval branch and bound over the whole ellipsoid. R uses the mean-value
+theorem, so that |r4(e) - r4(0)| / |e| is bounded, the origin included. A is taken over
+a tube around p. That x stays in this tube follows from the bound itself: it is below
+the tube's radius until the first time at which x would leave the tube, so there is no
+such time.
 
 Source: Dahlquist (1959), Stability and error bounds in the numerical integration of
 ordinary differential equations; Hairer, Norsett and Wanner (1993), I.10, theorem 10.6.
@@ -39,34 +40,34 @@ from swarmstart.terminal_set.proof import COVER, Limits, radius_of, search_ball
 from swarmstart.terminal_set.residual import Balls, Residual, Times
 
 PIECES = 8
-"""Pieces of time that a hold is cut into, at least."""
+"""Least number of pieces of time in a hold."""
 LOOSE = 2.0
-"""How many times what is met a bound may be: to be sharper takes longer."""
+"""Ratio of a bound and the largest value met at which the bound is tight enough."""
 SMALL_SHARE = 0.05
-"""Of all of the error, what a piece of time may add however loose its bound is."""
+"""Fraction of the total error that a piece of time may add with a loose bound."""
 POINTS = 64
-"""States at which is looked what bounds there can be."""
+"""Number of states at which quantities are sampled, to see which bounds can hold."""
 BOXES_OF_A_DOUBLING = 2000
-"""After how many boxes a bound may be twice as loose."""
+"""Number of boxes after which a bound may be twice as loose."""
 MOST_BOXES = 200_000
 LARGEST = 0.4
-"""Of c: from there on no decrease is left to prove."""
+"""Value of c above which no decrease can be proven."""
 FASTEST = 30.0
-"""Of the logarithmic norm times the hold."""
+"""Largest product of logarithmic norm and hold."""
 THINNEST = 1e-9
-"""The radius of a tube, as a part of that of the set, at least."""
+"""Least radius of a tube, relative to that of the set."""
 TUBES = 6
-"""How often the tube is made wider before it is given up."""
+"""Largest number of times that the tube is widened."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class FlowError:
-    """A bound of the map's error, proven.
+    """A proven bound of the map's error.
 
     Attributes:
         relative: c with |flow - curve|_P <= c |e|_P at all times of the hold, for every
-            e of the ellipsoid; infinite where none was proven.
-        boxes: How many were looked at.
+            e of the ellipsoid; infinite if none was proven.
+        boxes: Number of boxes examined.
     """
 
     relative: float
@@ -81,14 +82,14 @@ def prove_flow_error(
     useless: float = LARGEST,
     until: float = np.inf,
 ) -> FlowError:
-    """Prove how near the Runge-Kutta map is to the flow.
+    """Prove a bound of the distance between the Runge-Kutta map and the flow.
 
     Args:
-        residual: Of the curve.
+        residual: Residual of the curve.
         alpha: Level of the ellipsoid, > 0.
-        enough: A bound c that need not be sharper, > 0.
-        useless: A bound that is of no use: from there on it is given up.
-        until: When it is given up, of `time.perf_counter` [s].
+        enough: A bound c that is tight enough, > 0.
+        useless: A bound that is too large to be useful: the proof then stops.
+        until: Time of `time.perf_counter` at which the proof stops [s].
     """
     search = ErrorSearch(residual, alpha, until)
     with np.errstate(all="ignore"):
@@ -96,8 +97,8 @@ def prove_flow_error(
 
 
 Measure = Callable[[Cells], tuple[Array, Array, Array]]
-"""Cells -> upper bounds of a quantity, those at their middles alone, each (m,), and how
-much it spreads along rho and each w, (1 + nx, m)."""
+"""Cells -> upper bounds of a quantity, and of its values at their middles, each (m,);
+its variation along rho and each w, (1 + nx, m)."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -130,7 +131,7 @@ class ErrorSearch:
     """The search for the bounds that the error is made of."""
 
     def __init__(self, residual: Residual, alpha: float, until: float) -> None:
-        """Cut the hold into pieces of time."""
+        """Divide the hold into pieces of time."""
         self._residual, self._until, self.boxes = residual, until, 0
         self._radius = radius_of(alpha, residual.off)
         steps, h = residual.substeps, residual.h
@@ -144,7 +145,7 @@ class ErrorSearch:
         self._weights = np.array(
             [[late.weight(early) for early in self._pieces] for late in self._pieces]
         )
-        rng = np.random.default_rng(0)  # Where it is looked changes no bound.
+        rng = np.random.default_rng(0)  # Bounds are valid for any samples.
         w = rng.normal(size=(residual.nx, POINTS))
         rho = self._radius * np.linspace(0.5, 1.0, POINTS)
         at = np.vstack([rho, w / np.abs(w).max(axis=0)])
@@ -169,7 +170,7 @@ class ErrorSearch:
             bends = [self._bend(piece, tube, drift, error) for piece in self._pieces]
             error = self._grown(residuals, speeds, [drift * bend for bend in bends])
             if error * self._radius + drift < tube:
-                # |e|_P is |z|, and r'Pr that of z, to this.
+                # |e|_P equals |z|, and r'Pr that of z, up to this factor.
                 return error * (1 + COVER) * (1 + 4 * self._residual.off)
         return float("inf")
 
@@ -182,9 +183,9 @@ class ErrorSearch:
         """Return the largest error over the hold.
 
         Args:
-            residuals: Bounds of r4, one a piece of time.
+            residuals: Bounds of r4, one for each piece of time.
             speeds: Bounds of the logarithmic norm, likewise.
-            sources: What else moves the error, likewise; None: nothing.
+            sources: Bounds of further sources of error, likewise; None for none.
         """
         error = largest = 0.0
         extra = sources or [0.0] * len(speeds)
@@ -200,7 +201,7 @@ class ErrorSearch:
     def _residuals(
         self, speeds: list[float], enough: float, useless: float
     ) -> list[float]:
-        """Return bounds R of the relative r4, one a piece of time."""
+        """Return bounds R of the relative r4, one for each piece of time."""
         measures = [self.relative_residual(piece) for piece in self._pieces]
         met = [float(measure(self._points)[1].max()) for measure in measures]
         ones = np.eye(len(self._pieces)).tolist()
@@ -257,12 +258,12 @@ class ErrorSearch:
 
         Args:
             measure: The quantity on cells.
-            at_least: A value that it takes, or less.
-            allowed: The largest value met -> up to where a bound will do.
-            useless: The value from which on a bound is of no use.
+            at_least: A value that it reaches.
+            allowed: The largest value met -> the largest bound that is tight enough.
+            useless: The value at which a bound is useless.
 
         Returns:
-            The bound; infinite if it is of no use or was not found in time.
+            The bound; infinite if it is useless or was not found in time.
         """
         met, bound, looked, will_do = at_least, -np.inf, 0, allowed(at_least)
 
@@ -310,10 +311,10 @@ class ErrorSearch:
 
     @cached_property
     def _turns(self) -> Array:
-        """Return the part of r4's derivative by which it turns along each axis, (nx,).
+        """Return the typical change of r4's derivative along each axis, (nx,).
 
-        The median at a few points, at the end of the last step: only which way a cell
-        is cut depends on it.
+        It is the median at a few points, at the end of the last step, and influences
+        only the direction in which a cell is cut.
         """
         residual, (*_, last) = self._residual, self._pieces
         z = self._points.z[:, ::8]
@@ -372,7 +373,7 @@ class ErrorSearch:
             near = central(middle, radius, toward.z, toward.reach)
             above = np.where(low > 0, above, near)
             if (_lengths(own_wide / mean, 0 * q) > reached / 10).any():
-                # The reference's own r4 is not known well enough to divide by rho.
+                # The reference's own r4 is too inaccurate to be divided by rho.
                 still, to_cell = 0 * cells.z, (cells.z_middle, cells.z_reach)
                 near = central(*from_centre(*to_cell), toward.z, toward.reach)
                 above = np.fmin(above, near)
@@ -386,12 +387,12 @@ class ErrorSearch:
 
 
 def _loose(small: float) -> Callable[[float], float]:
-    """Return what a bound may be: small, or LOOSE times the largest value met."""
+    """Return the largest bound that is tight enough: `small`, or LOOSE times values."""
     return lambda most: max(LOOSE * most, small)
 
 
 def _widths(cells: Cells) -> Array:
-    """Return how wide cells are along rho and each w, of one scale."""
+    """Return the widths of cells along rho and each w, on one scale."""
     return cells.spread(np.zeros_like(cells.half), np.ones_like(cells.z))
 
 

@@ -1,12 +1,12 @@
-"""Growth between samples: by how much e'Pe may rise while an input is held.
+"""Growth of e'Pe between samples, while an input is held.
 
 With F_t the Runge-Kutta map to the time t, relative to the reference's own motion,
 
     V(F_t(e)) < g V(e)   for all t in [0, dt], 0 < V(e) <= alpha
 
-is shown by the search that shows a decrease (`proof.py`), for one interval of times
-after another: t is an interval in all that is evaluated. An interval on which it does
-not work out is cut in two.
+is proven by the same search as a decrease (`proof.py`), for one interval of times after
+another: t is an interval in all evaluations. An interval on which the proof fails is
+halved.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ from swarmstart.terminal_set.proof import Limits, radius_of, search_ball
 from swarmstart.terminal_set.taylor import TaylorForm
 
 PIECES = 16
-"""Intervals that a whole hold is cut into, to begin with."""
+"""Number of intervals of a hold at the beginning."""
 BOXES_OF_A_PIECE = 4000
-"""After how many it is cut, while it is longer than the shortest."""
+"""Number of boxes after which an interval is halved, unless it is the shortest."""
 SHORTEST = 1 / 1024
-"""Of the hold."""
+"""Shortest interval, as a fraction of the hold."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -46,8 +46,8 @@ class Hold:
     Attributes:
         motion: (e, t) -> the deviation after t; e for t = 0.
         P: Shape of the ellipsoids, (nx, nx), symmetric positive definite.
-        dt: How long [s].
-        pieces: Intervals of time to begin with.
+        dt: Duration [s].
+        pieces: Number of intervals of time at the beginning.
     """
 
     motion: ca.Function
@@ -69,10 +69,10 @@ def prove_growth(
         hold: The motion.
         alpha: Level of the ellipsoid, > 0.
         growth: g, above 1.
-        max_seconds: After how many seconds it is given up [s].
+        max_seconds: Time limit [s].
 
     Raises:
-        UnknownIntervalOperationError: The motion has an operation without interval
+        UnknownIntervalOperationError: If the motion has an operation without interval
             form.
     """
     began = clock.perf_counter()
@@ -87,7 +87,7 @@ def prove_growth(
     centre = np.zeros((nx + 1, 1))
     at_end = centre.copy()
     at_end[-1] = hold.dt
-    # About the centre only smooth motions are bounded.
+    # Near the centre, only smooth motions can be bounded.
     proven = not np.any(form.kinks(centre, at_end))
     while pieces and proven:
         low, high = pieces.pop()
@@ -120,7 +120,7 @@ class _GrowthBounds:
     """
 
     def __init__(self, form: TaylorForm, P: Array, times: tuple[float, float]) -> None:
-        """Turn the coordinates so that the quadratic part is diagonal."""
+        """Rotate the coordinates so that the quadratic part is diagonal."""
         nx = len(P)
         root = np.linalg.inv(np.linalg.cholesky(P)).T
         first, last = (np.append(np.zeros(nx), time)[:, None] for time in times)
@@ -136,13 +136,13 @@ class _GrowthBounds:
         self.defect = defect(T, P, np.eye(nx))
 
     def __call__(self, lower: Array, upper: Array) -> Undecided:
-        """Return where it is not shown; see `DecreaseBounds`."""
+        """Return the undecided boxes; see `DecreaseBounds`."""
         quadratic = quadratic_bound(*self._M, lower[1:], upper[1:])
         from_zero = lower.copy()
         from_zero[0] = 0.0
         cells = TimedCells(from_zero, upper, self._times)
         d = np.abs(cells.z_middle) + cells.z_reach
-        d[-1] = 0.0  # A series in e; for each t its own.
+        d[-1] = 0.0  # The series is in e, a separate one for each t.
         remainder = self._form.beyond_second_order(cells, d) / upper[0] ** 2
 
         def away_from_centre(lower: Array, upper: Array) -> tuple[Array, Array]:

@@ -1,8 +1,8 @@
 """The motion over one hold of the input, by Runge-Kutta steps.
 
-The map F of a hold takes n steps; the curve that leads there (`residual.py`) is given
-step by step, relative to the reference's own. What is measured on it here only says
-what is worth trying to prove.
+The map F of a hold takes n steps; its curve (`residual.py`) is given step by step,
+relative to the reference's own. Measurements on it here only suggest what to try to
+prove.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from swarmstart.terminal_set.residual import ORDER, Residual
 
 SAMPLES = 500
 RADII = (0.01, 0.3, 0.6, 0.8, 0.9, 1.0)
-"""At which parts of the set's radius is measured, for every sample."""
+"""Radii at which every sample is measured, relative to the set's radius."""
 TIMES = 50
-"""Times of a hold at which the growth is measured, at least."""
+"""Least number of times in a hold at which the growth is measured."""
 
 
 class HeldMotion:
@@ -27,10 +27,11 @@ class HeldMotion:
 
     Attributes:
         law: The design.
-        dt: How long the input is held [s].
+        dt: Time for which the input is held [s].
         step: F(x, u) -> x after dt.
-        holds: One a step of the curve: (e, t) -> the deviation t after its beginning.
-        residual: Of the curve.
+        holds: A function for each step: (e, t) -> the deviation at t after its
+            beginning.
+        residual: Residual of the curve.
     """
 
     def __init__(
@@ -60,11 +61,11 @@ class HeldMotion:
 
         Args:
             alpha: Level of the ellipsoid.
-            rng: Of the directions.
+            rng: Source of randomness of the directions.
 
         Returns:
-            The largest e'Pe of a hold over that at its beginning, NaN if the motion is
-            not defined; whether e'Pe is less at the end, at every state.
+            The largest ratio of e'Pe in a hold and at its beginning, NaN if the motion
+            is undefined; whether e'Pe decreases over the hold at every state.
         """
         directions = rng.normal(size=(len(self.law.P), SAMPLES))
         boundary = Ellipsoid(P=self.law.P, alpha=alpha).boundary(directions)

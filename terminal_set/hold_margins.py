@@ -1,11 +1,11 @@
-"""The margins of a held input: how far its map is from the flow, and how e'Pe grows.
+"""The margins of a held input: error of its map against the flow, growth of e'Pe.
 
     c with |flow - map|_P <= c |e|_P        proven (`flow_error.py`)
-    g with V(map at any time) <= g V        proven (`growth.py`); (sqrt(g) + c)^2 V is
-                                            what V(flow) stays below
+    g with V(map at any time) <= g V        proven (`growth.py`); then
+                                            V(flow) <= (sqrt(g) + c)^2 V
 
-A level at which c would use up the decrease is lowered until it does not. What is
-proven of one level holds for every smaller one.
+A level at which c would use up the decrease is lowered until it does not. A statement
+proven for one level holds for every smaller one.
 """
 
 from __future__ import annotations
@@ -29,32 +29,32 @@ from swarmstart.terminal_set.held_motion import HeldMotion
 from swarmstart.terminal_set.refutation import refuted_level
 
 ENOUGH = 0.005
-"""Of the linear decrease: a margin that costs hardly any of the level."""
+"""Margin, relative to the linear decrease, that hardly lowers the level."""
 AFFORDABLE = 0.5
-"""Of the linear decrease: a margin that leaves too little of it."""
+"""Margin, relative to the linear decrease, that leaves too little of it."""
 HALVINGS = 40
-"""Of a level at which the model is not defined, e'Pe does not fall, or no affordable
-margin is proven."""
+"""Largest number of halvings of a level at which the model is undefined, e'Pe does not
+decrease, or no affordable margin is proven."""
 CLOSE = 1.05
-"""Up to which factor between a level with such a margin and one without is looked."""
+"""Ratio of a level without an affordable margin and one with it at which to stop."""
 SHARE = 0.25
-"""Of the time left, for each try at a margin."""
+"""Fraction of the remaining time for each attempt at a margin."""
 GROWTH_RESERVE = 1.1
 LEAST_GROWTH = 1.05
 ROOMIER = 2.0
-"""How much more growth is stated, as it is proven sooner, where bounds allow for it."""
+"""Factor by which the stated growth is larger, if bounds allow it: faster to prove."""
 SHRUNK = 1 - 1e-9
-"""Of the growth that bounds of states leave room for: its rounding."""
+"""Factor for the growth that the states' bounds allow, for its rounding."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class HoldBounds:
-    """Limits of a level beside the decrease.
+    """Limits of a level other than the decrease.
 
     Attributes:
         inputs: The level of the bounds of the inputs.
-        states: That of the bounds of the states, of deviations at any time.
-        drift: What the reference moves, relative to e; a share (`drift.py`).
+        states: The level of the bounds of the states, at all times.
+        drift: Motion of the reference relative to e, a fraction (`drift.py`).
     """
 
     inputs: float
@@ -64,16 +64,16 @@ class HoldBounds:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ProvableHold:
-    """A decrease to be proven of a held input, with its margins.
+    """A decrease to be proven for a held input, with its margins.
 
     Attributes:
         motion: The motion.
         change: c, the margins of integrator and drift included.
         top: The level within all bounds, those between the samples included, up to
-            which the integrator's error is proven; the refuted one if that is less.
-        margins: The error proven, the growth measured.
-        refutation: Of the map without a margin, within the bounds; None if there is
-            none.
+            which the integrator's error is proven; the refuted level if that is lower.
+        margins: The proven error and the measured growth.
+        refutation: Counterexample of the map without a margin, within the bounds; None
+            if none is known.
     """
 
     motion: HeldMotion
@@ -91,18 +91,18 @@ def provable_hold(
     rng: np.random.Generator,
     until: float,
 ) -> ProvableHold:
-    """Find the margins, and the largest level at which they are affordable.
+    """Return the margins, and the largest level at which they are affordable.
 
     Args:
         motion: The motion.
         change: c of its map, without the margins of integrator and drift.
         bounds: Levels of the bounds.
-        rng: Of the samples and rays.
-        until: When proofs of the integrator's error are given up, of
-            `time.perf_counter` [s].
+        rng: Source of randomness of samples and rays.
+        until: Time of `time.perf_counter` at which proofs of the integrator's error
+            stop [s].
 
     Raises:
-        UnprovenSetError: No level can be proven.
+        UnprovenSetError: If no level can be proven.
     """
     top = min(bounds.inputs, bounds.states)
     growth, falls = motion.measured(top, rng)
@@ -144,8 +144,8 @@ def with_proven_growth(
 
     Args:
         hold: The hold.
-        alpha: The level, at most that up to which its error is proven.
-        max_seconds: For the proof [s].
+        alpha: The level, at most the one up to which its error is proven.
+        max_seconds: Time for the proof [s].
     """
     until = clock.perf_counter() + max_seconds
     for one in hold.motion.holds:
@@ -165,8 +165,8 @@ def _affordable_error(
         The level and the error there.
 
     Raises:
-        UnprovenSetError: There is no decrease to pay with.
-        CoarseHoldError: It is affordable at no level that was tried.
+        UnprovenSetError: If there is no decrease at all.
+        CoarseHoldError: If the error is not affordable at any level that was tried.
     """
     if not decrease > 0:
         raise UnprovenSetError(top, None, until - clock.perf_counter())

@@ -1,18 +1,19 @@
-"""Interval forms of the elementary functions and of powers, of one box.
+"""Interval forms of the elementary functions and of powers, for one box.
 
 Every end is computed in floats and moved outwards, by |end| times
 
-    sqrt and the arithmetic     WIDER (IEEE: half a unit in the last place off at most)
+    sqrt and the arithmetic     WIDER (IEEE: error of at most half a unit)
     the other functions         FUNCTION_WIDER (4 units; glibc documents at most 2)
 
-plus SMALLEST, below which floats lose digits. Each factor holds the rounding of the
-move itself; moving to the next number instead would take a branch.
+plus SMALLEST, below which floats lose digits. Each factor includes the rounding of the
+move itself; moving to the next float instead would need a branch.
 
-If a function is undefined somewhere in the box, or an end is no number, the result is
-the whole line: no statement.
+If a function is undefined somewhere in the box, or an end is not a number, the result
+is the whole line, which states nothing.
 
-NumPy's functions are used instead of math's: as plain Python (NUMBA_DISABLE_JIT) those
-of math raise where these return infinity or NaN. Only erf is not in NumPy.
+NumPy's functions are used instead of math's: without compilation (NUMBA_DISABLE_JIT)
+those of math raise errors when NumPy's return infinity or NaN. Only erf is not in
+NumPy.
 
 Source: Moore, Kearfott and Cloud (2009), Introduction to Interval Analysis; the GNU C
 Library Reference Manual, "Errors in Math Functions".
@@ -27,11 +28,11 @@ import numpy as np
 from swarmstart.kernel import ieee_kernel
 
 WIDER = 2.3e-16
-"""Relative: half a unit of the operation and half a unit of moving its end."""
+"""Relative: half a unit for the operation and half a unit for moving its end."""
 FUNCTION_WIDER = 1.2e-15
 SMALLEST = 1e-300
 PERIOD_SLACK = 1e-12
-"""By which part of an angle a turning point may be mistaken for inside a box."""
+"""Relative error of an angle at which a turning point still counts as in the box."""
 
 FUNCTIONS = (
     "sin cos tan cosh exp atan tanh sinh asinh erf expm1 "
@@ -42,7 +43,7 @@ FUNCTIONS = (
     _SQRT, _LOG, _LOG1P, _ASIN, _ACOSH, _ATANH, _ACOS,
 ) = range(len(FUNCTIONS))  # fmt: skip
 
-# Open ends are the next number inside.
+# An open end is replaced by the next float inside.
 _DOMAINS = {
     "sqrt": (0.0, np.inf),
     "log": (float(np.nextafter(0.0, 1.0)), np.inf),
@@ -80,7 +81,7 @@ def outward(low: float, high: float, wider: float) -> tuple[float, float]:
 
 @ieee_kernel
 def hull(s: float, t: float, u: float, v: float, wider: float) -> tuple[float, float]:
-    """Return the interval of the values at four corners; NaN makes it the whole."""
+    """Return the interval of the values at four corners; the whole line for NaN."""
     low, high = outward(min(s, t, u, v), max(s, t, u, v), wider)
     lost = np.isnan((s + t) + (u + v))
     return (-np.inf if lost else low), (np.inf if lost else high)
@@ -159,7 +160,7 @@ def _rising_on_a_part(code: int, x: float) -> float:
 
 @ieee_kernel
 def _wave(code: int, a: float, b: float) -> tuple[float, float]:
-    """Return the ends of sin or cos, from those of the box and where it turns."""
+    """Return the ends of sin or cos, from the box's ends and the turning points."""
     if code == _SIN:
         s, t, highest = np.sin(a), np.sin(b), 0.5 * np.pi
     else:
@@ -174,7 +175,7 @@ def _wave(code: int, a: float, b: float) -> tuple[float, float]:
 
 @ieee_kernel
 def _turns(a: float, b: float, at: float) -> bool:
-    """Return whether at + 2 pi k lies in [a, b], or may, for some integer k."""
+    """Return whether at + 2 pi k may lie in [a, b] for some integer k."""
     size = max(abs(a), abs(b))
     if not size < 1.0 / PERIOD_SLACK:
         return True
@@ -212,7 +213,8 @@ def _whole_power(a: float, b: float, n: float) -> tuple[float, float]:
 def angle(a: float, b: float, c: float, d: float) -> tuple[float, float]:
     """Return atan2 of y in [a, b] and x in [c, d], extreme in their corners.
 
-    On the cut, y = 0 and x <= 0, it jumps: a box that touches it has no statement.
+    On the cut, y = 0 and x <= 0, it jumps: a box that touches the cut gets the whole
+    line.
     """
     if c <= 0.0 and a <= 0.0 and b >= 0.0:
         return -np.inf, np.inf

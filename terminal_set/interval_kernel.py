@@ -1,8 +1,8 @@
 """The compiled interpreter of interval programs, a block of boxes at a time.
 
-The values of BLOCK boxes stay in the processor's cache; one kernel, compiled once,
-interprets any program, an instruction for the whole block at a time. The forms of the
-functions, and how ends are moved outwards, are in `interval_functions.py`.
+The values of BLOCK boxes stay in the processor's cache. One kernel, compiled once,
+interprets any program, one instruction at a time for the whole block. The interval
+forms of the functions are in `interval_functions.py`.
 
 Flags, of comparisons in derivatives, are intervals of 0 (false) and 1 (true).
 """
@@ -57,7 +57,7 @@ def interpret(
         outputs: Registers.
         boxes: Lower and upper corners, shape (2, inputs, m).
         work: The registers, shape (registers, 2, BLOCK), constants in place.
-        values: Where the enclosures go, shape (2, outputs, m).
+        values: Filled with the enclosures, shape (2, outputs, m).
     """
     total = boxes.shape[2]
     for begin in range(0, total, BLOCK):
@@ -79,7 +79,7 @@ def interpret(
 
 @ieee_kernel
 def _load(inputs: Codes, boxes: Array, work: Array) -> None:
-    """Put up to BLOCK boxes in their registers, the last one in all that are left."""
+    """Load up to BLOCK boxes into registers; repeat the last one to fill the block."""
     for i in range(inputs.shape[0]):
         register, entry = inputs[i]
         for k in range(BLOCK):
@@ -92,7 +92,7 @@ def _load(inputs: Codes, boxes: Array, work: Array) -> None:
 
 @ieee_kernel
 def _apply_arithmetic(code: int, x: Array, y: Array, out: Array) -> None:
-    """Put an operation of x and y, intervals of BLOCK boxes, (2, BLOCK), in out."""
+    """Write an operation of x and y, intervals of BLOCK boxes (2, BLOCK), to out."""
     if code == _ADD:
         for k in range(BLOCK):
             out[0, k], out[1, k] = outward(x[0, k] + y[0, k], x[1, k] + y[1, k], WIDER)
@@ -124,7 +124,7 @@ def _divide(x: Array, y: Array, out: Array) -> None:
 
 @ieee_kernel
 def _apply_two(code: int, x: Array, y: Array, out: Array) -> None:
-    """Put operations of x and y besides `_apply_arithmetic`'s in out."""
+    """Write operations of x and y that `_apply_arithmetic` lacks to out."""
     for k in range(BLOCK):
         a, b, c, d = x[0, k], x[1, k], y[0, k], y[1, k]
         if code == _POW:
@@ -143,7 +143,7 @@ def _apply_two(code: int, x: Array, y: Array, out: Array) -> None:
 
 @ieee_kernel
 def _compare(code: int, a: float, b: float, c: float, d: float) -> tuple[float, float]:
-    """Return [a, b] <= [c, d] as a flag, or how many of <= and >= are true."""
+    """Return [a, b] <= [c, d] as a flag, or the number of true ones of <= and >=."""
     if code == _LE:
         return (1.0 if b <= c else 0.0), (0.0 if a > d else 1.0)
     return 1.0, (1.0 if b < c or a > d else 2.0)
@@ -151,7 +151,7 @@ def _compare(code: int, a: float, b: float, c: float, d: float) -> tuple[float, 
 
 @ieee_kernel
 def _apply_one(code: int, x: Array, out: Array) -> None:
-    """Put an operation of x, intervals of BLOCK boxes, (2, BLOCK), in out."""
+    """Write an operation of x, intervals of BLOCK boxes (2, BLOCK), to out."""
     if code < _FIRST_OF_ONE:
         for k in range(BLOCK):
             out[0, k], out[1, k] = elementary(code, x[0, k], x[1, k])
@@ -169,7 +169,7 @@ def _apply_one(code: int, x: Array, out: Array) -> None:
 
 @ieee_kernel
 def _size(code: int, x: Array, out: Array) -> None:
-    """Put the absolute value of x, or its square, in out."""
+    """Write the absolute value of x, or its square, to out."""
     for k in range(BLOCK):
         least = max(x[0, k], -x[1, k], 0.0)
         most = max(-x[0, k], x[1, k])
@@ -182,7 +182,7 @@ def _size(code: int, x: Array, out: Array) -> None:
 
 @ieee_kernel
 def _sign(code: int, x: Array, out: Array) -> None:
-    """Put the sign of x in out, or whether it is 0."""
+    """Write the sign of x, or whether it is 0, to out."""
     for k in range(BLOCK):
         above, below = x[0, k] > 0.0, x[1, k] < 0.0
         if code == _SIGN:

@@ -9,8 +9,8 @@ the functions are in `interval_functions.py`). Compiling the code of each functi
 take longer than a proof.
 
 The derivatives of fabs, fmin and fmax have the operations sign and <=, which jump. They
-are taken only if they are asked for: their interval is the hull of both sides if the
-side is not decided. What may be concluded from it is said in `smoothness.py`.
+are accepted only on request: their interval is the hull of both sides if the side is
+not decided. `smoothness.py` says which conclusions are valid.
 
 Source: Moore, Kearfott and Cloud (2009), Introduction to Interval Analysis.
 """
@@ -39,12 +39,12 @@ JUMPS = frozenset(
     "sign lt le eq ne not and or if_else_zero floor ceil fmod remainder copysign"
     "".split()
 )
-"""Operations whose value jumps: their derivatives do not show it."""
+"""Operations whose value jumps, which their derivatives do not show."""
 _JUMPS_REASON = (
     "jumps: a proof needs a continuous function (fmin, fmax and fabs are continuous)"
 )
 _LOADED = ("constant", "input")
-"""What is in its register before the first instruction."""
+"""Kinds of values that are in their registers before the first instruction."""
 
 
 class IntervalEvaluation(Protocol):
@@ -61,12 +61,12 @@ class IntervalEvaluation(Protocol):
 
 @dataclass(eq=False)
 class UnknownIntervalOperationError(SwarmstartError, NotImplementedError):
-    """The function has an operation of which nothing can be proven here.
+    """The function has an operation that is not supported in proofs.
 
     Attributes:
         function: The function's name.
-        operation: What the operation is called.
-        reason: Why not, as what follows "which".
+        operation: Name of the operation.
+        reason: The reason, as a clause that follows "which".
     """
 
     function: str
@@ -74,7 +74,7 @@ class UnknownIntervalOperationError(SwarmstartError, NotImplementedError):
     reason: str = "has no interval form"
 
     def __str__(self) -> str:
-        """Say which, and why."""
+        """Return a message with the operation and the reason."""
         return (
             f"{self.function} has the operation {self.operation}, which {self.reason}"
         )
@@ -90,7 +90,7 @@ class _Program:
         constants: Registers of the constants, shape (number,), kept for them alone.
         values: Lower and upper ends of the constants, shape (number, 2).
         outputs: The register of each output, shape (number,).
-        registers: How many there are.
+        registers: Number of registers.
     """
 
     instructions: Codes
@@ -107,10 +107,10 @@ def interval_function(
     """Return a function of one column as a function of boxes.
 
     Args:
-        function: x (n, 1) -> y (k, 1), of SX or of MX that can be expanded; of a matrix
-            y the columns follow each other.
-        takes_jumps: Whether sign and <= are taken too, as hulls: for the derivatives of
-            fabs, fmin and fmax.
+        function: x (n, 1) -> y (k, 1), of SX or of MX that can be expanded; a matrix y
+            is flattened column by column.
+        takes_jumps: Whether sign and <= are accepted too, as hulls: for the derivatives
+            of fabs, fmin and fmax.
 
     Raises:
         UnknownIntervalOperationError: If it has an operation without interval form, or
@@ -138,7 +138,7 @@ def expanded_tape(function: ca.Function) -> Tape:
 
 
 def require_no_jumps(tape: Tape, name: str) -> None:
-    """Refuse a function that jumps.
+    """Validate that a function does not jump.
 
     Args:
         tape: Its tape.
@@ -156,8 +156,8 @@ def interval_program(tape: Tape, name: str) -> IntervalEvaluation:
     """Return the interval evaluation of a tape.
 
     Args:
-        tape: With one input and one output.
-        name: Of its function, for errors.
+        tape: Tape with one input and one output.
+        name: Name of its function, for errors.
 
     Raises:
         UnknownIntervalOperationError: If it has an operation without interval form.
@@ -216,7 +216,7 @@ def _applied(builder: TapeBuilder, operation: str, arguments: tuple[int, ...]) -
     if operation == "constpow":
         operation = "pow"
     if operation == "add" and _are_opposite(*(builder.nodes[a] for a in arguments)):
-        # Of the derivatives of fmin and fmax: one of both is true, so this is not 0.
+        # In derivatives of fmin and fmax: one of both is true, so this is not 0.
         operation, arguments = "ties", builder.nodes[arguments[0]].arguments
     if operation not in CODES:
         raise UnknownOperationError(f"{operation} has no interval form", operation)
@@ -232,10 +232,10 @@ def _are_opposite(one: Node, other: Node) -> bool:
 
 
 def _program(tape: Tape) -> _Program:
-    """Give every value a register; one is free again after its value's last use.
+    """Assign a register to every value; it is free again after the value's last use.
 
     Constants and inputs, which are loaded before the first instruction, keep theirs. A
-    result never gets the register of an argument: the kernel's loops rely on it.
+    result never gets the register of an argument, as the kernel's loops require.
     """
     last = _last_uses(tape)
     register: dict[int, int] = {}
@@ -268,7 +268,7 @@ def _program(tape: Tape) -> _Program:
 
 
 def _ends(value: float) -> tuple[float, float]:
-    """Return a constant's interval: the whole line if it is no number."""
+    """Return a constant's interval; the whole line if it is not a number."""
     return (-np.inf, np.inf) if np.isnan(value) else (value, value)
 
 

@@ -1,4 +1,4 @@
-"""Levels: how large the ellipsoid e'Pe <= alpha may be before a bound is reached.
+"""Levels: the largest alpha for which the ellipsoid e'Pe <= alpha keeps all bounds.
 
 On the ellipsoid a row F_i e reaches at most sqrt(alpha F_i P^-1 F_i'), so with the
 bounds |F_i e| <= g_i
@@ -6,10 +6,10 @@ bounds |F_i e| <= g_i
     alpha = min_i g_i^2 / (F_i P^-1 F_i').
 
 F = K and g = u_max is the input bound, (5.14) corrected; F = I and g = e_max the state
-bound. The ellipsoid is symmetric, so of unequal bounds the nearer one counts.
+bound. The ellipsoid is symmetric, so the nearer one of two unequal bounds counts.
 
-A level of this kind bounds inputs and states only. That e'Pe also falls under the
-nonlinear dynamics is a further condition, which no formula here looks at.
+Such a level keeps the bounds of inputs and states only. That e'Pe also decreases under
+the nonlinear dynamics is a further condition, which is not checked here.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ from swarmstart.terminal_set.arrays import (
 
 @dataclass(eq=False)
 class SaturatedReferenceError(SwarmstartError, ValueError):
-    """A reference lies on or outside its bounds: no feedback has room there.
+    """A reference lies on or outside its bounds, which leaves no room for feedback.
 
     Attributes:
         name: Name of the reference.
-        index: Which of its entries (the first, if several).
+        index: Index of the entry (the first, if several).
         value: That entry.
         lower: Its lower bound.
         upper: Its upper bound.
@@ -49,7 +49,7 @@ class SaturatedReferenceError(SwarmstartError, ValueError):
     upper: float
 
     def __str__(self) -> str:
-        """Say which entry and its bounds."""
+        """Return a message with the entry and its bounds."""
         return (
             f"{self.name}[{self.index}] must lie between its bounds "
             f"{self.lower:.6g} and {self.upper:.6g}, not on or outside them; "
@@ -60,12 +60,12 @@ class SaturatedReferenceError(SwarmstartError, ValueError):
 def smaller_side(
     name: str, reference: ArrayLike, *, lower: ArrayLike, upper: ArrayLike
 ) -> Array:
-    """Measure the room between a reference and the nearer of its two bounds.
+    """Return the distance between a reference and the nearer of its two bounds.
 
     For bounds that are already relative to the reference, the reference is zero.
 
     Args:
-        name: What an error calls the reference.
+        name: Name of the reference in errors.
         reference: Reference values, shape (n,).
         lower: Lower bounds, shape (n,); -inf if missing.
         upper: Upper bounds, shape (n,); inf if missing.
@@ -74,9 +74,9 @@ def smaller_side(
         min(upper - reference, reference - lower) > 0, shape (n,), read-only.
 
     Raises:
-        SaturatedReferenceError: The reference is on or outside a bound.
-        NotFiniteError: An argument holds NaN, or the reference infinity.
-        InvalidShapeError: The sizes differ.
+        SaturatedReferenceError: If the reference is on or outside a bound.
+        NotFiniteError: If an argument holds NaN, or the reference infinity.
+        InvalidShapeError: If the sizes differ.
     """
     reference = finite_array(name, reference, (None,))
     lower = bound_array(f"the lower bound of {name}", lower, reference.shape)
@@ -96,17 +96,17 @@ def level_from_inputs(K: ArrayLike, P: ArrayLike, u_max: ArrayLike) -> float:
         K: Gain, shape (nu, nx).
         P: Shape of the ellipsoid, (nx, nx), symmetric positive definite.
         u_max: Room of each input around its reference (see `smaller_side`), shape
-            (nu,), > 0; infinite where there is no bound.
+            (nu,), > 0; infinite if there is no bound.
 
     Returns:
         alpha = min_i u_max_i^2 / (K_i P^-1 K_i'); infinite if no bound is ever reached.
 
     Raises:
-        InvalidShapeError: The sizes do not agree.
-        NotFiniteError: K or P holds NaN or infinity, or u_max NaN.
-        AsymmetricMatrixError: P is not symmetric.
-        IndefiniteMatrixError: P is not positive definite.
-        NotPositiveError: An entry of u_max is zero or negative.
+        InvalidShapeError: If the sizes do not agree.
+        NotFiniteError: If K or P holds NaN or infinity, or u_max NaN.
+        AsymmetricMatrixError: If P is not symmetric.
+        IndefiniteMatrixError: If P is not positive definite.
+        NotPositiveError: If an entry of u_max is zero or negative.
     """
     P, K = _ellipsoid_and_rows(P, K)
     return _level(_squared_reach(P, K), _room("u_max", u_max, len(K)))
@@ -118,24 +118,24 @@ def level_from_states(P: ArrayLike, e_max: ArrayLike) -> float:
     Args:
         P: Shape of the ellipsoid, (nx, nx), symmetric positive definite.
         e_max: Room of each state around its reference (see `smaller_side`), shape
-            (nx,), > 0; infinite where there is no bound.
+            (nx,), > 0; infinite if there is no bound.
 
     Returns:
         alpha = min_j e_max_j^2 / (P^-1)_jj; infinite if there is no bound.
 
     Raises:
-        InvalidShapeError: The sizes do not agree.
-        NotFiniteError: P holds NaN or infinity, or e_max NaN.
-        AsymmetricMatrixError: P is not symmetric.
-        IndefiniteMatrixError: P is not positive definite.
-        NotPositiveError: An entry of e_max is zero or negative.
+        InvalidShapeError: If the sizes do not agree.
+        NotFiniteError: If P holds NaN or infinity, or e_max NaN.
+        AsymmetricMatrixError: If P is not symmetric.
+        IndefiniteMatrixError: If P is not positive definite.
+        NotPositiveError: If an entry of e_max is zero or negative.
     """
     P = positive_definite("P", P)
     return _level(_squared_reach(P, np.eye(len(P))), _room("e_max", e_max, len(P)))
 
 
 def input_excess(K: ArrayLike, P: ArrayLike, alpha: float, u_max: ArrayLike) -> Array:
-    """Compute how far each input reaches on an ellipsoid, in units of its bound.
+    """Compute the largest value of each input on an ellipsoid, relative to its bound.
 
     Args:
         K: Gain, shape (nu, nx).
@@ -148,11 +148,11 @@ def input_excess(K: ArrayLike, P: ArrayLike, alpha: float, u_max: ArrayLike) -> 
         shape (nu,). The bounds hold on the set if no entry is above 1.
 
     Raises:
-        InvalidShapeError: The sizes do not agree.
-        NotFiniteError: K or P holds NaN or infinity, or u_max NaN.
-        AsymmetricMatrixError: P is not symmetric.
-        IndefiniteMatrixError: P is not positive definite.
-        NotPositiveError: alpha or an entry of u_max is zero or negative.
+        InvalidShapeError: If the sizes do not agree.
+        NotFiniteError: If K or P holds NaN or infinity, or u_max NaN.
+        AsymmetricMatrixError: If P is not symmetric.
+        IndefiniteMatrixError: If P is not positive definite.
+        NotPositiveError: If alpha or an entry of u_max is zero or negative.
     """
     P, K = _ellipsoid_and_rows(P, K)
     if not 0 < alpha < np.inf:
@@ -182,6 +182,6 @@ def _squared_reach(P: Array, F: Array) -> Array:
 
 
 def _level(squared_reach: Array, room: Array) -> float:
-    """Compute min room^2 / reach^2; a row that reaches nowhere leaves it infinite."""
+    """Compute min room^2 / reach^2; a row with reach 0 counts as infinite."""
     with np.errstate(divide="ignore", over="ignore"):
         return float(np.min(room**2 / squared_reach))

@@ -1,11 +1,11 @@
-"""The largest level that can be proven, between one that is and one that is not.
+"""Search for the largest level that can be proven.
 
-    bounds     the level wanted is tried first: it is proven, or a counterexample met
-    refuted    the nearest counterexample, of the proof or of a search for it, is above
-               all that can be proven
-    downwards  shares of that, until one is proven: the model may not be defined, or
-               be thin-featured where no search looks
-    upwards    levels between the highest proven and the lowest that is not
+    bounds     the requested level is tried first: it is proven, or a counterexample met
+    refuted    the nearest counterexample, of the proof or of a search for it, is an
+               upper limit of all levels that can be proven
+    downwards  fractions of that, until one is proven: the model may be undefined, or
+               have thin features that samples miss
+    upwards    levels between the highest proven and the lowest unproven one
 
 until the two are within TIGHT of each other or time is up. A level counts as unproven
 after MORE_BOXES times the boxes of the last proof.
@@ -25,21 +25,23 @@ from swarmstart.terminal_set.proof import prove_level
 from swarmstart.terminal_set.refutation import refuted_level
 
 FIRST_SHARE = 0.92
-"""Of the refuted level, what is tried first: with six states more takes too long."""
+"""Fraction of the refuted level that is tried first: with six states more takes too
+long."""
 NEARER_SHARE = 0.99
-"""Of a level broken by a state, what is tried next."""
+"""Fraction of a level refuted by a state that is tried next."""
 LOWER_SHARES = (0.54, 0.25)
-"""Of an unproven level, what is tried then; the last again and again."""
+"""Fractions of an unproven level that are tried next; the last one repeatedly."""
 SMALLEST_SHARE = 1e-12
-"""Down to which a level is quartered. A smaller one takes hardly less time to prove;
-that the model is not defined in the whole of a larger one shows at once."""
+"""Smallest level, relative to the first, down to which levels are quartered. A smaller
+one takes hardly less time to prove; if the model is undefined somewhere in a larger
+one, that shows at once."""
 TIGHT = 1.011
-"""Of the lowest unproven level over the proven one, where the search ends."""
+"""Ratio of the lowest unproven level and the proven one at which the search ends."""
 MORE_BOXES = 10
 FEW_BOXES = 50_000
-"""A proof that takes no more is not given up for its boxes."""
+"""Number of boxes that every proof may take."""
 MOST_BOXES = 100_000_000
-"""Of a first proof: there it is time that ends one."""
+"""Largest number of boxes of a first proof, which ends by time in practice."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -47,8 +49,9 @@ class ProvenLevel:
     """The largest level that could be proven.
 
     Attributes:
-        proof: Of the largest level that was proven, or the last try where none was.
-        refutation: The nearest counterexample below the level asked for; None if none
+        proof: Proof of the largest proven level, or the last attempt if none was
+            proven.
+        refutation: The nearest counterexample below the requested level; None if none
             was found.
     """
 
@@ -57,7 +60,7 @@ class ProvenLevel:
 
     @property
     def alpha(self) -> float:
-        """The proven level; 0 where none was."""
+        """The proven level; 0 if no level was proven."""
         return self.proof.alpha if self.proof.proven else 0.0
 
 
@@ -68,23 +71,23 @@ def proven_level(
     rng: np.random.Generator,
     max_seconds: float = 60.0,
 ) -> ProvenLevel:
-    """Prove as much as can be of the levels up to one.
+    """Prove the largest possible level up to a given one.
 
     Args:
-        change: Of `continuous_change` or `held_change`.
-        alpha_max: The level wanted, > 0: that of the bounds.
-        rng: Of the rays that look for a counterexample.
-        max_seconds: For all proofs together [s].
+        change: Change from `continuous_change` or `held_change`.
+        alpha_max: The requested level, > 0: that of the bounds.
+        rng: Source of randomness of the rays that look for a counterexample.
+        max_seconds: Time for all proofs together [s].
 
     Returns:
-        The level wanted where it is proven, else the largest that was found; unproven
-        if none was.
+        The requested level if it is proven, else the largest one that was; unproven if
+        none was.
 
     Raises:
         SwarmstartError: As `refuted_level` and `prove_level` say.
     """
     search = _LevelSearch(change, alpha_max, clock.perf_counter() + max_seconds)
-    # A level that cannot be proven mostly shows a counterexample at once.
+    # For a level that cannot be proven, a counterexample is usually found at once.
     if not search.proves(alpha_max, 0.25):
         search.refute(refuted_level(change, alpha_max=alpha_max, rng=rng))
         search.descend()
@@ -96,11 +99,11 @@ class _LevelSearch:
     """The highest proven level, the lowest unproven one, the nearest counterexample.
 
     Attributes:
-        level: What was found so far.
+        level: The result so far.
     """
 
     def __init__(self, change: Change, alpha_max: float, until: float) -> None:
-        """Begin without knowledge."""
+        """Begin without any proven or refuted level."""
         self._change, self._alpha_max, self._until = change, alpha_max, until
         self._unproven, self._is_broken = alpha_max, False  # By a state.
         self._proof: Proof | None = None
@@ -114,7 +117,7 @@ class _LevelSearch:
         return ProvenLevel(proof=self._proof, refutation=self._refutation)
 
     def proves(self, alpha: float, share: float, boxes: int = MOST_BOXES) -> bool:
-        """Try a level, in a share of the time that is left."""
+        """Try to prove a level, in a fraction of the remaining time."""
         left = (self._until - clock.perf_counter()) * share
         proof = prove_level(self._change, alpha, max_boxes=boxes, max_seconds=left)
         if proof.proven or self._proof is None or not self._proof.proven:
@@ -161,9 +164,9 @@ class _LevelSearch:
         return clock.perf_counter() > self._until
 
     def _break(self, e: Array) -> None:
-        """Take a state into account at which c is not below 0, or is no number."""
+        """Take a state into account at which c is not below 0, or not a number."""
         alpha, change = float(e @ self._change.P @ e), float(self._change.function(e))
-        # It may lie a hair outside the ellipsoid that was tried.
+        # It may lie slightly outside the ellipsoid that was tried.
         self._unproven, self._is_broken = min(alpha, self._unproven), True
         if change >= 0 and alpha <= self._alpha_max:
             self.refute(Refutation(alpha=alpha, e=e, change=change))

@@ -3,11 +3,11 @@
     e' = A e + B du,    A = df/dx, B = df/du at (x_ref, u_ref)            (5.9)
     e+ = Ad e + Bd du,  [Ad Bd; 0 I] = exp([A B; 0 0] dt)
 
-A reference may move: the leader of a formation flies on, so f(x_ref, u_ref) is not
-zero. What is linearised is the motion relative to it,
-e' = f(x_ref + e, u_ref + du) - f(x_ref, u_ref), which has its equilibrium at e = 0
-whatever f(x_ref, u_ref) is, as long as the Jacobian does not change along the
-reference (positions must not enter f, v_L and psi_L stay constant).
+A reference may move, like the leader of a formation, so that f(x_ref, u_ref) is not
+zero. The motion relative to it is linearised,
+e' = f(x_ref + e, u_ref + du) - f(x_ref, u_ref). It has its equilibrium at e = 0 for any
+f(x_ref, u_ref), if the Jacobian does not change along the reference (f must not depend
+on positions; v_L and psi_L stay constant).
 
 Source: the held system by Van Loan, IEEE Trans. Automatic Control 23 (1978).
 """
@@ -45,7 +45,7 @@ class InvalidDynamicsError(SwarmstartError, ValueError):
     outputs: list[tuple[int, int]]
 
     def __str__(self) -> str:
-        """Say the form needed and the one found."""
+        """Return a message with the required form and the given one."""
         return (
             "dynamics must map columns x (nx, 1), u (nu, 1) to xdot (nx, 1), but maps "
             f"{self.inputs} to {self.outputs}"
@@ -59,7 +59,7 @@ def linearise(
 
     Args:
         dynamics: f(x, u) -> xdot as a casadi.Function, SI units. Its value at the
-            reference is not needed to be zero, see the head of this module.
+            reference need not be zero, see the head of this module.
         x_ref: Reference state, shape (nx,).
         u_ref: Reference input, shape (nu,).
 
@@ -68,9 +68,9 @@ def linearise(
         read-only.
 
     Raises:
-        InvalidDynamicsError: The function has other inputs or outputs.
-        InvalidShapeError: A reference has another size than the function's input.
-        NotFiniteError: A reference or a derivative there is NaN or infinite.
+        InvalidDynamicsError: If the function has other inputs or outputs.
+        InvalidShapeError: If a reference has another size than the function's input.
+        NotFiniteError: If a reference or a derivative there is NaN or infinite.
     """
     nx, nu = _sizes(dynamics)
     point = [finite_array("x_ref", x_ref, (nx,)), finite_array("u_ref", u_ref, (nu,))]
@@ -98,9 +98,9 @@ def hold(A: ArrayLike, B: ArrayLike, dt: float) -> tuple[Array, Array]:
         Ad of shape (nx, nx) and Bd of shape (nx, nu), read-only.
 
     Raises:
-        NotPositiveError: dt is not positive and finite.
-        NotFiniteError: A or B holds NaN or infinity.
-        InvalidShapeError: A is not square or B has another number of rows.
+        NotPositiveError: If dt is not positive and finite.
+        NotFiniteError: If A or B holds NaN or infinity.
+        InvalidShapeError: If A is not square or B has another number of rows.
     """
     block, nx = _block(A, B, dt)
     exponential = scipy.linalg.expm(block)[:nx]
@@ -112,21 +112,21 @@ def runge_kutta_hold(
 ) -> tuple[Array, Array]:
     """Sample a linear system by the classic Runge-Kutta method.
 
-    A step of it is the series of the exponential to fourth order.
+    One step equals the series of the exponential to fourth order.
 
     Args:
         A: System matrix, shape (nx, nx), 1/s.
         B: Input matrix, shape (nx, nu).
         dt: Length of a hold, > 0, s.
-        substeps: Runge-Kutta steps in it, at least 1.
+        substeps: Number of Runge-Kutta steps in a hold, at least 1.
 
     Returns:
         Ad of shape (nx, nx) and Bd of shape (nx, nu), read-only.
 
     Raises:
-        NotPositiveError: dt is not positive and finite.
-        NotFiniteError: A or B holds NaN or infinity, or so does the result.
-        InvalidShapeError: A is not square or B has another number of rows.
+        NotPositiveError: If dt is not positive and finite.
+        NotFiniteError: If A or B holds NaN or infinity, or so does the result.
+        InvalidShapeError: If A is not square or B has another number of rows.
     """
     block, nx = _block(A, B, dt / substeps)
     one = np.eye(len(block))
@@ -155,7 +155,8 @@ def _block(A: ArrayLike, B: ArrayLike, dt: float) -> tuple[Array, int]:
 def held_spectral_radius(A: ArrayLike, B: ArrayLike, K: ArrayLike, dt: float) -> float:
     """Compute the spectral radius of a gain whose input is held: max |eig(Ad - Bd K)|.
 
-    A gain designed in continuous time need not survive the hold; 1 or more is unstable.
+    A gain designed in continuous time may be unstable when held: the radius is then at
+    least 1.
 
     Args:
         A: System matrix, shape (nx, nx), 1/s.
@@ -167,9 +168,9 @@ def held_spectral_radius(A: ArrayLike, B: ArrayLike, K: ArrayLike, dt: float) ->
         The factor by which the slowest mode shrinks (or grows) per step.
 
     Raises:
-        NotPositiveError: dt is not positive and finite.
-        NotFiniteError: A matrix holds NaN or infinity.
-        InvalidShapeError: The sizes of the matrices do not agree.
+        NotPositiveError: If dt is not positive and finite.
+        NotFiniteError: If a matrix holds NaN or infinity.
+        InvalidShapeError: If the sizes of the matrices do not agree.
     """
     Ad, Bd = hold(A, B, dt)
     return growth(Ad - Bd @ finite_array("K", K, Bd.T.shape), SAMPLED)
@@ -179,7 +180,7 @@ def _sizes(dynamics: ca.Function) -> tuple[int, int]:
     """Return nx and nu of f(x, u) -> xdot, or refuse the function."""
     inputs = [dynamics.size_in(index) for index in range(dynamics.n_in())]
     outputs = [dynamics.size_out(index) for index in range(dynamics.n_out())]
-    # The columns x, u and xdot, where x and xdot are of one size.
+    # Columns x, u and xdot; x and xdot must have the same size.
     if not ([columns for _, columns in inputs] == [1, 1] and outputs == inputs[:1]):
         raise InvalidDynamicsError(inputs, outputs)
     return inputs[0][0], inputs[1][0]

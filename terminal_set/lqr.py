@@ -7,10 +7,10 @@
 
 The chapter writes the feedback as u = K x (5.10), so its K is the negative of this one.
 
-SciPy solves the Riccati equation; it may return a matrix although there is no gain (a
-unicycle at rest, Q = 0). So what must hold for a gain to exist is tested before, what
-must hold of the answer after. python-control makes the same calls with method="scipy",
-and the tests compare with it; its import alone takes longer than a flight.
+SciPy solves the Riccati equation; it may return a matrix although no gain exists (a
+unicycle at rest, Q = 0). So the conditions for a gain to exist are tested before, and
+the solution is checked after. python-control makes the same calls with method="scipy",
+and the tests compare with it; it is not used because its import takes 1.3 s.
 """
 
 from __future__ import annotations
@@ -45,13 +45,14 @@ from swarmstart.terminal_set.stability import (
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Gain:
-    """A stabilising gain and what belongs to it; all arrays are read-only.
+    """A stabilising gain, its Riccati matrix and eigenvalues; arrays are read-only.
 
     Attributes:
         K: Gain of du = -K e, shape (nu, nx).
         P: Riccati solution: e'Pe is the cost to go, shape (nx, nx), symmetric positive
             definite.
-        eigenvalues: Of the closed loop A - B K, shape (nx,); 1/s if continuous.
+        eigenvalues: Eigenvalues of the closed loop A - B K, shape (nx,); in 1/s if
+            continuous.
     """
 
     K: Array
@@ -72,13 +73,13 @@ def continuous_lqr(A: ArrayLike, B: ArrayLike, Q: ArrayLike, R: ArrayLike) -> Ga
         The gain, its Riccati matrix and the poles of the loop.
 
     Raises:
-        InvalidShapeError: The sizes of the matrices do not agree.
-        NotFiniteError: A matrix holds NaN or infinity.
-        AsymmetricMatrixError: Q or R is not symmetric.
-        IndefiniteMatrixError: Q or R has an eigenvalue of the wrong sign.
-        NotStabilisableError: No input reaches a mode that does not decay.
-        UnweightedModeError: Q does not see a mode on the boundary of stability.
-        UnreliableSolutionError: The Riccati solution fails a check.
+        InvalidShapeError: If the sizes of the matrices do not agree.
+        NotFiniteError: If a matrix holds NaN or infinity.
+        AsymmetricMatrixError: If Q or R is not symmetric.
+        IndefiniteMatrixError: If Q or R has an eigenvalue of the wrong sign.
+        NotStabilisableError: If no input reaches a mode that does not decay.
+        UnweightedModeError: If Q does not see a mode on the boundary of stability.
+        UnreliableSolutionError: If the Riccati solution fails a check.
     """
     return _design(A, B, Q, R, CONTINUOUS)
 
@@ -96,13 +97,13 @@ def sampled_lqr(Ad: ArrayLike, Bd: ArrayLike, Q: ArrayLike, R: ArrayLike) -> Gai
         The gain, its Riccati matrix and the multipliers of the loop.
 
     Raises:
-        InvalidShapeError: The sizes of the matrices do not agree.
-        NotFiniteError: A matrix holds NaN or infinity.
-        AsymmetricMatrixError: Q or R is not symmetric.
-        IndefiniteMatrixError: Q or R has an eigenvalue of the wrong sign.
-        NotStabilisableError: No input reaches a mode that does not decay.
-        UnweightedModeError: Q does not see a mode on the boundary of stability.
-        UnreliableSolutionError: The Riccati solution fails a check.
+        InvalidShapeError: If the sizes of the matrices do not agree.
+        NotFiniteError: If a matrix holds NaN or infinity.
+        AsymmetricMatrixError: If Q or R is not symmetric.
+        IndefiniteMatrixError: If Q or R has an eigenvalue of the wrong sign.
+        NotStabilisableError: If no input reaches a mode that does not decay.
+        UnweightedModeError: If Q does not see a mode on the boundary of stability.
+        UnreliableSolutionError: If the Riccati solution fails a check.
     """
     return _design(Ad, Bd, Q, R, SAMPLED)
 

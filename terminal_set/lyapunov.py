@@ -1,4 +1,4 @@
-"""Lyapunov matrices: e'Pe falls along a stable linear loop by exactly e'Qe.
+"""Lyapunov matrices P, for which e'Pe decreases along a stable loop by exactly e'Qe.
 
     continuous  F'P + PF = -Q      (5.12), corrected
     sampled     F'PF - P = -Q
@@ -23,7 +23,7 @@ from swarmstart.terminal_set.stability import CONTINUOUS, SAMPLED, require_stabl
 
 
 def continuous_lyapunov(F: ArrayLike, Q: ArrayLike) -> Array:
-    """Solve F'P + PF = -Q, what (5.12) means.
+    """Solve F'P + PF = -Q, the corrected form of (5.12).
 
     Args:
         F: Stable loop e' = F e, shape (nx, nx), 1/s.
@@ -33,12 +33,12 @@ def continuous_lyapunov(F: ArrayLike, Q: ArrayLike) -> Array:
         P, shape (nx, nx), symmetric positive definite, read-only.
 
     Raises:
-        InvalidShapeError: F is not square or Q is of another size.
-        NotFiniteError: F or Q holds NaN or infinity.
-        AsymmetricMatrixError: Q is not symmetric.
-        IndefiniteMatrixError: Q has a negative eigenvalue.
-        UnstableLoopError: F does not decay.
-        UnreliableSolutionError: P fails a check.
+        InvalidShapeError: If F is not square or Q is of another size.
+        NotFiniteError: If F or Q holds NaN or infinity.
+        AsymmetricMatrixError: If Q is not symmetric.
+        IndefiniteMatrixError: If Q has a negative eigenvalue.
+        UnstableLoopError: If F does not decay.
+        UnreliableSolutionError: If P fails a check.
     """
     F = square_matrix("F", F)
     Q = positive_semidefinite("Q", Q, len(F))
@@ -60,12 +60,12 @@ def sampled_lyapunov(F: ArrayLike, Q: ArrayLike) -> Array:
         P, shape (nx, nx), symmetric positive definite, read-only.
 
     Raises:
-        InvalidShapeError: F is not square or Q is of another size.
-        NotFiniteError: F or Q holds NaN or infinity.
-        AsymmetricMatrixError: Q is not symmetric.
-        IndefiniteMatrixError: Q has a negative eigenvalue.
-        UnstableLoopError: F does not decay.
-        UnreliableSolutionError: P fails a check.
+        InvalidShapeError: If F is not square or Q is of another size.
+        NotFiniteError: If F or Q holds NaN or infinity.
+        AsymmetricMatrixError: If Q is not symmetric.
+        IndefiniteMatrixError: If Q has a negative eigenvalue.
+        UnstableLoopError: If F does not decay.
+        UnreliableSolutionError: If P fails a check.
     """
     F = square_matrix("F", F)
     Q = positive_semidefinite("Q", Q, len(F))

@@ -1,4 +1,4 @@
-"""Checks before a proof: the gain is stable if it is held, the integrator is too."""
+"""Checks before a proof: the held loop is stable, the integrator accurate enough."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from swarmstart.terminal_set.linearisation import (
 )
 
 MOST_SUBSTEPS = 2**20
-"""Up to how many Runge-Kutta steps a hold are tried before none are recommended."""
+"""Largest number of Runge-Kutta steps in a hold that is tried for a recommendation."""
 
 
 @dataclass(eq=False)
 class HeldTooLongError(SwarmstartError, ValueError):
-    """A gain does not survive that its input is held for so long.
+    """A gain is unstable when its input is held for this time.
 
     Attributes:
-        dt: How long it is to be held [s].
-        spectral_radius: Of the held loop.
-        longest: Up to which time the held loop is stable [s].
+        dt: Time for which it is held [s].
+        spectral_radius: Spectral radius of the held loop.
+        longest: Longest time for which the held loop is stable [s].
     """
 
     dt: float
@@ -34,7 +34,7 @@ class HeldTooLongError(SwarmstartError, ValueError):
     longest: float
 
     def __str__(self) -> str:
-        """Say how long would do."""
+        """Return a message with the longest stable time."""
         return (
             f"the gain is unstable when its input is held for {self.dt:g} s: the "
             f"spectral radius is {self.spectral_radius:.4g}; it is stable up to "
@@ -47,11 +47,12 @@ class TooFewSubstepsError(SwarmstartError, ValueError):
     """The Runge-Kutta map of a hold is too far from the flow for any proof.
 
     Attributes:
-        substeps: Runge-Kutta steps a hold.
-        factor: By which the length of a small deviation changes in the map, at most.
-        error: By how much of its length map and flow of a small deviation differ.
-        enough: Number of steps that would do for small deviations; None if that
-            number is above `MOST_SUBSTEPS`.
+        substeps: Number of Runge-Kutta steps in a hold.
+        factor: Largest factor by which the map changes the length of a small deviation.
+        error: Largest difference of map and flow for a small deviation, relative to its
+            length.
+        enough: Number of steps that is enough for small deviations; None if it is above
+            `MOST_SUBSTEPS`.
     """
 
     substeps: int
@@ -60,7 +61,7 @@ class TooFewSubstepsError(SwarmstartError, ValueError):
     enough: int | None
 
     def __str__(self) -> str:
-        """Say how many would do."""
+        """Return a message with the number of steps that is enough."""
         advice = "shorten the hold"
         if self.enough is not None:
             advice = f"use ProofOptions(substeps={self.enough}) or more"
@@ -75,21 +76,22 @@ class TooFewSubstepsError(SwarmstartError, ValueError):
 def require_enough_substeps(
     A: Array, B: Array, law: TerminalSet, *, dt: float, substeps: int
 ) -> None:
-    """Refuse a Runge-Kutta map with which no level can be proven, however small.
+    """Validate that some level can be proven with a Runge-Kutta map.
 
-    Lengths are those of P. Of the linear parts, if the flow shrinks every deviation,
-    the map's factor and its error against the flow must together stay below 1.
+    Lengths are measured by P. For the linear parts: if the flow shrinks every
+    deviation, the sum of the map's factor and its error against the flow must be below
+    1.
 
     Args:
         A: System matrix, shape (nx, nx), 1/s.
         B: Input matrix, shape (nx, nu).
         law: The law and P; its level is not used.
-        dt: How long the input is held [s].
-        substeps: Runge-Kutta steps a hold.
+        dt: Time for which the input is held [s].
+        substeps: Number of Runge-Kutta steps in a hold.
 
     Raises:
-        TooFewSubstepsError: They do not.
-        NotPositiveError: dt is not positive and finite.
+        TooFewSubstepsError: If the sum is not below 1.
+        NotPositiveError: If dt is not positive and finite.
     """
     root = np.linalg.cholesky(law.P).T
     Ad, Bd = hold(A, B, dt)
@@ -119,17 +121,17 @@ def require_enough_substeps(
 
 
 def require_stable_hold(A: Array, B: Array, K: Array, dt: float) -> None:
-    """Refuse a gain that is unstable when its input is held.
+    """Validate that a gain is stable when its input is held.
 
     Args:
         A: System matrix, shape (nx, nx), 1/s.
         B: Input matrix, shape (nx, nu).
         K: Gain of du = -K e, shape (nu, nx).
-        dt: How long the input is held [s].
+        dt: Time for which the input is held [s].
 
     Raises:
-        HeldTooLongError: The held loop has a spectral radius of 1 or more.
-        NotPositiveError: dt is not positive and finite.
+        HeldTooLongError: If the held loop has a spectral radius of 1 or more.
+        NotPositiveError: If dt is not positive and finite.
     """
     radius = held_spectral_radius(A, B, K, dt)
     if radius < 1:

@@ -5,10 +5,10 @@ r^2 = alpha. 2n boxes of (rho, w), rho the radius and w on a face of the cube
 [-1, 1]^n, z = rho w / |w|, cover it exactly. On every box it is shown that
 c(T z) < 0 (`enclosure.py`), or the box is cut in two.
 
-Proven is c < 0 for 0 < |z| <= r, a ball that holds the ellipsoid of the given level,
-with c the expression itself and its floating-point constants taken as exact. For a held
-input that is the integrator's map, not the flow; what happens between samples is
-another matter, and so are the bounds of inputs and states (`level.py`).
+The proof shows c < 0 for 0 < |z| <= r, a ball that holds the ellipsoid of the given
+level, with c the expression itself and its floating-point constants taken as exact. For
+a held input it is about the integrator's map, not the flow. It does not cover the time
+between samples, nor the bounds of inputs and states (`level.py`).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from swarmstart.terminal_set.evidence import Proof
 
 CHUNK = 8192
 COVER = 1e-9
-"""By which part the ball is larger than sqrt(alpha), at least: T'PT = I to rounding."""
+"""Least relative excess of the ball's radius over sqrt(alpha), for rounding of T."""
 
 
 def prove_level(
@@ -41,17 +41,17 @@ def prove_level(
     """Try to prove that e'Pe decreases in a whole ellipsoid.
 
     Args:
-        change: Of `continuous_change` or `held_change`.
-        alpha: Its level, > 0.
-        max_boxes: After how many boxes it is given up.
-        max_seconds: After how many seconds [s].
+        change: Change from `continuous_change` or `held_change`.
+        alpha: Level of the ellipsoid, > 0.
+        max_boxes: Largest number of boxes.
+        max_seconds: Time limit [s].
 
     Returns:
-        The proof; not proven means no more than that, unless it has a counterexample.
+        The outcome. If it is not proven and has no counterexample, the level is open.
 
     Raises:
-        NotPositiveError: alpha is not positive and finite.
-        UnknownIntervalOperationError: c has an operation without interval form.
+        NotPositiveError: If alpha is not positive and finite.
+        UnknownIntervalOperationError: If c has an operation without interval form.
     """
     if not 0 < alpha < np.inf:
         raise NotPositiveError("alpha", alpha)
@@ -78,7 +78,7 @@ def prove_level(
 
 @lru_cache(maxsize=1)
 def _bounds_of(change: Change) -> DecreaseBounds:
-    """Return the bounds of a change; one level after another is tried with them."""
+    """Return the bounds of a change, cached for several levels."""
     return DecreaseBounds(change)
 
 
@@ -90,7 +90,7 @@ def radius_of(alpha: float, defect: float) -> float:
         defect: A bound d of |T'PT - I|: e'Pe >= (1 - d) |z|^2.
 
     Returns:
-        At least sqrt(alpha / (1 - d)); infinite where T is of no use.
+        At least sqrt(alpha / (1 - d)); infinite if T is too inaccurate.
     """
     if not defect < 0.5:  # noqa: PLR2004
         return float("inf")
@@ -99,11 +99,11 @@ def radius_of(alpha: float, defect: float) -> float:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Limits:
-    """Limits at which a search is given up.
+    """Limits at which a search stops.
 
     Attributes:
-        max_boxes: After how many boxes.
-        until: At which time, of `time.perf_counter` [s].
+        max_boxes: Largest number of boxes.
+        until: Time of `time.perf_counter` at which it stops [s].
     """
 
     max_boxes: int
@@ -116,8 +116,8 @@ class Search:
 
     Attributes:
         finished: Whether every box was decided.
-        boxes: How many were looked at.
-        counterexample: Where one was met.
+        boxes: Number of boxes examined.
+        counterexample: A counterexample; None if none was met.
     """
 
     finished: bool
@@ -139,7 +139,7 @@ def search_ball(
         bounds: Lower and upper corners of boxes of (rho, w) -> those undecided.
         nx: Dimension of the ball.
         radius: Its radius.
-        limits: When it is given up.
+        limits: Limits at which the search stops.
         broken: Undecided boxes -> a counterexample among them, if any.
     """
     stack, boxes = [_faces(nx, radius)], 0
@@ -185,7 +185,7 @@ def _halves(boxes: Undecided) -> Boxes:
 
 
 def _counterexample(c: ca.Function, T: Array, boxes: Undecided) -> Array | None:
-    """Return the nearest of the boxes' ends where c is not below 0, or is no number."""
+    """Return the nearest box end at which c is not below 0, or not a number."""
     w = (boxes.lower[1:] + boxes.upper[1:]) / 2
     e = T @ (boxes.upper[0] * w / np.linalg.norm(w, axis=0))
     breaks = ~(np.array(c.map(e.shape[1])(e)).ravel() < 0)

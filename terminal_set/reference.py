@@ -15,18 +15,26 @@ class Reference:
     """A reference state and input inside their bounds; arrays copied and read-only.
 
     Attributes:
-        x_ref: Reference state, shape (nx,), SI units. Of a reference that moves (a
-            leader), the entries the dynamics depend on must stay constant.
+        x_ref: Reference state, shape (nx,), SI units. If the reference moves (a
+            leader), the entries that the dynamics depend on must stay constant.
         u_ref: Reference input, shape (nu,).
         u_lower: Lower bounds of the input, shape (nu,); -inf if missing.
         u_upper: Upper bounds of the input, shape (nu,); inf if missing.
-        x_lower: Lower bounds of the state, shape (nx,); None: unbounded.
-        x_upper: Upper bounds of the state, shape (nx,); None: unbounded.
+        x_lower: Lower bounds of the state, shape (nx,); None if unbounded.
+        x_upper: Upper bounds of the state, shape (nx,); None if unbounded.
 
     Raises:
-        SaturatedReferenceError: x_ref or u_ref is on or outside a bound.
-        NotFiniteError: A value is NaN, or one of x_ref or u_ref infinite.
-        InvalidShapeError: An array is no vector, or sizes differ.
+        SaturatedReferenceError: If x_ref or u_ref is on or outside a bound.
+        NotFiniteError: If a value is NaN, or one of x_ref or u_ref infinite.
+        InvalidShapeError: If an array is no vector, or sizes differ.
+
+    Example:
+        >>> import swarmstart as ss
+        >>> upright = ss.Reference(
+        ...     x_ref=[0, 0], u_ref=[0], u_lower=[-8], u_upper=[5]
+        ... )
+        >>> upright.u_max.tolist(), upright.e_max.tolist()
+        ([5.0], [inf, inf])
     """
 
     x_ref: Array
@@ -37,7 +45,7 @@ class Reference:
     x_upper: Array | None = None
 
     def __post_init__(self) -> None:
-        """Check and copy; refuse a reference that leaves feedback no room."""
+        """Check and copy; the reference must lie strictly inside its bounds."""
         for name in ("x_ref", "u_ref"):
             checked = finite_array(name, getattr(self, name), (None,))
             object.__setattr__(self, name, checked)
@@ -46,7 +54,7 @@ class Reference:
             if bound is not None:
                 size = self.u_ref.size if name.startswith("u") else self.x_ref.size
                 object.__setattr__(self, name, bound_array(name, bound, (size,)))
-        _ = self.u_max, self.e_max  # Raises where there is no room.
+        _ = self.u_max, self.e_max  # Raises if there is no room.
 
     @property
     def u_max(self) -> Array:

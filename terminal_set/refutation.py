@@ -1,16 +1,16 @@
 """Refutation of a level: the smallest ellipsoid on which V no longer decreases.
 
-With P = LL' and e = rho L^-T u, |u| = 1, the ellipsoid e'Pe = rho^2 is the sphere, and
+With P = LL' and e = rho L^-T u, |u| = 1, the ellipsoid e'Pe = rho^2 is a sphere, and
 
     minimise  rho   subject to  c(rho L^-T u) / rho^2 >= 0,  |u| = 1
 
-is the nearest counterexample (`decrease.py` has c). Rays into random directions find
-where to begin: on each the first radius at which c >= 0. The nearest of them are where
-IPOPT starts.
+is the nearest counterexample (`decrease.py` has c). Starting points come from rays in
+random directions: on each the first radius at which c >= 0. IPOPT starts at the nearest
+of them.
 
-A counterexample shows that no level from its own on is one; it is checked by evaluating
-c there. That none was found proves nothing, and a nearer one is not excluded: IPOPT is
-local.
+A counterexample refutes its own level and all larger ones; it is checked by evaluating
+c there. If none was found, nothing is proven. A nearer one may exist, since IPOPT is a
+local solver.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ from swarmstart.terminal_set.evidence import Refutation
 RAYS = 4000
 RADII = 60
 SMALLEST = 1e-3
-"""The first radius of a ray, a part of the largest."""
+"""First radius on a ray, relative to the largest."""
 STARTS = 6
 MOST_ROUNDS = 4
-"""Of repeated rays: each looks 500 times nearer at the most."""
+"""Largest number of repetitions; each looks up to 500 times nearer."""
 INSIDE = 1e-9
-"""How much a point is pushed outwards where c, at the NLP's answer, is below 0."""
+"""Relative move outwards of the NLP's answer if c is below 0 there."""
 
 
 def refuted_level(
@@ -45,16 +45,16 @@ def refuted_level(
     """Look for the nearest deviation at which e'Pe does not decrease.
 
     Args:
-        change: Of `continuous_change` or `held_change`.
-        alpha_max: The level up to which is looked, > 0; where the nearest
-            counterexample is much nearer, the search is repeated around it.
+        change: Change from `continuous_change` or `held_change`.
+        alpha_max: Largest level of the search, > 0; if the nearest counterexample is
+            much nearer, the search is repeated around it.
         rng: Source of the rays' directions.
 
     Returns:
-        The counterexample; None where none was found, which proves nothing.
+        The counterexample; None if none was found, which proves nothing.
 
     Raises:
-        NotPositiveError: alpha_max is not positive and finite.
+        NotPositiveError: If alpha_max is not positive and finite.
     """
     if not 0 < alpha_max < np.inf:
         raise NotPositiveError("alpha_max", alpha_max)
@@ -62,7 +62,7 @@ def refuted_level(
     T = np.linalg.inv(np.linalg.cholesky(P)).T
     radius = float(np.sqrt(alpha_max))
     starts = _on_rays(c, T, radius, rng)
-    # The grid of radii is coarse near the centre: once more, up to the nearest found.
+    # The grid of radii is coarse near the centre: repeat it up to the nearest found.
     for _ in range(MOST_ROUNDS):
         if not starts or starts[0][0] > radius / 10:
             break

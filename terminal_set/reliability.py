@@ -1,8 +1,8 @@
 """Checks of the solutions of matrix equations.
 
-SciPy's solvers return a matrix also where no useful one exists: for a unicycle at rest
-a "gain" that leaves a mode at modulus 1, for an unstable loop a negative definite P. So
-every solution is put back into its equation and measured.
+SciPy's solvers return a matrix even if no useful one exists: for a unicycle at rest a
+"gain" that leaves a mode at modulus 1, for an unstable loop a negative definite P. So
+the residual of every solution is checked.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ RESIDUAL_LIMIT = 1e-8
 
 @dataclass(eq=False)
 class UnreliableSolutionError(SwarmstartError, ArithmeticError):
-    """A matrix equation has no solution, or none that can be trusted.
+    """A matrix equation has no reliable solution.
 
     Attributes:
         equation: Name of the equation.
-        quantity: What was measured.
-        value: Its value; infinite where the solver gave up.
-        limit: What it must stay below (above, for the smallest eigenvalue).
+        quantity: Name of the checked quantity.
+        value: Its value; infinite if the solver failed.
+        limit: Its upper limit (for the smallest eigenvalue, its lower limit).
     """
 
     equation: str
@@ -36,7 +36,7 @@ class UnreliableSolutionError(SwarmstartError, ArithmeticError):
     limit: float
 
     def __str__(self) -> str:
-        """Say which check failed and by how much."""
+        """Return a message with the failed check and its value."""
         return (
             f"the {self.equation} equation has no reliable solution: "
             f"{self.quantity} is {self.value:.9g}, the limit is {self.limit:.9g}"
@@ -47,15 +47,15 @@ def reliable_solution(equation: str, P: Array, residual: Array) -> Array:
     """Check that P is symmetric, positive definite, well conditioned and a solution.
 
     Args:
-        equation: What an error calls the equation.
+        equation: Name of the equation in errors.
         P: The solution, shape (nx, nx).
-        residual: What is left of the equation with P put in, shape (nx, nx).
+        residual: Residual of the equation at P, shape (nx, nx).
 
     Returns:
         P, made symmetric to the last bit, as a read-only copy.
 
     Raises:
-        UnreliableSolutionError: One of the four does not hold.
+        UnreliableSolutionError: If one of the four checks fails.
     """
     norm = float(np.linalg.norm(P))
     if not np.isfinite(norm):

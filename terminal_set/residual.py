@@ -1,7 +1,7 @@
-"""The curve that the Runge-Kutta map draws over a hold, and its residual.
+"""The curve of the Runge-Kutta map over a hold, and its residual.
 
 On each of n steps of length h the curve is p(s) = F_s(p_j, u), 0 <= s <= h, from the
-point p_j where the step before ended. It is no motion of the system: its residual
+end p_j of the step before. It does not satisfy the dynamics exactly: its residual
 
     r(s) = p'(s) - f(p(s), u) = integral of (s - q)^3 / 6 r4(q) dq from 0 to s
 
@@ -35,9 +35,9 @@ Times = tuple[float, float]
 """First and last time of an interval [s]."""
 
 ORDER = 4
-"""Of the classical Runge-Kutta method."""
+"""Order of the classical Runge-Kutta method."""
 ULPS = 4 * float(np.finfo(np.float64).eps)
-"""Of sums of two numbers, relative to their sizes: more than their rounding."""
+"""Padding of sums of two numbers, relative to their sizes; above rounding."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -63,7 +63,7 @@ class Residual:
         substeps: Number of steps n.
         h: Length of a step [s].
         T: e = T z, shape (nx, nx).
-        off: A bound of |T'PT - I| and |S T - I|, S the inverse of T: rounding.
+        off: A bound of |T'PT - I| and |S T - I|, with S the inverse of T, by rounding.
     """
 
     def __init__(
@@ -74,12 +74,12 @@ class Residual:
         Args:
             dynamics: f(x, u) -> xdot.
             law: The law and P; its level is not used.
-            dt: How long the input is held [s].
-            substeps: Runge-Kutta steps a hold.
+            dt: Time for which the input is held [s].
+            substeps: Number of Runge-Kutta steps in a hold.
 
         Raises:
-            UnknownIntervalOperationError: f jumps, or has an operation without interval
-                form.
+            UnknownIntervalOperationError: If f jumps, or has an operation without
+                interval form.
         """
         self.nx, self.substeps, self.h = len(law.P), substeps, dt / substeps
         identity = np.eye(self.nx)
@@ -114,12 +114,12 @@ class Residual:
         self._starts = of([e], *starts)
 
     def start(self, number: int, middle: Array, reach: Array) -> StepStart:
-        """Enclose where a step begins.
+        """Enclose the beginning of a step.
 
         Args:
-            number: Of the step, from 0.
+            number: Number of the step, from 0.
             middle: Middles of boxes of z, shape (nx, m).
-            reach: How far they reach from there.
+            reach: Half widths of the boxes.
         """
         law, nx, m = self._law, self.nx, middle.shape[1]
         e, du = self.T @ middle, law.K @ self.T @ middle
@@ -150,7 +150,7 @@ class Residual:
         """Enclose r4, and its slopes along e, in the coordinates z.
 
         Args:
-            start: Where the step begins.
+            start: Beginning of the step.
             times: First and last time from there [s].
 
         Returns:
@@ -167,7 +167,7 @@ class Residual:
         """Enclose f_x in a tube around a step of the curve, in the coordinates z.
 
         Args:
-            start: Where the step begins.
+            start: Beginning of the step.
             times: First and last time from there [s].
             tube: The radius of the tube, in |z|.
 
@@ -207,12 +207,12 @@ def _slopes(expression: ca.SX, v: ca.SX) -> ca.SX:
 
 
 def _spread(matrix: Array, middle: Array, reach: Array) -> Array:
-    """Return how far matrix z reaches over boxes of z, rounding included."""
+    """Return half widths of matrix times z over boxes of z, rounding included."""
     return np.asarray(np.abs(matrix) @ (reach + PADDING * (reach + np.abs(middle))))
 
 
 def _shifted(reference: Array, e: Array, wide: Array) -> Balls:
-    """Return reference + e, and how far it reaches."""
+    """Return reference + e as middle and radius."""
     at = reference[:, None]
     return at + e, wide + ULPS * (np.abs(at) + np.abs(e) + wide)
 
@@ -226,14 +226,14 @@ def _timed(start: StepStart, times: Times) -> tuple[Array, Array]:
 def _known(ends: tuple[Array, Array], kinks: tuple[Mask, Mask]) -> tuple[Array, Array]:
     """Return ends of intervals, infinite in boxes with kinks or cuts.
 
-    There formulas of derivatives say nothing of Taylor's remainder.
+    In these boxes derivatives do not bound Taylor's remainder.
     """
     unknown = kinks[0] | kinks[1]
     return np.where(unknown, -np.inf, ends[0]), np.where(unknown, np.inf, ends[1])
 
 
 def _matrices(low: Array, high: Array, rows: int) -> Balls:
-    """Return middles and radii of matrices that are given row after row."""
+    """Return middles and radii of matrices given row after row."""
     middle, radius = middle_and_radius(low, high)
     shape = (low.shape[1], rows, -1)
     return middle.T.reshape(shape), radius.T.reshape(shape)

@@ -1,23 +1,23 @@
-"""Smoothness of a function, as far as a proof needs it.
+"""Kinks and jumps of a function, and their consequences for a proof.
 
-CasADi's formulas of derivatives hold between the kinks of a function, and none of them
-shows a kink: a second derivative has no term for it.
+CasADi's derivatives are valid between the kinks of a function, but do not show a kink:
+a second derivative has no term for it.
 
     |a|             kink at a = 0
     fmin, fmax      kink at a = b
     atan2(y, x)     cut at y = 0, x <= 0: the function jumps, its derivatives do not
 
-So a Taylor form is right on a box without kinks and cuts only. On a box with kinks and
+So a Taylor form is valid only on a box without kinks and cuts. On a box with kinks but
 no cut the first derivative may still be used: along a line from m to x,
 
     c(x) - c(m) = int_0^1 g(m + t (x - m))'(x - m) dt
 
 with g the formula of the gradient, since c is Lipschitz and g is right for almost all
-t (if a = 0 on more than single points, its slope is 0 at almost all of them). An
-interval of g over the box therefore bounds the difference; second derivatives do not.
+t (if a = 0 on more than isolated points, its slope is 0 at almost all of them). So an
+interval of g over the box bounds the difference; second derivatives do not.
 
-Other operations leave their domain with unbounded derivatives or values, which the
-intervals show by themselves.
+All other operations have unbounded derivatives or values at the edge of their domain,
+which the intervals show by themselves.
 
 Source: Lebourg (1975), Comptes Rendus A 281, 795-797; Clarke (1983), Optimization and
 Nonsmooth Analysis, section 2.3.
@@ -43,7 +43,7 @@ from swarmstart.terminal_set.intervals import (
 
 KINKS = ("fabs", "fmin", "fmax")
 NEIGHBOURHOOD = 1e-150
-"""Half width of the box that stands for a point's neighbourhood: any but 0 would do."""
+"""Half width of the box that stands for a point's neighbourhood; arbitrary."""
 _EDGES = {
     "sqrt": (0.0,),
     "pow": (0.0,),
@@ -61,8 +61,8 @@ class NotSmoothError(SwarmstartError, ValueError):
 
     Attributes:
         function: The function's name.
-        operation: Which operation has none.
-        reason: Why, as what follows the operation's name.
+        operation: Name of the operation.
+        reason: The reason, as a phrase that follows the operation's name.
     """
 
     function: str
@@ -70,7 +70,7 @@ class NotSmoothError(SwarmstartError, ValueError):
     reason: str
 
     def __str__(self) -> str:
-        """Say which operation, and why."""
+        """Return a message with the operation and the reason."""
         return (
             f"nothing can be proven: the operation {self.operation} of "
             f"{self.function} {self.reason} at the reference"
@@ -81,7 +81,7 @@ class Kinks:
     """The boxes in which a function has kinks and cuts."""
 
     def __init__(self, function: ca.Function) -> None:
-        """Find the operations that have them.
+        """Collect the operations that have kinks or cuts.
 
         Args:
             function: x (n, 1) -> a column.
@@ -98,7 +98,7 @@ class Kinks:
         self._arguments = _arguments(tape, kinks, cuts, name)
 
     def __call__(self, lower: Array, upper: Array) -> tuple[Mask, Mask]:
-        """Return in which boxes there may be kinks, and in which cuts, each (m,).
+        """Return the boxes that may have kinks, and those with cuts, as masks (m,).
 
         Args:
             lower: Lower corners of m boxes, shape (n, m).
@@ -115,15 +115,15 @@ class Kinks:
         return np.asarray(kinks.any(axis=0)), np.asarray(cuts.any(axis=0))
 
     def require_no_cut(self, lower: Array, upper: Array, name: str) -> None:
-        """Refuse a box with a cut.
+        """Validate that a box has no cut.
 
         Args:
             lower: Lower corner, shape (n, 1).
             upper: Upper corner.
-            name: What the function is called.
+            name: Name of the function.
 
         Raises:
-            NotSmoothError: If there may be one in the box.
+            NotSmoothError: If there may be a cut in the box.
         """
         if self(lower, upper)[1].any():
             raise NotSmoothError(name, "atan2", "has its cut (y = 0, x <= 0)")
@@ -132,7 +132,7 @@ class Kinks:
 def _arguments(
     tape: Tape, kinks: list[Node], cuts: list[Node], name: str
 ) -> IntervalEvaluation:
-    """Return what is 0 at each kink, then y and x of each atan2."""
+    """Return expressions that are 0 at kinks, then y and x of each atan2."""
     nodes, outputs = list(tape.nodes), []
     for node in kinks:
         if node.operation == "fabs":
@@ -146,15 +146,15 @@ def _arguments(
 
 
 def require_smooth(function: ca.Function, at: Array) -> None:
-    """Refuse a point at which a function jumps, or has unbounded derivatives.
+    """Validate that a function has no jump and bounded derivatives at a point.
 
     Args:
         function: x (n, 1) -> a column.
         at: The point, shape (n,).
 
     Raises:
-        NotSmoothError: With the operation that jumps there, or whose derivatives are
-            unbounded. A kink is no jump.
+        NotSmoothError: If an operation jumps there, or has unbounded derivatives. A
+            kink is not a jump.
         UnknownIntervalOperationError: If it jumps, or has an operation without interval
             form.
     """
@@ -170,14 +170,14 @@ def require_smooth(function: ca.Function, at: Array) -> None:
 
 
 def require_bounded(function: ca.Function, at: Array) -> None:
-    """Name the operation that makes a function's derivatives unbounded at a point.
+    """Raise an error for the operation whose derivatives are unbounded at a point.
 
     Args:
         function: x (n, 1) -> a column, whose second derivatives are unbounded there.
         at: The point, shape (n,).
 
     Raises:
-        NotSmoothError: With the operation, if it is one that has edges.
+        NotSmoothError: If an operation is at the edge of its domain.
         UnknownIntervalOperationError: If it has an operation without interval form.
     """
     tape, name = expanded_tape(function), function.name()
@@ -190,7 +190,7 @@ def require_bounded(function: ca.Function, at: Array) -> None:
         for edge in _EDGES.get(operation, ()):
             of = number if operation == "hypot" else node.arguments[0]
             if low[of] <= edge <= high[of]:
-                reason = "is at the edge of where it is smooth"
+                reason = "is at the edge of its smooth domain"
                 raise NotSmoothError(name, operation, reason)
         if not bounded[number]:
             raise NotSmoothError(name, operation, "leaves its domain")

@@ -1,10 +1,10 @@
-"""Stability of a linear loop, and whether feedback can bring it about.
+"""Stability of a linear loop, and whether feedback can stabilise a system.
 
-e' = F e decays when every eigenvalue of F has a negative real part; e+ = F e when
-every one lies inside the unit circle. Of (A, B) the Popov-Belevitch-Hautus test asks,
-at each eigenvalue lam that does not decay, whether [A - lam I, B] has full row rank;
-where it has not, no feedback moves lam. The same test on (A', Q') finds the modes that
-a weight Q does not see.
+e' = F e decays if every eigenvalue of F has a negative real part, e+ = F e if every one
+lies inside the unit circle. The Popov-Belevitch-Hautus test for (A, B) checks, for each
+eigenvalue lam that does not decay, whether [A - lam I, B] has full row rank; if not, no
+feedback moves lam. The same test on (A', Q') finds the modes that a weight Q does not
+see.
 
 Source: M. L. J. Hautus, Controllability and observability conditions of linear
 autonomous systems, Indag. Math. 31 (1969).
@@ -33,10 +33,10 @@ class TimeDomain:
 
     Attributes:
         name: "continuous" or "sampled".
-        measure: What the growth of a loop is called.
+        measure: Name of the growth of a loop.
         growth: Growth of each eigenvalue.
         boundary: Growth of a mode that neither decays nor grows.
-        limit: A loop is taken as stable when its growth stays below this.
+        limit: Growth below which a loop counts as stable.
     """
 
     name: str
@@ -64,13 +64,13 @@ SAMPLED = TimeDomain(
 
 @dataclass(eq=False)
 class UnstableLoopError(SwarmstartError, ValueError):
-    """A Lyapunov equation was asked for a loop that does not decay.
+    """A Lyapunov equation was requested for a loop that does not decay.
 
     Attributes:
         eigenvalues: Eigenvalues of the loop, shape (nx,).
         measure: "largest real part" or "spectral radius".
         value: Its value.
-        limit: What it must stay below.
+        limit: Its upper limit.
     """
 
     eigenvalues: ComplexArray
@@ -79,7 +79,7 @@ class UnstableLoopError(SwarmstartError, ValueError):
     limit: float
 
     def __str__(self) -> str:
-        """Say how unstable."""
+        """Return a message with the growth."""
         return (
             f"F must be stable: its {self.measure} is {self.value:.9g}, allowed is "
             f"less than {self.limit:.9g}"
@@ -141,21 +141,21 @@ def growth(F: ArrayLike, domain: TimeDomain) -> float:
         max Re(lam) [1/s] if continuous, max |lam| if sampled.
 
     Raises:
-        NotFiniteError: F holds NaN or infinity.
-        InvalidShapeError: F is not square.
+        NotFiniteError: If F holds NaN or infinity.
+        InvalidShapeError: If F is not square.
     """
     return float(np.max(domain.growth(_eigenvalues(square_matrix("F", F)))))
 
 
 def require_stable(F: Array, domain: TimeDomain) -> None:
-    """Refuse a loop that does not decay.
+    """Validate that a loop decays.
 
     Args:
         F: Loop matrix, shape (nx, nx), finite.
         domain: CONTINUOUS or SAMPLED.
 
     Raises:
-        UnstableLoopError: The growth of F is not below the domain's limit.
+        UnstableLoopError: If the growth of F is not below the domain's limit.
     """
     value = growth(F, domain)
     if not value < domain.limit:
@@ -163,7 +163,7 @@ def require_stable(F: Array, domain: TimeDomain) -> None:
 
 
 def require_stabilisable(A: Array, B: Array, domain: TimeDomain) -> None:
-    """Refuse a pair with a mode that does not decay and that no input reaches.
+    """Validate that inputs reach every mode that does not decay.
 
     Args:
         A: System matrix, shape (nx, nx), finite.
@@ -171,7 +171,7 @@ def require_stabilisable(A: Array, B: Array, domain: TimeDomain) -> None:
         domain: CONTINUOUS or SAMPLED.
 
     Raises:
-        NotStabilisableError: There is one.
+        NotStabilisableError: If an input reaches no such mode.
     """
     eigenvalues = _eigenvalues(A)
     lasting = eigenvalues[domain.growth(eigenvalues) >= domain.limit]
@@ -181,7 +181,7 @@ def require_stabilisable(A: Array, B: Array, domain: TimeDomain) -> None:
 
 
 def require_weighted(A: Array, Q: Array, domain: TimeDomain) -> None:
-    """Refuse a weight that does not see a mode on the boundary of stability.
+    """Validate that a weight sees every mode on the boundary of stability.
 
     Args:
         A: System matrix, shape (nx, nx), finite.
@@ -189,7 +189,7 @@ def require_weighted(A: Array, Q: Array, domain: TimeDomain) -> None:
         domain: CONTINUOUS or SAMPLED.
 
     Raises:
-        UnweightedModeError: There is one.
+        UnweightedModeError: If there is a mode that it does not see.
     """
     eigenvalues = _eigenvalues(A)
     distance = np.abs(domain.growth(eigenvalues) - domain.boundary)
@@ -204,7 +204,7 @@ def _deficient_modes(
 ) -> tuple[ComplexArray, ComplexArray]:
     """Find each mode lam and direction w with w'A = lam w' and w'B = 0.
 
-    Only the directions of B's columns count, so each is brought to the size of A:
+    Only the directions of B's columns count, so each is scaled to the size of A:
     whether a mode can be reached must not depend on the unit of an input.
     """
     lengths = np.linalg.norm(B, axis=0)
@@ -213,7 +213,7 @@ def _deficient_modes(
     directions: list[ComplexArray] = []
     for mode in candidates:
         if np.any(np.isclose(modes, mode, atol=RANK_TOLERANCE)):
-            continue  # A multiple eigenvalue: its directions came with the first.
+            continue  # A multiple eigenvalue: its directions were found with the first.
         pencil = np.hstack([A - mode * np.eye(len(A)), columns])
         left, singular, _ = np.linalg.svd(pencil)
         for column in np.flatnonzero(singular <= RANK_TOLERANCE * singular[0]):
@@ -226,7 +226,7 @@ def _deficient_modes(
 
 
 def _eigenvalues(F: Array) -> ComplexArray:
-    """Compute eigenvalues, complex even where all are real; shape (nx,)."""
+    """Compute eigenvalues, complex even if all are real; shape (nx,)."""
     return np.linalg.eigvals(F).astype(np.complex128)
 
 
@@ -242,6 +242,6 @@ def _listed(modes: ComplexArray, directions: ComplexArray) -> str:
 
 
 def _number(value: complex) -> str:
-    """Write a complex number to three decimals, as a real one where it is."""
+    """Write a complex number to three decimals, as a real number if it is real."""
     value = complex(round(value.real, 3) + 0.0, round(value.imag, 3) + 0.0)
     return f"{value:.3g}" if value.imag else f"{value.real:.3g}"

@@ -1,12 +1,12 @@
 """A model's right-hand side as data: instructions that any program can evaluate.
 
-A list [operation, operands...], one a value, whose number is its index:
+Each value is a list [operation, operands...], and its number is the list's index:
 
     ["const", 9.81]  ["x", 0]  ["u", 1]  ["sin", 3]  ["mul", 0, 4]
 
-Operands are numbers of earlier values. The operations are those of `OPERATIONS`, few,
-so that little is to be trusted in a checker; others are written in them by identities
-that are exact, wherever the operation is smooth:
+Operands are numbers of earlier values. There are only a few operations (`OPERATIONS`),
+so that a checker stays small; others are expressed in them by identities that are exact
+at all points at which the operation is smooth:
 
     sinh, cosh   (e^a -+ e^-a) / 2          asinh   log(a + sqrt(a^2 + 1))
     expm1        e^a - 1                    acosh   log(a + sqrt(a^2 - 1))
@@ -41,7 +41,7 @@ OPERATIONS: dict[str, str] = {
 
 
 def tape_of(dynamics: ca.Function) -> tuple[list[Instruction], list[int]]:
-    """Return a function's instructions, and which values are its results.
+    """Return a function's instructions, and the numbers of its results.
 
     Args:
         dynamics: f(x, u) -> xdot, of SX or of MX that can be expanded.
@@ -50,7 +50,7 @@ def tape_of(dynamics: ca.Function) -> tuple[list[Instruction], list[int]]:
         The instructions; the number of the value of each entry of xdot.
 
     Raises:
-        UnknownIntervalOperationError: It has an operation that a file cannot hold.
+        UnknownIntervalOperationError: If it has an operation that a file cannot hold.
     """
     tape, writer, numbers = expanded_tape(dynamics), _Writer(), list[int]()
     for node in tape.nodes:
@@ -72,10 +72,10 @@ def tape_of(dynamics: ca.Function) -> tuple[list[Instruction], list[int]]:
 
 
 class _Writer:
-    """Writes values, equal ones once."""
+    """Writer of values, equal ones once."""
 
     def __init__(self) -> None:
-        """Begin with nothing."""
+        """Begin an empty tape."""
         self.builder = TapeBuilder()
         self.number = self.builder.number
 
@@ -89,7 +89,7 @@ class _Writer:
 
 
 def _hyperbolic(operation: str) -> Callable[[_Writer, int], int]:
-    """Return how e^a and e^-a are added or subtracted, and halved."""
+    """Return a writer of (e^a +- e^-a) / 2."""
 
     def written(write: _Writer, a: int) -> int:
         e = write.apply("exp", a)
@@ -100,7 +100,7 @@ def _hyperbolic(operation: str) -> Callable[[_Writer, int], int]:
 
 
 def _area(operation: str) -> Callable[[_Writer, int], int]:
-    """Return log(a + sqrt(a^2 +- 1))."""
+    """Return a writer of log(a + sqrt(a^2 +- 1))."""
 
     def written(write: _Writer, a: int) -> int:
         square = write.apply(operation, write.apply("sq", a), write.constant(1.0))
@@ -158,7 +158,7 @@ _IDENTITIES: dict[str, Callable[..., int]] = {
 
 
 def _instruction(node: Node) -> Instruction:
-    """Return a value as a file has it."""
+    """Return a value in the file's form."""
     if node.operation == "constant":
         return ["const", node.value]
     if node.operation == "input":

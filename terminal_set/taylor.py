@@ -1,19 +1,19 @@
 """Upper bounds of a function on the cells of a ball, by Taylor's theorem.
 
-With e = T z, about a point m of a cell, d the distances z - m in it,
+With e = T z, about a point m of a cell, with d the distances z - m in it,
 
     c <= c(m) + sup g'd + sup d'Hd/2 + sup |D^3 c [d, d, d]| / 6,
 
-g and H at m, the third derivatives over the whole cell. On a cell with a kink only the
-first derivatives may be used (`smoothness.py`): there
+with g and H at m, and the third derivatives over the whole cell. On a cell with a kink
+only the first derivatives may be used (`smoothness.py`):
 
     c <= c(m) + sup g'd,
 
-g over the whole cell, and on one with a cut nothing is known.
+with g over the whole cell. On a cell with a cut there is no bound.
 
-All are evaluated in intervals in the coordinates e, where linear parts of a model are
-constants, and turned by T in numbers: intervals of the turned expressions would be many
-times wider, since the terms that cancel there no longer know of each other.
+All are evaluated in intervals in the coordinates e, in which linear parts of a model
+are constants, and then transformed by T as numbers. Intervals of transformed
+expressions would be many times wider, since intervals do not cancel.
 
 Source: Neumaier (1990), Interval Methods for Systems of Equations; Makino and Berz
 (2003), Taylor models and other validated functional inclusion methods.
@@ -45,7 +45,7 @@ class TaylorForm:
             T: e = T z, shape (n, n).
 
         Raises:
-            UnknownIntervalOperationError: c has an operation without interval form.
+            UnknownIntervalOperationError: If c has an operation without interval form.
         """
         e = ca.SX.sym("e", len(T))
         value = c(e)
@@ -76,10 +76,10 @@ class TaylorForm:
         """Bound c on cells.
 
         Args:
-            cells: m of them.
+            cells: m cells.
 
         Returns:
-            Upper bounds, (m,); how much c spreads along rho and each w, (1 + nx, m).
+            Upper bounds, (m,); variation of c along rho and each w, (1 + nx, m).
         """
         with np.errstate(invalid="ignore", over="ignore"):
             bound, spread = self._bounded(cells)
@@ -90,12 +90,12 @@ class TaylorForm:
                 bound = np.where(kinks, first, bound)
                 spread = np.where(kinks, wide, spread)
         bound, spread = np.where(cuts, np.inf, bound), np.where(cuts, np.nan, spread)
-        # Where nothing is known the widest side is cut.
+        # If nothing is known, the widest side is cut.
         known = np.isfinite(spread).all(axis=0)
         return bound, np.where(known, spread, cells.half)
 
     def _bounded(self, cells: Cells) -> tuple[Array, Array]:
-        """Return bounds and spread, NaN where a derivative is unbounded."""
+        """Return bounds and spread, NaN if a derivative is unbounded."""
         size, d = self._size, cells.reach
         at = self._T @ cells.z
         low, high = self._value_and_slope(at, at)
@@ -109,7 +109,7 @@ class TaylorForm:
         crossed = np.einsum("mij,jm->im", most, d)
         pull = crossed + sizes * d
         bent = (np.maximum(own, 0.0) * d + crossed) * d / 2
-        # The point is T z rounded: what that moves the slopes by, and the value.
+        # The point is T z rounded, which changes the slopes and the value.
         rounded = PADDING * (size @ np.abs(cells.z))
         moved = np.abs(high[1:]) * rounded
         unsure += np.einsum("mij,jm->im", wide, np.abs(cells.z))
@@ -134,14 +134,14 @@ class TaylorForm:
         slope, unsure = self._T.T @ middle[1:], size.T @ radius[1:]
         rounded = PADDING * (size @ np.abs(cells.z))
         moved = (np.abs(middle[1:]) + radius[1:]) * rounded
-        # The slopes turned are rounded too.
+        # The transformed slopes are rounded too.
         unsure += PADDING * (size.T @ np.abs(middle[1:]))
         steps, along = cells.linear(slope)
         terms = np.vstack([steps, unsure * cells.reach, moved])
         return added_up(high[0], terms), cells.spread(along, unsure)
 
     def kinks(self, lower: Array, upper: Array) -> tuple[Mask, Mask]:
-        """Return in which boxes there may be kinks, and in which cuts, each (m,).
+        """Return the boxes that may have kinks, and those with cuts, as masks (m,).
 
         Args:
             lower: Lower corners of boxes of e, shape (n, m).
@@ -165,8 +165,8 @@ class TaylorForm:
         """Bound the third-order term of a Taylor series about a point.
 
         Args:
-            cells: Cells that have both the point and where the series is taken.
-            d: How far that is along each axis, (n, m).
+            cells: Cells that contain the point and the argument of the series.
+            d: Largest distance between the two along each axis, (n, m).
 
         Returns:
             Upper bounds of |D^3 c [d, d, d]| / 6 over the cells, shape (m,); infinite
@@ -178,7 +178,7 @@ class TaylorForm:
         return np.where(kinks | cuts, np.inf, added_up(0 * d[0], third * d / 6))
 
     def hessian_slopes(self, lower: Array, upper: Array) -> Array:
-        """Bound how fast T'(Hessian of c)T changes along the last axis, (m, n, n).
+        """Bound the rate of change of T'(Hessian of c)T along the last axis, (m, n, n).
 
         Args:
             lower: Lower corners of boxes of e, shape (n, m).
@@ -194,7 +194,7 @@ class TaylorForm:
         middle, radius = middle_and_radius(*self._third(*self._box(cells)))
         tensor = _turned(middle.T[:, self._triples], self._T)
         along = _twice_along(np.abs(tensor), d.T)
-        # Of the radius no more than this is needed, and this takes less.
+        # This bound of the radius is enough, and faster.
         wide = _twice_along(radius.T[:, self._triples], (self._size @ d).T)
         return np.asarray((along + wide @ self._size).T)
 
@@ -202,7 +202,7 @@ class TaylorForm:
 def _turned(tensor: Array, T: Array) -> Array:
     """Return sum t_ijk T_ia T_jb T_kc of m tensors (m, n, n, n)."""
     for _ in range(3):
-        # T on the last axis, which then becomes the first one.
+        # Apply T to the last axis, which then becomes the first one.
         turned = (tensor.reshape(-1, len(T)) @ T).reshape(tensor.shape)
         tensor = np.ascontiguousarray(np.moveaxis(turned, 3, 1))
     return tensor
@@ -215,12 +215,12 @@ def evaluated(
 
     Args:
         expression: The column.
-        v: What it depends on, a column.
-        takes_jumps: Whether derivatives of kinks are taken, as hulls of both sides;
-            who asks for it looks for the kinks (`smoothness.py`).
+        v: The column of symbols that it depends on.
+        takes_jumps: Whether derivatives of kinks are accepted, as hulls of both sides;
+            the caller must then look for the kinks (`smoothness.py`).
 
     Raises:
-        UnknownIntervalOperationError: It has an operation without interval form.
+        UnknownIntervalOperationError: If it has an operation without interval form.
     """
     function = ca.Function("the_change_of_V", [v], [ca.cse(expression)])
     return interval_function(function, takes_jumps=takes_jumps)
@@ -236,14 +236,14 @@ def middle_and_radius(low: Array, high: Array) -> tuple[Array, Array]:
 def _symmetric_entries(
     size: int, order: int
 ) -> tuple[NDArray[np.intp], list[tuple[int, ...]]]:
-    """Return which different entry each entry of a symmetric tensor is.
+    """Return the number of the distinct entry for each entry of a symmetric tensor.
 
     Args:
-        size: Of each index.
+        size: Range of each index.
         order: Number of indices.
 
     Returns:
-        Numbers of the different entries, shape (size,) * order; their indices.
+        Numbers of the distinct entries, shape (size,) * order; their indices.
     """
     different = list(combinations_with_replacement(range(size), order))
     numbers = {indices: number for number, indices in enumerate(different)}

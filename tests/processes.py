@@ -9,7 +9,7 @@ from pathlib import Path
 import swarmstart.ocp
 
 ROOT = Path(swarmstart.ocp.__path__[0]).parents[1]
-"""What is to be on the path for the package to be found."""
+"""Folder that must be on the path for the package to be found."""
 
 
 NOTHING: Mapping[str, str] = {}

@@ -75,7 +75,7 @@ def negate_costs(folder: Path) -> None:
 
 
 def ran(code: str, folder: Path, cache: Path, **variables: str) -> str:
-    """What code prints that imports the package of a folder."""
+    """Return the output of code that imports the package of a folder."""
     variables["XDG_CACHE_HOME"] = str(cache)
     done = python("-c", code, root=folder, variables=variables)
     return done.stdout.strip()

@@ -3,13 +3,13 @@
     python benchmarks/lower_bounds/adversary_share.py [--seconds 60] [--seed 0]
         [--count 10] [--write FILE.md] [--json FILE.json]
 
-Of the adversary set (tests/adversary), those that count, have a solution, at most three
-states and smooth expressions: no class is left out but the nonsmooth ones and those
-without a solution. `chosen`, which the adversary itself uses, shuffles them by the seed
-and takes of each class in turn; the first are taken as they come, none is replaced.
-Each is solved with default settings, then bounded with the answer. The gap is that of
-the answer, whose controls are held, to the bound, in parts of the answer's cost. The
-exit code is 3 if a bound is above what a right answer costs.
+The problems are those of the adversary set (tests/adversary) that count, have a
+solution, at most three states and smooth expressions; only the nonsmooth classes and
+those without a solution are left out. `chosen`, which the adversary itself uses,
+shuffles them by the seed and takes from each class in turn; no problem is replaced.
+Each is solved with default settings, then bounded with the answer. The gap between the
+answer, whose controls are held, and the bound is relative to the answer's cost. The
+exit code is 3 if a bound is above the cost of a right answer.
 """
 
 import json
@@ -38,7 +38,7 @@ NOT_SMOOTH = ("nonsmooth", "no_solution")
 """Classes that are left out."""
 MOST_STATES = 3
 WITHIN = 0.1
-"""Of the answer's cost."""
+"""Largest gap that counts as near, relative to the answer's cost."""
 COLUMNS = (
     "problem", "states", "answer", "bound", "kind", "gap", "degree", "boxes", "CPU s",
 )  # fmt: skip
@@ -49,7 +49,7 @@ class Bounded(NamedTuple):
 
     Attributes:
         case: The case.
-        cost: Of the answer.
+        cost: Cost of the answer.
         bound: The bound.
         seconds: CPU time of both [s].
     """
@@ -61,22 +61,22 @@ class Bounded(NamedTuple):
 
     @property
     def gap(self) -> float:
-        """Of the answer to the bound, in parts of its cost."""
+        """Gap between answer and bound, relative to the answer's cost."""
         return self.bound.gap(self.cost)
 
     @property
     def is_within(self) -> bool:
-        """Whether the bound is proven and near enough."""
+        """True if the bound is proven and near enough."""
         return self.bound.kind is BoundKind.PROVEN and self.gap <= WITHIN
 
     @property
     def has_crossed(self) -> bool:
-        """Whether the bound is above what a right answer costs."""
+        """True if the bound is above the cost of a right answer."""
         return self.bound.kind.is_bound and self.bound.value > self.case.truth.highest
 
 
 def candidates(kinds: Sequence[str] = tuple(CLASSES)) -> list[Case]:
-    """Return the cases among which is chosen, the same on every call.
+    """Return the cases to choose from, the same on every call.
 
     Args:
         kinds: Classes of the adversary.
@@ -96,8 +96,8 @@ def bounded(case: Case, *, seconds: float, seed: int = 0) -> Bounded:
 
     Args:
         case: The case.
-        seconds: For the bound [s].
-        seed: Of the answer.
+        seconds: Time for the bound [s].
+        seed: Seed of the answer.
     """
     problem, x0 = problem_of(case), case.truth.x0
     begin = time.process_time()
@@ -133,7 +133,7 @@ def share_of(found: Sequence[Bounded]) -> str:
 
 
 def record_of(found: Sequence[Bounded], *, seconds: float, seed: int) -> str:
-    """Return all in JSON; what is no number is null."""
+    """Return all in JSON, with null for numbers that are not finite."""
 
     def number(value: float) -> float | None:
         return value if math.isfinite(value) else None

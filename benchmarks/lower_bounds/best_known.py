@@ -1,12 +1,12 @@
-"""The best costs known of the problems of which lower bounds are measured.
+"""The best known costs of the problems for which lower bounds are measured.
 
     python benchmarks/lower_bounds/best_known.py [NAME ...] [--lanes 64]
 
-Each is solved with controls that are held on 50, 100, 200 and 400 intervals, and linear
-between as many knots, from many starts on the coarsest grid and from the answer before
-on the others. The integrator takes steps so short that its error does not show. The
-least cost is one of controls that can be flown, up to what a constraint may be broken
-by: it is at least the optimum of free ones, and so at least any bound.
+Each is solved with controls held on 50, 100, 200 and 400 intervals, and with controls
+linear between as many knots, from many starts on the coarsest grid and from the
+previous answer on the others. The integrator's steps are so short that its error does
+not matter. The least cost belongs to admissible controls, up to the tolerance of
+constraints. So it is at least the optimum of free controls, and at least any bound.
 """
 
 import argparse
@@ -20,7 +20,7 @@ from swarmstart.ocp.control_shape import ControlShape
 
 GRIDS = (50, 100, 200, 400)
 STEPS = 4000
-"""Of the integrator, over the horizon."""
+"""Steps of the integrator over the horizon."""
 SHAPES: tuple[ControlShape, ...] = ("constant", "linear")
 
 

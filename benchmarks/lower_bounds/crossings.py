@@ -1,4 +1,4 @@
-"""Bounds of all problems whose optimum is known: none may be better than that.
+"""Bounds of all problems with a known optimum, which no bound may exceed.
 
     python benchmarks/lower_bounds/crossings.py [NAME ...] [--seconds 20]
         [--answers none known worse] [--drawn 0] [--write FILE]
@@ -7,8 +7,8 @@ The problems are those of tests/ocp/lower_bound/known_optima.py: closed forms, R
 equations, costs made for a value function; minimised and maximised, in other units,
 with drawn data. Each is bounded without an answer, with the optimum as the answer's
 cost, or with a cost 2 % worse. --drawn adds so many more problems with data that are
-drawn. The gap is that of the optimum to the bound. The exit
-code is 3 if a bound crosses an optimum by more than 1e-9 of it.
+drawn. The gap is between optimum and bound. The exit code is 3 if a bound exceeds an
+optimum by more than 1e-9 of it.
 """
 
 import os

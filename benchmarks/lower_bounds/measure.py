@@ -29,9 +29,9 @@ from swarmstart.ocp.lower_bound.answer import LowerBound
 from swarmstart.ocp.lower_bound.bounding import lower_bound
 
 SECONDS = 60.0
-"""Where neither a goal nor an option says how many."""
+"""Default number of seconds, without goal and option."""
 ROUNDING = 1e-9
-"""Of the best cost known, above which a bound has crossed it."""
+"""Relative excess over the best known cost at which a bound has crossed it."""
 BEGIN, END = "<!-- lower bounds: measured -->", "<!-- lower bounds: end -->"
 COLUMNS = (
     "problem", "best known", "answer", "bound", "kind", "gap", "degree", "set",
@@ -43,12 +43,12 @@ class Measured(NamedTuple):
     """A bound of a named problem.
 
     Attributes:
-        name: Of the problem.
+        name: Name of the problem.
         named: The problem.
-        answer: Cost that the bound could prune by; None: it had none.
+        answer: Cost that the bound could prune by; None if there was none.
         bound: The bound.
         seconds: CPU time of answer and bound [s].
-        asked: (CPU seconds, bound) that were asked for; None: nothing was.
+        asked: The goal (CPU seconds, bound); None if there is none.
     """
 
     name: str
@@ -60,18 +60,18 @@ class Measured(NamedTuple):
 
     @property
     def gap(self) -> float:
-        """Of the best cost known to the bound, in parts of it."""
+        """Gap between the best known cost and the bound, relative to the cost."""
         return self.bound.gap(self.named.best)
 
     @property
     def has_crossed(self) -> bool:
-        """Whether the bound is above the best cost known."""
+        """True if the bound is above the best known cost."""
         room = ROUNDING * abs(self.named.best)
         return self.bound.kind.is_bound and self.bound.value > self.named.best + room
 
     @property
     def is_reached(self) -> bool:
-        """Whether what was asked for is reached."""
+        """True if the goal is reached."""
         if self.asked is None or not self.bound.kind.is_bound:
             return False
         return self.bound.value >= self.asked[1] and self.seconds <= self.asked[0]

@@ -3,8 +3,8 @@
     python benchmarks/lower_bounds/picture.py [--seconds 60] [--out FILE.png]
 
 Along the trajectory of an answer, cost so far plus V is a curve that rises from the
-bound to the cost: V may fall no faster than cost is paid. Its slope is the amount by
-which inequality (1) of docs/lower_bounds.md holds there.
+bound to the cost: V may not fall faster than the cost grows. Its slope is the slack of
+inequality (1) of docs/lower_bounds.md at this point.
 """
 
 import argparse

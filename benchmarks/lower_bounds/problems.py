@@ -1,8 +1,9 @@
-"""The problems of which lower bounds are measured, with the best costs known.
+"""The problems for which lower bounds are measured, with the best known costs.
 
-Controls are free (measurable) in a bound, so the best cost known is that of free ones,
-too: in closed form, or of controls that are linear between many knots, from many starts
-(best_known.py). That of controls held on the problem's own intervals is beside it.
+Controls are free (measurable) in a bound, so the best known cost is that of free
+controls too: in closed form, or of controls that are linear between many knots, from
+many starts (best_known.py). The cost with controls held on the problem's own intervals
+is given beside it.
 """
 
 from collections.abc import Callable
@@ -29,7 +30,7 @@ GOAL = (1.5, 1.0)
 DISC = ((0.75, 0.5), 0.7)
 """Centre and radius of the disc between the unicycle and its goal."""
 WEIGHT = 100.0
-"""Of the pendulum's squared error at the end."""
+"""Weight of the pendulum's squared error at the end."""
 BEST = {
     "two_reaction_reactor": 0.13309574,
     "van_der_pol": 2.8672611,
@@ -37,27 +38,27 @@ BEST = {
     "unicycle": 0.18093102,
     "unicycle_and_disc": 0.7845594,
 }
-"""Of controls linear between 400 knots, rounded up: `best_known.py` finds them."""
+"""Costs of controls linear between 400 knots, rounded up, from `best_known.py`."""
 HELD = {
     "two_reaction_reactor": 0.1355803,
     "van_der_pol": 2.869366,
     "pendulum": 36.39527,
 }
-"""Of controls held on the scenario's own intervals."""
+"""Costs of controls held on the scenario's own intervals, from `best_known.py`."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Named:
-    """A problem, and what is known of its cost.
+    """A problem with its best known costs.
 
     Attributes:
         problem: The problem.
         x0: Initial state, shape (nx,).
-        best: Least cost known, of free controls.
-        how: How that was found.
-        held: Least cost known with controls held on the problem's own intervals; NaN if
-            it has none of its own.
-        goals: Pairs (CPU seconds, bound) that are asked for.
+        best: Least known cost of free controls.
+        how: Source of that cost.
+        held: Least known cost with controls held on the problem's own intervals; NaN if
+            it has no grid of its own.
+        goals: Goals, as pairs (CPU seconds, bound).
         known: Parameters and signals.
     """
 
@@ -175,10 +176,10 @@ def unicycle() -> Named:
 
 
 def unicycle_and_disc() -> Named:
-    """The same with a disc in the middle of the straight way; the trivial bound is 0.
+    """The same with a disc in the middle of the straight path; the trivial bound is 0.
 
-    A quarter of the way from that to the best is more than the optimum without the
-    disc: a bound that does not see the disc does not reach it.
+    A quarter of the best cost is already more than the optimum without the disc: a
+    bound that ignores the disc does not reach it.
     """
     free = unicycle()
     problem, (centre, radius) = free.problem, DISC

@@ -29,9 +29,9 @@ def acos(ir: VectorIR, x: str) -> str:
 
 
 def _asin_parts(ir: VectorIR, x: str) -> tuple[str, str]:
-    """Return asin x for x from 0 to 1/2, asin sqrt((1 - x) / 2) above, and where.
+    """Return asin x for 0 <= x <= 1/2, asin sqrt((1 - x) / 2) above, and the mask.
 
-    Above 1 it is not a number.
+    The mask is of the lanes above 1/2; above 1 the value is not a number.
     """
     half = ir.constant(0.5)
     large = ir.compare("ugt", x, half)
@@ -52,7 +52,7 @@ def atan(ir: VectorIR, x: str) -> str:
 def _atan_parts(ir: VectorIR, x: str) -> tuple[str, str, str]:
     """Return base, low and small, with atan x = (base + low) + small for x >= 0.
 
-    The base is 0, pi/4 or pi/2 rounded, low what that lacks of it.
+    The base is 0, pi/4 or pi/2 rounded, low its rounding error.
     """
     known = table(ir.form)
     top_coefficients, bottom_coefficients, limit = known.atan

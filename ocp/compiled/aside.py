@@ -1,7 +1,7 @@
 """Machine code that is translated in another thread, while this one goes on.
 
-LLVM works without Python's lock. What is compiled within `aside()` is emitted at once
-and translated meanwhile; who needs its address first waits for it.
+LLVM works without Python's lock. Code compiled within `aside()` is emitted at once and
+translated in the background; the first use of its address waits for it.
 """
 
 import contextlib
@@ -19,7 +19,7 @@ _is_aside: ContextVar[bool] = ContextVar("_is_aside", default=False)
 
 @contextlib.contextmanager
 def aside() -> Iterator[None]:
-    """Have what is compiled meanwhile translated in another thread.
+    """Translate code that is compiled in this context in another thread.
 
     Yields:
         Nothing.
@@ -35,7 +35,7 @@ class Later:
     """A kernel that may not be ready yet."""
 
     def __init__(self, code: "Future[bytes]") -> None:
-        """Take object code that is being made."""
+        """Store the future of object code that is being made."""
         self._code = code
 
     @cached_property
@@ -50,10 +50,10 @@ class Later:
 
 
 def code_of(make: Callable[[], bytes]) -> "bytes | Future[bytes]":
-    """Return object code, or, within `aside()`, what will be.
+    """Return object code; within `aside()`, a future of it.
 
     Args:
-        make: Makes it; needs nothing of the thread that calls this.
+        make: Makes the code; may run in another thread.
     """
     return _worker(os.getpid()).submit(make) if _is_aside.get() else make()
 

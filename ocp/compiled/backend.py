@@ -1,8 +1,9 @@
-"""The interface of what evaluates populations, and the choice: machine code or CasADi.
+"""The interface of population evaluators, and the choice of machine code or CasADi.
 
-The choice is `backend`: "llvm", "casadi", or "auto" (None means the same): what the
-environment's SWARMSTART_BACKEND says, else machine code where possible. Where machine
-code cannot serve, CasADi's map evaluates, and a warning says once which and why.
+The choice is `backend`: "llvm", "casadi", or "auto" (None means the same). "auto" takes
+the environment's SWARMSTART_BACKEND if it is set, else machine code if that is
+possible. If machine code is not possible, CasADi's map evaluates, and one warning says
+why.
 """
 
 import os
@@ -44,8 +45,8 @@ class BoundEvaluator(Protocol):
             outputs: One for each output, rows * size doubles, contiguous.
 
         Returns:
-            The addresses, valid as long as this object and the buffers live; None
-            where only the call from Python works.
+            The addresses, valid as long as this object and the buffers live; None if
+            it can be called from Python only.
         """
 
 
@@ -57,7 +58,7 @@ class BatchEvaluator(Protocol):
 
     @property
     def backend(self) -> str:
-        """What evaluates, as recorded with a run."""
+        """Name of the backend, as recorded with a run."""
 
     def bind(self, shared: tuple[Array, ...]) -> BoundEvaluator:
         """Return population -> outputs, for fixed other arguments.
@@ -68,14 +69,14 @@ class BatchEvaluator(Protocol):
 
 
 class BackendWarning(UserWarning):
-    """CasADi evaluates, slower, what was to be compiled."""
+    """A function is evaluated by CasADi, which is slower, instead of machine code."""
 
 
 def chosen_backend(backend: str | None = None) -> str:
-    """Return "llvm" or "casadi": what will be tried first here.
+    """Return the backend that will be tried first: "llvm" or "casadi".
 
     Args:
-        backend: "llvm", "casadi", or "auto" or None, which ask the environment.
+        backend: "llvm", "casadi", or "auto" or None, which read the environment.
 
     Raises:
         InvalidProblemError: If it is none of these.
@@ -103,7 +104,7 @@ def evaluator(
     mapped: Callable[[], CasadiMap],
     backend: str | None = None,
 ) -> BatchEvaluator:
-    """Return machine code where it is asked for and possible, else CasADi's map.
+    """Return machine code if it is chosen and possible, else CasADi's map.
 
     Args:
         compiled: Makes the machine code.
@@ -120,7 +121,7 @@ def evaluator(
 
 
 def warn_of_casadi(reason: str) -> None:
-    """Say which evaluator serves, and why it is not machine code."""
+    """Warn that CasADi's map is used, with the reason."""
     warnings.warn(
         f"populations are evaluated by CasADi, not by machine code: {reason}",
         BackendWarning,
@@ -129,10 +130,10 @@ def warn_of_casadi(reason: str) -> None:
 
 
 def require_precision(precision: str) -> None:
-    """Refuse what is no precision.
+    """Validate the name of a precision.
 
     Raises:
-        InvalidProblemError: With what is allowed.
+        InvalidProblemError: If there is no such precision.
     """
     if precision not in FORMATS:
         raise InvalidProblemError(

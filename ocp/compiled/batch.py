@@ -3,7 +3,7 @@
     evaluate = compile_batch(function)
     y = evaluate(x, p)        x (rows, n): differs per individual; p (rows,): shared
 
-The way in for whoever wants nothing of this package but the evaluator.
+Entry point for users who only need the evaluator.
 """
 
 from collections.abc import Sequence
@@ -31,8 +31,8 @@ Array = NDArray[np.float64]
 class BatchFunction:
     """A function of populations; made by `compile_batch`.
 
-    Which arguments differ per individual is seen at the call; each combination is
-    compiled once. Buffers are used again, so one object must not be called from two
+    The shapes at a call show which arguments differ per individual; each combination
+    is compiled once. Buffers are reused, so one object must not be called from two
     threads at once.
 
     Attributes:
@@ -47,7 +47,7 @@ class BatchFunction:
         precision: Precision = "double",
         threads: int = 1,
     ) -> None:
-        """Take a function; see `compile_batch`."""
+        """Prepare the evaluation of a function; see `compile_batch`."""
         self._function, self._precision, self._threads = function, precision, threads
         self._kernels: dict[tuple[bool, ...], SimdBatch] = {}
         self._small: dict[Shapes, Prepared] = {}
@@ -65,14 +65,14 @@ class BatchFunction:
         """Evaluate the function for n individuals.
 
         Args:
-            arguments: In the function's order, each (rows, n), or (rows,) where all
-                individuals share it; rows counts a matrix column by column.
+            arguments: In the function's order, each (rows, n), or (rows,) if all
+                individuals share it; a matrix is flattened column by column.
 
         Returns:
             (rows, n) for one output, a tuple of these for several.
 
         Raises:
-            InvalidProblemError: If numbers or shapes of the arguments do not fit.
+            InvalidProblemError: If number or shapes of the arguments do not fit.
         """
         arrays = [np.asarray(a) for a in arguments]
         shapes = tuple([a.shape for a in arrays])
@@ -87,7 +87,7 @@ class BatchFunction:
         return outputs[0] if len(outputs) == 1 else outputs
 
     def _evaluate(self, arrays: list[Array], shapes: Shapes) -> tuple[Array, ...]:
-        """Evaluate arguments of shapes that are new, or of large ones."""
+        """Evaluate arguments that are large or have new shapes."""
         differs, size = self._checked(arrays)
         if self.backend == "casadi":
             return self._mapped(arrays, differs, size)
@@ -103,7 +103,7 @@ class BatchFunction:
             arguments: As in a call.
 
         Raises:
-            InvalidProblemError: If they do not fit, or CasADi evaluates.
+            InvalidProblemError: If they do not fit, or the backend is CasADi.
         """
         if self.backend != "llvm":
             raise InvalidProblemError("prepare needs machine code, got backend casadi")
@@ -176,34 +176,36 @@ def compile_batch(
     """Return a function of whole populations, in machine code where possible.
 
     Args:
-        function: Any `casadi.Function` that expands to SX; where it does not, or has an
+        function: Any `casadi.Function` that expands to SX; if it does not, or has an
             operation that is not compiled, CasADi's map serves, and a warning says so.
         backend: "auto", "llvm" or "casadi"; None asks SWARMSTART_BACKEND, then auto.
-        precision: "single" computes with half the digits in less than half the time;
-            arguments and outputs are doubles all the same. CasADi knows no other than
-            "double".
-        threads: Over how many threads of machine code a population may be spread; some
-            256 individuals are worth one. The results have the same bits. CasADi's map
-            takes one.
-        gradient: Whether one more output is the gradient of the first, which is a
-            number then, by the first argument: (rows, n), by the reverse mode.
+        precision: "double", or "single", which computes with half the digits in less
+            than half the time; arguments and outputs are doubles in both cases. CasADi
+            always computes in double precision.
+        threads: Largest number of threads over which machine code spreads a population;
+            a thread pays from about 256 individuals on. The results have the same bits.
+            CasADi's map uses one thread.
+        gradient: Whether to add an output: the gradient of the first output, which must
+            be a number, by the first argument, shape (rows, n). Reverse mode.
 
     Returns:
-        (arrays (rows, n), or (rows,) where shared) -> (rows, n), or a tuple of these.
+        A function of arrays (rows, n), or (rows,) if shared, that returns an array
+        (rows, n), or a tuple of them for several outputs.
 
     Raises:
         InvalidProblemError: If the function has no argument, the backend or the
-            precision is unknown, the threads are no positive whole number, or there is
-            no gradient.
+            precision is unknown, threads is not a positive integer, or the gradient
+            does not exist.
 
     Example:
-        >>> import casadi as ca, numpy as np
+        >>> import casadi as ca
+        >>> import numpy as np
         >>> import swarmstart as ss
         >>> x, p = ca.SX.sym("x", 2), ca.SX.sym("p")
-        >>> evaluate = ss.compile_batch(ca.Function("f", [x, p], [p * ca.sumsqr(x)]))
-        >>> population = np.array([[1.0, 2.0, 3.0], [0.0, 1.0, 4.0]])
-        >>> evaluate(population, [10.0])
-        array([[ 10.,  50., 250.]])
+        >>> f = ca.Function("f", [x, p], [p * ca.sumsqr(x)])
+        >>> evaluate = ss.compile_batch(f)
+        >>> evaluate(np.array([[0.0, 1.0, 2.0], [0.0, 1.0, 1.0]]), [10.0]).tolist()
+        [[0.0, 20.0, 50.0]]
     """
     if function.n_in() == 0:
         raise InvalidProblemError(f"{function.name()} has no argument to vary")

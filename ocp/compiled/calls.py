@@ -35,7 +35,7 @@ def _call_part(
 
 
 def _in_python(function: int, inputs: int, outputs: int, size: int, last: int) -> None:
-    """Do the same from plain Python."""
+    """Call it from plain Python."""
     tables = ctypes.c_void_p(int(inputs)), ctypes.c_void_p(int(outputs))
     PART(int(function))(*tables, size, 0, int(last))
 
@@ -43,4 +43,4 @@ def _in_python(function: int, inputs: int, outputs: int, size: int, last: int) -
 _PLAIN = bool(numba.config.DISABLE_JIT)  # type: ignore[attr-defined, unused-ignore]
 call_part = cast(Call, _in_python if _PLAIN else intrinsic(_call_part))
 """Evaluate the first individuals: (address of `part`, addresses of the tables of its
-arguments and outputs, individuals in a row, how many of them are evaluated)."""
+arguments and outputs, individuals in a row, number of individuals to evaluate)."""

@@ -37,8 +37,8 @@ class CasadiMap:
         """Prepare the evaluation of a function.
 
         Args:
-            function: Any function with at least one input; its first argument is what
-                differs per individual.
+            function: Any function with at least one input; its first argument differs
+                per individual.
         """
         self._function = function
         self._buffers: dict[int, _Buffers] = {}

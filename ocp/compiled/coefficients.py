@@ -24,14 +24,14 @@ class Table:
         ln2: ln 2 in two parts; a multiple of the first is exact.
         exp: exp r in r.
         exp_range: Below the first exp is 0, above the second infinite.
-        log: What log adds to its first terms, in z = (f / (2 + f))^2.
+        log: The series of log after its first terms, in z = (f / (2 + f))^2.
         root_half: The bits of sqrt(1/2).
         tanh: Numerator and denominator of (tanh x / x - 1) / x^2 in x^2.
-        atan: The same of atan, and the argument up to which it serves.
+        atan: The same of atan, and the largest argument for which it is valid.
         asin: (asin x / x - 1) / x^2 in x^2, up to x = 1/2.
         sinh: (sinh x / x - 1) / x^2 in x^2, up to x = 1.
         erf: erf x / x - 1 in x^2, up to x = 1.
-        erf_tail: (1 - erf x) exp x^2 in 1 / (x + 3), from x = 1 to where erf x is 1.
+        erf_tail: (1 - erf x) exp x^2 in 1 / (x + 3), from x = 1 until erf x is 1.
     """
 
     pi_2: tuple[float, float, float]

@@ -1,7 +1,8 @@
 """Elementary functions on vectors, as polynomials with range reduction.
 
-No vector library of the system can be relied on. Largest error against the exact value,
-in units in the last place (ulp), as tests/ocp/compiled measures it:
+They are written here because not every system has a vector library. Largest error
+against the exact value, in units in the last place (ulp), as tests/ocp/compiled
+measures it:
 
                           double    single
     sin, cos                2         2
@@ -17,11 +18,11 @@ in units in the last place (ulp), as tests/ocp/compiled measures it:
     pow                     2         1
     fmod                    0         0
 
-Angles above 2^30 (2^12 in single precision), what pow cannot take (no positive normal
-base, a result out of range) and quotients in fmod above 2^51 (2^22) are served by the C
-library, lane by lane: where the body is careful. A fast body only marks them, and the
-individuals concerned are evaluated once more by a careful one. Everything else is
-called in the C library.
+Some arguments are out of range of these methods: angles above 2^30 (2^12 in single
+precision), powers whose base is not positive and normal or whose result is out of
+range, and quotients in fmod above 2^51 (2^22). A fast body only marks them; the marked
+individuals are evaluated once more by a careful body, which calls the C library lane by
+lane. All functions that are not listed above are called in the C library.
 
 Source: W. Cody and W. Waite, Software manual for the elementary functions (1980), range
 reduction; coefficients in coefficients.py. The rest is in arcs.py, hyperbolic.py and
@@ -35,7 +36,7 @@ from swarmstart.ocp.compiled.coefficients import table
 from swarmstart.ocp.compiled.vector_ir import VectorIR
 
 Served = Callable[..., tuple[str, str]]
-"""(ir, arguments) -> value, and the mask of where it is right."""
+"""(ir, arguments) -> value, and the mask of the lanes in which it is right."""
 
 
 def sin_and_cos(ir: VectorIR, x: str) -> tuple[str, str]:
@@ -47,13 +48,13 @@ def sin_and_cos(ir: VectorIR, x: str) -> tuple[str, str]:
         )
         return sine, cosine
     sine, cosine, quarter = _reduced_sin_and_cos(ir, x)
-    # Huge or not a number where any angle was; one instruction an angle.
+    # Huge or not a number if any angle was; one instruction for each angle.
     ir.mark(ir.fma(quarter, quarter, ir.unserved))
     return sine, cosine
 
 
 def tan(ir: VectorIR, sine: str, cosine: str) -> str:
-    """Return tan x of sin x and cos x, which serve angles of any size."""
+    """Return tan x from sin x and cos x, which are right for angles of any size."""
     return ir.div(sine, cosine)
 
 
@@ -117,7 +118,7 @@ def exp(ir: VectorIR, x: str) -> str:
 
 
 def exp_of_sum(ir: VectorIR, x: str, rest: str | None) -> str:
-    """Return exp(x + rest), where rest is of the size of x's rounding error."""
+    """Return exp(x + rest), with rest of the size of x's rounding error."""
     known = table(ir.form)
     r, k = reduced_exponent(ir, x, known.exp_range)
     if rest is not None:
@@ -212,7 +213,7 @@ def log(ir: VectorIR, x: str) -> str:
 
 
 def log_of_parts(ir: VectorIR, k: str, f: str, rest: str) -> str:
-    """Return k ln 2 + log(1 + f) + rest, where rest is small beside the sum."""
+    """Return k ln 2 + log(1 + f) + rest, with rest small compared with the sum."""
     known = table(ir.form)
     s = ir.div(f, ir.add(f, ir.constant(2.0)))
     z = ir.mul(s, s)
@@ -224,7 +225,7 @@ def log_of_parts(ir: VectorIR, k: str, f: str, rest: str) -> str:
 
 
 def with_ends_of_log(ir: VectorIR, value: str, x: str, pole: float) -> str:
-    """Return a logarithm as it is of infinity, at its pole and below, and of NaN."""
+    """Return a logarithm, corrected at infinity, at its pole and below, and at NaN."""
     infinite = ir.compare("oeq", x, ir.constant(math.inf))
     value = ir.select(infinite, x, value)
     at_pole = ir.compare("oeq", x, ir.constant(pole))
@@ -236,7 +237,7 @@ def with_ends_of_log(ir: VectorIR, value: str, x: str, pole: float) -> str:
 def exponent_and_rest(ir: VectorIR, x: str) -> tuple[str, str]:
     """Return k and f with x = 2^k (1 + f), sqrt(1/2) <= 1 + f < sqrt(2)."""
     form, known = ir.form, table(ir.form)
-    # Subtracting the bits of sqrt(1/2) puts the exponent where m is in its interval.
+    # Subtracting the bits of sqrt(1/2) gives the exponent for m in its interval.
     bits = ir.integer_op("sub", ir.bits(x), ir.integer(known.root_half))
     exponent = ir.integer_op("ashr", bits, ir.integer(form.significand))
     significand = ir.integer_op("and", bits, ir.integer(2**form.significand - 1))
@@ -260,13 +261,14 @@ def rational(
 def served_by_library(
     ir: VectorIR, function: str, method: Served, *arguments: str
 ) -> str:
-    """Return a function by a method, and by the C library where that does not serve.
+    """Return a function by a method; by the C library for arguments out of its range.
 
     Args:
-        ir: Where to emit; a fast body only marks what is not served.
+        ir: The body to emit into; a fast body only marks arguments out of range.
         function: The C library's name.
-        method: (ir, arguments) -> value, and the mask of where it is right.
-        arguments: Of the function.
+        method: (ir, arguments) -> value, and the mask of the lanes in which it is
+            right.
+        arguments: Arguments of the function.
     """
     if ir.careful:
 
@@ -281,12 +283,12 @@ def served_by_library(
 
 
 def fmod(ir: VectorIR, x: str, y: str) -> str:
-    """Return what is left of x after whole multiples of y, with the sign of x."""
+    """Return the remainder of x / y, with the sign of x."""
     return served_by_library(ir, "fmod", _fmod, x, y)
 
 
 def _fmod(ir: VectorIR, x: str, y: str) -> tuple[str, str]:
-    """Return the remainder, exact, and the mask of where it is right.
+    """Return the exact remainder, and the mask of the lanes in which it is right.
 
     The rounded quotient may be one too large: then the remainder is below 0.
     """

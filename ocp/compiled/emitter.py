@@ -1,15 +1,15 @@
 """A tape as LLVM IR: the population as vectors, the horizon as a loop.
 
-A function is emitted flat, or rolled: one stage, looped over the intervals of a horizon
-inside the compiled code, so that neither code nor build time grow with the horizon.
-What a kernel reads and writes is said in frame.py.
+A function is emitted flat or rolled. Rolled code is one stage in a loop over the
+intervals of a horizon, so that neither code nor build time grow with the horizon.
+frame.py describes what a kernel reads and writes.
 
-Before, a tape is simplified: multiples of one value in a sum are added once. CasADi
-adds what it is told to: the classical Runge-Kutta step of a constant rate k is
-h/6 (((k + 2 k) + 2 k) + k). Here it becomes h k, which is then the same value as the
-h k of the last stage, so that one sine serves both. What changes is rounding, in favour
-of fewer: multiples are put together only where they have one sign, so nothing cancels,
-and only where nothing else uses the sum between.
+The tape is simplified first: multiples of one value in a sum are merged. CasADi keeps
+sums as they are written: the classical Runge-Kutta step of a constant rate k is
+h/6 (((k + 2 k) + 2 k) + k). Here it becomes h k, which equals the h k of the last
+stage, so that one sine serves both. This removes some roundings. Multiples are merged
+only if they have one sign, so that nothing cancels, and if nothing else uses the
+partial sum.
 """
 
 import math
@@ -26,20 +26,20 @@ from swarmstart.tape import Node, Tape, TapeBuilder
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Roll:
-    """A rollout: a stage applied N times, then what is added at the end.
+    """A rollout: a stage applied N times, then the terms of the end.
 
     Attributes:
         stage: (x, u, p, s) -> (x after, cost, violation), s flat over the nodes of one
-            interval. With ticks it has two arguments more: the states that they reach
+            interval. With ticks it has two more arguments: the states that they reach
             at each check, and the integrals.
         end: (x, p, s) -> (cost, violation), s at the last node.
-        intervals: N.
-        signals_per_interval: How far the signals of the next interval are, ns * checks.
-        decided: For each state the number of the row after the controls that it starts
-            at; None where the initial state says it.
-        begin: (x, p, s) -> (cost, violation) at the start, s at the first node; None:
+        intervals: Number of intervals N.
+        signals_per_interval: Offset to the signals of the next interval, ns * checks.
+        decided: For each state that is decided, the row of its initial value, counted
+            after the controls; None for a state that starts at x0.
+        begin: (x, p, s) -> (cost, violation) at the start, s at the first node; None if
             nothing is added there.
-        ticks: The steps of an interval; None: they are in the stage.
+        ticks: The steps of an interval; None if they are in the stage.
     """
 
     stage: Tape
@@ -57,7 +57,7 @@ def emit_flat(tape: Tape, *, per_individual: tuple[bool, ...], target: Target) -
     Args:
         tape: The function.
         per_individual: For each argument whether it differs per individual.
-        target: What code is emitted for.
+        target: Processor and precision that code is emitted for.
 
     Raises:
         UnknownOperationError: If the tape has an operation that cannot be emitted.
@@ -84,7 +84,7 @@ def emit_rollout(roll: Roll, *, target: Target) -> str:
 
     Args:
         roll: The rollout; only the decisions differ per individual.
-        target: What code is emitted for.
+        target: Processor and precision that code is emitted for.
 
     Raises:
         UnknownOperationError: If a tape has an operation that cannot be emitted.
@@ -152,7 +152,7 @@ def _unless_finite(ir: VectorIR, cost: str, violation: str) -> str:
 
 
 def _stage_reader(frame: Frame, roll: Roll, k: str, state: list[str]) -> Read:
-    """Return what reads the stage's arguments in interval k."""
+    """Return the reader of the stage's arguments in interval k."""
     ir = frame.ir
     u_row = ir.emit(f"mul i64 {k}, {roll.stage.inputs[1]}")
     s_first = ir.emit(f"mul i64 {k}, {roll.signals_per_interval}")
@@ -170,7 +170,7 @@ def _stage_reader(frame: Frame, roll: Roll, k: str, state: list[str]) -> Read:
 
 
 def simplified(tape: Tape) -> Tape:
-    """Return a tape with the multiples of one value in each sum put together.
+    """Return a tape with the multiples of one value in each sum merged.
 
     Args:
         tape: The tape.
@@ -194,11 +194,11 @@ def simplified(tape: Tape) -> Tape:
 
 
 def with_inverses(tape: Tape) -> Tape:
-    """Return a tape that inverts once what it divides by several times.
+    """Return a tape that inverts a value once if it divides by it several times.
 
-    CasADi makes a quotient of each product with an inverse, as there are many where a
-    pivot divides its row and column. A processor divides ten times as slowly as it
-    multiplies.
+    CasADi turns each product with an inverse into a quotient; elimination, whose pivots
+    divide rows and columns, has many of them. A division takes a processor ten times as
+    long as a product.
 
     Args:
         tape: The tape.
@@ -223,7 +223,7 @@ _SMALLEST = 1e-100
 
 
 class _Sums(TapeBuilder):
-    """Builds values; knows sums and constant multiples of what it has built."""
+    """Builder of a tape that knows the sums and constant multiples it has built."""
 
     def value(
         self, operation: str, arguments: tuple[int, ...], inner: tuple[int, ...]
@@ -233,7 +233,7 @@ class _Sums(TapeBuilder):
         Args:
             operation: Its name.
             arguments: Numbers of its arguments.
-            inner: Those that nothing else uses.
+            inner: Arguments that nothing else uses.
         """
         if operation == "add":
             first, second = arguments
@@ -261,7 +261,7 @@ class _Sums(TapeBuilder):
         return self.apply("add", (a, b))
 
     def _merged(self, a: int, b: int, inner: tuple[int, ...]) -> int | None:
-        """Return a + b as one multiple; None where they are not of one value."""
+        """Return a + b as one multiple; None unless both are multiples of one value."""
         (p, u), (q, v) = (self._multiple(n) if n in inner else (1.0, n) for n in (a, b))
         if u != v or not p * q > 0 or not _is_ordinary(p + q):
             return None
@@ -288,7 +288,7 @@ class _Sums(TapeBuilder):
 
 
 def _is_ordinary(factor: float) -> bool:
-    """Return whether multiplying by a factor comes near no end of the exponents."""
+    """Return whether products with a factor stay away from overflow and underflow."""
     return _SMALLEST < abs(factor) < 1 / _SMALLEST
 
 
@@ -299,10 +299,10 @@ COSTLY = frozenset(
 
 
 def repeated_functions(stage: Tape) -> list[tuple[int, int, int]]:
-    """Return the functions of a state that the next stage would compute once more.
+    """Return the functions of a state that the next stage would compute again.
 
-    A Runge-Kutta step ends with the rate at x + h k, which for a constant rate is the
-    state after it: its sine is the one that the next step begins with.
+    A Runge-Kutta step ends with the rate at x + h k. For a constant rate that is the
+    state after the step, so that the next step begins with the same sine.
 
     Args:
         stage: (x, ...) -> (x after, ...).

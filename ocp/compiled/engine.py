@@ -20,8 +20,8 @@ _NEON_BITS, _AVX512_BITS = 128, 512
 _OLDEST = (0, 45)
 """The first llvmlite whose LLVM reads untyped pointers."""
 MOST_CHARACTERS = 8_000_000
-"""Longest module that is translated: it takes LLVM 20 s, and twice as long a minute and
-more."""
+"""Longest module that is translated. It takes LLVM 20 s; a module twice as long takes
+more than a minute."""
 
 
 class NoCompilerError(Exception):
@@ -30,14 +30,14 @@ class NoCompilerError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Machine:
-    """What code is made for.
+    """The processor that code is made for.
 
     Attributes:
         triple: The target triple.
         cpu: The processor's name.
         features: Its features, as LLVM writes them.
         register_bits: Length of a vector register.
-        lanes: Doubles that go through a kernel side by side, at least.
+        lanes: Least number of doubles that a kernel evaluates side by side.
         has_scale: See `vector_ir.Module`.
         llvm: LLVM's version.
     """
@@ -53,11 +53,11 @@ class Machine:
 
 @cache
 def machine() -> Machine:
-    """Return what this process runs on.
+    """Return the processor that this process runs on.
 
     Raises:
-        NoCompilerError: Without a recent llvmlite, a C library of mathematics, or fused
-            multiply-add.
+        NoCompilerError: If llvmlite is missing or too old, the C library of mathematics
+            is incomplete, or the processor has no fused multiply-add.
     """
     if llvm is None:
         raise NoCompilerError("llvmlite is not installed")
@@ -91,7 +91,7 @@ def machine() -> Machine:
 def _initialise() -> None:
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
-    # LLVM ends the process where code calls what it cannot find, so look first.
+    # LLVM ends the process if code calls a missing function, so check first.
     try:
         library = ctypes.CDLL(ctypes.util.find_library("m"))
         functions = {name: getattr(library, name) for name in C_FUNCTIONS}
@@ -106,12 +106,12 @@ class Compiled:
     """A compiled kernel; keep the object as long as the code may be called.
 
     Attributes:
-        address: Of void kernel(double **in, double **out, int64 n).
-        part_address: Of `part`.
+        address: Address of void kernel(double **in, double **out, int64 n).
+        part_address: Address of `part`.
         part: void part(double **in, double **out, int64 n, int64 first, int64 last), a
             function of ctypes; both release Python's lock.
-        call: The kernel as such a function.
-        keeps_alive: What owns the code.
+        call: The kernel as a function of ctypes.
+        keeps_alive: Owner of the code.
     """
 
     address: int
@@ -148,7 +148,7 @@ def translate(ir: str) -> bytes:
 
 
 def require_short(ir: str) -> None:
-    """Refuse a module that LLVM would take too long for.
+    """Validate that a module is short enough for LLVM.
 
     Raises:
         NoCompilerError: If it is too long.
@@ -163,7 +163,7 @@ def link(code: bytes) -> Compiled:
     """Return the kernel of object code, ready to be called.
 
     Args:
-        code: What `translate` made, on this machine, for this machine.
+        code: Object code that `translate` made for this machine.
     """
     target = machine()
     empty = llvm.parse_assembly("")

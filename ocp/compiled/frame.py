@@ -1,22 +1,22 @@
-"""The frame of a kernel: where it reads and writes, block after block of individuals.
+"""The frame of a kernel: its reading and writing, block after block of individuals.
 
     void kernel(double **in, double **out, int64 n)
     void part(double **in, double **out, int64 n, int64 first, int64 last)
 
-The second evaluates the individuals from `first`, which is the first of a block, up to
-`last`, which is n or the first of another block. in[i] is an argument: (rows, n), row
-after row, where it differs per individual; (rows,) where all share it. out[j] is an
-output, (rows, n). Lanes of the last block that are beyond n are masked: neither read
-nor written.
+`part` evaluates the individuals from `first`, which is the first of a block, up to
+`last` exclusive, which is n or the first of another block. in[i] is an argument:
+(rows, n), row after row, if it differs per individual; (rows,) if all share it. out[j]
+is an output, (rows, n). Lanes of the last block that are beyond n are masked: neither
+read nor written.
 
-Where a fast body marks an individual whose arguments it cannot serve (elementary.py), a
-careful body evaluates that individual once more.
+If a fast body marks an individual whose arguments are out of its range (elementary.py),
+a careful body evaluates that individual once more.
 
 A block is one, two or four vectors of individuals. A processor starts two vector
-operations a cycle but has each result only some cycles later. Where every operation of
-a tape waits for the one before it, as in the steps of an integrator of one equation, it
-idles; a second and a third vector of individuals fill the gaps. Where a tape has much
-to do at a time, they only crowd the registers.
+operations per cycle but has each result only some cycles later. If every operation of a
+tape waits for the one before it, as in an integrator of one equation, the processor
+idles; more vectors of individuals fill the gaps. If a tape has many independent
+operations, more vectors only crowd the registers.
 """
 
 from collections.abc import Callable, Iterable
@@ -38,11 +38,11 @@ from swarmstart.tape import Tape
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Target:
-    """What code is emitted for.
+    """The processor and precision that code is emitted for.
 
     Attributes:
         lanes: Numbers in a vector, a power of two.
-        precision: Of the arithmetic; arguments and outputs are doubles.
+        precision: Precision of the arithmetic; arguments and outputs are doubles.
         register_bits: Length of a vector register.
         has_scale: See `vector_ir.Module`.
     """
@@ -61,12 +61,12 @@ class Target:
 def target_of(
     tapes: Iterable[Tape], precision: Precision, *, at_least: int = 1
 ) -> Target:
-    """Return what code is made for on this machine.
+    """Return the target of code for this machine.
 
     Args:
-        tapes: What the kernel computes, one after the other.
-        precision: Of the arithmetic.
-        at_least: How many times a vector's lanes are taken at once in any case.
+        tapes: Tapes that the kernel computes, one after the other.
+        precision: Precision of the arithmetic.
+        at_least: Least number of vectors in a block.
     """
     here, bits = machine(), FORMATS[precision].bits
     lanes = here.lanes * DOUBLE.bits // bits
@@ -79,8 +79,8 @@ def target_of(
     )
 
 
-# (instructions, cycles until the result is there), round numbers for recent x86 cores;
-# a division keeps its unit busy as long as this many instructions take.
+# (instructions, cycles until the result is there): round numbers chosen here for recent
+# x86 cores. A division keeps its unit busy as long as this many instructions take.
 SIMPLE = (1, 4)
 COSTS = {
     "div": (24, 24),
@@ -111,16 +111,16 @@ COSTS = {
 FREE = ("constant", "input", "neg", "twice")
 STARTED_A_CYCLE = 2
 LOOK_AHEAD = 1.7
-"""How far beyond one operation after the other a core gets by itself."""
+"""Speed of a core by itself, relative to one operation after the other."""
 MOST = 4
 
 
 def side_by_side(tapes: Iterable[Tape], *, registers: int) -> int:
-    """Return 1, 2 or 4: how many times a vector's lanes a kernel should take at once.
+    """Return the number of vectors that a block should have: 1, 2 or 4.
 
     Args:
-        tapes: What the kernel computes, one after the other.
-        registers: Registers that one vector needs.
+        tapes: Tapes that the kernel computes, one after the other.
+        registers: Number of registers that one vector needs.
     """
     tapes = tuple(tapes)
     busy = sum(_work(tape) for tape in tapes) * registers / STARTED_A_CYCLE
@@ -150,11 +150,11 @@ def _depth(tape: Tape) -> int:
 
 
 _AHEAD = 16
-"""Individuals; two cache lines of doubles."""
+"""Individuals that are fetched ahead; two cache lines of doubles."""
 
 
 class Frame:
-    """Where a function reads and writes: one block of individuals."""
+    """One block of individuals, which a function reads and writes."""
 
     def __init__(self, ir: VectorIR, *, inputs: int, outputs: int) -> None:
         """Emit the addresses of the arguments and outputs, and the mask of the lanes.
@@ -171,7 +171,7 @@ class Frame:
         self._written = self._inside
 
     def restrict(self, lanes: str) -> None:
-        """Write no lanes but those whose bit is set in an integer register."""
+        """Restrict writing to lanes whose bit is set in an integer register."""
         wanted = self.ir.emit(f"bitcast i{self.ir.lanes} {lanes} to {self.ir.mask}")
         self._written = self.inside(wanted)
 
@@ -225,10 +225,10 @@ class Frame:
         return converted(ir, loaded, DOUBLE, ir.form)
 
     def _fetch(self, address: str) -> None:
-        """Have memory brought near that a later block of the same row reads.
+        """Prefetch memory that a later block of the same row reads.
 
         A population too large for the caches is read in as many places at once as it
-        has rows, more than processors foresee by themselves.
+        has rows, which is more than processors prefetch by themselves.
         """
         ir = self.ir
         ir.module.declarations.add("declare void @llvm.prefetch.p0(ptr, i32, i32, i32)")
@@ -309,7 +309,7 @@ def module_of(
             "",
             *module.functions.values(),
             *sorted(module.declarations),
-            # Aligned, so that no vector kept on the stack lies across two cache lines.
+            # Aligned, so that no vector on the stack lies across two cache lines.
             f'attributes #0 = {{ nounwind "stackrealign" '
             f'"prefer-vector-width"="{width}" "min-legal-vector-width"="{width}" }}',
             '!0 = !{!"branch_weights", i32 1, i32 100000}',

@@ -1,4 +1,4 @@
-"""Exponentials and logarithms near 1, and what is made of them; see elementary.py.
+"""Exponentials and logarithms near 1, and functions built on them; see elementary.py.
 
 Source: W. Kahan, Branch cuts for complex elementary functions (1987), log(1 + x) and
 the inverse hyperbolic functions; coefficients in coefficients.py.
@@ -22,17 +22,17 @@ from swarmstart.ocp.compiled.vector_ir import VectorIR
 def expm1(ir: VectorIR, x: str) -> str:
     """Return exp x - 1 = 2^k ((exp r - 1) + (1 - 2^-k)), accurate near 0."""
     form, known = ir.form, table(ir.form)
-    # Below, the result is -1 to the last digit; and 2^-k is a number.
+    # Below this limit the result is -1 to the last digit; above it 2^-k is finite.
     lowest = -(form.significand + 5) * math.log(2.0)
     r, k = reduced_exponent(ir, x, (lowest, known.exp_range[1]))
     near = ir.fma(ir.mul(r, r), ir.polynomial(r, known.exp[:-2]), r)
     inverse = scaled(ir, ir.constant(1.0), ir.neg(k))
     value = scaled(ir, ir.add(near, ir.sub(ir.constant(1.0), inverse)), k)
-    return ir.intrinsic("copysign", value, x)  # Of -0 as well.
+    return ir.intrinsic("copysign", value, x)  # -0 keeps its sign.
 
 
 def log1p(ir: VectorIR, x: str) -> str:
-    """Return log(1 + x), accurate near 0: what rounding took from 1 + x is added."""
+    """Return log(1 + x), accurate near 0: the rounding error of 1 + x is added."""
     one = ir.constant(1.0)
     whole = ir.add(one, x)
     added = ir.sub(whole, one)
@@ -74,7 +74,7 @@ def cosh(ir: VectorIR, x: str) -> str:
 
 
 def _half_exponentials(ir: VectorIR, x: str) -> tuple[str, str]:
-    """Return exp |x| / 2, which overflows where sinh does, and exp(-|x|) / 2."""
+    """Return exp |x| / 2, which overflows when sinh does, and exp(-|x|) / 2."""
     known = table(ir.form)
     limits = known.exp_range[0], known.exp_range[1] + 1.0
     r, k = reduced_exponent(ir, ir.intrinsic("fabs", x), limits)
@@ -104,9 +104,9 @@ def acosh(ir: VectorIR, x: str) -> str:
 
 
 def _log1p_or_log_of_twice(ir: VectorIR, near: str, x: str) -> str:
-    """Return log1p of a number; log 2x where x is so large that 1 is nothing to it.
+    """Return log1p of a number; log 2x if x is so large that 1 is below its rounding.
 
-    As log1p(x / 2) and 2 ln 2 more: 2x might overflow.
+    log 2x is computed as log1p(x / 2) + 2 ln 2, since 2x might overflow.
     """
     large = ir.compare("ogt", x, ir.constant(2.0 ** (ir.form.significand + 2)))
     value = log1p(ir, ir.select(large, ir.mul(x, ir.constant(0.5)), near))

@@ -1,16 +1,16 @@
-"""One kernel for every function: instructions are read, not compiled.
+"""An interpreter: one kernel that reads the instructions of any function.
 
     void kernel(double **in, double **out, int64 n)
 
 LLVM takes longer to compile a roll-out of hundreds of intervals than a whole search
-takes to run. This kernel is compiled once for a machine and kept; it reads a function's
-instructions from a table and applies each to a block of individuals, so that reading it
-costs little beside its arithmetic.
+takes to run. This kernel is compiled once on a machine and cached. It reads a
+function's instructions from a table and applies each to a block of individuals, so that
+reading takes little time compared with the arithmetic.
 
-An instruction is (operation, target, first, second): places of values in a work vector,
-as CasADi has numbered them. in[0] is what differs per individual, in[1] numbers that
-all share, constants among them, in[2] the table, in[3] the number of instructions,
-in[4] the work vector; out[0] has all outputs.
+An instruction is (operation, target, first, second), the last three being places in a
+work vector, as CasADi numbers them. in[0] is the argument that differs per individual,
+in[1] the shared numbers, constants among them, in[2] the table, in[3] the number of
+instructions, in[4] the work vector; out[0] has all outputs.
 """
 
 import hashlib
@@ -45,7 +45,7 @@ Count = NDArray[np.int64]
 VECTORS = 4
 """Vectors of individuals in a block: one instruction is read for all of them."""
 _BYTES = 64
-"""A cache line; what a block's vectors are aligned to."""
+"""Length of a cache line, to which a block's vectors are aligned."""
 POWERS = range(2, 9)
 """Constant whole powers with an operation of their own."""
 NAMES = (
@@ -121,13 +121,13 @@ def program_of(function: ca.Function) -> Program:
     return Program(
         np.array(table, dtype=np.int64),
         np.array(constants),
-        function.sz_w() + 1,  # The first has what the fast body could not serve.
+        function.sz_w() + 1,  # The first marks arguments out of the fast body's range.
         int(rows[-1]),
     )
 
 
 def _power(code: int, exponent: float | None) -> int:
-    """Return the operation of a constant power; a whole one has its own."""
+    """Return the operation of a constant power; small whole powers have their own."""
     if OPERATIONS.get(code) != "constpow":
         name = OPERATIONS.get(code, f"number {code}")
         raise UnknownOperationError(f"the operation {name} is not interpreted", name)
@@ -170,7 +170,7 @@ class Interpreted:
         return results
 
     def require(self, population: Array) -> None:
-        """Refuse what would be read beyond its end."""
+        """Validate the population's rows, since the kernel reads without checks."""
         if population.shape[0] != self._dim:
             raise ValueError(
                 f"a population must have {self._dim} rows, got {population.shape[0]}"
@@ -178,7 +178,7 @@ class Interpreted:
 
     @property
     def constants(self) -> Array:
-        """What stands behind the shared arguments."""
+        """The constants, which follow the shared arguments."""
         return self._program.constants
 
 
@@ -203,7 +203,7 @@ class BoundInterpreted:
 
 
 def interpreted(function: ca.Function) -> Interpreted | CasadiMap:
-    """Return a function of populations; by CasADi's map where no code can be made."""
+    """Return a function of populations; CasADi's map if no code can be made."""
     try:
         return Interpreted(function)
     except (NoCompilerError, UnknownOperationError):
@@ -218,7 +218,7 @@ def _lanes() -> int:
 
 
 def _aligned(size: int) -> Array:
-    """Return numbers whose first is at the begin of a cache line."""
+    """Return an array that begins at a cache line."""
     raw = np.zeros(size + _BYTES // 8)
     first = -(raw.ctypes.data // 8) % (_BYTES // 8)
     return raw[first : first + size]
@@ -244,7 +244,7 @@ def _kernel() -> Compiled:
 
 
 def _emit(frame: Frame) -> None:
-    """Emit the loop over the instructions: load one, go to its operation, come back."""
+    """Emit the loop over the instructions: load one, jump to its operation, return."""
     ir = frame.ir
     table, count, work = (_pointer(ir, number) for number in (2, 3, 4))
     total = ir.emit(f"load i64, ptr {count}, align 8")

@@ -6,7 +6,7 @@ from swarmstart.ocp.compiled.vector_ir import VectorIR
 
 
 class Loop:
-    """A loop whose values at the end of a turn are those at the next one's beginning.
+    """A loop that carries values from the end of a turn to the next one.
 
     Attributes:
         k: Register of the turn's number, from 0.
@@ -17,9 +17,9 @@ class Loop:
         """Begin the loop's body.
 
         Args:
-            ir: Where to emit.
+            ir: The body to emit into.
             initial: The carried values before the first turn.
-            turns: How often the body is run, at least once.
+            turns: Number of turns, at least 1.
         """
         self._ir, self._initial, self._turns = ir, initial, turns
         self._before, self._body = ir.body.block, ir.name("interval")
@@ -34,7 +34,7 @@ class Loop:
 
         Args:
             updated: The carried values at the end of a turn.
-            while_: A bit without which it is the last turn; None: there is none.
+            while_: A bit that must be set for another turn; None for no such condition.
         """
         ir, done = self._ir, self._ir.name("done")
         following = ir.emit(f"add i64 {self.k}, 1")

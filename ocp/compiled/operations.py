@@ -29,10 +29,10 @@ def emit_tape(
     """Emit a tape; return its values, in the order of its nodes.
 
     Args:
-        ir: Where to emit.
+        ir: The body to emit into.
         tape: The tape.
         read: Emits the reading of an input.
-        given: Values that are known: number -> value.
+        given: Known values: number -> value.
 
     Raises:
         UnknownOperationError: If an operation cannot be emitted.
@@ -78,10 +78,10 @@ PRODUCTS = ("mul", "sq", "twice")
 
 
 def fused_products(tape: Tape) -> dict[int, int]:
-    """Return which sums take in a product without rounding it first.
+    """Return the sums that fuse with a product, without rounding it first.
 
-    A sum of two products takes in none, unless both are squares: x y - z w would leave
-    a rounding error where the two are equal.
+    A sum of two products is not fused, unless both are squares: x y - z w would leave a
+    rounding error if the two are equal.
 
     Returns:
         Number of the sum -> number of the product, which nothing else uses.
@@ -144,7 +144,7 @@ LIBRARY = {"hypot": "hypot", "remainder": "remainder"}
 """Operations that are called in the C library, lane by lane."""
 
 C_FUNCTIONS = ("sin", "cos", "pow", "fmod", *LIBRARY.values())
-"""What the machine code may call."""
+"""Functions of the C library that the machine code may call."""
 
 INTRINSICS = {
     "sqrt": "sqrt",
@@ -160,7 +160,7 @@ COMPARISONS = {"lt": "olt", "le": "ole", "eq": "oeq", "ne": "une"}
 
 
 def emit_operation(ir: VectorIR, name: str, arguments: Sequence[str]) -> str:
-    """Emit one operation that needs no more than its arguments' values."""
+    """Emit one operation that depends on its arguments' values only."""
     if name in ARITHMETIC:
         return ir.binary(ARITHMETIC[name], *arguments)
     if name in COMPARISONS:
@@ -177,7 +177,7 @@ def emit_operation(ir: VectorIR, name: str, arguments: Sequence[str]) -> str:
 
 
 def _true(ir: VectorIR, value: str) -> str:
-    """Return the mask of what counts as true: all but zero, NaN included."""
+    """Return the mask of lanes that count as true: all but zero, NaN included."""
     return ir.compare("une", value, ir.constant(0.0))
 
 
@@ -210,7 +210,7 @@ OF_ANGLES: dict[str, Callable[[VectorIR, str, str], str]] = {
     "cos": lambda _, sine, cosine: cosine,
     "tan": tan,
 }
-"""Functions of an angle, of its sine and cosine, which are found once."""
+"""Functions of an angle, computed from its sine and cosine, which are found once."""
 
 SPECIAL: dict[str, Callable[..., str]] = {
     "neg": lambda ir, a: ir.neg(a),

@@ -1,8 +1,8 @@
 """Powers on vectors: base^exponent = exp(exponent log base).
 
-The logarithm is a sum of two doubles, good to 2^-64, so that the power is good to 2 ulp
-however large the exponent. What it cannot take (no positive normal base, a result out
-of range) is served by the C library, lane by lane; see elementary.py. Single precision
+The logarithm is a sum of two doubles, accurate to 2^-64, so that the power is accurate
+to 2 ulp for any exponent. If the base is not positive and normal, or the result is out
+of range, the C library computes it, lane by lane; see elementary.py. Single precision
 is computed in double. The coefficients interpolate at the nodes of Chebyshev
 polynomials (computed with mpmath).
 """
@@ -39,7 +39,7 @@ def power(ir: VectorIR, base: str, exponent: str) -> str:
 
 
 def _power(ir: VectorIR, base: str, exponent: str) -> tuple[str, str]:
-    """Return base^exponent, and the mask of where it is right."""
+    """Return base^exponent, and the mask of the lanes in which it is right."""
     wide = ir.in_format(DOUBLE)
     given = [converted(ir, v, ir.form, DOUBLE) for v in (base, exponent)]
     value, served = _power_of_doubles(wide, *given)
@@ -66,7 +66,7 @@ def _long_log(ir: VectorIR, x: str) -> tuple[str, str]:
     k, f = exponent_and_rest(ir, x)
     below = ir.add(f, ir.constant(2.0))
     s = ir.div(f, below)
-    # f - s (2 + f), and what rounding took from 2 + f.
+    # f - s (2 + f), and the rounding error of 2 + f.
     lost = ir.sub(f, ir.sub(below, ir.constant(2.0)))
     left = ir.fma(ir.neg(s), below, f)
     s_low = ir.div(ir.fma(ir.neg(s), lost, left), below)

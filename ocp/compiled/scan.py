@@ -1,6 +1,6 @@
 """A step applied interval after interval, from the first or from the last.
 
-What a step carries stays in registers; what it keeps is written for every interval.
+Carried values stay in registers; kept values are written for every interval.
 
     forward    x_k+1 = f(x_k, u_k)                      keeps the states
     backward   lambda_k = df/dx' lambda_k+1 + ...       keeps the gradient
@@ -31,23 +31,24 @@ from swarmstart.ocp.interpolants import without_interpolants
 from swarmstart.tape import Tape, read_tape
 
 Role = Literal["carried", "individual", "interval", "both", "shared"]
-"""What an argument of a step is: carried from turn to turn, first (rows, n); the same
-in all intervals, (rows, n); the same for all individuals, (turns * rows,); of each
-interval and individual, (turns * rows, n), interval after interval; or (rows,)."""
+"""Role of an argument of a step: "carried" from turn to turn, at first (rows, n);
+"individual", the same in all intervals, (rows, n); "interval", the same for all
+individuals, (turns * rows,); "both", of each interval and individual, (turns * rows,
+n), interval after interval; "shared" by all, (rows,)."""
 
 MOST_INSTRUCTIONS = 40_000
-"""Of a step: LLVM takes about three seconds for 30,000."""
+"""Largest number of instructions of a step: LLVM takes about 3 s for 30,000."""
 PER_INTERVAL: tuple[Role, ...] = ("interval", "both")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Scan:
-    """A step with what its arguments are.
+    """A step with the roles of its arguments.
 
     Attributes:
-        step: (arguments) -> (what is carried on, in the order of the arguments that
-            are; then what is kept of each interval).
-        roles: Of each argument.
+        step: (arguments) -> (new carried values, in the order of the carried arguments;
+            then the values kept of each interval).
+        roles: Role of each argument.
         turns: Number of intervals N.
         backward: Whether the last interval comes first.
     """
@@ -59,18 +60,18 @@ class Scan:
 
     @property
     def carried(self) -> list[int]:
-        """Numbers of the arguments that are carried."""
+        """Indices of the carried arguments."""
         return [i for i, role in enumerate(self.roles) if role == "carried"]
 
 
 def emit_scan(scan: Scan, *, target: Target) -> str:
     """Return the IR module of (arguments) -> (carried in the end, kept).
 
-    What is kept is (turns * rows, n), interval after interval.
+    Kept values have shape (turns * rows, n), interval after interval.
 
     Args:
         scan: The step.
-        target: What code is emitted for.
+        target: Processor and precision that code is emitted for.
 
     Raises:
         UnknownOperationError: If an operation cannot be emitted.
@@ -139,14 +140,14 @@ def compile_scan(
 
     Args:
         step: An SX function; see `Scan`.
-        roles: Of each of its arguments; one differs per individual.
+        roles: Role of each argument; at least one differs per individual.
         turns: Number of intervals, at least 1.
         backward: Whether the last interval comes first.
-        precision: Of the arithmetic; arguments and outputs are doubles.
-        threads: Over how many threads a population may be spread.
+        precision: Precision of the arithmetic; arguments and outputs are doubles.
+        threads: Largest number of threads for a population.
 
     Raises:
-        InvalidProblemError: If the roles are not those of the step.
+        InvalidProblemError: If the roles do not fit the step.
         UnknownOperationError: If it has an operation that is not compiled.
         NoCompilerError: If machine code cannot be made here.
     """
@@ -182,7 +183,7 @@ def compile_scan(
 
 
 def _require(step: ca.Function, roles: Sequence[Role]) -> None:
-    """Refuse roles that do not fit a step."""
+    """Validate that roles fit a step."""
     carried = [i for i, role in enumerate(roles) if role == "carried"]
     if len(roles) != step.n_in() or any(role not in get_args(Role) for role in roles):
         raise InvalidProblemError(

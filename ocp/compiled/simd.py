@@ -43,14 +43,15 @@ Array = NDArray[np.float64]
 Shapes = tuple[tuple[int, ...], ...]
 
 _COPIED = 4096
-"""Arguments of up to this many numbers are copied into buffers that stay: looking up
-where an array lies costs more."""
+"""Arguments of up to this many numbers are copied into fixed buffers: to look up the
+address of an array takes longer."""
 
 MOST_INSTRUCTIONS = 20_000
-"""Of the functions in a kernel: more would be too long for LLVM in any case."""
+"""Largest number of instructions of the functions in a kernel: LLVM would take too long
+for more."""
 
 _WITHOUT_CONVERSION = ctypes.CFUNCTYPE(None)
-"""Takes arguments that are C's already."""
+"""Type of functions whose arguments are ctypes objects already."""
 
 
 class Shape(NamedTuple):
@@ -79,14 +80,14 @@ class Prepared:
     """A kernel bound to fixed buffers: fill, call, read; nothing is allocated.
 
     Attributes:
-        arguments: To be filled in place: (rows, n), or (rows,) where shared.
-        outputs: To be read after the call, each (rows, n).
+        arguments: Buffers to fill in place: (rows, n), or (rows,) if shared.
+        outputs: Buffers to read after the call, each (rows, n).
         results: The same memory as one array, (all rows, n).
         pointers: Addresses of the function and of its two arguments, for a caller that
             is compiled itself: void f(double **in, double **out, int64 n).
         size: n, the third argument.
-        run: Evaluates what is in the arguments into the outputs; so does a call.
-        rows: Rows of each output.
+        run: Function that evaluates the arguments into the outputs, as a call does.
+        rows: Number of rows of each output.
     """
 
     arguments: tuple[Array, ...]
@@ -99,7 +100,7 @@ class Prepared:
     _keeps_alive: object
 
     def __call__(self) -> None:
-        """Evaluate what is in the arguments into the outputs."""
+        """Evaluate the arguments into the outputs."""
         self.run()
 
     def split(self, results: Array) -> tuple[Array, ...]:
@@ -111,10 +112,10 @@ class SimdBatch:
     """A BatchEvaluator in machine code; see interface.py.
 
     Attributes:
-        shape: What it reads and writes.
-        threads: Over how many threads a population may be spread.
-        instructions: Of the function for one interval, before it is simplified; 0: not
-            counted.
+        shape: Rows of its arguments and outputs.
+        threads: Largest number of threads for a population.
+        instructions: Number of instructions of the function for one interval, before
+            simplification; 0 if they were not counted.
     """
 
     backend = "llvm"
@@ -127,14 +128,16 @@ class SimdBatch:
         *,
         instructions: int = 0,
     ) -> None:
-        """Take a compiled kernel.
+        """Wrap a compiled kernel.
 
         Args:
-            compiled: The kernel, or what will be; then it is waited for when it is
-                first used, which may raise NoCompilerError.
-            shape: What it reads and writes; an argument differs per individual.
-            threads: Over how many threads a population may be spread, at least 1.
-            instructions: Of the function for one interval; 0: not counted.
+            compiled: The kernel, or a kernel that is being made; its first use then
+                waits for it, and may raise NoCompilerError.
+            shape: Rows of its arguments and outputs; at least one argument differs per
+                individual.
+            threads: Largest number of threads for a population, at least 1.
+            instructions: Number of instructions of the function for one interval; 0 if
+                they were not counted.
         """
         self.instructions = instructions
         self.shape, self.threads = shape, threads
@@ -142,12 +145,12 @@ class SimdBatch:
 
     @property
     def address(self) -> int:
-        """Of void kernel(double **in, double **out, int64 n)."""
+        """Address of void kernel(double **in, double **out, int64 n)."""
         return self._compiled.address
 
     @property
     def part_address(self) -> int:
-        """Of the kernel's function `part`; see frame.py."""
+        """Address of the kernel's function `part`; see frame.py."""
         return self._compiled.part_address
 
     @property
@@ -189,7 +192,7 @@ class SimdBatch:
         """Return the outputs for all arguments, each output (rows, size).
 
         Args:
-            arguments: In the function's order, (rows, size), or (rows,) where shared.
+            arguments: In the function's order, (rows, size), or (rows,) if shared.
 
         Raises:
             InvalidProblemError: If the kernel reads other shapes.
@@ -203,11 +206,10 @@ class SimdBatch:
         return sum(a.size for a in arguments) <= _COPIED
 
     def evaluate_in_place(self, arguments: Sequence[Array], size: int) -> Array:
-        """Return all outputs, (all rows, size), for arguments that are right.
+        """Return all outputs, (all rows, size), for arguments of the right shapes.
 
         Args:
-            arguments: As in `evaluate`; copied only where they are no contiguous
-                doubles.
+            arguments: As in `evaluate`; copied only if they are not contiguous doubles.
             size: Number of individuals.
         """
         given = [np.ascontiguousarray(a, dtype=np.float64) for a in arguments]
@@ -218,7 +220,7 @@ class SimdBatch:
         return results
 
     def _require(self, shapes: Shapes, size: int) -> None:
-        """Refuse what would be read beyond its end."""
+        """Validate shapes, since the kernel reads without checks."""
         expected = self.shape.of_arguments(size)
         if shapes != expected:
             raise InvalidProblemError(
@@ -229,7 +231,7 @@ class SimdBatch:
 class Bound:
     """A kernel whose first argument differs per individual, the others fixed.
 
-    Buffers are used again, so one object must not be called from two threads at once.
+    Buffers are reused, so one object must not be called from two threads at once.
     """
 
     def __init__(self, kernel: SimdBatch, shared: tuple[Array, ...]) -> None:
@@ -240,7 +242,7 @@ class Bound:
             shared: Its other arguments, flattened column by column.
 
         Raises:
-            InvalidProblemError: If they are not what the kernel reads.
+            InvalidProblemError: If they do not fit the kernel.
         """
         first, *others = kernel.shape.per_individual
         if not first or any(others):
@@ -274,7 +276,7 @@ class Bound:
         return prepared.results.copy()
 
     def _buffers(self, shape: tuple[int, ...]) -> Prepared:
-        """Return buffers of its own: what is shared stays in them."""
+        """Return own buffers, in which shared arguments stay."""
         prepared = self._kernel.prepare(shape[1])
         for buffer, values in zip(prepared.arguments[1:], self._shared, strict=True):
             buffer[...] = values
@@ -302,7 +304,7 @@ class Bound:
         for buffer in (population, *outputs):
             if not buffer.flags.c_contiguous or buffer.dtype != np.float64:
                 raise InvalidProblemError("buffers must be contiguous doubles")
-        # Of its own, which no later call overwrites.
+        # Own buffers, which no later call overwrites.
         inputs, results = addresses([population, *self._shared]), addresses(outputs)
         self._attached.append((inputs, results))
         return Pointers(
@@ -311,7 +313,7 @@ class Bound:
 
 
 def _require(expected: tuple[int, ...], given: tuple[int, ...]) -> None:
-    """Refuse what would be read beyond its end."""
+    """Validate shapes, since the kernel reads without checks."""
     if given != expected:
         raise InvalidProblemError(
             f"arguments must have {expected} entries, got {given}"
@@ -329,7 +331,7 @@ def split(results: Array, rows: Sequence[int]) -> tuple[Array, ...]:
 
 def addresses(arrays: Sequence[Array]) -> ctypes.Array[ctypes.c_void_p]:
     """Return a table of the addresses of arrays, as a kernel takes it."""
-    # A third of what array.ctypes.data costs.
+    # This takes a third of the time of array.ctypes.data.
     pointers = [array.__array_interface__["data"][0] for array in arrays]
     return (ctypes.c_void_p * len(pointers))(*pointers)
 
@@ -344,10 +346,11 @@ def compile_flat(
     """Return an evaluator of an SX function.
 
     Args:
-        function: An SX function; its interpolants become expressions where possible.
-        per_individual: For each argument whether it differs per individual; one does.
-        precision: Of the arithmetic; arguments and outputs are doubles.
-        threads: Over how many threads a population may be spread.
+        function: An SX function; its interpolants become expressions if possible.
+        per_individual: For each argument whether it differs per individual; at least
+            one does.
+        precision: Precision of the arithmetic; arguments and outputs are doubles.
+        threads: Largest number of threads for a population.
 
     Raises:
         UnknownOperationError: If it has an operation that is not compiled.
@@ -372,13 +375,13 @@ def compile_flat(
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Ticking:
-    """Steps of their own lengths in an interval; see ocp/adaptive.py.
+    """Steps of adaptive length in an interval; see ocp/adaptive.py.
 
     Attributes:
         tick: (z, u, p, s) -> z after one tick.
         checks: Number of checks in an interval.
-        first: h as an interval begins.
-        most: Ticks from check to check.
+        first: Step size h at the beginning of an interval.
+        most: Largest number of ticks between two checks.
     """
 
     tick: ca.Function
@@ -401,22 +404,22 @@ def compile_rollout(  # noqa: PLR0913 - a rollout's parts
 ) -> SimdBatch:
     """Return an evaluator of (decisions, x0, p, signals) -> (cost, violation).
 
-    The decisions are the controls, interval after interval, and what is decided about
-    the start.
+    The decisions are the controls, interval after interval, then the decided initial
+    states.
 
     Args:
-        stage: (x, u, p, s) -> (x after, cost, violation) over one interval. With steps
-            of their own lengths it has two arguments more: the states that they reach
-            at each check, shape (nx, checks), and the integrals.
+        stage: (x, u, p, s) -> (x after, cost, violation) over one interval. With
+            adaptive steps it has two more arguments: the states that they reach at each
+            check, shape (nx, checks), and the integrals.
         end: (x, p, s) -> (cost, violation) at the end.
         intervals: Number of intervals.
         signals_per_interval: ns * checks.
-        decided: For each state the number of the decision after the controls that it
-            starts at; None where x0 says it; empty: x0 says all.
-        begin: (x, p, s) -> (cost, violation) at the start; None: nothing is added.
-        ticking: The steps of an interval; None: they are in the stage.
-        precision: Of the arithmetic; arguments and outputs are doubles.
-        threads: Over how many threads a population may be spread.
+        decided: For each state that is decided, the number of its decision, counted
+            after the controls; None for a state that starts at x0. Empty if all do.
+        begin: (x, p, s) -> (cost, violation) at the start; None if nothing is added.
+        ticking: The adaptive steps of an interval; None if steps are in the stage.
+        precision: Precision of the arithmetic; arguments and outputs are doubles.
+        threads: Largest number of threads for a population.
 
     Raises:
         UnknownOperationError: If a function has an operation that is not compiled.
@@ -449,7 +452,7 @@ def compile_rollout(  # noqa: PLR0913 - a rollout's parts
         )
         longest, at_least = roll.stage, 1
         if ticks is not None:
-            # No tick begins before the one before it is done and looked at.
+            # No tick begins before the previous one is done and judged.
             longest, at_least = ticks.tick, 2
         target = target_of([longest], precision, at_least=at_least)
         return emit_rollout(roll, target=target)
@@ -475,7 +478,7 @@ def compile_rollout(  # noqa: PLR0913 - a rollout's parts
 
 
 def cached(key: str, emit: Callable[[], str]) -> Compiled | Later:
-    """Return machine code from the cache, or make it and keep it; see aside.py."""
+    """Return machine code from the cache, or make and store it; see aside.py."""
     with compiling():
         code = load(key)
         if code is not None:
@@ -497,12 +500,12 @@ def key_of(
     settings: tuple[object, ...],
     maker: str = __name__,
 ) -> str:
-    """Return the hash of all that determines the machine code.
+    """Return the hash of everything that determines the machine code.
 
     Args:
-        functions: What it is made of.
-        settings: What else determines it.
-        maker: Name of the module that makes it, besides MAKERS.
+        functions: Functions that it evaluates.
+        settings: Other settings that determine it.
+        maker: Name of the module that makes it, in addition to MAKERS.
     """
     digest = hashlib.sha256(_sources(maker).encode())
     for part in (*(f.serialize() for f in functions), settings, machine()):
@@ -512,8 +515,8 @@ def key_of(
 
 HERE = "swarmstart.ocp.compiled"
 MAKERS = ("emitter", "engine")
-"""The modules that make the code; their text, and that of all they import, is its
-version."""
+"""The modules that make the code; its version is the hash of their text, imports
+included."""
 
 
 @cache

@@ -1,4 +1,4 @@
-"""One population on several cores: a kernel called for parts of it, side by side.
+"""Evaluation of one population on several cores, in parts.
 
 Machine code is called without Python's lock, so threads of one process are enough. A
 part begins at a whole block of individuals, and no individual's value depends on its
@@ -11,9 +11,9 @@ from concurrent.futures import ThreadPoolExecutor, wait
 from functools import cache, partial
 
 LEAST = 256
-"""Individuals of a part: handing over fewer costs more than it saves."""
+"""Least number of individuals of a part; for fewer a thread does not pay."""
 _BLOCK = 64
-"""Individuals; a multiple of what any kernel takes at once."""
+"""Individuals; a multiple of every kernel's block."""
 
 
 def parts_of(size: int, threads: int) -> list[tuple[int, int]]:
@@ -21,7 +21,7 @@ def parts_of(size: int, threads: int) -> list[tuple[int, int]]:
 
     Args:
         size: Number of individuals.
-        threads: How many parts there may be.
+        threads: Largest number of parts.
     """
     count = max(1, min(threads, size // LEAST))
     each = max(1, -(-size // (count * _BLOCK))) * _BLOCK
@@ -29,12 +29,12 @@ def parts_of(size: int, threads: int) -> list[tuple[int, int]]:
 
 
 def in_parts(part: Callable[[int, int], None], size: int, threads: int) -> None:
-    """Call a function for all individuals, in one part or in several at a time.
+    """Call a function for all individuals, in one part or in several in parallel.
 
     Args:
-        part: (first, first after it) -> nothing; must not hold Python's lock.
+        part: (first, first after the part) -> None; must not hold Python's lock.
         size: Number of individuals.
-        threads: How many calls there may be at a time.
+        threads: Largest number of calls at a time.
     """
     together([partial(part, *one) for one in parts_of(size, threads) or [(0, 0)]])
 

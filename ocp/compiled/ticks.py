@@ -1,6 +1,6 @@
-"""Steps of their own lengths as LLVM IR: a loop until all individuals are done.
+"""Steps of adaptive length as LLVM IR: a loop until all individuals are done.
 
-What a tick is, and that it changes nothing of what is done, is said in ocp/adaptive.py.
+ocp/adaptive.py defines a tick; for an individual that is done it changes nothing.
 """
 
 import math
@@ -15,14 +15,14 @@ from swarmstart.tape import Tape
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Ticks:
-    """Steps of their own lengths from check to check; see ocp/adaptive.py.
+    """Steps of adaptive length from check to check; see ocp/adaptive.py.
 
     Attributes:
         tick: (z, u, p, s) -> z after one tick, s flat over both ends of a check; z is
             (y, |y| so far, left, h), y the states and the integrals.
         checks: Number of checks in an interval.
-        first: h as an interval begins.
-        most: Ticks from check to check.
+        first: Step size h at the beginning of an interval.
+        most: Largest number of ticks between two checks.
     """
 
     tick: Tape
@@ -37,10 +37,10 @@ def stepped(
     """Emit the ticks of an interval.
 
     Args:
-        frame: Where to emit.
+        frame: The frame to emit into.
         ticks: The ticks.
         read: Reads the arguments of the interval.
-        state: The states as it begins.
+        state: The states at its beginning.
 
     Returns:
         The states at each check, check after check, and the integrals.
@@ -51,7 +51,7 @@ def stepped(
     z = [*y, *(ir.intrinsic("fabs", value) for value in y), "", ""]
     h, reached = ir.constant(ticks.first), []
     for check in range(ticks.checks):
-        # Lanes that nobody asks for are done from the first.
+        # Lanes whose result is not needed count as done from the beginning.
         z = [*z[:-2], ir.flag(frame.wanted), h]
         z = _until_all_are_done(ir, ticks, read, z, check)
         done, h = ir.compare("oeq", z[-2], zero), z[-1]
@@ -85,7 +85,7 @@ def _until_all_are_done(
 
 
 def with_steps(read: Read, steps: tuple[list[str], list[str]]) -> Read:
-    """Return what reads the arguments of an interval, and what its steps reach."""
+    """Return a reader of an interval's arguments and of the results of its steps."""
 
     def either(argument: int, entry: int) -> str:
         own = argument - 4  # After x, u, p, s.

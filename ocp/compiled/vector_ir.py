@@ -2,9 +2,8 @@
 
 A value is the name of a register or the text of a constant; a mask is a vector of bits.
 The formats are the two of IEEE 754 that kernels compute in. Nothing is reordered or
-contracted here: what is asked for is what is computed. What is
-put together before, and where `fma` is asked for, is in emitter.py and
-operations.py.
+contracted here. Sums are simplified before, in emitter.py, and operations.py decides on
+the use of `fma`.
 """
 
 import struct
@@ -26,7 +25,7 @@ class Format:
         suffix: How LLVM's intrinsics name it.
         bits: Its length.
         significand: Bits of the significand that are stored.
-        bias: What is added to the exponent.
+        bias: Bias of the exponent.
         smallest: Smallest normal number.
     """
 
@@ -44,9 +43,9 @@ class Format:
 
     @property
     def rounding(self) -> float:
-        """What rounds to an integer, added and subtracted.
+        """Number that, added and subtracted again, rounds to an integer.
 
-        The low bits of the sum are then that integer's.
+        The low bits of the sum are those of the integer.
         """
         return 1.5 * 2.0**self.significand
 
@@ -58,7 +57,7 @@ FORMATS: dict[str, Format] = {"double": DOUBLE, "single": SINGLE}
 
 @dataclass(frozen=True, slots=True)
 class Module:
-    """What the functions of one module share.
+    """The parts that the functions of one module share.
 
     Attributes:
         has_scale: Whether the processor multiplies by powers of two in one instruction
@@ -73,7 +72,7 @@ class Module:
 
 
 class Body:
-    """The text of one function, as far as it is written."""
+    """The text of one function so far."""
 
     def __init__(self) -> None:
         """Begin an empty body."""
@@ -88,14 +87,14 @@ class Body:
 
 
 class VectorIR:
-    """Adds to the body of a function; every method returns the value it makes.
+    """Writer of the body of a function; every method returns the value it makes.
 
     Attributes:
-        careful: Whether arguments out of a fast method's range are to be served; a fast
+        careful: Whether arguments out of a fast method's range are computed; a fast
             body marks them instead.
-        unserved: Where not careful: in each lane a number that is large or NaN where an
+        unserved: In a fast body, for each lane a number that is large or NaN if an
             argument was out of range; see `mark`.
-        marks: Whether anything can be out of range.
+        marks: Whether any argument can be out of range.
     """
 
     def __init__(
@@ -107,14 +106,14 @@ class VectorIR:
         careful: bool = False,
         body: Body | None = None,
     ) -> None:
-        """Begin a function, or go on with one.
+        """Begin a function, or continue one.
 
         Args:
             lanes: Numbers in a vector, a power of two.
             form: Their format.
-            module: Where the function will stand; None means a new one.
+            module: Module of the function; None means a new one.
             careful: See the class.
-            body: What is written so far; None means nothing.
+            body: The body so far; None means an empty one.
         """
         self.lanes, self.form, self.careful = lanes, form, careful
         self.module = Module() if module is None else module
@@ -125,11 +124,11 @@ class VectorIR:
         self.unserved, self.marks = self.constant(0.0), False
 
     def mark(self, unserved: str) -> None:
-        """Take what `unserved` is from here on."""
+        """Set `unserved` from here on."""
         self.unserved, self.marks = unserved, True
 
     def in_format(self, form: Format) -> "VectorIR":
-        """Return the same place of the same body, for numbers of another format."""
+        """Return a writer of the same body, for numbers of another format."""
         return VectorIR(
             self.lanes, form, module=self.module, careful=self.careful, body=self.body
         )
@@ -230,7 +229,7 @@ class VectorIR:
         return self.emit(f"fcmp {condition} {self.vector} {a}, {b}")
 
     def select(self, mask: str, yes: str, no: str) -> str:
-        """Return yes where the mask is set, no elsewhere."""
+        """Return yes if the mask is set, else no, in each lane."""
         return self.emit(
             f"select {self.mask} {mask}, {self.vector} {yes}, {self.vector} {no}"
         )
@@ -240,7 +239,7 @@ class VectorIR:
         return self.emit(f"{instruction} {self.mask} {a}, {b}")
 
     def flag(self, mask: str) -> str:
-        """Return 1.0 where the mask is set, 0.0 elsewhere."""
+        """Return 1.0 if the mask is set, 0.0 elsewhere."""
         return self.select(mask, self.constant(1.0), self.constant(0.0))
 
     def bits(self, a: str) -> str:
@@ -262,7 +261,7 @@ class VectorIR:
         return self.emit(f"call i1 {function}({self.mask} {mask})")
 
     def beside(self, name: str, make: Callable[..., str], *arguments: str) -> str:
-        """Return a function of vectors that is written once, beside this one.
+        """Return a call of a function of vectors that is written once, beside this one.
 
         Args:
             name: Its name in the module.
@@ -317,7 +316,7 @@ def _each_lane(ir: VectorIR, function: str, arguments: Sequence[str]) -> str:
 
 
 def converted(ir: VectorIR, value: str, given: Format, wanted: Format) -> str:
-    """Return a vector in another format, rounded where that is shorter."""
+    """Return a vector in another format, rounded if that is shorter."""
     if given == wanted:
         return value
     instruction = "fpext" if given.bits < wanted.bits else "fptrunc"

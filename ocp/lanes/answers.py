@@ -1,4 +1,4 @@
-"""What lanes end with."""
+"""Results of lanes."""
 
 from dataclasses import dataclass
 
@@ -10,16 +10,16 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class LaneAnswers:
-    """What lanes ended with, in the order of their starts.
+    """Results of lanes, in the order of their starts.
 
     Attributes:
         controls: Shape (nu, N, n), within their bounds.
-        starts: What is decided about the start, shape (ny, n).
-        states: As intervals begin and in the end, divided by their sizes, shape
-            (nx, N + 1, n).
-        cost: Of the problem's core, shape (n,); infinite where a lane broke down.
-        violation: The worst excess in the NLP's numbers near one, shape (n,).
-        iterations: Steps, shape (n,).
+        starts: Decisions about the start, shape (ny, n).
+        states: At the beginning of each interval and at the end, divided by their
+            sizes, shape (nx, N + 1, n).
+        cost: Cost of the problem's core, shape (n,); infinite if a lane broke down.
+        violation: The worst excess in the NLP's scaled numbers, shape (n,).
+        iterations: Number of steps, shape (n,).
     """
 
     controls: Array

@@ -1,11 +1,12 @@
 """The memory of the lanes that are solved side by side, and the kernels bound to it.
 
 Every name that a kernel reads or writes is some rows of one memory, whose columns are
-the lanes. Of an interval: x, u, m (multipliers), the step k, K; at the ends: y (what is
-decided about the start), end (the state there), slope and bend (gradient and Hessian of
-the augmented Lagrangian by it); for a lane: value (the augmented Lagrangian), mu,
-theta, length (of the step to try; 0: it is to be rolled out), paid (the cost), worst
-(excess), and where it stands in its schedule. A name in `_new` is after the step.
+the lanes. Names of an interval: x, u, m (multipliers), and the step k, K. Names of the
+ends: y (the decisions about the start), end (the state at the end), slope and bend
+(gradient and Hessian of the augmented Lagrangian by it). Names of a lane: value (the
+augmented Lagrangian), mu, theta, length (of the step to try; 0 if the lane must be
+rolled out), paid (the cost), worst (the worst excess), and those of `Schedule`. A name
+that ends in `_new` is the value after the step.
 """
 
 import ctypes
@@ -29,12 +30,12 @@ _FIRST = "x0"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Layout:
-    """Which rows of the memory have which name.
+    """The names of the memory's rows.
 
     Attributes:
         places: First row and number of rows of each name.
-        size: Number of rows in all.
-        rows: Those that the loop looks at.
+        size: Total number of rows.
+        rows: Rows that the loop reads itself.
     """
 
     places: Mapping[str, tuple[int, int]]
@@ -66,7 +67,7 @@ def layout_of(sweeps: Sweeps) -> Layout:
 
 
 def _sizes(sweeps: Sweeps) -> dict[str, int]:
-    """Return the number of rows of each name; of all states, too."""
+    """Return the number of rows of each name, and of all states."""
     sizes: dict[str, int] = {}
     for kernel in sweeps:
         shape = kernel.code.shape
@@ -95,9 +96,9 @@ class Block:
 
         Args:
             sweeps: The kernels.
-            layout: Of the memory.
-            lanes: Their number.
-            shared: What all lanes know, by name; must live as long as this object.
+            layout: Layout of the memory.
+            lanes: Number of lanes.
+            shared: Shared arguments by name; must live as long as this object.
         """
         self.memory = np.zeros((layout.size, lanes))
         self._places = {name: first for name, (first, _) in layout.places.items()}

@@ -1,8 +1,8 @@
 """Local solves of many starts at once: differential dynamic programming in lanes.
 
-A step is a sweep back and a roll-out (sweep_kernels.py); verdict.py says what it was
-worth, turns.py takes one after the other. Lanes do not know of each other: an answer
-has the same bits, whatever lanes stand beside it, and on however many threads.
+A step is a backward sweep and a roll-out (sweep_kernels.py); verdict.py judges it, and
+turns.py repeats steps. Lanes are independent: an answer has the same bits for any lanes
+beside it and any number of threads.
 """
 
 import threading
@@ -25,9 +25,9 @@ Array = NDArray[np.float64]
 Count = NDArray[np.int64]
 
 SIDE_BY_SIDE = 32
-"""Lanes in one memory, which so stays within a core's own cache."""
+"""Number of lanes in one memory, so small that it fits into a core's own cache."""
 _TURNS = 256
-"""Turns until Python looks whether it was interrupted."""
+"""Number of turns between two checks for Ctrl-C."""
 _FIRST_MU = 1e-6
 _BROUGHT = "u", "y", "r", "r_end"
 _KEPT = "u", "y", "x", "end", "paid", "worst", "iterations"
@@ -39,11 +39,11 @@ class _Task:
 
     Attributes:
         sweeps: The machine code.
-        layout: Of the memory.
-        shared: What all lanes know.
+        layout: Layout of the memory.
+        shared: Arguments that all lanes share.
         starts: All starts.
-        ends: What lanes end with.
-        stop: Set if the rest need not be solved.
+        ends: Results of the lanes.
+        stop: Set when the remaining starts need not be solved.
     """
 
     sweeps: Sweeps
@@ -70,11 +70,11 @@ def solve_by_sweeps(  # noqa: PLR0913 - starts and how they are solved
         posed: The problem from one initial state.
         sweeps: The machine code of a step.
         controls: Shape (nu, N, n), within their bounds.
-        starts: What is decided about the start, shape (ny, n), within its bounds.
-        weights: First weights of the rows of intervals and of the end, each (n,): the
-            lighter those of the end, the fewer and better the optima that are found.
-        options: When lanes end.
-        threads: Over how many threads lanes are spread.
+        starts: Decisions about the start, shape (ny, n), within their bounds.
+        weights: First weights of the rows of intervals and of the end, each (n,). The
+            lighter those of the end, the fewer and better optima are found.
+        options: Conditions at which lanes end.
+        threads: Number of threads for the lanes.
     """
     n, layout = controls.shape[2], layout_of(sweeps)
     y = starts / posed.start_sizes
@@ -100,7 +100,7 @@ def solve_by_sweeps(  # noqa: PLR0913 - starts and how they are solved
 
 
 def _blank(layout: Layout, options: LaneOptions) -> Array:
-    """Return what any lane begins with; it is to be rolled out (its length is 0)."""
+    """Return the initial memory of a lane; its length is 0, so it is rolled out."""
     blank = np.zeros(layout.size)
     blank[layout.at("mu")] = _FIRST_MU
     blank[layout.at("r_was")] = 1.0

@@ -1,20 +1,21 @@
 """Distinct local optima among the answers of many local solves, counted.
 
-Two answers are the same optimum where their states are within 0.08 of each other on the
-way (root mean square), each state in parts of how far the cheapest answer moves it: as
-near as 0.03 or as far as 0.15 gives the same counts on the problems tried. Mirror
-images have one cost, and are two.
+Two answers count as the same optimum if the root mean square distance of their states
+along the path is below 0.08, each state divided by how far the cheapest answer moves
+it. The value was chosen here: 0.03 and 0.15 give the same counts on the problems tried.
+Mirror images have the same cost, but are two optima.
 
-How much has not been seen: the share U of answers that would be an optimum not among
-these is estimated by that of optima found once, n1 / n (Good 1953). About U, n1 has the
-variance n U (1 - U) + 2 n2, with n2 optima found twice (Esty 1983). The most that U may
-be, at 95 %, is the largest with
+The unseen share U is the probability that another answer is an optimum not found yet.
+It is estimated by the share of optima found once, n1 / n (Good 1953). n1 has variance
+n U (1 - U) + 2 n2 about n U, with n2 optima found twice (Esty 1983). The upper limit of
+U, at 95 %, is the largest U with
 
     (n U - n1)^2 <= 1.645^2 (n U (1 - U) + 2 n2)
 
-and at least 3 / n: the score interval (Wilson 1927), which unlike n1 + 1.96 sd does not
-shrink where few were found once. Measured in docs/measured/unseen_share.md. It speaks
-of these starts and this way of solving only, never of all optima.
+and at least 3 / n. This is the score interval (Wilson 1927), which unlike
+n1 + 1.96 sd does not shrink if few optima were found once. It is measured in
+docs/measured/unseen_share.md. It holds for these starts and this solver only, not for
+all optima.
 """
 
 import math
@@ -31,11 +32,11 @@ Array = NDArray[np.float64]
 APART = 0.08
 """Root mean square distance of scaled states above which two answers are two optima."""
 _STILL = 1e-6
-"""A state that moves by less, in parts of its size, stays."""
+"""A state that moves by less, relative to its size, counts as constant."""
 FEASIBLE = 1e-6
-"""Largest violation, in the NLP's numbers near one, of an answer that counts."""
+"""Largest violation, in the NLP's scaled numbers, of an answer that counts."""
 _SURE = 1.6448536269514722
-"""Standard deviations below which a normal number is in 95 %."""
+"""The 95 % quantile of the standard normal distribution."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -43,9 +44,9 @@ class Optimum:
     """One local optimum that was found.
 
     Attributes:
-        lane: Number of the best answer in it.
-        cost: Of that.
-        count: Number of answers in it.
+        lane: Number of its best answer.
+        cost: Cost of that answer.
+        count: Number of answers that belong to it.
     """
 
     lane: int
@@ -55,13 +56,13 @@ class Optimum:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Unseen:
-    """Share of answers that would be an optimum not seen yet.
+    """Probability that another answer is an optimum not found yet.
 
     Attributes:
         share: The estimate.
-        most: Upper end of its 95 % interval, whose lower end is 0: a share that is
-            larger would have shown more optima found once in 95 % of all cases.
-        answers: Number of answers that it is from, those without an optimum left out.
+        most: Upper end of the one-sided 95 % interval: with a larger share, more optima
+            would have been found once in 95 % of all cases.
+        answers: Number of answers with an optimum, which the estimate is from.
     """
 
     share: float
@@ -78,10 +79,10 @@ def distinct_optima(
     """Return the optima among answers that are feasible, the cheapest first.
 
     Args:
-        answers: Of lanes.
+        answers: Answers of lanes.
         apart: Root mean square distance above which two are distinct.
-        stand_for: How many answers each of them stands for, shape (n,): earlier ones
-            of which only the best was kept; None means one each.
+        stand_for: Number of answers that each one represents, shape (n,), if only the
+            best of earlier ones was kept; None means one each.
     """
     each = np.ones(answers.cost.size, np.int64) if stand_for is None else stand_for
     number = optimum_of(answers, apart=apart)
@@ -95,13 +96,13 @@ def distinct_optima(
 
 
 def optimum_of(answers: LaneAnswers, *, apart: float = APART) -> NDArray[np.int64]:
-    """Return the number of each answer's optimum, -1 where it is infeasible.
+    """Return the number of each answer's optimum, -1 if it is infeasible.
 
-    The cheapest answer is an optimum, and so is each that is apart from all cheaper
-    ones that are. The others belong to the nearest.
+    The cheapest answer is an optimum, and so is each answer that is apart from all
+    cheaper optima. Every other answer belongs to the nearest optimum.
 
     Args:
-        answers: Of lanes.
+        answers: Answers of lanes.
         apart: Root mean square distance above which two are distinct.
     """
     ended = np.isfinite(answers.cost) & (answers.violation <= FEASIBLE)
@@ -123,26 +124,26 @@ def optimum_of(answers: LaneAnswers, *, apart: float = APART) -> NDArray[np.int6
 
 
 def paths(answers: LaneAnswers, cheapest: int) -> Array:
-    """Return the paths of answers, a row each, in parts of how far one moves states.
+    """Return the paths of answers, a row each, scaled by the moves of the cheapest one.
 
     Args:
-        answers: Of lanes.
-        cheapest: Number of that one.
+        answers: Answers of lanes.
+        cheapest: Number of the cheapest answer.
     """
     moved = np.ptp(answers.states[:, :, cheapest], axis=1)
-    size = np.where(moved > _STILL, moved, 1.0)  # Of what stays: its natural size.
+    size = np.where(moved > _STILL, moved, 1.0)  # A constant state keeps its scale.
     scaled = answers.states / size[:, None, None]
     return np.ascontiguousarray(scaled.reshape(-1, answers.cost.size).T)
 
 
 def unseen_share(counts: Sequence[int]) -> Unseen:
-    """Return the share of answers that would be an optimum not seen yet.
+    """Return the estimated probability that another answer is a new optimum.
 
-    The estimate is n1 / n with n1 optima found once among n answers; the end of its
-    interval is said at the head.
+    The estimate is n1 / n with n1 optima found once among n answers; the head of the
+    module has its interval.
 
     Args:
-        counts: How often each optimum was found.
+        counts: Number of times that each optimum was found.
 
     Source: Good (1953), The population frequencies of species and the estimation of
     population parameters; Esty (1983), A normal limit law for a nonparametric estimator

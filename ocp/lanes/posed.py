@@ -1,4 +1,4 @@
-"""The numbers that all lanes of one solve share, and the way in and out of them."""
+"""The numbers that all lanes of one solve share, with conversions to and from them."""
 
 from dataclasses import dataclass
 
@@ -22,16 +22,16 @@ class Posed:
 
     Attributes:
         intervals: Number N of intervals.
-        sizes: What numbers are divided by.
-        x0: Initial state where nothing is decided about it, shape (nx,).
-        tied: Shape (nx, ny): which states start at which decision.
+        sizes: Sizes that numbers are divided by.
+        x0: Initial state, without its decided entries, shape (nx,).
+        tied: Shape (nx, ny): 1 if a state starts at a decision, else 0.
         least: Lower bounds of controls and excesses, shape (nu,).
         most: Upper bounds.
         first_least: Lower bounds of the decisions about the start, shape (ny,).
         first_most: Upper bounds.
-        interval: What an interval knows.
-        end: What the end knows.
-        begin: What the start knows; None where nothing is decided.
+        interval: Known arguments of an interval.
+        end: Known arguments of the end.
+        begin: Known arguments of the start; None if nothing is decided.
     """
 
     intervals: int
@@ -47,7 +47,7 @@ class Posed:
     begin: _Known | None
 
     def shared(self) -> dict[str, Array]:
-        """Return what all lanes know, by the names that kernels have for it."""
+        """Return the arguments that all lanes share, by their names in kernels."""
         reach = self.first_most - self.first_least
         numbers = {
             "least": self.least, "most": self.most, "first_least": self.first_least,
@@ -67,7 +67,7 @@ class Posed:
 
     @property
     def start_sizes(self) -> Array:
-        """Sizes of what is decided about the start, (ny, 1)."""
+        """Sizes of the decisions about the start, (ny, 1)."""
         firsts = self.tied.argmax(axis=0) if self.tied.size else np.zeros(0, int)
         return np.asarray(self.sizes.states[firsts][:, None])
 
@@ -79,7 +79,7 @@ class Posed:
         return rows.reshape(N * self.least.size, n)
 
     def start(self, y: Array) -> Array:
-        """Return the state at the start, (nx, n), of what is decided about it."""
+        """Return the state at the start, (nx, n), from the decisions about it."""
         fixed = np.where(self.tied.any(axis=1), 0.0, self.x0)
         return np.ascontiguousarray(fixed[:, None] + self.tied @ y)
 
@@ -105,8 +105,8 @@ def posed(
 
     Args:
         program: Its NLP.
-        arguments: Makes its sizes.
-        x0: Initial state, shape (nx,), with the guess of what is decided about it.
+        arguments: Arguments from which its sizes are made.
+        x0: Initial state, shape (nx,), with a guess of its decided entries.
         known: Parameters and signals.
 
     Raises:
@@ -151,7 +151,7 @@ def posed(
 
 
 def _end_known(part: Part, shared: Array, weights: Array, signals: Array) -> _Known:
-    """Return what the end or the start knows; rows without limits are equations."""
+    """Return known arguments of the end or start; rows without limits are equations."""
     equations = np.zeros(part.value.numel_out(0) - weights.size)
     lower, upper = (
         np.concatenate([equations, side * weights]) for side in part.rows[1:3]

@@ -1,8 +1,8 @@
-"""When a lane's multipliers are renewed, how its weights grow, and when it ends.
+"""Schedule of a lane's outer loop: new multipliers, growing weights, the end.
 
-A lane renews its multipliers when it has converged inside. A weight grows thirtyfold
-where its rows did not come ten times nearer to their limits; the tolerance of the next
-inner steps is a hundredth of the last.
+A lane renews its multipliers when its inner steps have converged. A weight grows
+thirtyfold unless its rows came ten times nearer to their limits; the tolerance of the
+next inner steps is a hundredth of the last.
 
 Source: Howell, Jackson and Manchester (2019), ALTRO; Andreani et al. (2007), ALGENCAN,
 the schedule of weights.
@@ -14,7 +14,7 @@ from typing import NamedTuple
 import casadi as ca
 
 FEASIBLE = 1e-7
-"""Violation, in the NLP's numbers near one, at which a lane is done."""
+"""Violation, in the NLP's scaled numbers, at which a lane is done."""
 _HEAVIEST = 1e9
 _HARDLY, _FAR = 0.9, 1e-3
 _ROUNDING = 1e-3
@@ -22,16 +22,16 @@ _ROUNDING = 1e-3
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LaneOptions:
-    """When lanes end, and how their weights grow.
+    """Options of the outer loop: limits, tolerances and growth of weights.
 
     Attributes:
-        inner: Most steps between new multipliers.
-        outer: Most new multipliers.
-        most: Most steps of a lane in all.
-        factor: What a weight grows by.
-        first_tolerance: Relative fall of the augmented Lagrangian that ends the inner
-            steps, at first.
-        tolerance: The same at last.
+        inner: Largest number of steps between new multipliers.
+        outer: Largest number of new multipliers.
+        most: Largest total number of steps of a lane.
+        factor: Factor by which a weight grows.
+        first_tolerance: Relative decrease of the augmented Lagrangian at which the
+            first inner steps end.
+        tolerance: The same for the last inner steps.
         heaviest: Weight at which a lane that comes no nearer to its limits is given up.
     """
 
@@ -45,16 +45,16 @@ class LaneOptions:
 
 
 class Schedule(NamedTuple):
-    """Where a lane stands in its outer loop.
+    """The state of a lane in its outer loop.
 
     Attributes:
         tolerance: See LaneOptions.
         r: Weight of the rows of intervals and start.
         r_end: Weight of the rows of the end.
-        broken: How far rows and multipliers were from fitting each other, when the
-            multipliers were last renewed.
+        broken: Violation of the rows' complementarity when the multipliers were last
+            renewed.
         broken_end: The same of the end.
-        renewed: How often that was.
+        renewed: Number of times that multipliers were renewed.
     """
 
     tolerance: ca.SX
@@ -68,13 +68,13 @@ class Schedule(NamedTuple):
 def renewed(
     now: Schedule, broken: ca.SX, broken_end: ca.SX, options: LaneOptions
 ) -> tuple[Schedule, ca.SX]:
-    """Return where a lane stands after new multipliers, and whether it has ended.
+    """Return the state of a lane after new multipliers, and whether it has ended.
 
     Args:
-        now: Where it stands.
-        broken: How far its rows are from fitting the multipliers so far.
+        now: Its state before.
+        broken: Violation of its rows' complementarity with the multipliers so far.
         broken_end: The same of the end.
-        options: When lanes end.
+        options: Conditions at which lanes end.
     """
     before, after = ca.fmax(now.broken, now.broken_end), ca.fmax(broken, broken_end)
     last = now.tolerance <= options.tolerance * (1 + _ROUNDING)

@@ -21,10 +21,10 @@ from swarmstart.ocp.transcription import NonlinearProgram
 
 
 class Slopes(NamedTuple):
-    """The machine code of gradients; arguments come in the order given.
+    """The machine code of gradients; arguments in the order given.
 
-    "Lane" is one number for each individual, "each" one for each interval and
-    individual; what is shared comes last (`Stage.known`).
+    "lane" stands for one number for each individual, "each" for one for each interval
+    and individual; shared arguments (`Stage.known`) come last.
 
     Attributes:
         roll: (x, L, u, m: each, r: lane) -> (x after, L; x before: each).
@@ -34,7 +34,7 @@ class Slopes(NamedTuple):
             multipliers: each).
         end: (x, m, r: lane) -> (L, its gradient, cost, worst, broken, new multipliers)
             at the end.
-        begin: The same at the start; None where nothing is decided about it.
+        begin: The same at the start; None if it has no decisions.
         renewal: (schedule, broken, broken_end) -> (schedule, whether a lane has ended).
     """
 
@@ -53,8 +53,8 @@ def compile_slopes(
 
     Args:
         program: The problem's NLP.
-        options: When lanes end.
-        threads: Over how many threads individuals may be spread.
+        options: Conditions at which lanes end.
+        threads: Largest number of threads for the individuals.
 
     Raises:
         UnknownOperationError: If a function has an operation that is not compiled.

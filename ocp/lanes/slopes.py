@@ -1,8 +1,9 @@
 """Local solves of many starts at once by gradients: for stages too long for sweeps.
 
-The gradient of a rollout by its controls, from the last interval back (the adjoint
-equation), and projected L-BFGS within the bounds (heuristics/descent.py). Lanes renew
-their multipliers together, after each descent (schedule.py).
+A lane computes the gradient of a rollout by its controls, from the last interval back
+(the adjoint equation), and descends by projected L-BFGS within the bounds
+(heuristics/descent.py). All lanes renew their multipliers after each descent
+(schedule.py).
 """
 
 from dataclasses import dataclass, fields
@@ -22,18 +23,18 @@ Array = NDArray[np.float64]
 
 @dataclass(kw_only=True, slots=True, eq=False)
 class _Lanes:
-    """Where the lanes are that are still worked on; the last axis is the lane.
+    """The lanes that have not ended; the last axis is the lane.
 
     Attributes:
-        number: Which start it came from.
+        number: Number of its start.
         y: Decisions about the start, (ny, n).
         u: Controls, (N nu, n).
-        x: States as intervals begin, (N nx, n).
+        x: States at the beginning of intervals, (N nx, n).
         end: State at the end, (nx, n).
         value: The augmented Lagrangian.
-        m: Multipliers of the intervals' rows; m_end, m_begin: of the ends'.
+        m: Multipliers of the intervals' rows; m_end and m_begin: those of the ends.
         schedule: Numbers of `Schedule`, a row each.
-        iterations: Steps in all.
+        iterations: Total number of steps.
     """
 
     number: NDArray[np.int64]
@@ -78,12 +79,12 @@ def solve_by_slopes(
     """Return the local optima that many starts lead to.
 
     Args:
-        posed: The problem from one initial state; all that is decided has bounds.
+        posed: The problem from one initial state; all decisions have bounds.
         slopes: The machine code of gradients.
         controls: Shape (nu, N, n), within their bounds.
-        starts: What is decided about the start, shape (ny, n), within its bounds.
+        starts: Decisions about the start, shape (ny, n), within their bounds.
         weights: First weights of the rows of intervals and of the end, each (n,).
-        options: When lanes end.
+        options: Conditions at which lanes end.
     """
     solver = _Descending(posed, slopes)
     found = _none_found(posed, controls, starts)
@@ -102,7 +103,7 @@ class _Descending:
     """The steps of lanes; changes them in place."""
 
     def __init__(self, posed: Posed, slopes: Slopes) -> None:
-        """Take a problem from one initial state."""
+        """Prepare steps for a problem from one initial state."""
         self._posed, self._slopes = posed, slopes
         self._split = posed.intervals * posed.least.size
         tile = posed.intervals
@@ -133,14 +134,14 @@ class _Descending:
         )  # fmt: skip
 
     def descend(self, lanes: _Lanes) -> None:
-        """Make the augmented Lagrangians as small as their tolerance asks."""
+        """Minimise the augmented Lagrangians to their tolerances."""
 
         def sloped(w: Array, numbers: NDArray[np.int64]) -> tuple[Array, Array]:
             some = lanes.kept(numbers)
             some.u, some.y = self._parts(w)
             return self._sloped(some)
 
-        # A tenth of what the lane asks, as single steps gain less than they could.
+        # A tenth of the lane's tolerance, since a single step may gain too little.
         tolerance = 0.1 * float(lanes.of("tolerance").min())
         found = descend(
             sloped,
@@ -157,7 +158,7 @@ class _Descending:
         return u, y
 
     def _roll_out(self, lanes: _Lanes) -> None:
-        """Find states and values of the lanes' controls."""
+        """Compute the states and values of the lanes' controls."""
         x0, none = self._posed.start(lanes.y), np.zeros((1, lanes.count))
         lanes.end, value, lanes.x = self._slopes.roll.evaluate(
             [x0, none, lanes.u, lanes.m, lanes.of("r"), *self._posed.interval]
@@ -168,7 +169,7 @@ class _Descending:
         lanes.value = np.where(finite, value, np.inf)
 
     def _at_ends(self, lanes: _Lanes) -> list[tuple[Array, ...]]:
-        """Return what the kernels of the end and the start say; see `Slopes`."""
+        """Return the outputs of the kernels of the end and the start; see `Slopes`."""
         posed, slopes = self._posed, self._slopes
         given = [lanes.end, lanes.m_end, lanes.of("r_end"), *posed.end]
         found = [slopes.end.evaluate(given)]
@@ -189,10 +190,11 @@ class _Descending:
         return lanes.value[0], np.vstack([of_controls, self._posed.tied.T @ ahead])
 
     def renew(self, lanes: _Lanes) -> tuple[NDArray[np.int64], Array, Array]:
-        """Renew the multipliers of lanes, and their weights where that did not help.
+        """Renew the multipliers of lanes, and their weights if that did not help.
 
         Returns:
-            Which lanes have ended; costs and worst excesses of all, each (n,).
+            Indices of lanes that have ended; costs and worst excesses of all, each
+            (n,).
         """
         none = np.zeros((1, lanes.count))
         cost, worst, broken, lanes.m = self._slopes.rows.evaluate([
@@ -229,7 +231,7 @@ def _none_found(posed: Posed, controls: Array, starts: Array) -> LaneAnswers:
 def _write_down(
     found: LaneAnswers, posed: Posed, lanes: _Lanes, cost: Array, worst: Array
 ) -> None:
-    """Write down what lanes have ended with."""
+    """Record the results of lanes that have ended."""
     number = lanes.number
     found.controls[:, :, number] = posed.controls(lanes.u)
     found.starts[:, number] = lanes.y * posed.start_sizes

@@ -23,16 +23,17 @@ from swarmstart.tape import UnknownOperationError
 Array = NDArray[np.float64]
 
 _SWEPT = 8
-"""Times as many instructions as an interval a sweep over it has, at least (16 to 80
-were seen): to count them takes seconds where they are too many."""
+"""Least ratio of instructions, those of a sweep over an interval by those of the
+interval (16 to 80 were seen). Sweeps that must be too long are so refused without
+counting, which would take seconds."""
 LIGHT, HEAVY = (0.1, 1.0), (10.0, 1e4)
-"""First weights of the rows of the end, log-uniform, in half of the lanes each: the
-weight decides which optimum a lane finds, more than its guess."""
+"""Ranges of the first weight of the end rows, log-uniform, each for half of the lanes.
+The weight influences more than the guess which optimum a lane finds."""
 FORWARD, SLOPED = 2.0, 2.0
-"""How often an iteration rolls out by sweeps, or by slopes there and back: one step,
-and on average as many again that are tried shorter."""
+"""Roll-outs per iteration by sweeps, and by slopes (forward and back): one full step,
+and on average one more that is tried shorter."""
 PATH = 1.0
-"""First weight of the rows on the way; from heavier ones lanes zigzag."""
+"""First weight of the rows of intervals; with heavier ones lanes zigzag."""
 
 
 class NoLanesError(Exception):
@@ -43,7 +44,7 @@ class LaneSolver:
     """Local solves of one problem in lanes.
 
     Attributes:
-        problem: The core of the problem, whose controls and starts are solved for.
+        problem: The core of the problem, whose controls and starts are optimised.
     """
 
     def __init__(
@@ -55,20 +56,20 @@ class LaneSolver:
         program: NonlinearProgram | None = None,
         threads: int = 1,
     ) -> None:
-        """Compile what lanes compute.
+        """Compile the kernels of the lanes.
 
         Args:
             problem: The problem, or its functions.
-            program: Its NLP, if that is there already.
-            options: When lanes end; None means the defaults.
-            constrained_slopes: Whether gradients may serve where second-order steps are
-                too long and there are constraints, which lanes then seldom meet: of 256
-                starts of shuttle_reentry none did.
-            threads: Over how many threads lanes may be spread.
+            program: Its NLP, if that is built already.
+            options: Conditions at which lanes end; None means the defaults.
+            constrained_slopes: Whether gradients may replace second-order steps that
+                are too long even if there are constraints. Lanes then seldom meet them:
+                none of 256 starts of shuttle_reentry did.
+            threads: Largest number of threads for the lanes.
 
         Raises:
-            NoLanesError: If the problem has what lanes do not know, or machine code
-                cannot be made.
+            NoLanesError: If the problem has a feature that lanes do not support, or
+                machine code cannot be made.
         """
         shooting = shooting_of(problem)
         reason = _refused(shooting.problem)
@@ -101,8 +102,8 @@ class LaneSolver:
         Args:
             x0: Initial state of the core, shape (nx,).
             controls: Shape (nu, N, n), finite; clipped to the bounds.
-            starts: What is decided about the start, shape (ny, n), one row for each of
-                `problem.free_starts`; None: as x0 says it.
+            starts: Decisions about the start, shape (ny, n), one row for each of
+                `problem.free_starts`; None means those of x0.
             known: Parameters and signals.
             rng: Draws the first weights.
 
@@ -128,7 +129,7 @@ class LaneSolver:
         Args:
             posed: The problem from one initial state.
             controls: Shape (nu, N, n), within their bounds.
-            starts: What is decided about the start, (ny, n), within its bounds.
+            starts: Decisions about the start, (ny, n), within their bounds.
             weights: First weights of the rows of intervals and of the end, each (n,).
         """
         step, options = self._step, self._options
@@ -143,15 +144,15 @@ class LaneSolver:
 
     @property
     def method(self) -> str:
-        """How lanes are solved: "sweeps" (second order) or "slopes" (gradients)."""
+        """Method of the lanes: "sweeps" (second order) or "slopes" (gradients)."""
         return "sweeps" if isinstance(self._step, Sweeps) else "slopes"
 
     @property
     def rollouts_per_iteration(self) -> float:
-        """What an iteration of a lane costs, in rollouts.
+        """Cost of an iteration of a lane, in rollouts.
 
-        The ratio of instructions in the functions of one interval: a sweep goes back
-        and forward, a slope forward and back, and shorter steps are tried as well.
+        It is the ratio of instructions in the functions of one interval, for a sweep
+        (back and forward) or a slope (forward and back), shorter steps included.
         """
         step, rollout = self._step, self._rollout_instructions
         if isinstance(step, Sweeps):
@@ -166,7 +167,7 @@ class LaneSolver:
         return posed(self._program, self._arguments, x0, known)
 
     def _first(self, x0: ArrayLike, controls: Array, starts: Array | None) -> Array:
-        """Return what is decided about the start, within its bounds, (ny, n)."""
+        """Return the decisions about the start, clipped to their bounds, (ny, n)."""
         problem, decided = self.problem, self.problem.free_starts
         shape = (problem.model.nu, problem.intervals)
         if controls.ndim != 3 or controls.shape[:2] != shape:  # noqa: PLR2004
@@ -198,7 +199,7 @@ def _step_of(
     constrained_slopes: bool,
     threads: int,
 ) -> Sweeps | Slopes:
-    """Return the machine code of sweeps; of slopes where sweeps would be too long."""
+    """Return the machine code of sweeps; of slopes if sweeps would be too long."""
     problem, interval = program.problem, program.parts.interval.value
     rows = [one.rows.numel() for one in stages(program) if one is not None]
     sweeps_alone = bool(sum(rows)) and not constrained_slopes
@@ -222,7 +223,7 @@ def _step_of(
 
 
 def _refused(problem: OptimalControlProblem) -> str:
-    """Return why a problem cannot be solved in lanes; empty: it can."""
+    """Return the reason why lanes cannot solve a problem; empty if they can."""
     reasons = {
         "it has no controls": not problem.model.nu,
         "it has blocks of intervals": bool(problem.blocks),
@@ -244,17 +245,17 @@ def random_starts(
 ) -> tuple[Array, Array]:
     """Return smooth random controls (nu, N, n) and starts (ny, n).
 
-    Controls run straight between random values at knots: at 6 in one half of the
-    individuals, at 12 in the other. They are around the middle of the bounds, and reach
-    from a tenth of the way to them up to all of it: wild controls lead to many optima,
-    most of them bad. Without bounds they are between -1 and 1, and so is a start.
+    Controls are piecewise linear between random values at knots: 6 knots for one half
+    of the individuals, 12 for the other. They lie around the middle of the bounds, with
+    an amplitude from a tenth to all of their half width: large controls lead to many
+    optima, most of them bad. Without bounds, controls and starts lie in [-1, 1].
 
     Args:
         problem: A core.
-        n: How many.
+        n: Number of starts.
         rng: Source of all randomness.
-        limits: Lower and upper bounds of the controls that they are drawn in, each
-            (nu,); None means the problem's own.
+        limits: Lower and upper bounds that the controls are drawn in, each (nu,); None
+            means the problem's own.
     """
     N = problem.intervals
     lower, upper = (

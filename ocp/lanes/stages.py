@@ -1,11 +1,11 @@
 """An interval, the end and the start of a problem with an augmented Lagrangian.
 
-The problem is the NLP of transcription.py, in its numbers near one, by single shooting:
+The problem is the NLP of transcription.py, in its scaled numbers, by single shooting:
 interval k leads from x to F(x, u), costs l(x, u), and its rows c(x, u), those of the
 states' bounds among them, have limits. Every individual has its own multipliers m and
 weight r (Powell, Hestenes, Rockafellar):
 
-    v = c + m / r        what is beyond the limits: d = v - (v within its limits)
+    v = c + m / r        excess beyond the limits: d = v - (v clipped to its limits)
     L = l + r/2 |d|^2 - |m|^2 / (2 r),    new multipliers: r d
 
 A lane is one individual.
@@ -34,7 +34,7 @@ class Stage(NamedTuple):
         u: Controls and excesses of soft constraints; empty at the ends.
         known: Shared numbers with weights, signals, lower and upper limits of rows, in
             the order of KNOWN.
-        after: State after it; the same state at the ends.
+        after: State after the interval; the same state at the ends.
         cost: Its cost.
         rows: Values of its rows.
     """
@@ -92,10 +92,10 @@ class Augmented(NamedTuple):
     Attributes:
         value: L.
         force: r d, the multipliers in its gradient.
-        multipliers: The new multipliers, r d within what numbers bear.
+        multipliers: The new multipliers, r d clipped to a range without overflow.
         worst: The worst excess.
-        broken: The worst of |c - (v within limits)|, 0 where c keeps its limits and
-            those that press.
+        broken: The worst of |c - (v clipped to its limits)|, which is 0 if c is within
+            its limits, and at a limit if its multiplier is not 0.
         pressed: 1 for rows that count in the Gauss-Newton Hessian, else 0.
     """
 
@@ -142,7 +142,7 @@ def bend_of(stage: Stage, al: Augmented, r: ca.SX) -> ca.SX:
 
 
 def triangle(n: int) -> list[tuple[int, int]]:
-    """Return the places of the lower triangle of a matrix, row by row."""
+    """Return the indices of the lower triangle of a matrix, row by row."""
     return [(i, j) for i in range(n) for j in range(i + 1)]
 
 
@@ -163,8 +163,8 @@ def lower(matrix: ca.SX) -> ca.SX:
 def solved(A: ca.SX, B: ca.SX) -> ca.SX:
     """Return A^-1 B by Cholesky's method, written out.
 
-    A pivot that is not positive counts as its size: a direction of descent all the
-    same.
+    A pivot that is not positive is replaced by its absolute value, which still gives a
+    direction of descent.
     """
     n, L, inverse = A.shape[0], ca.SX(*A.shape), []
     for j in range(n):
@@ -211,10 +211,10 @@ class Reads(NamedTuple):
     """The arguments of a kernel.
 
     Attributes:
-        carried: From interval to interval.
-        each: Of each interval and individual.
-        lane: Of each individual.
-        shared: By all individuals.
+        carried: Arguments carried from interval to interval.
+        each: Arguments of each interval and individual.
+        lane: Arguments of each individual.
+        shared: Arguments shared by all individuals.
     """
 
     carried: Named
@@ -224,7 +224,7 @@ class Reads(NamedTuple):
 
 
 def known_of(stage: Stage, place: str) -> dict[str, ca.SX]:
-    """Return what a stage knows; names begin with its place."""
+    """Return the known arguments of a stage; names begin with its place."""
     names = (f"{place}.{name}" for name in KNOWN)
     return dict(zip(names, stage.known, strict=True))
 
@@ -242,8 +242,8 @@ def scan_kernel(
 
     Args:
         stage: An interval.
-        reads: Its arguments; those that the stage knows come besides.
-        writes: What is carried on, in order, then what is kept of each interval.
+        reads: Its arguments, without the known arguments of the stage.
+        writes: Carried values, in order, then the values kept of each interval.
         N: Number of intervals.
         backward: Whether the last interval comes first.
         threads: Over how many threads individuals may be spread.
@@ -263,7 +263,7 @@ def scan_kernel(
 def flat_kernel(
     lane: Named, shared: Named, writes: Named, *, threads: int = 1
 ) -> Kernel:
-    """Return a kernel without intervals, of numbers of individuals and shared ones."""
+    """Return a kernel without intervals, with individual and shared arguments."""
     own = (True,) * len(lane) + (False,) * len(shared)
     named = {**lane, **shared}
     code = compile_flat(_function(named, writes), own, threads=threads)

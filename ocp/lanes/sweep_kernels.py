@@ -1,9 +1,10 @@
 """The machine code of steps by differential dynamic programming.
 
-Backward: the step within box bounds of the controls, V'(x) and V''(x) carried; second
-derivatives of the rows are left out (Gauss-Newton), those of F count theta, 0 or 1. A
-lane that is `fresh` has its multipliers renewed on the way. At the start: the step of
-what is decided about it. Forward: the same intervals with the controls within bounds,
+The backward sweep finds the step within the box bounds of the controls, carrying V'(x)
+and V''(x). Second derivatives of the rows are left out (Gauss-Newton); those of F have
+the weight theta, 0 or 1. If a lane is `fresh`, the sweep also renews its multipliers.
+At the start follows the step of the decisions about it. The forward sweep rolls out,
+with the controls clipped to their bounds,
 
     u = u_old + a k + K (x - x_old)
 
@@ -38,20 +39,20 @@ from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.transcription import NonlinearProgram
 
 _AT_BOUND = 1e-9
-"""A control this near to its bound, in parts of its size, is at it."""
+"""Distance from its bound, relative to its size, at which a control is at the bound."""
 
 
 class Sweeps(NamedTuple):
     """The kernels of a step, in the order in which they are called.
 
-    What they read and write is explained in block.py.
+    block.py explains what they read and write.
 
     Attributes:
-        backward: From the end to the start.
-        start: The step of what is decided about the start.
-        forward: From the start to the end.
-        verdict: What the step was worth, and what comes next.
-        keep: Takes over intervals of lanes whose step is taken.
+        backward: The sweep from the end to the start.
+        start: The step of the decisions about the start.
+        forward: The roll-out from the start to the end.
+        verdict: Judges the step and decides what comes next.
+        keep: Copies the intervals of lanes whose step is accepted.
     """
 
     backward: Kernel
@@ -66,7 +67,7 @@ def compile_sweeps(program: NonlinearProgram, options: LaneOptions) -> Sweeps:
 
     Args:
         program: The problem's NLP.
-        options: When lanes end.
+        options: Conditions at which lanes end.
 
     Raises:
         UnknownOperationError: If a function has an operation that is not compiled.
@@ -108,7 +109,7 @@ def _backward(stage: Stage, N: int) -> Kernel:
         "spent_start": spent + al.value, "stuck_start": ca.fmax(stuck, al.broken),
         "k": k, "K": ca.vec(K), "m_new": m,
     }  # fmt: skip
-    # What is carried begins as the end says it.
+    # The carried values begin with those of the end.
     named = {"slope": slope, "bend": bend, "at_end": spent, "nothing": stuck}
     each = {"x": x, "u": u, "m": given}
     return scan_kernel(
@@ -134,19 +135,19 @@ def _box_step(
 
 
 def held_at(u: ca.SX, slope: ca.SX, least: ca.SX, most: ca.SX) -> ca.SX:
-    """Return 1 for what is at a bound and would go beyond it, else 0."""
+    """Return 1 for controls that are at a bound and would cross it, else 0."""
     return ca.logic_or(
         ca.logic_and(u <= least, slope > 0), ca.logic_and(u >= most, slope < 0)
     )
 
 
 def _without_held(H: ca.SX, free: ca.SX) -> ca.SX:
-    """Return a Hessian whose rows and columns of what is held are those of one."""
+    """Return a Hessian with rows and columns of the identity for held controls."""
     return (free @ free.T) * H + ca.diag(1 - free)
 
 
 def _start(problem: OptimalControlProblem, begin: Stage | None) -> Kernel:
-    """Return the kernel of Newton's step of what is decided about the start."""
+    """Return the kernel of Newton's step of the decisions about the start."""
     nx, decided = problem.model.nx, problem.free_starts
     ny, tied = len(decided), ca.SX(problem.model.nx, len(decided))
     for column, one in enumerate(decided):
@@ -169,8 +170,8 @@ def _start(problem: OptimalControlProblem, begin: Stage | None) -> Kernel:
     free = 1 - held_at(y, g, least, most)
     H = _without_held(tied.T @ bend @ tied + mu * ca.SX.eye(ny), free)
     step = ca.fmin(ca.fmax(-solved(H, free * g), -stride), stride)
-    # A lane that is rolled out has no step yet; one that begins again keeps its start
-    # until multipliers are renewed.
+    # A lane that must be rolled out has no step yet; a lane that begins again keeps its
+    # start until multipliers are renewed.
     kept = ca.logic_and(lane["again"], lane["renewed"] < 1)
     moves = ca.logic_and(length > 0, ca.logic_not(kept))
     moved = y + ca.if_else(moves, length * step, 0 * y)
@@ -191,7 +192,7 @@ def _forward(stage: Stage, N: int) -> Kernel:
     lane, shared = symbols(length=1, r=1), symbols(least=nu, most=nu)
     length, r = lane.values()
     back = ca.reshape(each["K"], nu, nx) @ (x - each["x_old"])
-    # A lane that is rolled out has neither k nor K yet, but what was there before.
+    # A lane that must be rolled out has no k and K yet, but old numbers in their place.
     step = ca.if_else(length > 0, length * each["k"] + back, 0 * u)
     moved = ca.fmin(ca.fmax(each["u_old"] + step, shared["least"]), shared["most"])
     al = augmented(stage, each["m"], r)
@@ -207,7 +208,7 @@ def _forward(stage: Stage, N: int) -> Kernel:
 
 
 def _keep(stage: Stage, N: int) -> Kernel:
-    """Return the kernel that takes over steps; it may write where it reads."""
+    """Return the kernel that copies accepted steps; it may write in place."""
     nx, nu, nc = stage.x.numel(), stage.u.numel(), stage.rows.numel()
     each = symbols(x=nx, u=nu, x_new=nx, u_new=nu, m_new=nc)
     (taken,) = symbols(taken=1).values()

@@ -1,15 +1,15 @@
 """The loop over the steps of lanes, compiled: kernels called at their addresses.
 
-Lanes stand side by side in the columns of one memory. A turn tries a step in all of
-them: start, forward, verdict, keep. Lanes whose step is done with wait for a sweep
-backward until most lanes do; so shorter steps are tried without one. A lane that has
-ended is written down, and the last lane takes its place, so that those at work are
-always the first ones; then further starts begin.
+Lanes are the columns of one memory. A turn tries a step in all of them: start, forward,
+verdict, keep. A lane whose step is decided waits for a backward sweep until most lanes
+wait, so that shorter steps of the others are tried without a sweep. A lane that has
+ended is recorded, and the last lane takes its place, so that working lanes are always
+the first ones; then further starts begin.
 
-A lane that ends without having met its limits begins once more from its start: with a
-heavier end, and what is decided about the start held until multipliers are renewed.
-Else a light lane makes a free end time short as long as that costs less than its end
-conditions, and may get to where the nearest way to them is no way.
+A lane that ends without meeting its limits begins once more from its start, with a
+heavier end, and with the decisions about the start fixed until multipliers are renewed.
+Without that, a lane with light weights shortens a free end time as long as this costs
+less than its end conditions, and may reach a point from which it cannot meet them.
 """
 
 from typing import NamedTuple
@@ -18,28 +18,28 @@ from swarmstart.kernel import Array, Count, free_kernel, kernel
 from swarmstart.ocp.compiled.calls import call_part
 
 _MOST = 0.75
-"""Part of the lanes that wait for a sweep before there is one."""
+"""Fraction of the lanes that must wait for a sweep before it is done."""
 _MET = 1e-6
-"""Largest violation with which a lane need not begin again."""
+"""Largest violation at which a lane need not begin again."""
 _AGAIN_WEIGHT = 100.0
 """Least weight of the end's rows in a lane that begins again."""
 _WHOLE = 1.0
-"""Length of the step of a lane that waits."""
+"""Step length of a waiting lane: a full step."""
 
 
 class Rows(NamedTuple):
-    """Rows of the memory.
+    """Rows of the memory that the loop reads.
 
     Attributes:
-        state: First one of the state.
-        following: First one of the state after a turn.
+        state: First row of the state.
+        following: First row of the state after a turn.
         size: Number of rows of the state.
         done: Whether a lane has ended.
         length: Length of the step that is tried next.
-        taken: Whether the step that was tried is taken.
-        worst: Excess.
-        iterations: Steps so far.
-        again: Whether a lane has begun for a second time.
+        taken: Whether the tried step is accepted.
+        worst: The worst excess.
+        iterations: Number of steps so far.
+        again: Whether a lane has begun a second time.
         r_end: Weight of the end's rows.
     """
 
@@ -59,11 +59,11 @@ class Starts(NamedTuple):
     """Starts to be solved.
 
     Attributes:
-        blank: What any lane begins with, shape (rows,).
-        given: What a start brings besides, a column for each of all starts.
-        rows: Rows of the memory that it comes to.
-        numbers: Those of the starts to be solved.
-        most: Steps after which a lane does not begin again.
+        blank: Initial memory of any lane, shape (rows,).
+        given: Numbers of each start, a column for each of all starts.
+        rows: Rows of the memory that these numbers are written to.
+        numbers: Indices of the starts to be solved.
+        most: Number of steps after which a lane does not begin again.
     """
 
     blank: Array
@@ -74,11 +74,11 @@ class Starts(NamedTuple):
 
 
 class Ends(NamedTuple):
-    """What lanes end with.
+    """Results of lanes.
 
     Attributes:
-        found: To be written, a column for each of all starts.
-        rows: Rows of the memory that it comes from.
+        found: The results, written here, a column for each of all starts.
+        rows: Rows of the memory that they are read from.
     """
 
     found: Array
@@ -98,7 +98,7 @@ def _begin(memory: Array, lane: int, starts: Starts, number: int) -> None:
 def _begins_again(
     memory: Array, lane: int, rows: Rows, starts: Starts, number: int
 ) -> bool:
-    """Let a lane begin a second time that has not met its limits; say whether."""
+    """Restart a lane that has not met its limits; return whether it was restarted."""
     steps = memory[rows.iterations, lane]
     met = memory[rows.worst, lane] <= _MET
     if met or memory[rows.again, lane] != 0.0 or steps >= starts.most:
@@ -112,7 +112,7 @@ def _begins_again(
 
 @kernel
 def _refill(memory: Array, rows: Rows, starts: Starts, ends: Ends, work: Count) -> None:
-    """Write down lanes that have ended, and put others in their places."""
+    """Record lanes that have ended, and put others in their places."""
     lane = 0
     while lane < work[0]:
         number = work[2 + lane]
@@ -135,7 +135,7 @@ def _refill(memory: Array, rows: Rows, starts: Starts, ends: Ends, work: Count) 
 
 @kernel
 def _waiting(memory: Array, rows: Rows, lanes: int) -> int:
-    """Return how many lanes wait for a sweep."""
+    """Return the number of lanes that wait for a sweep."""
     count = 0
     for lane in range(lanes):
         if memory[rows.length, lane] == _WHOLE:
@@ -145,7 +145,7 @@ def _waiting(memory: Array, rows: Rows, lanes: int) -> int:
 
 @kernel
 def _take_over(memory: Array, rows: Rows, lanes: int, all_go: bool) -> None:
-    """Take over the states after a turn; lanes that wait stay as they are."""
+    """Copy the states after a turn; waiting lanes do not change."""
     for lane in range(lanes):
         if all_go or memory[rows.length, lane] != _WHOLE:
             for i in range(rows.size):
@@ -170,13 +170,13 @@ def take_turns(  # noqa: PLR0913, PLR0917 - compiled code takes no keywords
     Args:
         calls: Addresses of `part`, arguments and outputs of each kernel, in the order
             of `Sweeps`, shape (5, 3).
-        memory: Of the lanes, shape (rows, lanes).
-        rows: Those that the loop looks at.
-        starts: What lanes begin with.
-        ends: What they end with; written.
-        work: Number of lanes at work, starts begun, then the number of each lane's
-            start; changed.
-        turns: How many to take at most.
+        memory: Memory of the lanes, shape (rows, lanes).
+        rows: Rows that the loop reads.
+        starts: Starts to be solved.
+        ends: Results; written.
+        work: Number of lanes at work, number of starts begun, then the number of each
+            lane's start; changed.
+        turns: Largest number of turns.
     """
     width, last = memory.shape[1], calls.shape[0] - 1
     for _ in range(turns):

@@ -1,9 +1,9 @@
-"""What a step was worth, and what a lane does next.
+"""Judgement of a step, and the choice of a lane's next one.
 
 A step that does not help is tried shorter, and then with more regularisation mu. Second
-derivatives of the dynamics count (theta is 1) only once a lane takes whole steps that
-gain less than a tenth, and not after a failed or a very short one: with them from the
-start a quarter of the lanes ends in worse optima, without them some never end.
+derivatives of the dynamics count (theta is 1) only once full steps of a lane gain less
+than a tenth, and not after a failed or very short step. Measured here: with them from
+the start a quarter of the lanes ends in worse optima; without them some never end.
 """
 
 from itertools import pairwise
@@ -31,23 +31,24 @@ STEPS = (1.0, 0.5, 0.25, 0.1, 0.02, 0.003)
 _LEAST_MU, _MOST_MU = 1e-9, 1e7
 _LEAST_VALUE, _NOTHING = 1e-3, 1e-3
 _SLOW, _SHORT = 0.1, 0.2
-"""Fall below which second derivatives help; length of a step too short for them."""
+"""Relative decrease below which second derivatives help, and step length that is too
+short for them."""
 _FINITE = 1e300
 _WILD = 1e4
-"""State or cost at the end, in the NLP's numbers near one, that no step may lead to: as
-long as weights are light, some augmented Lagrangians have no lower bound."""
+"""Largest state or cost at the end, in the NLP's scaled numbers, that a step may lead
+to. With light weights, some augmented Lagrangians have no lower bound."""
 _ROUNDING = 1e-13
 
 
 class _Verdict(NamedTuple):
-    """What becomes of a step; the first four are 0 or 1.
+    """The judgement of a step; the first four entries are 0 or 1.
 
     Attributes:
-        taken: Whether the lane is now where it led.
-        over: Whether no shorter one will be tried.
-        converged: Whether there is nothing left to gain before new multipliers.
-        lost: Whether a start leads out of the numbers.
-        length: Of the next step.
+        taken: Whether the step is accepted.
+        over: Whether no shorter step will be tried.
+        converged: Whether the lane needs new multipliers to get any better.
+        lost: Whether the roll-out of a start is not finite.
+        length: Length of the next step.
         mu: Regularisation of the next step.
         theta: Whether second derivatives count in it.
     """
@@ -74,13 +75,13 @@ def _any(first: ca.SX, *others: ca.SX) -> ca.SX:
 
 
 def _judged(lane: Named, new: ca.SX, finite: ca.SX, options: LaneOptions) -> _Verdict:
-    """Return what becomes of a step that leads to a new value."""
+    """Return the judgement of a step that leads to a new value."""
     value, length, mu = lane["value_now"], lane["length"], lane["mu"]
     begins, whole = length == 0, length == STEPS[0]
     size = ca.fmax(ca.fabs(value), _LEAST_VALUE)
     low = value - _ROUNDING * ca.fabs(value)
     better = _all(ca.logic_not(begins), finite, new < low)
-    # A whole step that neither gains nor loses: there is nothing left to gain.
+    # A full step that neither gains nor loses: the lane has converged.
     nothing = ca.fabs(new - value) <= _NOTHING * lane["tolerance"] * size
     settled = _all(whole, finite, nothing)
     shorter = ca.SX(0)
@@ -112,10 +113,10 @@ def _judged(lane: Named, new: ca.SX, finite: ca.SX, options: LaneOptions) -> _Ve
 
 
 class _Here(NamedTuple):
-    """An end, as a lane is after the step.
+    """The end or the start of a lane after the step.
 
     Attributes:
-        stage: The end or the start there.
+        stage: The end or the start, at the lane's new state.
         al: Its augmented Lagrangian with the multipliers so far.
     """
 
@@ -130,8 +131,8 @@ def verdict_kernel(
 
     Args:
         end: The end.
-        begin: The start; None where nothing is decided about it.
-        options: When lanes end.
+        begin: The start; None if it has no decisions.
+        options: Conditions at which lanes end.
         starts: Number of decisions about the start.
     """
     lane = _lane(end, begin, starts)
@@ -160,7 +161,7 @@ _STATE = (
 
 
 def _lane(end: Stage, begin: Stage | None, starts: int) -> dict[str, ca.SX]:
-    """Return what the verdict reads of a lane."""
+    """Return the numbers of a lane that the verdict reads."""
     nx, ny = end.x.numel(), starts
     sizes = {
         "y": ny, "y_new": ny, "end": nx, "end_new": nx, "m_end": end.rows.numel(),
@@ -181,7 +182,7 @@ def _at(stage: Stage, lane: Named, state: str, place: str) -> _Here:
 
 
 def _tame(lane: Named) -> ca.SX:
-    """Return whether a step does not run wild; where a lane begins is as it is."""
+    """Return whether a step stays below `_WILD`; a lane's start is always accepted."""
     before = _below(ca.vertcat(lane["end"], lane["paid"]), _WILD)
     after = _below(ca.vertcat(lane["end_new"], lane["sums_new"][1]), _WILD)
     return _any(after, lane["length"] == 0, ca.logic_not(before))
@@ -192,7 +193,7 @@ def _below(x: ca.SX, limit: float) -> ca.SX:
 
 
 def _taken_over(verdict: _Verdict, lane: Named, new: ca.SX) -> dict[str, ca.SX]:
-    """Return the lane where it is after the step."""
+    """Return the lane after the step."""
     _, paid, worst, broken = ca.vertsplit(lane["sums_new"])
     pairs = {
         name: (lane[f"{name}_new"], lane[name])
@@ -240,7 +241,7 @@ def _after(
 
 
 def _ahead(end: Stage, after: Named) -> dict[str, ca.SX]:
-    """Return the augmented Lagrangian of the end, from where the next sweep begins."""
+    """Return the augmented Lagrangian of the end, where the next sweep begins."""
     al = augmented(end, after["m_end"], after["r_end"])
     bend = lower(bend_of(end, al, after["r_end"]))
     parts = [al.value, slope_of(end, al), bend]

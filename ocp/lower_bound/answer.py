@@ -1,4 +1,4 @@
-"""The answer of `lower_bound`: a number, its kind, and what it rests on."""
+"""The answer of `lower_bound`: a number, its kind and its evidence."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from swarmstart.ocp.lower_bound.evidence import Evidence
 
 
 class BoundKind(Enum):
-    """What a bound is worth.
+    """Kind of a lower bound.
 
     PROVEN: no admissible answer is better, rounding included.
     TRIVIAL: proven too, but from the least stage cost alone.
-    SAMPLED: an estimate from samples; no bound.
-    NONE: there is none, for a reason that is said.
+    SAMPLED: an estimate from samples; not a bound.
+    NONE: there is no bound; the reason is given.
     """
 
     PROVEN = "proven"
@@ -24,26 +24,27 @@ class BoundKind(Enum):
 
     @property
     def is_bound(self) -> bool:
-        """Whether the value may be called a bound."""
+        """True if the value is a bound: PROVEN or TRIVIAL."""
         return self in (BoundKind.PROVEN, BoundKind.TRIVIAL)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class LowerBound:
-    """How good an answer to a problem can be, at most.
+    """A limit of the cost that any answer to a problem can reach.
 
     Attributes:
-        kind: What it is worth.
-        value: The bound, as the problem states its cost: no answer costs less; of a
-            maximised cost none is worth more. NaN if there is none.
+        kind: Kind of the bound.
+        value: The bound, as the problem states its cost: no answer costs less; if the
+            cost is maximised, no answer reaches more. NaN if there is no bound.
         reason: How it was found, or why there is none: sentences.
         degree: Degree of the polynomial; 0 if none was used.
-        slack: What the proof left over, taken off the bound [cost].
-        boxes: How many boxes all proofs took.
+        slack: Gap that the proofs left, already subtracted from the bound [cost].
+        boxes: Number of boxes of all proofs.
         cpu_seconds: CPU time of the process [s].
-        set_name: What holds the trajectories, in words.
-        evidence: What the proof rests on; None if nothing is proven by polynomials.
-        sense: 1 of a minimised cost, -1 of a maximised one.
+        set_name: Name of the set that holds the trajectories.
+        evidence: Facts that the proof rests on; None if nothing is proven by
+            polynomials.
+        sense: 1 if the cost is minimised, -1 if it is maximised.
     """
 
     kind: BoundKind
@@ -58,14 +59,14 @@ class LowerBound:
     sense: float = 1.0
 
     def gap(self, cost: float) -> float:
-        """Return how far an answer is from the optimum at most, in parts of its cost.
+        """Return the largest possible relative distance of an answer from the optimum.
 
         Args:
-            cost: Of the answer, as the problem states it.
+            cost: Cost of the answer, as the problem states it.
 
         Returns:
-            (cost - bound) / |cost|, or (bound - cost) / |cost| of a maximised cost;
-            NaN if there is no bound; 0 where both are the same.
+            (cost - bound) / |cost|, or (bound - cost) / |cost| if the cost is
+            maximised; NaN if there is no bound; 0 if both are the same.
         """
         if not self.kind.is_bound:
             return float("nan")

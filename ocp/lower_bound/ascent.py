@@ -1,7 +1,7 @@
-"""The way from a set that holds all trajectories to better and better proven bounds.
+"""The sequence of proven bounds, from a set that holds all trajectories.
 
-For rising degrees: polynomials that make the set smaller by the known cost, as long as
-that pays, then one that is high at the start.
+For rising degrees: polynomials that shrink the set by means of the known cost, as long
+as that pays, then a polynomial that is high at the start.
 """
 
 from __future__ import annotations
@@ -34,28 +34,28 @@ from swarmstart.ocp.lower_bound.subsolution import (
 
 Array = NDArray[np.float64]
 SLACK_SHARES = (3e-4, 1e-5)
-"""Slack hoped for at first and at last, times the horizon, in parts of the size."""
+"""First and last target of the slack, times the horizon, relative to the size."""
 SLACK_OF_GAP = 0.1
-"""The same, in parts of the gap that is left."""
+"""Target of the slack, times the horizon, relative to the gap that is left."""
 ROUGH_SHARE = 0.01
-"""The same of the steps that prune."""
+"""Target of the slack of steps that prune, times the horizon, relative to the size."""
 PRUNING_TIME = 0.3
-"""Of the time that is left, for one pruning."""
+"""Fraction of the remaining time for one pruning."""
 MOST_PRUNINGS = 3
-"""Of each degree."""
+"""Largest number of prunings for each degree."""
 FEWEST_ROUNDS = 3
 WORTHWHILE = 0.8
-"""A pruning that leaves more than this part of the volume is the degree's last one."""
+"""A pruning that leaves more than this fraction of the volume is the degree's last."""
 USELESS = 0.97
-"""One that leaves more than this part is not kept."""
+"""A pruning that leaves more than this fraction of the volume is not kept."""
 DEGREES = {1: (2, 4, 6, 8, 10, 12), 2: (2, 3, 4, 5, 6, 7, 8), 3: (2, 3, 4, 5, 6)}
-"""By the number of states."""
+"""Degrees of the polynomials, by the number of states."""
 FIRST_DEGREE = 3
-"""Below it polynomials only prune."""
+"""Degree below which polynomials only prune."""
 SETTLED = 0.1
-"""Slack of a step, in parts of its gap, from which on the next degree is tried."""
+"""Slack of a step, relative to its gap, below which the next degree is tried."""
 ABOVE = 1e-6
-"""By which part the cost that prunings compare with is above the known one."""
+"""Relative margin of the cost that prunings compare with, above the known one."""
 
 
 @dataclass(eq=False)
@@ -73,7 +73,7 @@ class Best:
     evidence: Evidence | None = None
 
     def answer(self) -> LowerBound:
-        """Return it as the problem states it."""
+        """Return the bound in terms of the stated problem."""
         sense = self.statement.sense
         value = sense * (self.value + self.statement.offset)
         return LowerBound(
@@ -91,7 +91,7 @@ class Best:
 
 @dataclass(eq=False)
 class Ascent:
-    """The way from a tube to bounds."""
+    """The search for better and better bounds, from a tube."""
 
     statement: Statement
     tube: Tube
@@ -100,7 +100,7 @@ class Ascent:
     rng: np.random.Generator
 
     def __post_init__(self) -> None:
-        """Bring the problem into the form that the steps need."""
+        """Prepare the problem for the steps."""
         affine = affine_form(self.statement)
         stage = Stage(self.statement, affine)
         self._region = Region(self.statement, self.tube)
@@ -124,7 +124,7 @@ class Ascent:
         return max(size, 1e-3 * usual, 1e-12)
 
     def bounds(self) -> Iterator[Best]:
-        """Yield proven bounds, of rising degrees on a set that gets smaller."""
+        """Yield proven bounds, of rising degrees on a shrinking set."""
         best = -math.inf
         for degree in DEGREES[self.statement.n]:
             forms = Forms(self._setting, degree)
@@ -157,7 +157,7 @@ class Ascent:
         return Cuts(points[:, within], ends)
 
     def _share(self, best: float) -> float:
-        """Return the slack hoped for, in parts of the costs' size."""
+        """Return the target of the slack, relative to the costs' size."""
         first, last = SLACK_SHARES
         if not math.isfinite(self._known - best):
             return first
@@ -206,7 +206,7 @@ class Ascent:
         )
 
     def _pruned(self, forms: Forms) -> Iterator[Best]:
-        """Make the set smaller by the known cost; yield the bounds met on the way."""
+        """Shrink the set by means of the known cost; yield the bounds found so far."""
         if not math.isfinite(self._known):
             return
         for _ in range(MOST_PRUNINGS):
@@ -232,10 +232,10 @@ class Ascent:
                 return
 
     def _needed(self, go: Step | None) -> Callable[[Array], Array]:
-        """Return how much the way to a point must cost for it to be cut off.
+        """Return the cost of reaching a point from which on the point is cut off.
 
         Args:
-            go: What is known of the way on; None: nothing.
+            go: Step that bounds the cost from the point on; None if there is none.
         """
 
         def needed(points: Array) -> Array:
@@ -252,7 +252,7 @@ class Ascent:
         needed: Callable[[Array], Array],
         limit: float,
     ) -> Step | None:
-        """Return a step that prunes, proven to within little."""
+        """Return a step that prunes, proven with a small slack."""
         search = self._search(forms, aim, ROUGH_SHARE)
         now = clock.perf_counter()
         search = replace(search, until=now + 0.5 * max(0.0, limit - now), needed=needed)

@@ -1,7 +1,7 @@
 """Polynomials of (t, x) as products of Chebyshev polynomials on a box.
 
-Coefficients and box are inputs of the symbolic form, so that what is derived from it
-once serves every polynomial of the degree.
+Coefficients and box are inputs of the symbolic form, so that its derivatives are formed
+once for all polynomials of a degree.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Basis:
 
     @cached_property
     def exponents(self) -> NDArray[np.int64]:
-        """Exponents of each product, shape (size, variables); the first are zero."""
+        """Exponents of each product, shape (size, variables); the first row is zero."""
         every = itertools.product(range(self.degree + 1), repeat=self.variables)
         kept = [e for e in every if sum(e) <= self.degree]
         return np.array(sorted(kept, key=lambda e: (sum(e), e)), dtype=np.int64)
@@ -113,7 +113,7 @@ class Basis:
         number = {tuple(e): j for j, e in enumerate(self.exponents.tolist())}
 
         def nested(axis: int, chosen: tuple[int, ...]) -> ca.SX:
-            """Return the sum over the axes left: nesting saves products."""
+            """Return the sum over the remaining axes; nesting saves products."""
             total = ca.SX(0)
             for k in range(self.degree + 1 - sum(chosen)):
                 if axis < n - 1:
@@ -126,7 +126,7 @@ class Basis:
         return nested(0, ())
 
     def polynomial(self, box: Box, coefficients: Array) -> Polynomial:
-        """Return a polynomial as evidence has it."""
+        """Return a polynomial in the form that evidence has."""
         return Polynomial(
             middle=box.middle,
             half=box.half,

@@ -1,7 +1,7 @@
 """Lower bounds of optimal-control problems, from the problem to the answer.
 
-    statement -> tube -> (prunings, by what is known of the answer) -> polynomials of
-    rising degree, each proven, until time is up or the gap is closed
+    statement -> tube -> (prunings by a known cost) -> polynomials of rising degree,
+    each proven, until time is up or the gap is closed
 
 Source: Lasserre, Henrion, Prieur and Trelat (2008), Nonlinear optimal control via
 occupation measures and LMI relaxations: V is the dual of their linear program.
@@ -45,16 +45,16 @@ from swarmstart.terminal_set.intervals import (
 
 Array = NDArray[np.float64]
 CLOSED = 1e-5
-"""Gap at which the search ends, in parts of the known cost."""
+"""Gap, relative to the known cost, at which the search ends."""
 
 
 @runtime_checkable
 class Answered(Protocol):
-    """An answer to a problem: a `Solution`, which may have a bound itself."""
+    """An answer to a problem: a `Solution`, or an object with the same attributes."""
 
     @property
     def status(self) -> SolutionStatus:
-        """What can be said of it."""
+        """Its status."""
 
     @property
     def verified_cost(self) -> float:
@@ -71,39 +71,47 @@ def lower_bound(  # noqa: PLR0913 - everything but the problem has a default
     seed: int = 0,
     progress: ProgressCallback = tell_nothing,
 ) -> LowerBound:
-    """Prove a lower bound of what any answer to a problem costs.
+    """Prove a lower bound of the cost of every answer to a problem.
 
     Args:
         problem: The problem, of at most three states.
         x0: Initial state, shape (nx,).
         known: Parameters, and the time at the start.
-        answer: An answer, or the cost of one as the problem states it: where a
-            trajectory must cost more, it need not be looked at. It need not be right:
-            a bound is never above it. None: the problem is solved for it.
-        seconds: Wall time, about [s].
-        seed: Of the samples. A bound does not hang on them, only its height does.
-        progress: Told (whole seconds, all of them, "bounding") now and then.
+        answer: An answer, or its cost as the problem states it; the proof may then skip
+            trajectories that cost more. The bound is valid even if the cost is wrong,
+            but it is never above that cost. None means that the problem is solved to
+            get one.
+        seconds: Wall time, approximate [s].
+        seed: Seed of the samples. They influence how high the bound is, not whether it
+            is valid.
+        progress: Called now and then with (elapsed whole seconds, total seconds,
+            "bounding").
 
     Returns:
-        The best bound that was proven; of kind NONE with a reason if there is none.
-        Ctrl-C ends the search as the time does.
+        The best bound that was proven; of kind NONE, with a reason, if there is none.
+        Ctrl-C ends the search as the end of the time does.
 
     Raises:
-        InvalidProblemError: If a shape is not the problem's, or seconds are not
+        InvalidProblemError: If a shape does not fit the problem, or seconds is not
             positive.
 
     Example:
+        x' = u from x(0) = 1, with the integral of x^2 + u^2 over 1 s as cost. The
+        optimum is tanh(1) = 0.7616; the cost of an answer is 0.77:
+
         >>> import casadi as ca
         >>> import swarmstart as ss
         >>> x, u = ca.SX.sym("x"), ca.SX.sym("u")
         >>> problem = ss.OptimalControlProblem(
-        ...     ss.Model(states=x, controls=u, ode=u), horizon=1.0, intervals=4,
-        ...     stage_cost=1 + u**2, bounds=ss.Bounds(controls=(-2, 2), states=(-2, 2)),
-        ...     terminal=[(x, 1)],
+        ...     ss.Model(states=x, controls=u, ode=u),
+        ...     horizon=1.0,
+        ...     intervals=10,
+        ...     stage_cost=x**2 + u**2,
+        ...     bounds=ss.Bounds(controls=(-5, 5)),
         ... )
-        >>> bound = ss.lower_bound(problem, [0.0], answer=2.0, seconds=0.3)
-        >>> bool(0.999 <= bound.value <= 2.001)
-        True
+        >>> bound = ss.lower_bound(problem, [1.0], answer=0.77, seconds=0.2)
+        >>> bound.kind.is_bound, bool(bound.value <= 0.7616)
+        (True, True)
     """
     if not isinstance(problem, OptimalControlProblem):
         raise InvalidProblemError(
@@ -123,7 +131,7 @@ def lower_bound(  # noqa: PLR0913 - everything but the problem has a default
     except NoBoundError as error:
         return _none(str(error), problem.sense)
     cost = _cost_of(problem, x0, known, answer, seed)
-    # Small matrices: threads of BLAS wait for each other, and for all else that runs.
+    # The matrices are small: threads of BLAS would only wait for each other.
     with threadpool_limits(limits=1, user_api="blas"):
         found = _bounded(
             statement, cost, began + seconds, np.random.default_rng(seed), tell
@@ -144,10 +152,10 @@ def _cost_of(
 ) -> float:
     """Return the cost to compare with, as the problem states it; NaN if there is none.
 
-    That of an answer which is not feasible would cut nothing sensible off.
+    The cost of an infeasible answer is not used: pruning by it would make no sense.
     """
     if answer is None:
-        try:  # Named, not imported: it has a bound of its own, and so imports this.
+        try:  # Duck typing: `Solution` imports this module.
             solve = resolve_name("swarmstart.ocp.solving:solve")
             answer = solve(problem, x0, known=known, search=None, seed=seed)
         except InvalidProblemError:
@@ -196,11 +204,11 @@ def _better(one: Best, other: Best) -> Best:
 
 
 def _trivial(statement: Statement, tube: Tube | None) -> Best:
-    """Return the bound that the least stage cost gives.
+    """Return the bound that follows from the least stage cost.
 
     Args:
         statement: The problem.
-        tube: Where the states are; None: within their bounds alone.
+        tube: Set that holds the states; None if only their bounds are known.
     """
     n, latest = statement.n, statement.horizon[1]
     low, high = statement.state_box
@@ -221,7 +229,7 @@ def _trivial(statement: Statement, tube: Tube | None) -> Best:
     upper = np.concatenate([[latest], high, control_high])[:, None]
     least, _ = evaluate(lower, upper)
     stage, end = float(least[0, 0]), float(least[1, 0])
-    # A rate that is negative counts for all of the longest horizon.
+    # A negative rate counts over the whole of the longest horizon.
     duration = latest if stage < 0 else statement.horizon[0]
     value = stage * duration + end
     value -= 1e-14 * (abs(stage * duration) + abs(end))

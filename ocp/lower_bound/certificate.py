@@ -1,10 +1,10 @@
-"""Certificates: all that a proven lower bound rests on, as a file to be checked.
+"""Certificates: the evidence of a proven lower bound, as a file to be checked.
 
 The content is ready for JSON: the problem as data (a tape, as of terminal sets), the
 tube, the polynomials, the slacks, the bound. The command
-`python -m swarmstart.ocp.lower_bound.check FILE` proves it again with another
-arithmetic and shares no code with what found it. The digest in it finds careless edits;
-who makes a new digest still has to get past the proof.
+`python -m swarmstart.ocp.lower_bound.check FILE` proves it again, with another
+arithmetic and without code of the search. The digest detects careless edits; a file
+with a new digest must still pass the proof.
 
     ["t", 0]  ["x", 0]  ["u", 0]  ["const", 9.81]  ["mul", 0, 3]
 
@@ -30,15 +30,16 @@ def certificate_content(evidence: Evidence) -> dict[str, object]:
     """Return a certificate's content, for `json.dumps(content, allow_nan=False)`.
 
     Args:
-        evidence: A proven bound with all it rests on.
+        evidence: A proven bound with its evidence.
 
     Returns:
-        Numbers, texts, lists and objects; floats read back to the last bit; None for
-        what is infinite; "sha256" the digest of the rest.
+        Numbers, texts, lists and objects; floats are read back to the last bit; None
+        stands for infinite numbers; "sha256" is the digest of the rest.
 
     Raises:
-        UnknownIntervalOperationError: The problem has an operation that a file has not.
-        ValueError: A number is not finite that must be.
+        UnknownIntervalOperationError: If the file format lacks an operation of the
+            problem.
+        ValueError: If a number is not finite but must be.
     """
     content: dict[str, object] = {
         "format": FORMAT,
@@ -62,7 +63,7 @@ def certificate_content(evidence: Evidence) -> dict[str, object]:
 
 
 def _statements(prunings: int) -> list[str]:
-    """Return what is stated, in words."""
+    """Return the statements, in words."""
     pruning = "no trajectory that costs less than the known cost leaves the set of"
     return [
         "every admissible trajectory stays in the tube",
@@ -108,7 +109,7 @@ def _problem(statement: Statement) -> dict[str, object]:
 
 
 def _instruction(instruction: Instruction) -> Instruction:
-    """Return an instruction with the first input, the point (t, x), told apart."""
+    """Return an instruction whose input is split into t and x."""
     if instruction[0] != "x":
         return instruction
     entry = int(instruction[1])
@@ -143,5 +144,5 @@ def _list(values: Array) -> list[float]:
 
 
 def _or_none(bounds: Array) -> list[float | None]:
-    """Return bounds with None in place of infinity, which JSON has not."""
+    """Return bounds with None in place of infinity, which JSON does not have."""
     return [value if np.isfinite(value) else None for value in _list(bounds)]

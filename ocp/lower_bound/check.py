@@ -1,16 +1,16 @@
-"""Check a certificate of a lower bound, sharing no code with what wrote it.
+"""Check a certificate of a lower bound, without code of the program that wrote it.
 
     python -m swarmstart.ocp.lower_bound.check FILE [--seconds 600]
 
 Everything that the bound rests on is proven again, by branch and bound with Taylor
 models in place of the library's intervals, derivatives by their truncated arithmetic in
-place of CasADi's, and the bound itself in exact fractions. Of the file's statements
-only those in the words of the format are taken: the lines printed say what each came
-to. Nothing of the file is run, and nothing of it is printed unescaped.
+place of CasADi's, and the bound itself in exact fractions. The file may contain only
+statements in the words of the format; one line for each says whether it was proven.
+Nothing in the file is executed or printed unescaped.
 
-Exit codes: 0 all of it was proven again; 2 the file or the call cannot be used; 3
-refused: a statement is false or the file was changed; 4 undecided in the time given; 5
-the file cannot be read; 130 interrupted.
+Exit codes: 0 everything was proven again; 2 the file or the call is invalid; 3 refused:
+a statement is false or the file was changed; 4 undecided in the time given; 5 the file
+cannot be read; 130 interrupted.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ from swarmstart.terminal_set.checker.command import checked, parsed
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Check one file, print a line a statement and a verdict.
+    """Check one file; print a line for each statement, and a verdict.
 
     Args:
-        arguments: Of the command line; None: those of the process.
+        arguments: Arguments of the command line; None means those of the process.
 
     Returns:
         The exit code.

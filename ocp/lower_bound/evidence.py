@@ -1,4 +1,4 @@
-"""The facts that a proven bound rests on: polynomials, sets, what each proof left over.
+"""The facts that a proven bound rests on: polynomials, sets, slacks of the proofs.
 
 All coordinates are those of a `Statement`: y = (t, x), x in its sizes.
 
@@ -8,18 +8,19 @@ leave, that
     V_t + L + V_x f >= -slack        for all (t, x) in S and all admissible u
     V(T, x) <= phi(T, x) + end_slack for all admissible ends (T, x) in S
 
-the second only where end_slack is not None. Then no admissible trajectory within S
-costs less than V(0, x0) - slack T - end_slack, and none comes to (t, x) for less than
+the second only if end_slack is not None. Then no admissible trajectory within S costs
+less than V(0, x0) - slack T - end_slack, and to reach (t, x) costs at least
 V(0, x0) - V(t, x) - slack t.
 
-S begins as the tube, the bounds of the states and the path constraints. A pruning makes
-it smaller: of C without end and G with it, a trajectory through (t, x) costs at least
+S begins as the tube, the bounds of the states and the path constraints. A pruning
+shrinks it. It has a step C without end_slack and a step G with it; by these, a
+trajectory through (t, x) costs at least
 
     C(0, x0) - C(t, x) + G(t, x) - (slack of C) t - (slack of G)(T - t) - end_slack of G
 
-and where that exceeds the known cost, no cheaper trajectory passes. So the bound is
-min(known, V(0, x0) - slack T - end_slack) of the last step; known is any number, it
-need not be the cost of anything.
+If that exceeds the known cost, no cheaper trajectory passes through (t, x). So the
+bound is min(known, V(0, x0) - slack T - end_slack) of the last step. The bound is valid
+for any number `known`, even if it is not the cost of an answer.
 """
 
 from __future__ import annotations
@@ -56,13 +57,14 @@ class Polynomial:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Step:
-    """A polynomial, and what its inequalities were proven to within.
+    """A polynomial with the slacks of its proven inequalities.
 
     Attributes:
         polynomial: V.
-        slack: Of the inequality over the set [cost / s], >= 0.
-        end_slack: Of the inequality at the end [cost], >= 0; None: nothing is stated.
-        boxes: How many boxes the proofs took.
+        slack: Slack of the inequality over the set [cost / s], >= 0.
+        end_slack: Slack of the inequality at the end [cost], >= 0; None if nothing is
+            stated.
+        boxes: Number of boxes of the proofs.
     """
 
     polynomial: Polynomial
@@ -73,11 +75,11 @@ class Step:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Pruning:
-    """Two steps that show where no cheaper trajectory passes; see the module's head.
+    """Two steps that exclude points from the set; see the module's head.
 
     Attributes:
-        come: C, without end.
-        go: G, with one.
+        come: C, a step without end_slack.
+        go: G, a step with end_slack.
     """
 
     come: Step
@@ -86,13 +88,13 @@ class Pruning:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Tube:
-    """A polytope that moves: every admissible trajectory stays in it.
+    """A moving polytope that holds every admissible trajectory.
 
         { x : directions x <= levels(t) },  levels linear between the times
 
-    That is so since x0 is in it, and on each face, at each time, the levels rise at
-    least as fast as any admissible trajectory can move outwards. Faces that the bounds
-    of the states cut off need not rise: admissible trajectories keep those.
+    The proof: x0 is in it, and on each face, at each time, the level rises at least as
+    fast as any admissible trajectory can move outwards. Faces that the bounds of the
+    states cut off need not rise, since admissible trajectories keep these bounds.
 
     Attributes:
         directions: Shape (K, n); the first 2n are the axes, e_1, -e_1, e_2, ...
@@ -107,12 +109,12 @@ class Tube:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Evidence:
-    """A proven bound with all it rests on.
+    """A proven bound with its evidence.
 
     Attributes:
         statement: The problem.
         tube: The set that holds the trajectories.
-        prunings: In order; the steps of each are proven on what those before leave.
+        prunings: Prunings in order; each is proven on the set that earlier ones leave.
         final: The step that gives the bound.
         known: The cost that the prunings compare with; infinite without prunings.
         bound: Proven lower bound of the statement's cost, its offset included.

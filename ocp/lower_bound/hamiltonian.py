@@ -1,18 +1,19 @@
 """The Hamilton-Jacobi-Bellman inequality V_t + L + V_x f >= -slack, over boxes.
 
-Where f is affine in u and L separable and quadratic,
+If f is affine in u and L is separable and quadratic,
 
     h = a + sum over k of p_k(b_k),    a = V_t + L0 + V_x f0,    b_k = V_x B_k + c_k,
     p_k(b) = min over u in [low, high] of b u + q_k u^2
 
-p is concave, its slope is the minimiser u(b), and that falls by at most 1 / (2 q) for
-each unit of b. So with b_m the value in the middle of a box and u = u(b_m)
+p is concave, and its slope is the minimiser u(b), which decreases by at most 1 / (2 q)
+per unit of b. So with b_m the value in the middle of a box and u = u(b_m)
 
     p(b) >= p(b_m) + u (b - b_m) - (b - b_m)^2 / (4 q)
 
-the last term only where u(b) is not the same end over the whole box. Where q = 0, p is
-the lower one of two lines: over a box in which b may change its sign it lies above its
-chord. Elsewhere u is a coordinate of the boxes, and h is a function of (t, x, u).
+with the last term only if u(b) is not the same bound over the whole box. If q = 0, p is
+the minimum of two lines, which lies above its chord over a box in which b may change
+sign. For all other problems u is a coordinate of the boxes, and h is a function of
+(t, x, u).
 """
 
 from __future__ import annotations
@@ -39,8 +40,8 @@ class Bounds(NamedTuple):
     """Lower bounds of a function over m boxes.
 
     Attributes:
-        low: Shape (m,); -inf where nothing is known.
-        spread: How much the function spreads along each coordinate, shape (d, m).
+        low: Shape (m,); -inf if nothing is known.
+        spread: Variation of the function along each coordinate, shape (d, m).
     """
 
     low: Array
@@ -53,7 +54,7 @@ class Inequality:
     def __init__(
         self, statement: Statement, affine: Affine | None, basis: Basis
     ) -> None:
-        """Find the derivatives of h; affine: the problem in that form, if it has one.
+        """Form the derivatives of h; `affine` is the problem in that form, if any.
 
         Raises:
             UnknownIntervalOperationError: If an operation has no interval form, or its
@@ -76,14 +77,14 @@ class Inequality:
 
     @property
     def with_controls(self) -> bool:
-        """Whether boxes have the controls as coordinates."""
+        """True if boxes have the controls as coordinates."""
         return self._affine is None
 
     def bounds(self, parameters: Array, lower: Array, upper: Array) -> Bounds:
         """Return lower bounds of h over boxes.
 
         Args:
-            parameters: Of the polynomial, from `packed`.
+            parameters: Parameters of the polynomial, from `packed`.
             lower: Lower corners of boxes of (t, x), or of (t, x, u); shape (d, m).
             upper: Upper corners.
         """
@@ -108,7 +109,7 @@ class Inequality:
         return settled(Quadratic(at.reach, constant, slope, bend, rest, pull), pairs)
 
     def _line(self, at: Expansion, k: int, pairs: list[tuple[int, int]]) -> _Line:
-        """Return what bounds p_k from below over boxes; k counts from 1."""
+        """Return a lower bound of p_k over boxes; k counts from 1."""
         affine = self._affine
         q = 0.0 if affine is None else float(affine.quadratic[k - 1])
         low, high = (float(ends[k - 1]) for ends in self._statement.control_box)
@@ -124,7 +125,7 @@ class Inequality:
         if q > 0:
             u = np.clip(-value / (2 * q), low, high)
             constant = value * u + q * u * u
-            # Rounding must not make a box look clipped that is not.
+            # Rounding must not make an unclipped box look clipped.
             same = -most / (2 * q) > high + PADDING * largest
             same |= -least / (2 * q) < low - PADDING * largest
             curved = np.where(same, 0.0, 1 / (2 * q))
@@ -191,7 +192,7 @@ def settled(at: Quadratic, pairs: list[tuple[int, int]]) -> Bounds:
     spread = spread + at.pull
     lost = ~np.isfinite(low)
     low[lost] = -np.inf
-    # Where nothing is known the longest side is cut.
+    # If nothing is known, the longest side is cut.
     known = np.isfinite(spread).all(axis=0) & ~lost
     return Bounds(low, np.where(known, spread, at.reach))
 
@@ -200,7 +201,7 @@ class Margin:
     """Lower bounds over boxes of an expression with a polynomial's parameters."""
 
     def __init__(self, expression: ca.SX, point: ca.SX, parameters: ca.SX) -> None:
-        """Find its derivatives.
+        """Form its derivatives.
 
         Args:
             expression: Scalar in the point and the parameters.

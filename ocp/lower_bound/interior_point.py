@@ -2,10 +2,11 @@
 
     maximise c'w  subject to  A w + b >= 0
 
-Mehrotra's predictor and corrector on the normal equations, which have the size of w:
-an iteration costs one product A'DA. It ends near the middle of the best points, not in
-a corner, so that V changes little from one round of cuts to the next. Measured on the
-programs of this room (10,000 rows, 84 unknowns) it takes a fifth of the time of HiGHS.
+Mehrotra's predictor and corrector work on the normal equations, which have the size of
+w: an iteration costs one product A'DA. The method ends near the centre of the optimal
+set, not at a vertex, so that V changes little from one round of cuts to the next.
+Measured on the programs of this package (10,000 rows, 84 unknowns) it takes a fifth of
+the time of HiGHS.
 
 Source: Mehrotra (1992), On the implementation of a primal-dual interior point method.
 """
@@ -24,7 +25,7 @@ LARGEST_RIDGE = 1e-4
 STEP = 0.995
 FEASIBLE = 1e-8
 DIVERGED = 1e100
-"""Size of an iterate from which on the program has surely no optimum."""
+"""Size of an iterate above which the program certainly has no optimum."""
 
 
 class Optimum(NamedTuple):
@@ -32,9 +33,9 @@ class Optimum(NamedTuple):
 
     Attributes:
         w: The unknowns.
-        duals: Of the rows, >= 0.
-        gap: Complementarity: how far c'w is from the best, at most.
-        solved: Whether rows and duals hold to rounding.
+        duals: Dual variables of the rows, >= 0.
+        gap: Complementarity, an upper bound of the distance of c'w from the optimum.
+        solved: Whether primal and dual constraints hold to rounding.
     """
 
     w: Array
@@ -51,10 +52,10 @@ def maximised(
 
     Args:
         c: Shape (m,).
-        A: Shape (N, m), of rank m, which bounds of each unknown make sure of.
+        A: Shape (N, m), of rank m, as bounds on each unknown ensure.
         b: Shape (N,).
-        tolerance: Of the gap, in units of the objective.
-        iterations: At most.
+        tolerance: Tolerance of the gap, in units of the objective.
+        iterations: Largest number of iterations.
     """
     sizes = 1.0 / np.maximum(np.abs(A).max(axis=1), 1e-12)
     A, b = A * sizes[:, None], b * sizes
@@ -129,7 +130,7 @@ class _Newton:
         pushed = (wanted - self._z * self._short) / self._s
         right = self._dual + self._A.T @ pushed
         dw = self._solved(right)
-        # The normal equations lose half of the digits: one refinement brings some back.
+        # The normal equations lose half of the digits; one refinement restores some.
         left = self._A.T @ (self._weights * (self._A @ dw))
         dw = dw + self._solved(right - left)
         ds = self._A @ dw + self._short

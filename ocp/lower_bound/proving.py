@@ -1,8 +1,8 @@
-"""Proof that a function is not below a number on a set, by branch and bound.
+"""Proof of a lower bound of a function on a set, by branch and bound.
 
-The number is found on the way: it begins with what is hoped for, and where a point of
-the set lies lower it is moved there. So a search that ends has proven something, and
-the points that it met show where the polynomial must become better.
+The bound is found on the way: it begins with a target, and is lowered whenever a point
+of the set has a smaller value. So every search that ends has proven some bound, and the
+points it met show at which points the polynomial must become better.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 CHUNK = 8192
 BEYOND = 1.05
-"""How much lower than a point that was met the number is set."""
+"""Factor by which the slack is set above that of a point that was met."""
 FEW = 40_000
-"""Boxes that are still looked at, for points, when the number is of no use any more."""
+"""Number of boxes still searched for points when the bound is useless already."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -31,9 +31,9 @@ class Floor:
 
     Attributes:
         slack: The function is at least -slack on the set, if `proven`.
-        proven: Whether that is so: not if a box has no bound at all.
-        boxes: How many were looked at.
-        points: Points of the set where the function is below what was hoped for, shape
+        proven: Whether the slack is proven; False if a box has no bound at all.
+        boxes: Number of boxes searched.
+        points: Points of the set at which the function is below the target, shape
             (d, N), the lowest first.
         lowest: The least value met; infinite without points.
     """
@@ -50,9 +50,9 @@ class Limits:
     """Limits at which a search ends.
 
     Attributes:
-        until: At which time, of `time.perf_counter` [s].
-        useless: Slack from which on the outcome would be of no use.
-        max_boxes: After how many boxes.
+        until: Time of `time.perf_counter` at which it ends [s].
+        useless: Slack at which the outcome would be useless.
+        max_boxes: Largest number of boxes.
     """
 
     until: float
@@ -71,12 +71,13 @@ def proven_floor(
     """Prove that a function is at least -slack on a set, with little slack.
 
     Args:
-        bounds: Lower and upper corners of boxes, (d, m) -> lower bounds of it.
-        outside: The same -> which boxes have surely no point of the set.
+        bounds: (lower, upper corners of boxes, each (d, m)) -> lower bounds of it.
+        outside: The same arguments -> mask of boxes certainly without a point of the
+            set.
         value: Points (d, N) -> its values; infinite for points outside of the set.
         start: Boxes that cover the set, (d, m) each.
-        hoped: The slack hoped for, > 0.
-        limits: When the search ends.
+        hoped: Target of the slack, > 0.
+        limits: Limits at which the search ends.
     """
     stack, boxes, slack = [start], 0, hoped
     met: list[Array] = []
@@ -107,7 +108,7 @@ def proven_floor(
         too_long = boxes > limits.max_boxes or clock.perf_counter() > limits.until
         if given_up or too_long or (spread.max(axis=0) <= 0).any():
             break
-    # What is left has lower bounds, too: a poor proof is one all the same.
+    # The remaining boxes have lower bounds too, so even a search cut short is a proof.
     slack = max(slack, -_least(bounds, outside, stack))
     d = start[0].shape[0]
     points = np.hstack(met) if met else np.zeros((d, 0))
@@ -141,7 +142,7 @@ def _least(
         lower, upper = _left(outside, *_next(stack))
         if lower.size:
             low = bounds(lower, upper).low
-            # The built-in min would pass over a bound that is NaN.
+            # The built-in min would skip a NaN.
             least = min(least, float(np.where(np.isnan(low), -np.inf, low).min()))
     return least
 

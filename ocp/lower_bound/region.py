@@ -1,7 +1,7 @@
-"""The set that holds every trajectory worth looking at: S of evidence.py.
+"""The set S of evidence.py, which holds every trajectory that may be optimal.
 
-Tube, bounds of the states and path constraints hold all admissible trajectories, the
-prunings leave those that cost less than what is known.
+Tube, bounds of the states and path constraints hold all admissible trajectories; the
+prunings keep those that cost less than the known cost.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from swarmstart.terminal_set.intervals import interval_function
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 LAST = 5
-"""One sample more at the last time for so many."""
+"""Number of samples for which one more is drawn at the last time."""
 PAVING = 3000
-"""Boxes of a paving, about."""
+"""Approximate number of boxes of a paving."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,8 +37,8 @@ class Region:
 
     Attributes:
         statement: The problem.
-        tube: Holds every admissible trajectory.
-        filters: One for each pruning.
+        tube: Tube that holds every admissible trajectory.
+        filters: A filter for each pruning.
     """
 
     statement: Statement
@@ -51,7 +51,7 @@ class Region:
         return Region(self.statement, self.tube, (*self.filters, more))
 
     def outside(self, lower: Array, upper: Array) -> Mask:
-        """Return which boxes have surely no point of the set, shape (m,).
+        """Return which boxes certainly have no point of the set, shape (m,).
 
         Args:
             lower: Lower corners of boxes of (t, x), shape (1 + n, m); further
@@ -119,16 +119,16 @@ class Region:
         return Box.around(lower.min(axis=1), upper.max(axis=1))
 
     def sampled(self, rng: np.random.Generator, count: int) -> Array:
-        """Return points of the set, shape (1 + n, <= count), about even in volume."""
+        """Return points of the set, (1 + n, <= count), almost uniform in volume."""
         lower, upper = self.paving
         volume = np.prod(np.maximum(upper - lower, 1e-300), axis=0)
-        # Small boxes count, too: early times have little volume and much weight.
+        # Small boxes count too: early times have little volume but matter much.
         weight = 0.7 * volume / volume.sum() + 0.3 / volume.size
         chosen = rng.choice(volume.size, size=count, p=weight)
         low, high = lower[:, chosen], upper[:, chosen]
         part = np.clip(1.2 * rng.random(low.shape) - 0.1, 0.0, 1.0)
         points = low + part * (high - low)
-        # A polynomial fails first where the set ends: at the last time most of all.
+        # A polynomial fails first at the ends of the set, above all at the last time.
         last = np.flatnonzero(upper[0] >= upper[0].max())
         chosen = rng.choice(last, size=count // LAST)
         part = rng.random((len(lower), chosen.size))
@@ -153,7 +153,7 @@ class Region:
         return EndSet(self.statement)
 
     def outside_ends(self, lower: Array, upper: Array) -> Mask:
-        """Return which boxes have surely no admissible end."""
+        """Return which boxes certainly have no admissible end."""
         out = self._ends.outside(lower, upper)
         left = np.flatnonzero(~out)
         if left.size:
@@ -170,21 +170,21 @@ class Region:
 
 
 class Rows:
-    """Expressions that are to be at most 0, over boxes and at points."""
+    """Expressions that must be at most 0, over boxes and at points."""
 
     def __init__(self, expressions: Sequence[ca.SX], point: ca.SX) -> None:
-        """Compile them; there is at least one."""
+        """Compile the expressions, at least one."""
         self.column = ca.densify(ca.vertcat(*expressions))
         self._function = ca.Function("rows", [point], [self.column])
         self._intervals = interval_function(self._function)
 
     def broken(self, lower: Array, upper: Array) -> Mask:
-        """Return in which boxes a row is surely above 0 everywhere, shape (m,)."""
+        """Return the boxes in which a row is certainly above 0 everywhere, (m,)."""
         least, _ = self._intervals(lower, upper)
         return np.asarray((least > 0).any(axis=0))
 
     def kept(self, points: Array) -> Mask:
-        """Return at which points all rows are at most 0, shape (N,)."""
+        """Return the points at which all rows are at most 0, as a mask (N,)."""
         return np.asarray((np.array(self._function(points)) <= 0).all(axis=0))
 
 
@@ -201,7 +201,7 @@ class EndSet:
             self._linear = _of_one_coordinate(self._rows.column, statement.point)
 
     def outside(self, lower: Array, upper: Array) -> Mask:
-        """Return which boxes have surely no such point, shape (m,)."""
+        """Return which boxes certainly have no such point, shape (m,)."""
         earliest, latest = self._statement.horizon
         out = (upper[0] < earliest) | (lower[0] > latest)
         if self._rows is not None:
@@ -217,7 +217,7 @@ class EndSet:
         return np.asarray(within)
 
     def narrowed(self, lower: Array, upper: Array) -> tuple[Array, Array]:
-        """Return boxes within which all such points of the given ones are.
+        """Return smaller boxes that still hold all such points of the given ones.
 
         A constraint of a single coordinate, linear in it, cuts a box exactly.
         """
@@ -234,7 +234,7 @@ class EndSet:
 
 
 def _of_one_coordinate(column: ca.SX, point: ca.SX) -> list[tuple[int, float, float]]:
-    """Return coordinate, slope and constant of rows that are linear in one alone."""
+    """Return coordinate, slope and constant of rows linear in a single coordinate."""
     slopes = ca.jacobian(column, point)
     zero = ca.Function("zero", [point], [column])(ca.DM.zeros(point.shape))
     found = []
@@ -251,12 +251,12 @@ class Filter:
     """The points of a set that a pruning leaves."""
 
     def __init__(self, statement: Statement, pruning: Pruning, known: float) -> None:
-        """Find the derivatives of the cost through a point.
+        """Form the derivatives of the cost through a point.
 
         Args:
             statement: The problem.
             pruning: Its steps.
-            known: The cost compared with.
+            known: The cost to compare with.
         """
         come, go = pruning.come, pruning.go
         self._pruning = pruning

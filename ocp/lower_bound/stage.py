@@ -1,7 +1,7 @@
-"""The problem in numbers at many points: rates, costs, and the control that is best.
+"""The problem in numbers at many points: rates, costs and the best control.
 
-What is here is not rigorous: it makes rows of linear programs and finds points at which
-a polynomial fails. The proof stands on intervals alone.
+These numbers are not rigorous: they make rows of linear programs and find points at
+which a polynomial fails. The proof depends on intervals alone.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class Stage:
     """Rates and costs of a problem at points."""
 
     def __init__(self, statement: Statement, affine: Affine | None) -> None:
-        """Compile them; affine: the problem in that form, if it has one."""
+        """Compile rates and costs; `affine` is the problem in that form, if any."""
         self._statement, self._affine = statement, affine
         point, u = statement.point, statement.controls
         rates = ca.densify(ca.vertcat(statement.rate, statement.stage))
@@ -46,15 +46,16 @@ class Stage:
     def hamiltonian(
         self, slopes: Array, points: Array, u: Array | None = None
     ) -> tuple[Array, Array]:
-        """Return h and the controls that make it least.
+        """Return h and the controls that minimise it.
 
         Args:
-            slopes: Of V, shape (1 + n, N).
+            slopes: Derivatives of V, shape (1 + n, N).
             points: Shape (1 + n, N).
-            u: Controls to take, shape (m, N); None: the best.
+            u: Controls to use, shape (m, N); None means the best ones.
 
         Returns:
-            h, shape (N,), not finite where the problem is not; controls, (m, N).
+            h, shape (N,), not finite at points at which the problem is not finite;
+            controls, (m, N).
         """
         if u is None:
             u = self._best(slopes, points)
@@ -95,7 +96,7 @@ class Stage:
         return np.array(list(itertools.product(*axes))).reshape(-1, m)
 
     def _refined(self, slopes: Array, points: Array, u: Array, h: Array) -> Array:
-        """Return controls of lower h, by steps along each control that get shorter."""
+        """Return controls of lower h, by shrinking steps along each control."""
         low, high = (limit[:, None] for limit in self._statement.control_box)
         step = (high - low) / (GRID - 1)
         for _ in range(6):

@@ -1,13 +1,13 @@
-"""The control problem that a bound is proven of, with numbers in place of parameters.
+"""The control problem that a bound is proven for, with numbers in place of parameters.
 
     minimise    offset + integral of L(t, x, u) over [0, T] + phi(T, x(T))
     subject to  x' = f(t, x, u),  x(0) = x0,  u(t) in a box at all times,
                 g(t, x) <= 0 at all times, e(T, x(T)) <= 0,  T in [earliest, latest]
 
-over all measurable u, so that the bound holds for controls that are held, linear, whole
-numbers or of any other shape, too. States are divided by their sizes; a maximised cost
-is taken times -1. Every limit is widened by the tolerance with which the problem's
-answers keep it.
+over all measurable u, so that the bound also holds for controls that are held,
+piecewise linear, integer or of any other shape. States are divided by their sizes; a
+maximised cost is multiplied by -1. Every limit is widened by the tolerance of the
+problem's answers.
 """
 
 from __future__ import annotations
@@ -37,12 +37,12 @@ class Statement:
             its size.
         horizon: Earliest and latest end [s].
         control_box: Lower and upper bounds of the controls, each (m,), finite.
-        state_box: Lower and upper bounds of the states, each (n,), infinite where there
-            are none; admissible trajectories keep them at all times.
+        state_box: Lower and upper bounds of the states, each (n,), infinite if missing;
+            admissible trajectories keep them at all times.
         path: Expressions g(t, x) that are at most 0 at all times.
         ends: Expressions e(t, x) that are at most 0 at the end, t its time.
         offset: Cost that no decision changes.
-        sense: 1 of a minimised cost, -1 of a maximised one.
+        sense: 1 for a minimised cost, -1 for a maximised one.
     """
 
     time: ca.SX
@@ -79,7 +79,7 @@ class Statement:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Affine:
-    """A problem whose dynamics are affine in the controls, whose cost is separable.
+    """A problem with dynamics affine in the controls and a separable cost.
 
         f = drift + sum of columns[k] u_k,    L = stage + sum of (c_k u_k + q_k u_k^2)
 
@@ -87,7 +87,7 @@ class Affine:
 
     Attributes:
         drift: Shape (n, 1), of (t, x).
-        columns: One for each control, shape (n, 1), of (t, x).
+        columns: A column for each control, shape (n, 1), of (t, x).
         stage: Scalar, of (t, x).
         linear: c, shape (m,).
         quadratic: q, shape (m,).

@@ -1,4 +1,4 @@
-"""A problem of this library as a control problem in numbers, if it is one."""
+"""Conversion of a problem of this library to a `Statement`, if that is possible."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ _SMOOTH = frozenset(
     "add sub mul div neg exp log pow constpow sqrt sq twice sin cos tan asin acos atan "
     "inv sinh cosh tanh asinh acosh atanh log1p expm1 erf hypot assign".split()
 )
-"""Operations that their derivatives say all of."""
+"""Operations that are determined by their derivatives: without kinks and jumps."""
 
 
 class NoBoundError(SwarmstartError):
-    """A problem that no bound can be proven of here, with the reason."""
+    """A problem for which no bound can be proven here, with the reason."""
 
 
 def statement_of(
@@ -42,8 +42,8 @@ def statement_of(
         known: Parameters, and the time at the start.
 
     Raises:
-        NoBoundError: If it is none that a bound can be proven of: with the reason.
-        InvalidProblemError: If a shape is not the problem's.
+        NoBoundError: If no bound can be proven for it; the message has the reason.
+        InvalidProblemError: If a shape does not fit the problem.
     """
     reason = _reason_for_none(problem)
     if reason:
@@ -69,7 +69,7 @@ def statement_of(
 
 
 def _reason_for_none(problem: OptimalControlProblem) -> str:
-    """Return why nothing can be proven of a problem; empty if there is a way."""
+    """Return why no bound can be proven for a problem; empty if one can."""
     model = problem.model
     if model.nx > MOST_STATES:
         return f"{model.nx} states, at most {MOST_STATES} are possible"
@@ -102,7 +102,7 @@ def _reason_for_none(problem: OptimalControlProblem) -> str:
 
 
 class _Maker:
-    """Puts numbers and sizes into the expressions of a problem."""
+    """Substitution of numbers and sizes into the expressions of a problem."""
 
     def __init__(self, pair: Lowered, known: Known, sizes: Sizes, start: Array) -> None:
         self._problem, model = pair.stated, pair.stated.model
@@ -135,7 +135,7 @@ class _Maker:
         )
         first = [ca.vertcat(self._time, self._states)]
         at_start = np.concatenate([[0.0], self._start / self._scale])
-        # The stated costs are as the user has them: maximised ones are turned round.
+        # The stated costs are those of the user, so maximised ones change sign.
         stage, end, start = (
             problem.sense * self._numbers(cost)
             for cost in (
@@ -171,14 +171,14 @@ class _Maker:
     def _row_scales(self) -> dict[int, Array]:
         """Return the sizes of the rows of each constraint, by its id.
 
-        They are those that answers are verified by; the core has as many constraints.
+        Answers are verified with the same sizes; the core has as many constraints.
         """
         problem = self._problem
         every = [*problem.path_constraints, *problem.terminal_constraints]
         return {id(c): rows for c, rows in zip(every, self._sizes.rows, strict=False)}
 
     def _room(self, scales: dict[int, Array]) -> Array:
-        """Return by how much an answer may be beyond the bounds of the states."""
+        """Return the tolerances by which an answer may exceed the states' bounds."""
         problem = self._problem
         room = problem.path_tolerance * self._scale
         for one in problem.path_constraints[len(problem.stated) :]:
@@ -190,9 +190,9 @@ class _Maker:
     ) -> Iterator[ca.SX]:
         """Yield the rows of constraints, widened by the tolerance of answers.
 
-        Answers are verified by the rows themselves: the smooth ones may have a margin.
-        Rows that depend on the controls are left out: more is admissible then, and the
-        bound no higher.
+        Answers are verified by the rows themselves, not by the smooth ones, which may
+        have a margin. Rows that depend on the controls are left out: this admits more
+        trajectories, so that the bound stays valid.
         """
         free = ca.vertcat(self._problem.model.controls, self._problem.previous)
         for constraint in constraints:
@@ -207,13 +207,13 @@ class _Maker:
 
 
 def _between(number: ca.SX, lower: float, upper: float) -> Iterator[ca.SX]:
-    """Yield what is at most 0 where a number is between limits.
+    """Yield expressions that are at most 0 if a number is between its limits.
 
     A distance is compared by its square, which is smooth at 0 too.
     """
     if number.is_op(ca.OP_SQRT):
         lower = lower**2 if lower > 0 else -np.inf
-        # Nothing is nearer than 0: an upper limit below stays one that none keeps.
+        # No distance is below 0: a negative upper limit must stay infeasible.
         upper = upper**2 if upper >= 0 else upper
         number = number.dep(0)
     if np.isfinite(upper):
@@ -225,7 +225,7 @@ def _between(number: ca.SX, lower: float, upper: float) -> Iterator[ca.SX]:
 def _starts_outside(statement: Statement) -> bool:
     """Return whether the start breaks a bound of the states or a path constraint.
 
-    An answer may then break it until it keeps it for the first time.
+    An answer may then violate it until it satisfies it for the first time.
     """
     low, high = statement.state_box
     x0 = statement.x0
@@ -238,10 +238,10 @@ def _starts_outside(statement: Statement) -> bool:
 
 
 def affine_form(statement: Statement) -> Affine | None:
-    """Return a problem in affine form; None if it has none.
+    """Return a problem in affine form; None if it has no such form.
 
-    The dynamics must be affine in the controls, the stage cost a sum of a number times
-    u and a number, at least 0, times u^2, for each control.
+    The dynamics must be affine in the controls. The stage cost must have, for each
+    control, a number times u and a number of at least 0 times u^2.
     """
     u, f, L = statement.controls, statement.rate, statement.stage
     zero = ca.SX.zeros(u.shape)
@@ -272,7 +272,7 @@ def affine_form(statement: Statement) -> Affine | None:
 def _has_kinks(column: ca.SX, u: ca.SX) -> bool:
     """Return whether a kink or a jump depends on the controls.
 
-    Derivatives say nothing of these: that of |u| does not depend on u.
+    Derivatives do not show these: that of |u| does not depend on u.
     """
     function = ca.Function("column", [u, *_others(column, u)], [ca.densify(column)])
     tape = expanded_tape(function)
@@ -288,7 +288,7 @@ def _has_kinks(column: ca.SX, u: ca.SX) -> bool:
 
 
 def _others(column: ca.SX, u: ca.SX) -> list[ca.SX]:
-    """Return the symbols of an expression but those given."""
+    """Return the symbols of an expression without those given."""
     given = {one.element_hash() for one in ca.symvar(u)}
     return [one for one in ca.symvar(column) if one.element_hash() not in given]
 

@@ -1,12 +1,12 @@
 """The polynomial of a step: a linear program over cuts, then a proof that finds cuts.
 
-Each round solves for the coefficients, looks for points where they fail, by samples
-while these find many and by the proof from then on, and adds a row for each point with
-the control that is worst there. What a proof leaves over is taken off the bound, so
-that every finished proof gives a bound.
+Each round solves for the coefficients, then looks for points at which the inequality
+fails: by samples as long as these find many, after that by the proof. It adds a row for
+each such point, with the worst control there. The slack of a proof is subtracted from
+the bound, so that every finished proof gives a bound.
 
-A linear program is over the whole set at once: rows are kept, since clusters of new
-ones would otherwise push binding ones out, and the value would swing.
+A linear program covers the whole set at once. Old rows are kept: otherwise clusters of
+new ones would displace binding ones, and the value would oscillate.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ from swarmstart.ocp.lower_bound.statement import Affine, Statement
 
 Array = NDArray[np.float64]
 Aim = Literal["start", "come", "go"]
-"""What is maximised: V at the start, or what prunes: see evidence.py."""
+"""Objective of a step: V at the start, or the pruning by C or G; see evidence.py."""
 MOST_ROWS = 15_000
 LARGEST = 1e4
-"""Of coefficients, in units of the cost's size."""
+"""Largest coefficient, in units of the cost's size."""
 SAMPLES = 15_000
 WORST = 400
 RADII = (0.05, 0.015, 0.005, 0.0015)
@@ -44,23 +44,23 @@ LITTLE = 0.05
 MOST_BOXES = 3_000_000
 MOST_END_BOXES = 100_000
 PROOF_TIME = 0.2
-"""Of the time that is left."""
+"""Fraction of the remaining time for a proof."""
 PATIENCE = 4
-"""Rounds without a proof, however far off the samples are."""
+"""Largest number of rounds without a proof, whatever samples say."""
 BINDING = 1e-9
-"""Dual from which on a row is never dropped."""
+"""Least dual variable at which a row is never dropped."""
 SHARE_OF_ENDS = 0.1
-"""Of the slack hoped for: that at the end."""
+"""Fraction of the target slack that is for the end."""
 
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """A problem as the steps need it.
+    """A problem in all forms that the steps need.
 
     Attributes:
         statement: The problem.
-        affine: The same in affine form, if it has one.
-        stage: Its numbers.
+        affine: The problem in affine form, if it has one.
+        stage: Its rates and costs at points.
         size: Size of its costs, > 0.
     """
 
@@ -71,10 +71,10 @@ class Setting:
 
 
 class Forms:
-    """What is derived once for all polynomials of a degree."""
+    """The inequalities, derived once for all polynomials of a degree."""
 
     def __init__(self, setting: Setting, degree: int) -> None:
-        """Find the derivatives; see Inequality."""
+        """Form the derivatives; see Inequality."""
         statement = setting.statement
         self.basis = Basis(1 + statement.n, degree)
         self.inequality = Inequality(statement, setting.affine, self.basis)
@@ -86,7 +86,7 @@ class Forms:
 
 @dataclass(frozen=True, eq=False)
 class Cuts:
-    """Points at which the inequalities are rows.
+    """Points whose inequalities are rows of the linear program.
 
     Attributes:
         points: (t, x, u), shape (1 + n + m, N).
@@ -97,7 +97,7 @@ class Cuts:
     ends: Array
 
     def joined(self, points: Array, ends: Array) -> Cuts:
-        """Return these and more."""
+        """Return these points and further ones."""
         return Cuts(np.hstack([self.points, points]), np.hstack([self.ends, ends]))
 
 
@@ -106,11 +106,11 @@ class Round:
     """The outcome of a round.
 
     Attributes:
-        step: What was proven; None where a proof was not tried or did not end.
-        value: Value of the linear program: what the step would give without slack.
-        share: Of a step that prunes, the part of the set that it cuts off.
+        step: The proven step; None if a proof was not tried or did not end.
+        value: Value of the linear program: the bound of the step without slack.
+        share: Fraction of the set that a pruning step cuts off.
         cuts: All points so far.
-        converged: Whether no better step of this degree is to be expected.
+        converged: Whether no better step of this degree can be expected.
     """
 
     step: Step | None
@@ -127,12 +127,12 @@ class Search:
     Attributes:
         setting: The problem.
         region: The set.
-        forms: Of the degree.
-        aim: What is maximised.
-        hoped: Slack hoped for [cost / s].
-        rng: Draws the samples.
-        until: At which time it ends, of `time.perf_counter` [s].
-        needed: Of what prunes: points (1 + n, N) -> the value that is enough there.
+        forms: Inequalities of the degree.
+        aim: Objective.
+        hoped: Target of the slack [cost / s].
+        rng: Source of randomness of the samples.
+        until: Time of `time.perf_counter` at which it ends [s].
+        needed: For a pruning step: points (1 + n, N) -> value that cuts a point off.
     """
 
     setting: Setting
@@ -146,7 +146,7 @@ class Search:
     box: Box = field(init=False)
 
     def __post_init__(self) -> None:
-        """Find the box that the polynomial is scaled to."""
+        """Compute the box that the polynomial is scaled to."""
         self.box = self.region.box
         basis, statement = self.forms.basis, self.setting.statement
         start = np.concatenate([[0.0], statement.x0])[:, None]
@@ -163,20 +163,20 @@ class Search:
             )
 
     def _objective(self) -> Array:
-        """Return what is maximised, shape (size,)."""
+        """Return the coefficients of the objective, shape (size,)."""
         if self.aim == "start":
             return self._at_start
         return np.asarray(self._weights @ self._aims / self._weights.sum())
 
     def _weigh(self, w: Array) -> None:
-        """Let points count less that have more than they need to be cut off."""
+        """Reduce the weight of points that are cut off already."""
         if self.aim != "start":
             value = self._aims @ w
             wanted = np.where(value > self._enough, LITTLE, 1.0)
             self._weights = (self._weights + wanted) / 2
 
     def _share(self, w: Array, loss: float) -> float:
-        """Return the share of the points that a step cuts off."""
+        """Return the fraction of the points that a step cuts off."""
         return float((self._aims @ w - loss > self._enough).mean())
 
     @property
@@ -206,16 +206,16 @@ class Search:
         chosen = self.rng.integers(0, lower.shape[1], size=count)
         part = np.clip(1.2 * self.rng.random((len(lower), count)) - 0.1, 0.0, 1.0)
         points = lower[:, chosen] + part * (upper - lower)[:, chosen]
-        # Ends of measure zero have no samples inside: their boxes are small.
+        # A set of ends of measure zero contains no samples, but its boxes are small.
         within = self.region.inside_ends(points)
         return points[:, within] if within.sum() > count / 20 else points
 
     def rounds(self, cuts: Cuts | None, useless: float = -np.inf) -> Iterator[Round]:
-        """Yield rounds, better and better, until there is no more to gain.
+        """Yield better and better rounds until they do not improve any more.
 
         Args:
-            cuts: Points of earlier searches; None: samples.
-            useless: Value of the aim at or below which a proof is of no use.
+            cuts: Points of earlier searches; None means samples.
+            useless: Value of the objective at or below which a proof is useless.
         """
         rows = _Rows(self, cuts or self.first_cuts())
         best = useless
@@ -229,7 +229,7 @@ class Search:
             number += 1
             step, converged = None, False
             latest = self.setting.statement.horizon[1]
-            # What prunes is weighed anew in each round: its values do not compare.
+            # Pruning steps get new weights in each round, so values do not compare.
             compares = self.aim == "start" and np.isfinite(best)
             room = (value - best) / latest if compares else np.inf
             enough = max(4 * self.hoped, min(0.5 * room, 0.1 * self.setting.size))
@@ -277,9 +277,9 @@ class Search:
         return _Failing(np.vstack([points, u])[:, chosen], ends, lowest)
 
     def _descended(self, w: Array, points: Array) -> Array:
-        """Return points moved to where h is less, by steps at random, and the tracks.
+        """Return points moved by random steps to lower h, with all points on the way.
 
-        A minimum that is met as a row is cut off for good; a point beside it is not.
+        A row at a minimum of h removes the minimum; a row beside it does not.
         """
         low, high = self.box.middle - self.box.half, self.box.middle + self.box.half
         tracks = []
@@ -309,7 +309,7 @@ class Search:
 
         Returns:
             The step, if both proofs ended; points and ends at which it fails; whether
-            nothing was met at all.
+            there are no such points.
         """
         polynomial = self.forms.basis.polynomial(self.box, w)
         parameters = packed(polynomial)
@@ -376,12 +376,12 @@ class Search:
         )
 
     def _soon(self) -> float:
-        """Return when a proof is to end: one must leave time for others."""
+        """Return the time at which a proof must end, to leave time for others."""
         now = clock.perf_counter()
         return now + max(1.0, PROOF_TIME * (self.until - now))
 
     def _thinned(self, points: Array, w: Array) -> Array:
-        """Return counterexamples with their worst controls, the lowest and some."""
+        """Return the lowest and some other counterexamples, with worst controls."""
         n, most = self.setting.statement.n, 1500
         if points.shape[1] > most:
             others = self.rng.permutation(np.arange(most // 3, points.shape[1]))
@@ -405,7 +405,7 @@ class _Failing:
 
 
 def loss_of(step: Step, latest: float) -> float:
-    """Return what a step's slacks take off the bound."""
+    """Return the loss of the bound by a step's slacks."""
     return step.slack * latest + (step.end_slack or 0.0)
 
 
@@ -425,7 +425,7 @@ class _Rows:
         self.add(cuts.points, cuts.ends)
 
     def add(self, points: Array, ends: Array) -> None:
-        """Add cuts; those where the problem is not finite are left out."""
+        """Add cuts, except at points at which the problem is not finite."""
         search = self._search
         basis, box, stage = search.forms.basis, search.box, search.setting.stage
         n = search.setting.statement.n
@@ -445,7 +445,7 @@ class _Rows:
         self.cuts = self.cuts.joined(points[:, good], kept_ends)
 
     def solved(self, objective: Array) -> Array:
-        """Return the best coefficients; rows of much slack are dropped if too many."""
+        """Return the best coefficients; drop loose rows if there are too many."""
         size, m = self._search.setting.size, self._A.shape[1]
         bounds = np.vstack([np.eye(m), -np.eye(m)])
         A = np.vstack([self._A, -self._E, bounds])

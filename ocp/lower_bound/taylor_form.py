@@ -5,8 +5,8 @@ About the middle m of a box, d = y - m, |d_i| <= r_i,
     q(y) = q(m) + g'd + d'Hd / 2 + R,
     |R| <= sum over i <= j <= k of (number of orders of ijk) |q_ijk| r_i r_j r_k / 6
 
-g and H in intervals at m, the third derivatives over the whole box. The coefficients of
-a polynomial in q are inputs, so that the derivatives are found once.
+with g and H in intervals at m, and third derivatives over the whole box. Coefficients
+of a polynomial in q are inputs, so that the derivatives are formed once.
 
 Source: Neumaier (1990), Interval Methods for Systems of Equations.
 """
@@ -25,7 +25,7 @@ from swarmstart.terminal_set.intervals import IntervalEvaluation, interval_funct
 
 Array = NDArray[np.float64]
 PADDING = 1e-12
-"""Of sums of products, relative to the sum of their sizes: more than their rounding."""
+"""Padding of sums of products, relative to the sum of their sizes; above rounding."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,14 +33,14 @@ class Expansion:
     """Functions about the middles of m boxes; k functions of d coordinates.
 
     Attributes:
-        reach: How far the boxes reach from their middles, shape (d, m).
-        value: Of each function, shape (k, m).
-        value_radius: By how much the values may be off, shape (k, m).
-        slope: Shape (k, d, m).
+        reach: Half widths of the boxes, shape (d, m).
+        value: Value of each function at the middle, shape (k, m).
+        value_radius: Error bounds of the values, shape (k, m).
+        slope: First derivatives, shape (k, d, m).
         bend: Second derivatives, one for each pair i <= j, shape (k, pairs, m).
-        rest: What is left over: third order, and the radii of slopes and bends, times
-            the reach, shape (k, m).
-        pull: The part of `rest` that each coordinate has, shape (k, d, m).
+        rest: Remainder: third order, and the radii of slopes and bends times the reach,
+            shape (k, m).
+        pull: Part of `rest` that belongs to each coordinate, shape (k, d, m).
     """
 
     reach: Array
@@ -58,12 +58,12 @@ class TaylorForm:
     def __init__(
         self, functions: Sequence[ca.SX], point: ca.SX, parameters: ca.SX
     ) -> None:
-        """Find the derivatives.
+        """Form the derivatives.
 
         Args:
             functions: Scalars in the point and the parameters.
             point: Coordinates of the boxes, shape (d, 1).
-            parameters: Numbers that are given with the boxes, shape (p, 1).
+            parameters: Symbols of numbers given with the boxes, shape (p, 1).
 
         Raises:
             UnknownIntervalOperationError: If an operation has no interval form, or its
@@ -162,7 +162,7 @@ def least_quadratic(
 ) -> tuple[Array, Array]:
     """Return lower bounds of g'd + d'Hd / 2 over |d| <= reach, without rounding.
 
-    Each axis alone is exact; what axes share is subtracted in its largest size.
+    Each axis alone is exact; mixed terms are subtracted at their largest size.
 
     Args:
         slope: g, shape (d, m).
@@ -171,7 +171,7 @@ def least_quadratic(
         pairs: The pairs.
 
     Returns:
-        Bounds, shape (m,); by how much each axis makes the function spread, (d, m).
+        Bounds, shape (m,); variation of the function along each axis, (d, m).
     """
     total, spread = np.zeros(reach.shape[1]), np.zeros_like(reach)
     for number, (i, j) in enumerate(pairs):

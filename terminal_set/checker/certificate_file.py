@@ -1,7 +1,7 @@
-"""Reader of certificate files: their shape is judged, entry by entry.
+"""Reader of certificate files, which validates every entry.
 
-Every entry is a number, a list or one of a few known words; nothing is run, and text
-that could say more than is proven (`statements.py`) is refused.
+Every entry is a number, a list or one of a few known words. Nothing is executed, and
+text that could claim more than is proven (`statements.py`) is refused.
 """
 
 from __future__ import annotations
@@ -54,24 +54,26 @@ class Certificate:
     Attributes:
         tape: Instructions (operation, operands, constant); the number of an instruction
             is the index of its result.
-        xdot: Indices into the tape, one a state.
+        xdot: Indices into the tape, one for each state.
         x_ref: Reference state, shape (nx,).
         u_ref: Reference input, shape (nu,).
         bounds: "u_lower", "u_upper", "x_lower", "x_upper"; None if missing.
         K: Gain of u = u_ref - K e, shape (nu, nx).
         P: Matrix of V(e) = e'Pe, shape (nx, nx).
         alpha: Level: the set is V(e) <= alpha.
-        core: Level within which the drift of a rounded reference may undo the decrease.
-        drift: That drift, relative to the core's radius; 1/s or, held, a share.
-        dt: Time for which an input is held [s]; None: continuous.
-        substeps: Runge-Kutta steps a hold; None: continuous.
+        core: Level within which the drift of a rounded reference may cancel the
+            decrease.
+        drift: That drift, relative to the core's radius; in 1/s, or a fraction per hold
+            for a held input.
+        dt: Time for which an input is held [s]; None if it is continuous.
+        substeps: Number of Runge-Kutta steps in a hold; None for a continuous input.
         Q_m: Reserve e'Q_m e of the decrease, shape (nx, nx).
-        integrator: Relative error of the Runge-Kutta map; None: none stated.
-        integrator_proven: Whether that is labelled proven by the library, whose proof
-            is not repeated here.
-        growth: Bound of V between samples, relative to V; None: none stated.
+        integrator: Relative error of the Runge-Kutta map; None if not stated.
+        integrator_proven: Whether it is labelled proven by the library, whose proof is
+            not repeated here.
+        growth: Bound of V between samples, relative to V; None if not stated.
         growth_proven: Whether `growth` is labelled proven.
-        refuted: Level and point of a counterexample; None: none known.
+        refuted: Level and point of a counterexample; None if none is known.
     """
 
     tape: tuple[Instruction, ...]
@@ -105,17 +107,17 @@ class Certificate:
 
 
 def read_certificate(path: Path) -> Certificate:
-    """Read a certificate, compare its digest, judge its shape.
+    """Read a certificate, compare its digest and validate its entries.
 
     Args:
         path: The file.
 
     Returns:
-        What it states.
+        The statements of the certificate.
 
     Raises:
         OSError: If the file cannot be read.
-        CertificateFileError: If it is no certificate that can be judged.
+        CertificateFileError: If it is not a valid certificate.
         DigestError: If it was changed after it was written.
     """
     return _certificate(read_content(path))
@@ -138,7 +140,7 @@ def _number(value: object, where: str) -> float:
         number = float(value)
     except OverflowError:
         raise unusable(where, "a finite number", value) from None
-    # An integer past 2^53 would be another number than the one that was written.
+    # An integer above 2^53 would be read as another number than the written one.
     if not math.isfinite(number) or number != value:
         raise unusable(where, "a finite number of double precision", value)
     return number
@@ -275,7 +277,7 @@ def _substeps(value: object, *, held: bool) -> int | None:
     if held:
         return _integer(value, "substeps", 1, MOST_SUBSTEPS)
     if value is not None:
-        raise unusable("substeps", "null where dt is null", value)
+        raise unusable("substeps", "null if dt is null", value)
     return None
 
 
@@ -291,7 +293,7 @@ def _margins(value: object, *, held: bool) -> _Margins:
     if not held:
         for name, margin in margins.items():
             if margin is not None:
-                raise unusable(f"margins.{name}", "null where dt is null", margin)
+                raise unusable(f"margins.{name}", "null if dt is null", margin)
     error = growth = None
     taken = proven = False
     if margins["integrator"] is not None:
@@ -334,7 +336,7 @@ def _refuted(value: object, *, nx: int) -> Refuted | None:
 
 
 def _check_remarks(content: dict[str, object], *, nx: int, nu: int) -> None:
-    # Design and proof say where the numbers came from; nothing rests on them.
+    # Design and proof describe the origin of the numbers; the check ignores them.
     design = _mapping(content["design"], "design", {"name", "Q", "R", "kappa"})
     _text(design["name"], "design.name")
     _optional(design["Q"], "design.Q", lambda v, w: _matrix(v, w, nx, nx))
@@ -346,7 +348,7 @@ def _check_remarks(content: dict[str, object], *, nx: int, nu: int) -> None:
 
 
 def _check_statements(value: object, *, certificate: Certificate) -> None:
-    # A reader takes "proven" in the file for what the checker proved.
+    # A reader would take the word "proven" in the file for the checker's own verdict.
     known = expected_statements(
         held=certificate.dt is not None,
         integrator_proven=certificate.integrator_proven,

@@ -24,13 +24,13 @@ ROUNDING = 1e-9  # relative; alpha may be a bound itself, computed in floats
 
 
 def check_matrices(certificate: Certificate) -> list[Finding]:
-    """P is symmetric positive definite, Q_m symmetric and takes nothing away.
+    """Check that P is symmetric positive definite, and Q_m symmetric semidefinite.
 
     Args:
-        certificate: What the file states.
+        certificate: The statements of the file.
 
     Returns:
-        One finding a matrix.
+        A finding for each matrix.
     """
     P = symmetric(certificate.P)
     is_zero = not any(entry for row in certificate.Q_m for entry in row)
@@ -51,13 +51,13 @@ def check_matrices(certificate: Certificate) -> list[Finding]:
 
 
 def check_bounds(certificate: Certificate) -> list[Finding]:
-    """Inputs and states stay within their bounds on the whole set.
+    """Check that inputs and states stay within their bounds on the whole set.
 
     Args:
-        certificate: What the file states; P positive definite.
+        certificate: The statements of the file; P positive definite.
 
     Returns:
-        One finding a bound that exists.
+        A finding for each bound that exists.
     """
     inverse = symmetric(certificate.P).inv()
     bounds = certificate.bounds
@@ -82,13 +82,13 @@ def check_bounds(certificate: Certificate) -> list[Finding]:
 
 
 def reserve(certificate: Certificate) -> arb_mat:
-    """Q_m, raised by what its rounding may have taken away; 0 stays 0.
+    """Return Q_m, raised by a bound of its rounding; 0 stays 0.
 
     Args:
-        certificate: What the file states.
+        certificate: The statements of the file.
 
     Returns:
-        The matrix that is to be semidefinite and that the decrease has in reserve.
+        The matrix that must be semidefinite and that the decrease has in reserve.
     """
     size = max(abs(entry) for row in certificate.Q_m for entry in row)
     raised = identity(certificate.nx) * (arb(ROUNDING) * arb(size))
@@ -96,10 +96,10 @@ def reserve(certificate: Certificate) -> arb_mat:
 
 
 def relative_error(certificate: Certificate) -> arb:
-    """Distance of a hold's end from the Runge-Kutta map's, relative to |e|_P.
+    """Return the distance of a hold's end from the Runge-Kutta map's, over |e|_P.
 
     Args:
-        certificate: What the file states; held.
+        certificate: The statements of the file; held.
 
     Returns:
         The error of the map and the drift of the reference.
@@ -128,7 +128,7 @@ def _rooms(
     findings: list[Finding],
     name: str,
 ) -> Iterator[tuple[int, arb]]:
-    """The smaller side of each bounded entry; an entry outside is a finding."""
+    """Return the smaller side of each bounded entry; an entry outside is a finding."""
     for i, (value, low, high) in enumerate(zip(reference, lower, upper, strict=True)):
         sides = [] if low is None else [arb(value) - arb(low)]
         sides += [] if high is None else [arb(high) - arb(value)]

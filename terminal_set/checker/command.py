@@ -29,12 +29,12 @@ def parsed(
     """Return the options: `file` and `seconds`.
 
     Args:
-        arguments: Of the command line; None: those of the process.
-        program: How the command is called.
-        description: What it does.
+        arguments: Arguments of the command line; None means those of the process.
+        program: Name of the command.
+        description: Description of the command.
 
     Raises:
-        SystemExit: With UNUSABLE, if they are not such.
+        SystemExit: With code UNUSABLE, if they are invalid.
     """
     parser = _Parser(
         prog=program,
@@ -56,13 +56,13 @@ def checked(
     judged: Callable[[T], Iterable[Finding]],
     said: Callable[[T], str],
 ) -> int:
-    """Check one file, print a line a statement and a verdict.
+    """Check one file; print a line for each statement, and a verdict.
 
     Args:
-        options: Of `parsed`.
-        read: Reads a file.
+        options: Options from `parsed`.
+        read: Function that reads a file.
         judged: A certificate -> its findings, within the seconds.
-        said: A certificate -> the verdict, if all of it was proven again.
+        said: A certificate -> the verdict, if everything was proven again.
 
     Returns:
         The exit code.
@@ -75,7 +75,7 @@ def checked(
     except OSError as error:
         complain(f"the report cannot be written: {error.strerror}")
         if sys.stdout is not None:
-            # What is left in its buffer must not fail again when the process ends.
+            # The rest of its buffer must not fail again when the process ends.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return UNREADABLE
 
@@ -127,7 +127,7 @@ def _seconds(text: str) -> float:
 
 
 class _Parser(argparse.ArgumentParser):
-    """A parser that escapes what it quotes, such as the name of a second file."""
+    """A parser that escapes quoted text, such as the name of a second file."""
 
     def error(self, message: str) -> NoReturn:
         """Print usage and message, and exit."""

@@ -1,10 +1,10 @@
-"""Polar coordinates of an ellipsoid, and what its matrices satisfy in balls.
+"""Polar coordinates of an ellipsoid, with matrix properties checked in balls.
 
 e = rho T u with |u| = 1 and u = w/|w|, w on a face of the cube [-1, 1]^n. T = L^-T U is
 rounded: L the Cholesky factor of P, U a rotation that makes the quadratic part nearly
-diagonal. What counts is measured in balls: delta with |T'PT - I| <= delta, so that
-(1 - delta) rho^2 <= V(e) <= (1 + delta) rho^2 and rho^2 <= alpha / (1 - delta) holds on
-the whole set.
+diagonal. The proof needs delta with |T'PT - I| <= delta only, which is computed in
+balls: then (1 - delta) rho^2 <= V(e) <= (1 + delta) rho^2, and
+rho^2 <= alpha / (1 - delta) on the whole set.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _ROUNDING = 2.0**-52
 
 
 class IndefiniteError(ValueError):
-    """A matrix that must be positive definite is not, as far as balls can tell."""
+    """A matrix cannot be shown positive definite in balls."""
 
 
 def symmetric(rows: Sequence[Sequence[float]]) -> arb_mat:
@@ -46,7 +46,7 @@ def is_positive_definite(matrix: arb_mat) -> bool:
         matrix: Symmetric, shape (n, n).
 
     Returns:
-        False where balls cannot tell.
+        False also if balls cannot decide it.
     """
     n = matrix.nrows()
     factor = [[arb(0)] * n for _ in range(n)]
@@ -71,7 +71,7 @@ def root_of_inverse(matrix: arb_mat) -> Floats:
         Floats, shape (n, n).
 
     Raises:
-        IndefiniteError: If balls cannot tell that it is positive definite.
+        IndefiniteError: If it cannot be shown positive definite in balls.
     """
     if not is_positive_definite(matrix):
         raise IndefiniteError
@@ -143,15 +143,18 @@ def hull(low: float, high: float) -> arb:
 
 
 def scaled_by(a: arb, low: float, high: float) -> arb:
-    """The ball a times an interval of factors, by its ends: products of balls lose."""
+    """Return the ball a times an interval of factors, by its ends.
+
+    A product of two balls would be wider.
+    """
     return a * low if low == high else (a * low).union(a * high)
 
 
 def direction_box(w: Sequence[tuple[float, float]]) -> Balls:
     """The box around w/|w| for w in a box on a face of the cube.
 
-    Each entry w_i / sqrt(w_i^2 + r^2) grows with w_i, r the norm of the others; its
-    ends are taken in floats and moved outwards past their rounding.
+    Each entry w_i / sqrt(w_i^2 + r^2) grows with w_i, r being the norm of the others;
+    its ends are computed in floats and moved outwards by more than their rounding.
 
     Args:
         w: Intervals, one of them 1 or -1.
@@ -185,9 +188,9 @@ def direction(w: Sequence[float]) -> Balls:
 class QuadraticPart:
     """Upper bounds of u'Bu over boxes of directions.
 
-    With B nearly diagonal, u'Bu is sum_i B_ii w_i^2 / sum_i w_i^2 and little more. That
-    quotient is monotone in each w_i^2: its largest value has the w_i^2 of the largest
-    B_ii at their upper ends and the others at their lower ends, n + 1 candidates.
+    With B nearly diagonal, u'Bu is close to sum_i B_ii w_i^2 / sum_i w_i^2. That
+    quotient is monotone in each w_i^2. It is largest with the w_i^2 of the largest B_ii
+    at their upper ends and the others at their lower ends: n + 1 candidates.
     """
 
     def __init__(self, matrix: arb_mat) -> None:

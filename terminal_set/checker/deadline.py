@@ -1,4 +1,4 @@
-"""A time by which all work ends, looked at from within long evaluations."""
+"""A time by which all work must end, checked within long evaluations."""
 
 from __future__ import annotations
 
@@ -13,29 +13,29 @@ class TimeIsUpError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Deadline:
-    """A time by which work is to end.
+    """A time by which work must end.
 
     Attributes:
-        at: That time, of `time.monotonic` [s].
+        at: The time, of `time.monotonic` [s].
     """
 
     at: float
 
     @classmethod
     def after(cls, seconds: float) -> Deadline:
-        """Return the deadline so many seconds from now."""
+        """Return the deadline some seconds from now."""
         return cls(time.monotonic() + seconds)
 
     @property
     def has_passed(self) -> bool:
-        """Return whether it is later."""
+        """Return whether the time has passed."""
         return time.monotonic() > self.at
 
     def check(self) -> None:
-        """Look at the clock.
+        """Check the clock.
 
         Raises:
-            TimeIsUpError: If it is later.
+            TimeIsUpError: If the time has passed.
         """
         if self.has_passed:
             raise TimeIsUpError

@@ -1,16 +1,16 @@
-"""Branch and bound over an ellipsoid: is q(t, rho, u) < 0 everywhere?
+"""Branch and bound over an ellipsoid, to prove q(t, rho, u) < 0 everywhere.
 
 In the coordinates e = rho T u every statement on V becomes q < 0 with
   continuous       q = 2 u'Y + u'Mu,                     Y = T'P R(rho T u) / rho
   held             q = (1 + delta) |Y|^2 + u'Mu - k,     Y = T^-1 R_t(rho T u) / rho
 where R is the motion relative to the reference. Three bounds decide a box:
   1. Y = Au + rho Z with Z in the second Taylor coefficients over [0, rho]: the
-     quadratic part u'Bu is bounded nearly exactly, the rest by rho. No 0/0 at the
-     origin: this is what finishes the core.
-  2. The sign of a derivative: where q is monotone in a coordinate, only the end where
-     it is larger is looked at any further.
+     quadratic part u'Bu is bounded nearly exactly, the rest by rho. There is no 0/0 at
+     the origin, so this bound decides boxes at the centre.
+  2. The sign of a derivative: if q is monotone in a coordinate, only the end with the
+     larger q is examined further.
   3. The mean-value form around that end or the middle.
-Boxes that remain are split where |derivative| times width is largest, depth first.
+Undecided boxes are split along the largest |derivative| times width, depth first.
 """
 
 from __future__ import annotations
@@ -57,8 +57,8 @@ class Statement:
         T: Coordinates e = rho T u, shape (nx, nx).
         image: T'P (continuous) or T^-1 (held), in balls, shape (nx, nx).
         M: The reserve u'Mu, in balls, shape (nx, nx).
-        scale: 1 + delta of |Y|^2; None: continuous.
-        constant: What is added to q.
+        scale: 1 + delta of |Y|^2; None for a continuous input.
+        constant: Constant that is added to q.
         radius: Largest rho.
         times: Shortest and longest time for which inputs are held [s].
         is_counterexample: Whether the statement certainly fails at (e, t).
@@ -81,9 +81,9 @@ class Outcome:
 
     Attributes:
         proven: Whether q < 0 everywhere.
-        counterexample: A point where it certainly fails; None: none found.
-        boxes: Boxes looked at.
-        remark: Why the search stopped without a decision; "" otherwise.
+        counterexample: A point at which it certainly fails; None if none was found.
+        boxes: Number of boxes searched.
+        remark: Reason why the search stopped without a decision; "" otherwise.
     """
 
     proven: bool
@@ -116,9 +116,9 @@ class Search:
     """A branch and bound for one statement.
 
     Attributes:
-        statement: What to prove.
-        deadline: When to stop.
-        most_boxes: Boxes after which to stop.
+        statement: Statement to prove.
+        deadline: Time at which to stop.
+        most_boxes: Number of boxes at which to stop.
     """
 
     statement: Statement
@@ -128,15 +128,15 @@ class Search:
     _stages: dict[tuple[Interval, Algebra], Stages] = field(default_factory=dict)
 
     def run(self) -> Outcome:
-        """Look at boxes until all are proven, one refutes, or time is up.
+        """Examine boxes until all are proven, one refutes, or time is up.
 
         Returns:
-            How it ended.
+            The outcome.
         """
         s = self.statement
         margin = self.linear(s.times).quadratic.largest + s.constant
         if s.times[0] == s.times[1] and not margin < 0:
-            # No box around the origin can be proven: do not spend the time.
+            # No box around the origin can be proven, so give up at once.
             return Outcome(
                 proven=False,
                 counterexample=None,
@@ -186,13 +186,14 @@ class Search:
         return boxes
 
     def judge(self, box: Box) -> list[Box] | Outcome:
-        """Return what is left of a box.
+        """Return the undecided parts of a box.
 
         Args:
             box: Intervals of time, rho and w.
 
         Returns:
-            Nothing where it is proven, its parts, or the reason to stop.
+            An empty list if it is proven; its parts; or an outcome that ends the
+            search.
         """
         s = self.statement
         ray = self._ray(box)
@@ -225,7 +226,7 @@ class Search:
                 continue
             weight = float(weights[i])
             if not math.isfinite(weight):
-                # No derivative known: the relatively widest side, before all others.
+                # Without a derivative, the relatively widest side comes first.
                 weight = 1e300 * (high - low) / (scales[i] if i < _W else 1.0)
             if weight > largest:
                 best, largest = i, weight
@@ -246,7 +247,7 @@ class Search:
         ]
 
     def point(self, centre: Sequence[float]) -> Vector:
-        """The state at a point of a box, a hair inside, rounded.
+        """Return the state at a point of a box, slightly inside, rounded.
 
         Args:
             centre: Time, rho and w.
@@ -254,7 +255,7 @@ class Search:
         Returns:
             e, shape (nx,).
         """
-        # The radius of the search is a little more than the set's.
+        # The radius of the search is slightly larger than the set's.
         rho = centre[_RHO] * (1 - 1e-13)
         norm = math.sqrt(sum(entry * entry for entry in centre[_W:]))
         return tuple(
@@ -344,7 +345,7 @@ class Search:
         return self._stages[key]
 
     def _duration(self, algebra: Algebra, times: Interval) -> Jet:
-        """The time as a jet, with its own monomial where it is an interval."""
+        """The time as a jet, with its own monomial if it is an interval."""
         last = len(self.statement.T) + 1
         if algebra is RAY_AND_TIME:
             return algebra.variable(hull(*times), {3: arb(1)})

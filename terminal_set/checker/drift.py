@@ -1,14 +1,14 @@
-"""Drift of a reference that is an equilibrium to rounding only, and what it costs.
+"""Drift of a reference that is an equilibrium only up to rounding, and its margin.
 
-With r = f(x_ref, u_ref) in the states that should rest (those on which f depends, and
-those with bounds; the others may move along), d what a hold makes of it, D = |r|_P or
-|d|_P, |e|_P^2 = e'Pe and a >= D / sqrt(core), for V(e) >= core
+Let r = f(x_ref, u_ref) in the states that should rest (those on which f depends, and
+those with bounds; the others may move), d the motion by it over a hold, D = |r|_P or
+|d|_P, |e|_P^2 = e'Pe and a >= D / sqrt(core). Then for V(e) >= core
 
   continuous   the drift adds 2 e'Pr <= 2 a V(e) to V'
   held         |R(e) + d|_P <= |R(e)|_P + a |e|_P
-so the decrease is proven with that much of it in reserve, and then V = core is not
-crossed from within either. A file states core and a; the core must be negligible beside
-the set.
+so the decrease is proven with this amount in reserve, and then no trajectory crosses
+V = core from within either. A file states core and a; the core must be negligible
+compared with the set.
 """
 
 from __future__ import annotations
@@ -31,17 +31,17 @@ Balls = list[arb]
 
 
 def check_drift(certificate: Certificate, deadline: Deadline = NEVER) -> Finding:
-    """Judge whether the stated drift and core bear the motion of the reference.
+    """Check that the stated drift and core cover the motion of the reference.
 
     Args:
-        certificate: What the file states; P positive definite.
-        deadline: When to stop.
+        certificate: The statements of the file; P positive definite.
+        deadline: Time at which to stop.
 
     Returns:
         The finding.
 
     Raises:
-        TimeIsUpError: When the deadline has passed.
+        TimeIsUpError: If the deadline has passed.
     """
     program = Program.of(certificate, deadline)
     resting = _resting(certificate)
@@ -66,7 +66,7 @@ def check_drift(certificate: Certificate, deadline: Deadline = NEVER) -> Finding
 
 
 def _resting(certificate: Certificate) -> frozenset[int]:
-    """The states that should rest: felt by the dynamics, or bounded."""
+    """Return the states that should rest: f depends on them, or they have bounds."""
     bounds = certificate.bounds
     bounded = {
         j
@@ -88,7 +88,7 @@ def _fastest(
     resting: frozenset[int],
     around: Sequence[arb],
 ) -> Balls:
-    """Upper bounds of |f| within so much of x_ref; 0 for states that may move."""
+    """Return upper bounds of |f| near x_ref; 0 for states that may move."""
     x = [
         VALUES.constant(arb(value) + arb(-1).union(arb(1)) * reach)
         for value, reach in zip(certificate.x_ref, around, strict=True)
@@ -103,10 +103,10 @@ def _fastest(
 def _over_hold(
     certificate: Certificate, program: Program, resting: frozenset[int]
 ) -> Balls:
-    """Upper bounds of what a hold moves the reference, for the map and for the flow.
+    """Return upper bounds of the reference's motion over a hold, by map and flow.
 
-    On every step a box is widened until h sup |f| over it is its growth: there the
-    flow stays, and every stage of the map.
+    On every step a box is widened until h sup |f| over it is at most its growth: then
+    the flow and every stage of the map stay in it.
     """
     substeps = certificate.substeps or 1
     h = arb(certificate.dt or 0.0) / substeps

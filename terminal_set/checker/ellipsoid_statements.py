@@ -5,8 +5,8 @@
   between samples  c(e) = V(R_t(e)) - growth V(e), for every t in [0, dt]
 Each must be negative for every e != 0 with V(e) <= alpha. a is the drift of the
 reference relative to the core (`drift.py`); c is the relative error of the Runge-Kutta
-map, plus a: |motion - map|_P <= c |e|_P adds at most (2 c + c^2) V(e) where the map
-does not grow.
+map, plus a: |motion - map|_P <= c |e|_P adds at most (2 c + c^2) V(e) if V does not
+grow under the map.
 """
 
 from __future__ import annotations
@@ -46,12 +46,12 @@ class PointwiseChange:
     """V and its change at single points, in balls.
 
     Attributes:
-        certificate: What the file states.
+        certificate: The statements of the file.
         motion: The motion relative to the reference.
     """
 
     def __init__(self, certificate: Certificate, deadline: Deadline = NEVER) -> None:
-        """Turn the matrices into balls."""
+        """Convert the matrices to balls."""
         self.certificate = certificate
         self.motion = RelativeMotion(certificate, deadline)
         self._P = symmetric(certificate.P)
@@ -119,11 +119,11 @@ def margin_of_map(certificate: Certificate) -> arb:
 def decrease_statement(
     certificate: Certificate, deadline: Deadline = NEVER
 ) -> Statement:
-    """Return c(e) < 0 on the set, without 0.
+    """Return the statement c(e) < 0 on the set without 0.
 
     Args:
-        certificate: What the file states; P positive definite.
-        deadline: For every evaluation of the motion.
+        certificate: The statements of the file; P positive definite.
+        deadline: Time at which every evaluation of the motion stops.
 
     Returns:
         The statement for the search.
@@ -146,14 +146,14 @@ def decrease_statement(
 
 
 def prove_decrease(certificate: Certificate, deadline: Deadline) -> Outcome:
-    """Search the set for the decrease.
+    """Try to prove the decrease on the set.
 
     Args:
-        certificate: What the file states; P positive definite.
-        deadline: When to stop.
+        certificate: The statements of the file; P positive definite.
+        deadline: Time at which to stop.
 
     Returns:
-        How the search ended.
+        The outcome of the search.
     """
     return Search(decrease_statement(certificate, deadline), deadline).run()
 
@@ -161,12 +161,13 @@ def prove_decrease(certificate: Certificate, deadline: Deadline) -> Outcome:
 def growth_statement(
     certificate: Certificate, times: Interval, deadline: Deadline = NEVER
 ) -> Statement:
-    """Return V(R_t(e)) < growth V(e) on the set, without 0, for an interval of times.
+    """Return the statement V(R_t(e)) < growth V(e) on the set without 0, for some t.
 
     Args:
-        certificate: What the file states; P positive definite, growth given.
-        times: Shortest and longest time since the sample [s].
-        deadline: For every evaluation of the motion.
+        certificate: The statements of the file; P positive definite, growth given.
+        times: Shortest and longest time t since the sample [s]; it holds for all t in
+            between.
+        deadline: Time at which every evaluation of the motion stops.
 
     Returns:
         The statement for the search.
@@ -181,17 +182,17 @@ def growth_statement(
 
 
 def prove_growth(certificate: Certificate, deadline: Deadline) -> Outcome:
-    """Search the set for the growth between samples, one piece of time after another.
+    """Try to prove the growth between samples, one piece of time after another.
 
-    Each piece has its own rotation T, which makes its quadratic part nearly diagonal;
-    a piece that takes many boxes is halved, which costs less than going on.
+    Each piece has its own rotation T, which makes its quadratic part nearly diagonal. A
+    piece that takes many boxes is halved, which is faster than to continue.
 
     Args:
-        certificate: What the file states; P positive definite, growth given.
-        deadline: When to stop.
+        certificate: The statements of the file; P positive definite, growth given.
+        deadline: Time at which to stop.
 
     Returns:
-        How the search ended; its boxes are those of all pieces.
+        The outcome of the search; its boxes are those of all pieces.
     """
     dt = certificate.dt or 0.0
     ends = [dt * i / _PIECES for i in range(_PIECES)] + [dt]

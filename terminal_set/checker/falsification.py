@@ -1,7 +1,7 @@
 """Attempts to refute a certificate: its own counterexample, and random points.
 
-In plain floats, but for the judgement of a counterexample. A sampled statement that
-survives is not proven; the report says "sampled only".
+All is computed in plain floats, except the judgement of a counterexample. A sampled
+statement that survives is not proven; the report says "sampled only".
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ class SampledMotion:
 
         Args:
             e: State relative to the reference, shape (nx,).
-            time: How long [s].
+            time: Duration [s].
             steps: Number of steps.
 
         Returns:
@@ -120,7 +120,7 @@ def _reach(x: Sequence[float], slope: Sequence[float], h: float) -> list[float]:
 
 
 def check_refuted(certificate: Certificate, deadline: Deadline) -> Finding:
-    """The refuted point lies on its level, beyond the set, and does not decrease.
+    """Check that V does not decrease at the refuted point, which lies on its level.
 
     Args:
         certificate: What the file states; P positive definite.
@@ -130,7 +130,7 @@ def check_refuted(certificate: Certificate, deadline: Deadline) -> Finding:
         The finding.
 
     Raises:
-        TimeIsUpError: When the deadline has passed.
+        TimeIsUpError: If the deadline has passed.
     """
     refuted = certificate.refuted
     if refuted is None:
@@ -152,7 +152,7 @@ def check_refuted(certificate: Certificate, deadline: Deadline) -> Finding:
 
 
 def find_counterexample(certificate: Certificate, deadline: Deadline) -> Finding | None:
-    """Try the axes of the ellipsoid, small and large, and random boundary points.
+    """Test the axes of small and large ellipsoids, and random boundary points.
 
     Args:
         certificate: What the file states; P positive definite.
@@ -162,7 +162,7 @@ def find_counterexample(certificate: Certificate, deadline: Deadline) -> Finding
         The refusal, or None if no point fails.
 
     Raises:
-        TimeIsUpError: When the deadline has passed.
+        TimeIsUpError: If the deadline has passed.
     """
     points = PointwiseChange(certificate, deadline)
     for e in _candidates(certificate):
@@ -178,7 +178,7 @@ def find_counterexample(certificate: Certificate, deadline: Deadline) -> Finding
 
 
 def check_integrator(certificate: Certificate, deadline: Deadline) -> Finding:
-    """The flow stays near the Runge-Kutta map and decreases V, at random points.
+    """Check at random points that the flow is near the Runge-Kutta map, and V falls.
 
     Args:
         certificate: What the file states; held, P positive definite.
@@ -188,7 +188,7 @@ def check_integrator(certificate: Certificate, deadline: Deadline) -> Finding:
         The finding.
 
     Raises:
-        TimeIsUpError: When the deadline has passed.
+        TimeIsUpError: If the deadline has passed.
     """
     if certificate.integrator is None:
         text = "the error of the Runge-Kutta map: what is proven holds for the map"
@@ -226,7 +226,7 @@ def check_integrator(certificate: Certificate, deadline: Deadline) -> Finding:
 
 
 def check_growth_by_samples(certificate: Certificate, deadline: Deadline) -> Finding:
-    """V stays below its bound between samples, at random points and times.
+    """Check at random points and times that V stays below its bound between samples.
 
     Args:
         certificate: What the file states; held, P positive definite, growth given.
@@ -236,7 +236,7 @@ def check_growth_by_samples(certificate: Certificate, deadline: Deadline) -> Fin
         The finding.
 
     Raises:
-        TimeIsUpError: When the deadline has passed.
+        TimeIsUpError: If the deadline has passed.
     """
     motion, steps = SampledMotion(certificate, deadline), certificate.substeps or 1
     growth, dt = certificate.growth or 1.0, certificate.dt or 0.0
@@ -269,7 +269,7 @@ def check_growth_by_samples(certificate: Certificate, deadline: Deadline) -> Fin
 def _candidates(certificate: Certificate) -> Iterator[Vector]:
     T = root_of_inverse(symmetric(certificate.P))
     n = range(certificate.nx)
-    # Small ones show a linear part that does not contract.
+    # Small ellipsoids show a linear part that does not contract.
     for size in (1e-4, 0.999):
         rho = size * math.sqrt(certificate.alpha)
         for j in n:
@@ -282,7 +282,7 @@ def _candidates(certificate: Certificate) -> Iterator[Vector]:
 def _inside(certificate: Certificate) -> Iterator[Vector]:
     T = root_of_inverse(symmetric(certificate.P))
     n = certificate.nx
-    # Uniform in volume, but not so near 0 that floats are all that differs.
+    # Uniform in volume, but not so near 0 that rounding dominates.
     yield from _on_spheres(
         certificate, T, lambda chance: max(0.01, chance.random() ** (1 / n))
     )
@@ -300,7 +300,7 @@ def _on_spheres(
 
 
 def _norm(certificate: Certificate, e: Vector) -> float:
-    """|e|_P; not a number where floats overflow."""
+    """Return |e|_P; not a number if floats overflow."""
     value = sum(
         a * entry * b
         for a, row in zip(e, certificate.P, strict=True)

@@ -1,8 +1,8 @@
 """A certificate file as data: regular, bounded in size, JSON, its digest compared.
 
 The digest is SHA-256 of all keys but "sha256" as JSON with sorted keys, no spaces and
-ASCII only. It finds accidents and careless edits; a file with a new digest still has to
-get past the proof.
+ASCII only. It detects accidents and careless edits; a file with a new digest must still
+pass the proof.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ _DIGEST = re.compile("[0-9a-f]{64}")
 
 
 class CertificateFileError(ValueError):
-    """The file is no certificate that can be judged."""
+    """The file is not a valid certificate."""
 
 
 class DigestError(ValueError):
-    """The file is not what its digest says: it was changed after it was written."""
+    """The file does not match its digest: it was changed after it was written."""
 
 
 def read_content(path: Path, format_name: str = FORMAT) -> dict[str, object]:
@@ -33,14 +33,14 @@ def read_content(path: Path, format_name: str = FORMAT) -> dict[str, object]:
 
     Args:
         path: The file.
-        format_name: What its key "format" must say.
+        format_name: Required value of its key "format".
 
     Returns:
         The file as a mapping.
 
     Raises:
         OSError: If the file cannot be read.
-        CertificateFileError: If it is no regular file, too large, or no JSON of the
+        CertificateFileError: If it is not a regular file, too large, or not JSON of the
             format.
         DigestError: If it was changed after it was written.
     """
@@ -83,7 +83,7 @@ def unusable(where: str, expected: str, found: object) -> CertificateFileError:
 
 
 def _read(path: Path) -> bytes:
-    # Without O_NONBLOCK a pipe would be waited for before it can be looked at.
+    # Without O_NONBLOCK, opening a pipe would block before its type can be checked.
     descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
     if not stat.S_ISREG(os.fstat(descriptor).st_mode):
         os.close(descriptor)

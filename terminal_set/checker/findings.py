@@ -21,7 +21,7 @@ class Finding:
     """One line of the report.
 
     Attributes:
-        verdict: How the statement fared.
+        verdict: The verdict on the statement.
         text: The statement, with the numbers.
     """
 

@@ -41,7 +41,7 @@ def whole_power(a: arb, n: int) -> arb:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Algebra:
-    """The monomials there are, and those of their products that are not zero.
+    """The monomials, and those of their products that are not zero.
 
     Attributes:
         monomials: Number of monomials beside 1.
@@ -135,7 +135,7 @@ class Jet:
         Args:
             value: g(a_0).
             first: g'(a_0).
-            second: Called for g''(a_0) where the algebra needs it.
+            second: Called for g''(a_0) if the algebra needs it.
 
         Returns:
             g of the jet.
@@ -214,8 +214,8 @@ def _absolute(a: Jet) -> Jet:
         return a
     if a.value < 0:
         return -a
-    # The mean-value theorem holds with every slope between the sides of the kink; a
-    # second derivative does not exist there.
+    # The mean-value theorem holds with some slope between those of both sides of the
+    # kink; a second derivative does not exist there.
     return a.composed(absolute(a.value), arb(-1).union(arb(1)), lambda: arb("nan"))
 
 

@@ -4,8 +4,8 @@ With e = x - x_ref and u = u_ref - K e(0):
   continuous   R(e) = f(x_ref + e, u) - f(x_ref, u_ref)
   held         R(e) = F(x_ref + e, u) - F(x_ref, u_ref)
 F is the classic Runge-Kutta map over a time t in `substeps` equal steps, u held. The
-difference is formed in every stage: a reference that moves on (at 15 m/s, say) then
-cancels before it can blow up the enclosure.
+difference is formed in every stage, so that the motion of the reference (15 m/s, for
+example) cancels before it can widen the enclosure.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class Program:
     Attributes:
         steps: (number, instruction), in order.
         outputs: Numbers of the state's rates.
-        deadline: Looked at in every evaluation.
+        deadline: Time limit, checked in every evaluation.
     """
 
     steps: tuple[tuple[int, Instruction], ...]
@@ -74,10 +74,10 @@ class Program:
         return cls(steps, certificate.xdot, deadline)
 
     def timed_steps(self) -> Iterator[tuple[int, Instruction]]:
-        """Iterate over the steps, an eye on the clock.
+        """Iterate over the steps, and check the deadline now and then.
 
         Raises:
-            TimeIsUpError: When the deadline has passed.
+            TimeIsUpError: If the deadline has passed.
         """
         for first in range(0, len(self.steps), _STEPS_A_LOOK):
             self.deadline.check()
@@ -96,7 +96,7 @@ def rate(program: Program, x: Sequence[Jet], u: Sequence[Jet]) -> list[Jet]:
         The state's rate, shape (nx,).
 
     Raises:
-        TimeIsUpError: When the program's deadline has passed.
+        TimeIsUpError: If the program's deadline has passed.
     """
     algebra = x[0].algebra
     results: dict[int, Jet] = {}
@@ -123,7 +123,7 @@ class RelativeMotion:
     """
 
     def __init__(self, certificate: Certificate, deadline: Deadline = NEVER) -> None:
-        """Turn the numbers into balls."""
+        """Convert the numbers to balls."""
         self.certificate = certificate
         self.program = Program.of(certificate, deadline)
         self.held = certificate.dt is not None
@@ -132,11 +132,11 @@ class RelativeMotion:
         self._law = [[-arb(entry) for entry in row] for row in certificate.K]
 
     def reference_stages(self, algebra: Algebra, time: Jet | None) -> Stages:
-        """The reference's own motion, stage by stage.
+        """Return the reference's own motion, stage by stage.
 
         Args:
-            algebra: Of the jets wanted.
-            time: How long the input is held [s]; None: the field alone.
+            algebra: Algebra of the jets.
+            time: Time for which the input is held [s]; None for the field alone.
 
         Returns:
             Its state and rate at each stage.
@@ -160,12 +160,12 @@ class RelativeMotion:
     def relative(
         self, e: Sequence[Jet], time: Jet | None, reference: Stages
     ) -> list[Jet]:
-        """The relative field or map R at e.
+        """Return the relative field or map R at e.
 
         Args:
             e: State relative to the reference, shape (nx,).
-            time: How long the input is held [s]; None: the field alone.
-            reference: What `reference_stages` returned for the same time.
+            time: Time for which the input is held [s]; None for the field alone.
+            reference: Result of `reference_stages` for the same time.
 
         Returns:
             R(e), shape (nx,).
@@ -191,11 +191,11 @@ class RelativeMotion:
         return state
 
     def at(self, e: Sequence[arb], time: arb | None) -> Balls:
-        """R at one point, in balls.
+        """Return R at one point, in balls.
 
         Args:
             e: State relative to the reference, shape (nx,).
-            time: How long the input is held [s]; None: the field alone.
+            time: Time for which the input is held [s]; None for the field alone.
 
         Returns:
             R(e), shape (nx,).

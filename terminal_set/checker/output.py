@@ -1,4 +1,4 @@
-"""Text for a terminal: nothing from a file reaches it unescaped."""
+"""Output to a terminal, with all text from files escaped."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from typing import TextIO
 
 
 def write_line(stream: TextIO | None, text: str) -> None:
-    """Write a line; escape what is not printable or not in the stream's encoding.
+    """Write a line; escape characters that the stream cannot print.
 
     Args:
-        stream: Where to; None: a stream that was closed before the process began.
+        stream: The stream; None if it was closed before the process began.
         text: The line without its end.
 
     Raises:

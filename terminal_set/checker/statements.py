@@ -1,7 +1,7 @@
-"""The statements a certificate may make, in the only words that are accepted.
+"""The statements of a certificate, in the only accepted words.
 
-They are those that the checker judges: a text of its own, labelled proven, would pass
-for something that was checked.
+The checker judges exactly these. Free text labelled "proven" would look as if it had
+been checked.
 """
 
 from __future__ import annotations
@@ -13,11 +13,12 @@ TAKEN = "proven by the library"  # Not proven again: the checker only samples it
 def expected_statements(
     *, held: bool, integrator_proven: bool, growth_proven: bool
 ) -> dict[str, str]:
-    """Return what a certificate states, and on which grounds.
+    """Return the statements of a certificate, with their grounds.
 
     Args:
         held: Whether inputs are held.
-        integrator_proven: Whether its error is labelled proven by the library.
+        integrator_proven: Whether the integrator's error is labelled proven by the
+            library.
         growth_proven: Whether the growth between samples is labelled proven.
 
     Returns:

@@ -1,4 +1,4 @@
-"""What the package claims of a case: the one place that calls it."""
+"""Claims of the package about a case: the only module that calls the package."""
 
 import warnings
 

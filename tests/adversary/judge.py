@@ -101,7 +101,7 @@ class Truth:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Claim:
-    """What a solver says.
+    """The claim of a solver.
 
     Attributes:
         controls: Shape (nu, N); None if the problem was refused as impossible.
@@ -118,7 +118,7 @@ class Claim:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Verdict:
-    """What the judge says of a claim.
+    """The judge's verdict on a claim.
 
     Attributes:
         faults: What is false in it; empty if nothing is.

@@ -16,7 +16,7 @@ from swarmstart.tests.adversary.linear_case import formulas_of, substeps_of, tru
 
 Array = NDArray[np.float64]
 WIDER = 3.0
-"""How much wider the bounds are than what the optimum uses."""
+"""Ratio of the bounds and the range that the optimum uses."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -26,7 +26,7 @@ class EndCost:
     Attributes:
         symbolic: y, shape (m, 1) -> scalar.
         numeric: y, shape (m, k) -> shape (k,).
-        breaks: Where it has kinks or jumps; one output only.
+        breaks: If it has kinks or jumps; one output only.
         kinks: y, shape (m,) -> zero on them.
     """
 

@@ -50,7 +50,7 @@ def said(truth: Truth, controls: object, cost: float) -> Verdict:
 
 
 def test_judge_imports_numpy_scipy_and_standard_library_only() -> None:
-    """What it shared with the package could be wrong in both."""
+    """Code shared with the package could be wrong in both."""
     names = {
         name.split(".")[0]
         for node in ast.walk(ast.parse(JUDGE.read_text("utf-8")))

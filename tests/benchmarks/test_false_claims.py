@@ -1,4 +1,4 @@
-"""Claims where there is nothing to claim, and where there is; `benchmarks/` has 1,000.
+"""Claims if there is nothing to claim, and if there is; `benchmarks/` has 1,000.
 
 Both are counted through all of it: cells, tests, words and headline.
 """

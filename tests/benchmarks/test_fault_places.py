@@ -1,4 +1,4 @@
-"""Where a fault is put, what it is, and what is left alone."""
+"""Places and kinds of faults, and text that must not be changed."""
 
 import ast
 

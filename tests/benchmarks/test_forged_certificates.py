@@ -66,7 +66,7 @@ def changed(content: Content, **changes: object) -> Content:
 
 
 def test_a_flight_tells_a_false_certificate(genuine: list[Content]) -> None:
-    """What a checker that takes everything would be faulted for."""
+    """Simulated states refute a false certificate that a checker has accepted."""
     upright, held, tank = genuine
     assert refuted(changed(upright, alpha=40.0), rng()) == "e'Pe does not fall"
     narrow = upright["bounds"] | {"u_upper": [1.0]}

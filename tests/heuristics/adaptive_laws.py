@@ -1,4 +1,4 @@
-"""What tests of jDE and of L-SHADE share: an objective in both loops, and two laws."""
+"""Common parts of the tests of jDE and L-SHADE: an objective, and two laws."""
 
 import ctypes
 from pathlib import Path

@@ -31,7 +31,7 @@ print(found.compile_seconds > found.seconds, *compiled)
 
 
 def first_use(cache: Path, **variables: str) -> list[str]:
-    """What is said, and which kernels this process compiles."""
+    """Return the log, and the kernels that this process compiles."""
     variables["XDG_CACHE_HOME"] = str(cache)
     done = python("-c", FIRST_USE, variables=variables)
     return done.stdout.split("\n")

@@ -1,4 +1,4 @@
-"""What all algorithms share: the best, what is counted, the refusal of settings."""
+"""Common parts of all algorithms: the best point, counters, invalid settings."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What stands for settings, a box and a generator."""
+"""Short forms of settings, a box and a generator."""
 
 from typing import Any
 
@@ -65,7 +65,7 @@ def test_refuses_what_is_no_list_of_pairs(given: Any) -> None:
 def test_refuses_no_box_and_two() -> None:
     with pytest.raises(InvalidSettingsError, match="bounds must be a Box, or pairs"):
         box_of(None)
-    with pytest.raises(InvalidSettingsError, match="bounds must be None where box is"):
+    with pytest.raises(InvalidSettingsError, match="bounds must be None if box is"):
         box_of([(0, 1)], [(0, 1)])
 
 
@@ -81,7 +81,7 @@ def test_a_seed_is_a_new_generator_and_a_generator_is_kept() -> None:
     ("rng", "seed", "message"),
     [
         (None, None, "seed must be an integer of at least 0, or rng a .*, got None"),
-        (np.random.default_rng(0), 0, "seed must be None where rng is given, got 0"),
+        (np.random.default_rng(0), 0, "seed must be None if rng is given, got 0"),
         (7, None, r"rng must be a numpy.random.Generator \(an integer is for seed\)"),
         (None, -1, "seed must be an integer of at least 0"),
         (None, 1.5, "seed must be an integer of at least 0"),

@@ -1,4 +1,4 @@
-"""What happens at the bounds, against closed forms."""
+"""Rules at the bounds, against closed forms."""
 
 import math
 

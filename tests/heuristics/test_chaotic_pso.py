@@ -53,7 +53,7 @@ def test_swarm_at_one_point_reseeds_at_once_and_escapes(reseed: Reseed) -> None:
 
 def test_logistic_reseeding_places_the_worse_half_by_5_17() -> None:
     rng = np.random.default_rng(2)
-    still = ChaoticPSO(velocity_max=1e-12)  # placed particles fly on, here not far
+    still = ChaoticPSO(velocity_max=1e-12)  # placed particles move on, here not far
     search = Search(still, BOX, rng=rng, initial=LAST_PLAN)
     cost = np.tile([1.0, 2.0], 10)  # the odd ones are worse
     search.ask()

@@ -254,7 +254,7 @@ def test_loop_before_tell_is_refused(compiled: type[Compiled]) -> None:
 def test_chunks_take_about_a_fiftieth_of_a_second(
     generations: int, seconds: float, following: int
 ) -> None:
-    """From 1 generation, where one is slow, to 4096: Ctrl-C waits for no longer."""
+    """From 1 generation, if one is slow, to 4096: Ctrl-C waits for no longer."""
     assert next_chunk(generations, seconds) == following
 
 

@@ -65,7 +65,7 @@ def test_each_start_has_data_of_its_own() -> None:
 
 
 def test_what_is_not_finite_is_no_step() -> None:
-    """1/x - log x beyond a pole; a start on the pole ends where it began."""
+    """1/x - log x beyond a pole; a start on the pole does not move."""
 
     def walled(x: Array, numbers: NDArray[np.int64]) -> tuple[Array, Array]:
         del numbers

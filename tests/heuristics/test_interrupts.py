@@ -11,7 +11,7 @@ import pytest
 
 from swarmstart.heuristics.interrupts import SIGNALS, heeded, put_off
 
-# Searches for a second, while somebody sends signals; a process of its own, because
+# Searches for a second, while the test sends signals; a process of its own, because
 # before signals were put off it ended in a segmentation fault.
 BOMBARDED = """
 import signal, time
@@ -108,7 +108,7 @@ def test_a_hang_up_is_put_off_too() -> None:
 
 
 def test_a_handler_left_behind_passes_signals_on() -> None:
-    """As if another signal had come between two that are put back."""
+    """It is left behind if a signal comes while two handlers are restored."""
     with put_off():
         left_behind = signal.getsignal(signal.SIGINT)
     before = signal.signal(signal.SIGINT, left_behind)

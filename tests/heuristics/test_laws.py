@@ -72,7 +72,7 @@ def assert_same(one: Mapping[str, object], other: Mapping[str, object]) -> None:
 
 
 def with_rule(algorithm: Algorithm, rule: str) -> Algorithm | None:
-    """The algorithm with another rule; None where it has none."""
+    """The algorithm with another rule; None if it has none."""
     if not hasattr(algorithm, "bound_handling"):
         return None
     changed: Algorithm = dataclasses.replace(  # type: ignore[type-var]

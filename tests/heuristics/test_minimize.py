@@ -211,7 +211,7 @@ def test_minimize_takes_names_pairs_of_bounds_a_number_and_a_seed() -> None:
         ({"radius": "wide"}, InvalidSettingsError, "radius must be a number above 0"),
         ({"initial": "x"}, InvalidPointsError, "initial must be an array of numbers"),
         ({"seed": None}, InvalidSettingsError, "seed must be an integer .*, got None"),
-        ({"rng": np.random.default_rng(0)}, InvalidSettingsError, "None where rng"),
+        ({"rng": np.random.default_rng(0)}, InvalidSettingsError, "None if rng"),
         ({"budget": "long"}, InvalidBudgetError, "budget must be .*, got 'long'"),
         ({"algorithm": "swarm"}, InvalidSettingsError, "'lshade', .*, got 'swarm'"),
         ({"bounds": 3.0}, InvalidBoxError, "bounds must be pairs .*, got 3.0"),

@@ -1,4 +1,4 @@
-"""How individuals are ordered."""
+"""Orders of individuals."""
 
 import itertools
 from typing import Any

@@ -101,7 +101,7 @@ except KeyboardInterrupt:
 
 
 def interrupted(loop: str, tell_at: int) -> list[str]:
-    """What the script prints after SIGINT, which it gets once it says it is ready."""
+    """Return the script's output after SIGINT, sent as soon as it says it is ready."""
     command = [sys.executable, "-c", SCRIPT, loop, str(tell_at)]
     env = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     with subprocess.Popen(

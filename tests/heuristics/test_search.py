@@ -112,7 +112,7 @@ def test_refuses_arguments_out_of_range() -> None:
         search.ask(progress=1.5)
     with pytest.raises(InvalidSettingsError, match="rng must be a numpy"):
         Search(RandomSearch(), BOX, rng=7)  # type: ignore[arg-type]
-    with pytest.raises(InvalidSettingsError, match="initial must be None where snap"):
+    with pytest.raises(InvalidSettingsError, match="initial must be None if snap"):
         Search(
             RandomSearch(size=4),
             BOX,

@@ -1,4 +1,4 @@
-"""When a search ends."""
+"""Conditions at which a search ends."""
 
 import numpy as np
 import pytest

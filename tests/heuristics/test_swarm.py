@@ -18,7 +18,7 @@ def cost_of(points: Array) -> Array:
 
 
 def flown(search: Search, inertia: float, velocity_max: float) -> tuple[Array, Array]:
-    """What (2.11) makes of positions and velocities, before the bounds are applied."""
+    """Return positions and velocities after (2.11), before bounds are applied."""
     state = search.state
     assert isinstance(state, ChaoticPSOState | ParticleSwarmState)
     rng = np.random.default_rng()

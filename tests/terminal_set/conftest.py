@@ -27,7 +27,7 @@ def formation() -> ca.Function:
 
 @pytest.fixture(scope="session")
 def leader() -> Reference:
-    """A leader that flies 15 m/s along x; bounds of the chapter, section 5.2.4."""
+    """A leader with 15 m/s along x; bounds of the chapter, section 5.2.4."""
     return leader_at(0.0)
 
 

@@ -16,7 +16,7 @@ from swarmstart.terminal_set.cells import Cells, TimedCells, added_up, squares
 Array = NDArray[np.float64]
 COUNT = 12
 VISIBLE = 2.0**-6
-"""In place of the padding for rounding, so that each place where it is added counts."""
+"""In place of the padding for rounding, so that each place if it is added counts."""
 
 seeds = st.integers(0, 2**32 - 1)
 sizes = st.integers(1, 4)

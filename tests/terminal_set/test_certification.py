@@ -192,7 +192,7 @@ def test_the_stated_growth_holds_between_the_samples(held: TerminalSet) -> None:
 
 
 def test_the_runge_kutta_map_is_the_classical_one(formation: ca.Function) -> None:
-    """What the file's `substeps` means, and what its checker integrates."""
+    """It is the map that the file's `substeps` means and its checker integrates."""
     step, dt = ca.simpleRK(formation, 3, 4), 0.9
     x, u = np.array([14.0, 0.3, 1.0, -2.0]), np.array([0.7, -0.1])
     expected = x

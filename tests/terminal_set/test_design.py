@@ -25,7 +25,7 @@ I2, I4 = np.eye(2), np.eye(4)
 
 
 def flown(e: Array, du: Array, heading: float = 0.0, dt: float = 1.0) -> Array:
-    """Fly the formation model relative to its leader with inputs held for dt.
+    """Simulate the formation model relative to its leader with inputs held for dt.
 
     v and psi are linear in time, so x and y are integrals of smooth functions: 12 Gauss
     points leave nothing of the error at these turn rates.

@@ -239,7 +239,7 @@ def change_of(make: Callable[[Any], ca.SX], *, is_held: bool) -> Change:
 
 
 def is_shown(change: Change, rho: tuple[float, float], *, side: float = 1.0) -> bool:
-    """Whether c < 0 is shown on one box; both ends of w are the side."""
+    """Return whether c < 0 is shown on one box; both ends of w are the side."""
     bounds = DecreaseBounds(change)
     sign = side * float(np.sign(bounds.T[0, 0]))  # T may turn the axis round.
     corners = (np.array([[end], [sign]]) for end in rho)
@@ -289,8 +289,8 @@ def test_a_cut_is_never_passed_over(kink: float) -> None:
     ("make", "message"),
     [
         (lambda e: -e + ca.atan2(e, e), "atan2 of motion has its cut"),
-        (lambda e: -e + e**1.5, "pow of motion is at the edge of where it is smooth"),
-        (lambda e: -e + e**2.5, "pow of motion is at the edge of where it is smooth"),
+        (lambda e: -e + e**1.5, "pow of motion is at the edge of its smooth domain"),
+        (lambda e: -e + e**2.5, "pow of motion is at the edge of its smooth domain"),
     ],
 )
 def test_a_reference_without_second_derivatives_is_refused_with_the_reason(

@@ -322,7 +322,7 @@ def test_rounding_of_values_that_nearly_cancel_is_allowed_for() -> None:
 
 
 FLATTER = 1 / 8
-"""How steep the cubic is on the left of 0, beside its right."""
+"""Ratio of the cubic's slopes on the left and on the right of 0."""
 
 
 class Cubic:

@@ -60,7 +60,7 @@ def undecided_about_centre(
     times: tuple[float, float],
     radius: float,
 ) -> bool:
-    """Whether the box of all radii up to one, along +e, is left by the bounds."""
+    """Return whether the bounds leave the box of all radii up to one, along +e."""
     v = ca.SX.sym("v", 2)
     after = moved(v[0], v[1])
     c = ca.Function("growth", [v], [after**2 - growth * v[0] ** 2])

@@ -93,7 +93,7 @@ def is_whole(bottom: float, top: float) -> bool:
 
 @pytest.mark.parametrize("name", ONE)
 def test_every_value_is_in_the_interval(name: str) -> None:
-    """If there is no value at some point, the interval is the whole line."""
+    """The interval is the whole line if there is no value at some point."""
     rng = np.random.default_rng(0)
     low, high = boxes(rng, 400)
     with mpmath.workdps(DIGITS):

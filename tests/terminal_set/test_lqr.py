@@ -106,7 +106,7 @@ def test_no_weight_on_an_integrator_is_refused_by_its_mode(matrices: Matrices) -
 
 @BOTH
 def test_no_weight_on_a_stable_system_has_no_lyapunov_matrix(design: Design) -> None:
-    A = [[-0.5]]  # decays in both senses, so the best input is none: P = 0
+    A = [[-0.5]]  # decays in both senses, so the best input is zero: P = 0
     message = "smallest eigenvalue of P is 0"
     with pytest.raises(UnreliableSolutionError, match=message) as caught:
         design(A, [[1.0]], [[0.0]], [[1.0]])

@@ -1,6 +1,7 @@
 """Nothing false is certified: samples of the sets, and levels that are refuted.
 
-The short form of `benchmarks/terminal_sets.py`, which flies a million states a system.
+It is the short form of `benchmarks/terminal_sets.py`, which simulates a million states
+of each system.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ def test_states_of_a_certified_set_do_what_it_promises(
 def test_proven_and_refuted_levels_meet_within_two_percent(
     terminal_set: TerminalSet,
 ) -> None:
-    """Where nothing is refuted within the bounds, the level is that of the bounds."""
+    """The level is that of the bounds if nothing is refuted within them."""
     certificate = terminal_set.certificate
     assert certificate is not None and certificate.proof.proven
     assert certificate.gap is None or certificate.gap <= 0.02

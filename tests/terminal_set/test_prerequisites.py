@@ -33,7 +33,7 @@ def decay(rate: float, dt: float) -> tuple[TerminalSet, np.ndarray, np.ndarray]:
 
 
 def series(z: float, substeps: int) -> float:
-    """What the Runge-Kutta method makes of exp(z)."""
+    """Return the Runge-Kutta method's approximation of exp(z)."""
     h = z / substeps
     return float((1 + h + h**2 / 2 + h**3 / 6 + h**4 / 24) ** substeps)
 

@@ -154,7 +154,7 @@ def test_the_formation_held_for_a_second_is_proven_up_to_its_input_bound(
     weight: float,
     alpha: float,
 ) -> None:
-    """Behind either leader: the second experiment's flies 45 degrees to the left."""
+    """It holds for both leaders; the second experiment's heads 45 degrees left."""
     for reference in (leader, turned_leader):
         found = sampled_terminal_set(
             formation, reference, dt=1.0, Q=np.eye(4), R=np.diag([1.0, weight])
@@ -189,7 +189,7 @@ def test_states_of_a_proven_set_decrease_under_an_independent_integrator(
     end = solve_ivp(
         rates, (0.0, 1.0), x0.ravel(), method="DOP853", rtol=1e-10, atol=1e-10
     ).y[:, -1]
-    later = np.array([15.0, 0.0, 15.0, 0.0])  # The leader flies on.
+    later = np.array([15.0, 0.0, 15.0, 0.0])  # The leader moves on.
     after = end.reshape(4, count) - later[:, None]
     assert np.all(found.value(after) < found.value(e))
 

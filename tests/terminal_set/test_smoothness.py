@@ -29,7 +29,7 @@ def of(make: Callable[[Any, Any], Any]) -> ca.Function:
 def found(
     make: Callable[[Any, Any], Any], low: list[float], high: list[float]
 ) -> tuple[bool, bool]:
-    """Whether a box may have a kink, and a cut."""
+    """Return whether a box may have a kink, and a cut."""
     kinks, cuts = Kinks(of(make))(np.array(low)[:, None], np.array(high)[:, None])
     assert kinks.shape == cuts.shape == (1,)
     return bool(kinks[0]), bool(cuts[0])
@@ -128,7 +128,7 @@ def test_a_point_with_a_cut_is_refused_and_one_with_a_kink_is_not() -> None:
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda x, y: x**1.5, "the operation pow of motion is at the edge of where"),
+        (lambda x, y: x**1.5, "the operation pow of motion is at the edge of its"),
         (lambda x, y: x**2.5, "pow of motion is at the edge"),
         (lambda x, y: ca.power(1 + x, y) * ca.log(y), "log of motion leaves its dom"),
         (lambda x, y: y / x, "div of motion leaves its domain"),
@@ -156,7 +156,7 @@ def test_all_reasons_are_looked_for_at_the_point_itself() -> None:
     with pytest.raises(NotSmoothError, match="atan2 of motion has its cut"):
         require_smooth(of(lambda x, y: ca.atan2(x, y - 1)), zero)
     for make in (lambda x, y: y**2.5, lambda x, y: ca.hypot(x, y) + y):
-        with pytest.raises(NotSmoothError, match="is at the edge of where it is smo"):
+        with pytest.raises(NotSmoothError, match="is at the edge of its smooth"):
             require_smooth(of(make), zero)
         require_smooth(of(make), zero + 1)
 

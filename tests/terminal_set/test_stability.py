@@ -80,7 +80,7 @@ def test_loop_is_stable_below_its_limit_only(
 def test_only_modes_about_the_boundary_must_be_weighted(
     domain: TimeDomain, limit: float, boundary: float
 ) -> None:
-    """As far above it as the limit is below: others decay or have to be moved."""
+    """The band above it is as wide as that below; others decay or must be moved."""
     room, nothing = boundary - limit, np.zeros((1, 1))
     for off, seen in ((-1.1, True), (-0.9, False), (0.9, False), (1.1, True)):
         A = np.array([[boundary + off * room]])

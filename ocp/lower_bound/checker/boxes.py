@@ -1,7 +1,7 @@
-"""Boxes of (t, x, boxed controls), a column a box, and what they are cut by.
+"""Boxes of (t, x, boxed controls), one per column, and their cutting by constraints.
 
 A box holds all points with lower <= y <= upper. Cutting drops points that are proven to
-be outside a set {c <= 0}; every bound is moved outwards past its rounding.
+be outside a set {c <= 0}; every bound is moved outwards by more than its rounding.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ class Boxes:
     Attributes:
         lower: Shape (d, N).
         upper: Shape (d, N).
-        slab: Number of a slab of the tube for each box, (N,); of no meaning but for
-            the tube's faces.
+        slab: Number of a slab of the tube for each box, (N,); used for the tube's faces
+            only.
     """
 
     lower: Array
@@ -76,10 +76,10 @@ class Boxes:
         """Cut each box in two along an axis.
 
         Args:
-            axes: One a box, (N,).
+            axes: Axis for each box, (N,).
 
         Returns:
-            Both halves of all boxes; which boxes are too thin to be cut.
+            Both halves of all boxes; a mask of boxes that are too thin to be cut.
         """
         each = np.arange(self.count)
         cut = self.middle[axes, each]
@@ -117,7 +117,7 @@ def cut_by(boxes: Boxes, constraint: Model) -> tuple[Boxes, Flags]:
         constraint: c as models over them.
 
     Returns:
-        Smaller boxes; which boxes have no point with c <= 0.
+        Smaller boxes; a mask of boxes without any point with c <= 0.
     """
     d = len(boxes.lower)
     slopes = constraint.coefficients[1 : 1 + d]
@@ -131,7 +131,7 @@ def cut_by(boxes: Boxes, constraint: Model) -> tuple[Boxes, Flags]:
         room = rest + others - constraint.middle
         room += ROUNDING * (rest + others + np.abs(constraint.middle)) + TINY
         reach = room / sizes[a]
-        # The bound of s_a, moved out; at least -1 where the box is not empty.
+        # The bound of s_a, moved out; at least -1 if the box is not empty.
         reach += ROUNDING * np.abs(reach) + TINY
         at = np.clip(reach, -1.0, 1.0) * radius[a]
         at += ROUNDING * radius[a] + TINY

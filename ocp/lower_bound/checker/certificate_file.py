@@ -1,7 +1,7 @@
-"""Reader of certificate files of lower bounds: their shape is judged, entry by entry.
+"""Reader of certificate files of lower bounds, which validates every entry.
 
-Every entry is a number, a list or one of a few known words; nothing is run, and text
-that could say more than is proven (`claims.py`) is refused.
+Every entry is a number, a list or one of a few known words. Nothing is executed, and
+text that could claim more than is proven (`claims.py`) is refused.
 """
 
 from __future__ import annotations
@@ -39,16 +39,16 @@ class Problem:
         n: Number of states.
         m: Number of controls.
         tape: Instructions (operation, operands, constant).
-        rate: Numbers of the instructions of f, n of them.
-        stage: Of L.
-        end: Of phi.
-        path: Of g <= 0.
-        ends: Of e <= 0.
+        rate: Numbers of the n instructions of f.
+        stage: Number of the instruction of L.
+        end: Number of the instruction of phi.
+        path: Numbers of the instructions of g <= 0.
+        ends: Numbers of the instructions of e <= 0.
         x0: Initial state.
         horizon: Earliest and latest end.
-        control_box: Lower and upper bounds.
-        state_box: Likewise, None where there are none.
-        offset: Added to the cost.
+        control_box: Lower and upper bounds of the controls.
+        state_box: Lower and upper bounds of the states; None for an unbounded one.
+        offset: Number added to the cost.
         sense: 1 or -1.
     """
 
@@ -73,12 +73,12 @@ class Step:
     """A polynomial and its slacks.
 
     Attributes:
-        middle: Of the box it is scaled to, 1 + n numbers.
-        half: Half the widths of it, above 0.
-        exponents: One tuple of 1 + n whole numbers a coefficient.
-        coefficients: Of the products of Chebyshev polynomials.
-        slack: Of the inequality over the set, >= 0.
-        end_slack: Of the inequality at the end, >= 0; None: nothing is stated.
+        middle: Middle of the box it is scaled to, 1 + n numbers.
+        half: Half the widths of that box, above 0.
+        exponents: A tuple of 1 + n whole numbers for each coefficient.
+        coefficients: Coefficients of the products of Chebyshev polynomials.
+        slack: Slack of the inequality over the set, >= 0.
+        end_slack: Slack of the inequality at the end, >= 0; None if nothing is stated.
     """
 
     middle: Vector
@@ -94,14 +94,14 @@ class Certificate:
     """The statements of a certificate, as plain numbers.
 
     Attributes:
-        problem: What the bound is of.
-        directions: Of the tube's faces; the first 2n are the axes.
-        times: Of the tube, from 0 to the latest end.
-        levels: A row of levels a time.
+        problem: The problem that is bounded.
+        directions: Directions of the tube's faces; the first 2n are the axes.
+        times: Times of the tube, from 0 to the latest end.
+        levels: A row of levels for each time.
         prunings: The steps (come, go), in order.
         final: The step that gives the bound.
-        known: The cost that is compared with; None: none.
-        bound: Of the cost, offset included.
+        known: The cost that is compared with; None if there is none.
+        bound: Lower bound of the cost, offset included.
     """
 
     problem: Problem
@@ -115,17 +115,17 @@ class Certificate:
 
 
 def read_certificate(path: Path) -> Certificate:
-    """Read a certificate, compare its digest, judge its shape.
+    """Read a certificate, compare its digest and validate its entries.
 
     Args:
         path: The file.
 
     Returns:
-        What it states.
+        The statements of the certificate.
 
     Raises:
         OSError: If the file cannot be read.
-        CertificateFileError: If it is no certificate that can be judged.
+        CertificateFileError: If it is not a valid certificate.
         DigestError: If it was changed after it was written.
     """
     return _certificate(read_content(path, FORMAT))
@@ -154,7 +154,7 @@ def _certificate(content: dict[str, object]) -> Certificate:
         raise unusable("prunings", f"at most {MOST_PRUNINGS}", len(prunings))
     known = content["known"]
     if known is None and prunings:
-        raise unusable("known", "a number where there are prunings", known)
+        raise unusable("known", "a number if there are prunings", known)
     _check_statements(content["statements"], prunings=len(prunings))
     return Certificate(
         problem=problem,
@@ -248,7 +248,7 @@ def _instruction(
 
 
 def _check_sizes(value: object, where: str, n: int) -> None:
-    # Nothing rests on them: they turn the certificate's states into the user's.
+    # The proof does not depend on them: they convert to the user's units.
     for i, size in enumerate(_vector(value, where, n)):
         if not size > 0.0:
             raise unusable(f"{where}[{i}]", "a number above 0", size)
@@ -348,7 +348,7 @@ def _exponents(value: object, where: str, n: int) -> tuple[int, ...]:
 
 
 def _check_statements(value: object, *, prunings: int) -> None:
-    # A reader takes "proven" in the file for what the checker proved.
+    # A reader would take the word "proven" in the file for the checker's own verdict.
     expected = [
         {"statement": text, "grounds": "proven"} for text in expected_claims(prunings)
     ]
@@ -374,7 +374,7 @@ def _number(value: object, where: str) -> float:
         number = float(value)
     except OverflowError:
         raise unusable(where, "a finite number", value) from None
-    # An integer past 2^53 would be another number than the one that was written.
+    # An integer above 2^53 would be read as another number than the written one.
     if not math.isfinite(number) or number != value:
         raise unusable(where, "a finite number of double precision", value)
     if abs(number) > LARGEST:

@@ -1,7 +1,7 @@
-"""The statements of a certificate, in the only words that are accepted.
+"""The statements of a certificate, in the only accepted words.
 
-They are those that the checker judges: a text of its own, labelled proven, would pass
-for something that was checked.
+The checker judges exactly these. Free text labelled "proven" would look as if it had
+been checked.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ BOUND = "no admissible trajectory costs less than the bound"
 
 
 def expected_claims(prunings: int) -> list[str]:
-    """Return what a certificate states, in order.
+    """Return the statements of a certificate, in order.
 
     Args:
-        prunings: How many prunings it has.
+        prunings: Number of its prunings.
     """
     return [TUBE, *(f"{PRUNING} {i + 1}" for i in range(prunings)), FINAL, BOUND]

@@ -1,10 +1,11 @@
-"""The controls taken out of a tape: values as polynomials in them, exactly.
+"""Values of a tape as exact polynomials in the controls.
 
-A value is sum over products p of controls of c_p(t, x) p, of degree 2 at most, c_p
-values of a new tape. Sums, products and divisions by what has no control keep that
-form; no derivative is needed to see that a problem is affine in its controls. A control
-for which it fails, or whose square has a factor that is no number >= 0, is boxed: it
-becomes a coordinate of the boxes, beside t and x. Constants are exact fractions.
+A value is a sum over products p of controls of c_p(t, x) p, of degree 2 at most, with
+c_p values of a new tape. Sums, products and divisions by values without controls keep
+that form, so no derivative is needed to see that a problem is affine in its controls. A
+control is boxed if this fails for it, or if the factor of its square is not a number
+>= 0: it becomes a coordinate of the boxes, beside t and x. Constants are exact
+fractions.
 """
 
 from __future__ import annotations
@@ -37,9 +38,9 @@ class Node:
 
     Attributes:
         operation: "const", "point" or a tape's operation.
-        operands: Numbers of earlier values; of "point" the coordinate: 0 is t, then x,
-            then the boxed controls.
-        value: Of a constant.
+        operands: Numbers of earlier values; for "point" the number of the coordinate: 0
+            is t, then x, then the boxed controls.
+        value: The number of a constant.
     """
 
     operation: str
@@ -49,22 +50,22 @@ class Node:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Split:
-    """A problem with the controls taken out.
+    """A problem as polynomials in the controls.
 
         f = drift + sum of columns[k] u_k,  L = stage + sum of linear[k] u_k + q_k u_k^2
 
     Attributes:
         nodes: The new tape.
         boxed: Numbers of the controls that are coordinates.
-        free: Numbers of the others, u_k above.
-        drift: Numbers of n values.
-        columns: For each free control n values; None is 0.
-        stage: Number of a value.
-        linear: For each free control; None is 0.
+        free: Numbers of the other controls, u_k above.
+        drift: Numbers of the n values of the drift.
+        columns: For each free control the numbers of n values; None stands for 0.
+        stage: Number of the value of the stage cost without free controls.
+        linear: Number of the value of each free control's factor; None stands for 0.
         quadratic: q_k >= 0 for each free control.
-        end: Number of phi.
-        path: Numbers of the path constraints.
-        ends: Numbers of the end constraints.
+        end: Number of the value of phi.
+        path: Numbers of the values of the path constraints.
+        ends: Numbers of the values of the end constraints.
     """
 
     nodes: tuple[Node, ...]
@@ -81,10 +82,10 @@ class Split:
 
 
 def split(problem: Problem) -> Split:
-    """Take the controls out of a problem, box as many as must be.
+    """Write a problem as polynomials in the controls; box as few as possible.
 
     Args:
-        problem: From the file; its end and constraints depend on no control.
+        problem: Problem of the file; its end and constraints depend on no control.
     """
     boxed: list[int] = []
     while True:
@@ -96,7 +97,7 @@ def split(problem: Problem) -> Split:
 
 @dataclass(slots=True)
 class _Writer:
-    """Writes values, equal ones once, and folds constants exactly."""
+    """Writer of values: equal ones once, constants folded exactly."""
 
     nodes: list[Node] = field(default_factory=list)
     numbers: dict[Node, int] = field(default_factory=dict)
@@ -129,9 +130,9 @@ class _Writer:
 
 
 def _folded(operation: str, values: list[Fraction | None]) -> Fraction | None:
-    """Return the exact result of constants, None if it is no short fraction.
+    """Return the exact result of constants; None if it is not a short fraction.
 
-    A product with an exact 0 is 0 too: a tape is defined where all its values are.
+    A product with an exact 0 is 0: a tape is defined only if all its values are.
     """
     if operation == "mul" and Fraction(0) in values:
         return Fraction(0)

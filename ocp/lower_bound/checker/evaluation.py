@@ -11,22 +11,22 @@ from swarmstart.ocp.lower_bound.checker.functions import FUNCTIONS, inverse, pow
 from swarmstart.ocp.lower_bound.checker.models import Model
 
 Value = Model | Fraction
-"""Of a value: models, or one number for all boxes."""
+"""A value over boxes: models, or one number for all boxes."""
 
 
 class Program:
-    """The instructions that some values need, in order.
+    """The instructions that some wanted values need, in order.
 
     Attributes:
-        wanted: Numbers of those values.
+        wanted: Numbers of the wanted values.
     """
 
     def __init__(self, nodes: Sequence[Node], wanted: Iterable[int]) -> None:
-        """Leave out what no wanted value needs.
+        """Select the instructions that the wanted values need.
 
         Args:
             nodes: The tape.
-            wanted: Numbers of values.
+            wanted: Numbers of the wanted values.
         """
         self.wanted = frozenset(wanted)
         needed = set(self.wanted)
@@ -44,7 +44,7 @@ class Program:
                 self._done.setdefault(number, []).append(operand)
 
     def __call__(self, variables: Sequence[Model]) -> dict[int, Value]:
-        """Evaluate.
+        """Evaluate the wanted values.
 
         Args:
             variables: Models of t, x and the boxed controls.

@@ -5,11 +5,12 @@ A function g of a model a = a_0 + N, with |N| <= rho over the box, is
     sum for k <= ORDER of g_k N^k  +  g^(ORDER+1)(xi) / (ORDER+1)! N^(ORDER+1)
 
 with g_k = g^(k)(a_0)/k! and xi within rho of a_0 (Taylor, Lagrange's remainder). Each
-entry below gives g_0 ... g_3, sizes of which their errors are a small share, and a
-bound of the last factor.
+function below gives g_0 ... g_3, sizes that bound their relative errors, and a bound of
+the last factor.
 
-NumPy's exp, log, sqrt, sin, cos and arctan are taken to be right to 16 units in the
-last place of the result's size (of 1 for sin and cos, so that no cancellation counts).
+NumPy's exp, log, sqrt, sin, cos and arctan are assumed to be right to 16 units in the
+last place of the result's size (of 1 for sin and cos, so that cancellation does not
+matter).
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ def composed(a: Model, factors: list[Array], last: Array, sizes: list[Array]) ->
         a: The argument.
         factors: g_0, ..., g_ORDER at a's middle, each (N,).
         last: Upper bound of |g^(ORDER+1)| / (ORDER+1)! within a's spread of its middle.
-        sizes: Of which each factor's error is at most the share ELEMENTARY, (N,) each.
+        sizes: For each factor a size, (N,); its error is at most ELEMENTARY times that.
     """
     moving = a.coefficients.copy()
     moving[0] = 0.0
@@ -61,13 +62,13 @@ def _composed(a: Model, factors: list[Array], last: Array) -> Model:
 
 
 def _least_size(a: Model) -> Array:
-    """Lower bound of |a| over the box; NaN where 0 may be in it."""
+    """Lower bound of |a| over the box; NaN if 0 may be in it."""
     least = np.maximum(a.lower, -a.upper)
     return np.where(least > 0.0, least, np.nan)
 
 
 def _positive(a: Model) -> Array:
-    """Lower bound of a over the box; NaN where it may reach 0."""
+    """Lower bound of a over the box; NaN if it may reach 0."""
     low = a.lower
     return np.where(low > 0.0, low, np.nan)
 
@@ -93,7 +94,7 @@ def logarithm(a: Model) -> Model:
 
 
 def root(a: Model) -> Model:
-    """Return sqrt(a), where a > 0 over the box."""
+    """Return sqrt(a), for a > 0 over the box."""
     low, y = _positive(a), np.sqrt(a.middle)
     r = 1.0 / a.middle
     factors = [y, y * r / 2.0, -y * r**2 / 8.0, y * r**3 / 16.0]
@@ -106,14 +107,14 @@ def _angles(a: Model, turns: int) -> Model:
     scales = (1.0, 1.0, 2.0, 6.0)
     factors = [cycle[turns + k] / scales[k] for k in range(ORDER + 1)]
     one = np.ones_like(sine)
-    # Beyond it the float's own spacing and the library's reduction are not relied upon.
+    # Beyond it, neither the spacing of floats nor the library's reduction is reliable.
     far = ~(np.abs(a.middle) <= _FARTHEST_ANGLE)
     found = composed(a, factors, one / 24.0 * GROWTH, [one] * (ORDER + 1))
     return _unless(far, found)
 
 
 def _unless(bad: np.ndarray, model: Model) -> Model:
-    """Return the model, [-1, 1] where bad."""
+    """Return the model, or [-1, 1] in bad boxes."""
     if not bad.any():
         return model
     coefficients, error = model.coefficients.copy(), model.error.copy()
@@ -165,7 +166,7 @@ def absolute(a: Model) -> Model:
 
 
 def power(a: Model, b: Model | float) -> Model:
-    """Return a^b; of a constant whole b by products."""
+    """Return a^b; by products if b is a constant whole number."""
     if isinstance(b, Model):
         return exponential(b * logarithm(a))
     if b == int(b) and abs(b) <= _LARGEST_WHOLE:

@@ -6,13 +6,13 @@ in [lo, hi], with beta = b + 2 q v and w = u - v,
     b u + q u^2 = b v + q v^2 + beta w + q w^2
 
 and beta w + q w^2 >= -beta^2 / (4 q) for all w; with lo - v <= w <= hi - v and
-|beta| <= R on the side where it counts, also >= -D,
+|beta| <= R on the side that matters, it is also >= -D,
 
     D = R^2 / (4 q) if R <= 2 q W, else W (R - q W),  W = v - lo (beta > 0) or hi - v.
 
-With v about the minimiser at the box's middle the first has beta small throughout, and
-its square joins the quadratic part of the Taylor model; the second is better where the
-minimiser is clipped, or q small or 0.
+With v near the minimiser at the box's middle, beta is small in the first bound, and its
+square joins the quadratic part of the Taylor model. The second bound is better if the
+minimiser is clipped, or if q is small or 0.
 """
 
 from __future__ import annotations
@@ -52,11 +52,11 @@ class Term:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Least:
-    """A function of (t, x) that is the least over the controls.
+    """The least of a function over the controls, a function of (t, x).
 
     Attributes:
         below: Models whose lower bounds bound it from below.
-        at: Models of the values at certain admissible controls, not below it.
+        at: Models of the values at some admissible controls, which are not below it.
         pull: Further losses by variable, for the choice of cuts, shape (d, N).
     """
 
@@ -69,8 +69,8 @@ def least_over_controls(fixed: Model, terms: list[Term]) -> Least:
     """Return fixed + the sum of the least of each term.
 
     Args:
-        fixed: What no control changes.
-        terms: One a control.
+        fixed: Part that no control changes.
+        terms: A term for each control.
     """
     d, count = fixed.algebra.d, fixed.error.size
     pull = np.zeros((d, count))
@@ -80,7 +80,7 @@ def least_over_controls(fixed: Model, terms: list[Term]) -> Least:
         q = _below(term.q)
         chosen = term.factor.scaled(v)
         square = q * v * v
-        # Covers q's own rounding, too: it is one unit below at most.
+        # Covers q's own rounding too, which lowers it by at most one unit.
         chosen = chosen.shifted(square, ROUNDING * square)
         below, at = below + chosen, at + chosen
         below, lost = _less_loss(below, term, q, v)
@@ -89,13 +89,13 @@ def least_over_controls(fixed: Model, terms: list[Term]) -> Least:
 
 
 def lowest(model: Model) -> Array:
-    """Return lower bounds over the boxes; squares and slopes of a variable together.
+    """Return lower bounds over the boxes, square and slope of a variable combined.
 
     Args:
         model: Models.
 
     Returns:
-        Shape (N,); NaN where nothing is known.
+        Shape (N,); NaN if nothing is known.
     """
     d, c = model.algebra.d, model.coefficients
     total = c[0] - model.error
@@ -115,7 +115,7 @@ def lowest(model: Model) -> Array:
 
 
 def pulls(model: Model) -> Array:
-    """Return how much each variable moves a model, shape (d, N)."""
+    """Return the variation of a model along each variable, shape (d, N)."""
     sizes = np.abs(model.coefficients)
     weights = model.algebra.monomials.T.astype(np.float64)
     found: Array = weights @ sizes
@@ -134,7 +134,7 @@ def _below(q: Fraction) -> float:
 
 
 def _choice(term: Term) -> Array:
-    """Return v within the bounds, about the minimiser at the middle."""
+    """Return v within the bounds, near the minimiser at the middle."""
     b, q = term.factor.middle, _below(term.q)
     if q > 0.0:
         with np.errstate(all="ignore"):
@@ -178,7 +178,7 @@ def _most(R: Array, W: Array, q: float) -> Array:
     else:
         most = W * R
     grown: Array = most * GROWTH
-    # 0 * inf is NaN, as it must be: nothing is known.
+    # 0 * inf is NaN, which rightly stands for an unknown bound.
     return grown
 
 

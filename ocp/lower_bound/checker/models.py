@@ -1,18 +1,18 @@
-"""Taylor models on NumPy arrays: cubic polynomials with a rigorous error, by the box.
+"""Taylor models on NumPy arrays: cubic polynomials with a rigorous error over a box.
 
 A function over the box y = middle + radius * s, s in [-1, 1]^d, is enclosed by
 
     sum over monomials m of c_m s^m  +  [-error, error],   degree of m <= ORDER
 
-The coefficients are floats; all that is rounded or truncated is added to the error, so
-that the enclosure holds for real arithmetic (Berz and Makino (1998), Reliable Computing
+The coefficients are floats; all rounding and truncation is added to the error, so that
+the enclosure holds for real arithmetic (Berz and Makino (1998), Reliable Computing
 4(4), "Verified integration of ODEs using differential algebraic methods on high-order
-Taylor models"). A whole batch of boxes is computed at once, a column a box.
+Taylor models"). A batch of boxes is computed at once, one per column.
 
-How rounding is bounded: float sums of fewer than 50 products of two floats each are off
-by less than 2^-46 of the sum of the products' absolute values (Higham (2002), section
-3.1: gamma_51 < 2^-47), underflow by less than TINY. Sums and products of nonnegative
-floats, as in the errors themselves, are off by less than 2^-40 of their value, so
+Rounding is bounded as follows. A float sum of fewer than 50 products of two floats has
+an error below 2^-46 times the sum of the products' absolute values (Higham (2002),
+section 3.1: gamma_51 < 2^-47), and an underflow below TINY. Sums and products of
+nonnegative floats, as in the errors themselves, have a relative error below 2^-40, so
 that a factor GROWTH makes them upper bounds.
 """
 
@@ -79,7 +79,7 @@ class Algebra:
         return table
 
     def constant(self, value: Array, error: Array | float = 0.0) -> Model:
-        """Return the model of one number a box, shape (N,)."""
+        """Return the model of a number for each box, shape (N,)."""
         coefficients = np.zeros((len(self.monomials), value.size))
         coefficients[0] = value
         return Model(self, coefficients, np.zeros(value.size) + error)
@@ -98,12 +98,12 @@ def algebra_of(d: int) -> Algebra:
 
 
 class Model:
-    """A batch of enclosures; never changed once it was computed with.
+    """A batch of enclosures, which must not be changed after use.
 
     Attributes:
         algebra: The monomials.
         coefficients: Shape (M, N).
-        error: Shape (N,), >= 0; NaN where nothing is known.
+        error: Shape (N,), >= 0; NaN if nothing is known.
     """
 
     __slots__ = ("_sums", "algebra", "coefficients", "error")
@@ -206,7 +206,7 @@ class Model:
 
 
 def down(value: Array, *parts: Array) -> Array:
-    """Return a value lowered by what its rounding from so many parts may be.
+    """Return a value lowered by at least the rounding error of its sum.
 
     Args:
         value: A float sum or difference of the parts.

@@ -5,9 +5,9 @@
 
 About the middle z0 of a box, T_e(z0 + d) = sum over p of T_e^[p] d^p with the
 derivatives T_e^[p] = (d/dz)^p T_e / p! from the recurrence T_(e+1) = 2 z T_e - T_(e-1),
-differentiated. So V is expanded about y0 to its full degree, exactly but for rounding;
-what exceeds the order of the models is bounded by the sum of its absolute values: the
-terms of the polynomial cancel before anything is bounded.
+differentiated. So V is expanded about y0 to its full degree, exactly except for
+rounding. Terms beyond the order of the models are bounded by the sum of their absolute
+values. So terms of the polynomial cancel before anything is bounded.
 
 Rounding: each T_e^[p] is a ball (middle, radius) of the recurrence. All further steps
 are sums of products of the table's floats with the coefficients: the result is off by
@@ -61,18 +61,18 @@ class Expansion:
     """The Taylor expansion of a polynomial about the middles of boxes.
 
     Attributes:
-        algebra: Of the models it makes; its first variables are (t, x), further ones
-            (controls) are none of the polynomial's.
+        algebra: Algebra of the models it makes; its first variables are (t, x). The
+            polynomial does not depend on further ones (controls).
     """
 
     def __init__(
         self, step: Step, algebra: Algebra, middle: Array, radius: Array
     ) -> None:
-        """Expand.
+        """Expand a polynomial.
 
         Args:
-            step: With the polynomial.
-            algebra: Of the models.
+            step: Step with the polynomial.
+            algebra: Algebra of the models.
             middle: Middles of the boxes, floats, shape (d, N).
             radius: Radii of the boxes, shape (d, N).
         """
@@ -140,7 +140,7 @@ class Expansion:
         return found.scaled(1.0 / self._half[axis])
 
     def _noise(self, axis: int | None) -> Array:
-        """Return upper bounds of the rounding of all that was summed, shape (N,)."""
+        """Return upper bounds of the rounding of all sums, shape (N,)."""
         share, rows = np.zeros(self.radius.shape[1]), []
         for a in range(self.dimensions):
             table, radii = np.abs(self._tables[a]), self._radii[a]

@@ -1,4 +1,4 @@
-"""The set that is left for trajectories: tube, bounds, constraints, prunings."""
+"""The set of the remaining trajectories: tube, bounds, constraints, prunings."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Pruned:
     Attributes:
         come: C.
         go: G.
-        constant: All that depends on neither t nor x.
+        constant: All terms that depend on neither t nor x.
         slope: slack_G - slack_C.
     """
 
@@ -54,7 +54,7 @@ def pruned_by(certificate: Certificate, come: Step, go: Step) -> Pruned:
     """Return the condition of one pruning.
 
     Args:
-        certificate: With x0, the horizon and the known cost.
+        certificate: Certificate with x0, the horizon and the known cost.
         come: C.
         go: G, with an end slack.
     """
@@ -73,11 +73,11 @@ class Region:
     """Points (t, x) of admissible trajectories that are cheaper than the known cost.
 
     Attributes:
-        certificate: With the bounds and the horizon.
+        certificate: Certificate with the bounds and the horizon.
         split: The problem.
-        tube: That of the file, which is proven to hold admissible trajectories.
-        stated: The tube in which counterexamples lie: the same one.
-        prunings: Those that are proven.
+        tube: Tube of the file, which is proven to hold admissible trajectories.
+        stated: Tube in which counterexamples must lie: the same one.
+        prunings: The proven prunings.
     """
 
     certificate: Certificate
@@ -90,7 +90,7 @@ class Region:
         """Return one box that holds the region from a time on.
 
         Args:
-            earliest: That time.
+            earliest: The time.
         """
         problem = self.certificate.problem
         upper = self.tube.levels[:, 0 : 2 * problem.n : 2].max(axis=0)
@@ -114,11 +114,11 @@ class Region:
         variables: Sequence[Model] | None = None,
         constraints: Sequence[int] = (),
     ) -> tuple[Boxes, Flags]:
-        """Drop what breaks a constraint or costs more than is known.
+        """Drop points that violate a constraint or cost more than the known cost.
 
         Args:
             boxes: Boxes.
-            variables: The coordinates over them; None: as the boxes have them.
+            variables: The coordinates over them; None means those of the boxes.
             constraints: Numbers of further values that are at most 0.
         """
         used = boxes.variables() if variables is None else variables
@@ -132,7 +132,7 @@ class Region:
             models += [pruning.excess(used, boxes) for pruning in self.prunings]
         smaller = boxes
         for model in models:
-            # Each was evaluated over the boxes as they came; their cuts are joined.
+            # Each was evaluated over the boxes before cutting; the cuts are combined.
             cut, out = cut_by(boxes, model)
             lower = np.maximum(smaller.lower, cut.lower)
             smaller = Boxes(lower, np.minimum(smaller.upper, cut.upper), boxes.slab)
@@ -148,13 +148,13 @@ class Region:
         constraints: Sequence[int] = (),
         but: int | None = None,
     ) -> Flags:
-        """Return which points are in it for certain, by the file's own tube.
+        """Return which points are certainly in the region, by the file's own tube.
 
         Args:
             points: Boxes without width, within the bounds of the states.
-            variables: The coordinates; None: as the boxes have them.
-            constraints: Numbers of further values that are at most 0.
-            but: Number of a face of the tube that does not count.
+            variables: The coordinates; None means those of the boxes.
+            constraints: Numbers of further values that must be at most 0.
+            but: Number of a face of the tube that is ignored.
         """
         used = points.variables() if variables is None else variables
         held = self.stated.holds(points, but=but)

@@ -16,13 +16,14 @@ BATCH = 1024  # boxes; few enough that their models stay in the cache
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How a proof ended.
+    """The outcome of a proof.
 
     Attributes:
-        proven: Whether it holds everywhere.
-        boxes: How many boxes it took.
-        counterexample: (t, x) where it does not hold for certain; None: none found.
-        remark: Why it is open, where it is.
+        proven: Whether the inequality holds everywhere.
+        boxes: Number of boxes it took.
+        counterexample: Point (t, x) at which it certainly fails; None if none was
+            found.
+        remark: Reason why the proof is open; empty otherwise.
     """
 
     proven: bool
@@ -36,9 +37,9 @@ class Judgement:
     """A batch of boxes, judged.
 
     Attributes:
-        proven: Where the inequality holds over all of the box, (N,).
-        suspect: Where its middle may be a counterexample, (N,).
-        pull: Which variables cost how much, shape (d, N).
+        proven: Mask of boxes over which the inequality holds, (N,).
+        suspect: Mask of boxes whose middle may be a counterexample, (N,).
+        pull: Loss of the bound by variable, shape (d, N).
     """
 
     proven: Flags
@@ -50,11 +51,11 @@ class Task(Protocol):
     """An inequality over a set."""
 
     def cut(self, boxes: Boxes) -> tuple[Boxes, Flags]:
-        """Drop points outside of the set, cheaply; say which boxes are outside."""
+        """Drop points outside of the set by a cheap test; return which boxes are."""
         ...
 
     def cut_more(self, boxes: Boxes) -> tuple[Boxes, Flags]:
-        """Drop points outside of the set by all that is known of it."""
+        """Drop points outside of the set by all tests."""
         ...
 
     def judge(self, boxes: Boxes) -> Judgement:
@@ -62,7 +63,7 @@ class Task(Protocol):
         ...
 
     def refuted(self, points: Boxes) -> Flags:
-        """Say which points lie in the set and violate the inequality, for certain."""
+        """Return which points certainly lie in the set and violate the inequality."""
         ...
 
     def shown(self, points: Boxes) -> tuple[float, ...]:
@@ -76,10 +77,10 @@ def prove(task: Task, roots: Boxes, deadline: Deadline) -> Outcome:
     Args:
         task: The inequality and the set.
         roots: Boxes that hold the set.
-        deadline: When to stop.
+        deadline: Time at which to stop.
 
     Returns:
-        Proven, refuted by a point, or open.
+        The outcome: proven, refuted by a point, or open.
     """
     stack, count = [roots], 0
     with np.errstate(all="ignore"):
@@ -134,7 +135,7 @@ def _counterexample(task: Task, suspects: Boxes) -> tuple[float, ...] | None:
 
 
 def _halved(boxes: Boxes, pull: Array) -> tuple[Boxes, tuple[float, ...] | None]:
-    """Cut each box where it pulls most; the point of one that cannot be cut."""
+    """Halve each box along its largest pull; return a point if one is too thin."""
     if not boxes.count:
         return boxes, None
     middle = boxes.middle

@@ -26,14 +26,14 @@ from swarmstart.terminal_set.checker.findings import Finding, Verdict
 def findings(certificate: Certificate, *, seconds: float) -> Iterator[Finding]:
     """Judge a certificate, statement by statement.
 
-    Stops where a statement does not hold: those after it rest on it.
+    It stops at a statement that does not hold, since those after it depend on it.
 
     Args:
-        certificate: What the file states.
-        seconds: Time for all of it [s].
+        certificate: The statements of the file.
+        seconds: Time for all statements [s].
 
     Yields:
-        One finding a statement.
+        A finding for each statement.
     """
     deadline = Deadline.after(seconds)
     for finding in _in_order(certificate, deadline):
@@ -65,7 +65,7 @@ def proven_bound(certificate: Certificate) -> Fraction:
     """Return min(known, V(0, x0) - slack latest - end slack) + offset, exactly.
 
     Args:
-        certificate: With the final step.
+        certificate: Certificate with the final step.
     """
     final, problem = certificate.final, certificate.problem
     value = exact_value(final, (0.0, *problem.x0))

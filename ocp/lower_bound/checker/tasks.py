@@ -59,7 +59,7 @@ class _Hamiltonian:
     def least(
         self, first: Model, weights: Sequence[Value], variables: Sequence[Model]
     ) -> Least:
-        """Return it over boxes."""
+        """Return the least over boxes."""
         split, values = self.split, self._program(variables)
         fixed: Value = first
         for weight, number in zip(weights, split.drift, strict=True):
@@ -87,7 +87,7 @@ class StepTask:
 
     Attributes:
         step: V and its slack.
-        region: Where.
+        region: The region.
     """
 
     step: Step
@@ -139,7 +139,7 @@ class EndTask:
 
     Attributes:
         step: V and its end slack.
-        region: Where; its roots are cut to the times of ends by the caller.
+        region: The region; the caller cuts its roots to the times of ends.
     """
 
     step: Step
@@ -158,7 +158,7 @@ class EndTask:
         return self.region.cut(boxes)
 
     def cut_more(self, boxes: Boxes) -> tuple[Boxes, Flags]:
-        """Drop what is outside of the region or no admissible end."""
+        """Drop points that are outside of the region or not admissible ends."""
         return self.region.cut_more(boxes, constraints=self.region.split.ends)
 
     def judge(self, boxes: Boxes) -> Judgement:
@@ -183,8 +183,8 @@ class EndTask:
 class FaceTask:
     """s_k' > d_k f on a face of the tube, for all controls.
 
-    The coordinate with the largest entry of d_k follows from the others; in the boxes
-    it is 0.
+    On the face, the coordinate with the largest entry of d_k follows from the others;
+    the boxes have 0 in its place.
 
     Attributes:
         face: k.
@@ -246,9 +246,9 @@ class FaceTask:
     def _cut_by_faces(
         self, boxes: Boxes, variables: Sequence[Model]
     ) -> tuple[Boxes, Flags]:
-        """Drop what is beyond another face, both levels at the same time.
+        """Drop points beyond another face, both levels taken at the same time.
 
-        The range of x_p alone would not do: it forgets at which t and x it is what.
+        The range of x_p alone is not enough: it does not depend on t and x.
         """
         tube, outside = self.region.tube, np.zeros(boxes.count, dtype=bool)
         smaller = boxes
@@ -293,12 +293,12 @@ class FaceTask:
         variables = self._variables(boxes, tube)
         boxes, beyond = self._cut_by_faces(boxes, variables)
         beyond |= is_empty(boxes)
-        # Empty boxes have no models: they stand as they were until they are dropped.
+        # Empty boxes have no models: they stay unchanged until they are dropped.
         placed = self._placed(boxes, variables)
         root = self.region.roots()
         outside = (placed.lower[p] > root.upper[p]) | (placed.upper[p] < root.lower[p])
         smaller, off = self.region.cut(placed)
-        # Only that coordinate may have become empty by rounding: it lies on the face.
+        # Only this coordinate, which lies on the face, can become empty by rounding.
         return self._taken_back(smaller), outside | off | beyond
 
     def cut_more(self, boxes: Boxes) -> tuple[Boxes, Flags]:
@@ -334,7 +334,7 @@ class FaceTask:
 def _judgement(
     below: Model, extra: Array, boxes: Boxes, proven: Flags, suspect: Flags
 ) -> Judgement:
-    """Return a judgement; what no variable is known to cost goes to the wide ones."""
+    """Return a judgement; loss of unknown origin counts for the wide variables."""
     width = boxes.upper - boxes.lower
     shares = width / np.maximum(width.sum(axis=0), 1e-300)
     pull = pulls(below) + extra + below.error * shares

@@ -1,13 +1,13 @@
 """The tube of a certificate: a polytope that moves.
 
-The tube is { x : d_k x <= s_k(t) }, s_k linear between the times, as the file has it.
-Faces need d_k f < s_k' strictly: a face that rises just as fast as the fastest
-trajectory is open, since rounding cannot tell. Then no admissible trajectory leaves it:
-take the last time up to which it stayed inside. A face that it touches then has
-d_k f < s_k' there for all controls, and, as f is continuous and the controls' box is
-compact, for a while; so the trajectory does not cross it in that while. A face with
-s_k >= the largest d_k x over the bounds of the states is not crossed by an admissible
-trajectory whatever f is.
+The tube of the file is { x : d_k x <= s_k(t) }, with s_k linear between the times.
+Faces must satisfy d_k f < s_k' strictly: if a face rises just as fast as the fastest
+trajectory, the check stays open, since rounding cannot decide it. Then no admissible
+trajectory leaves the tube. To see it, take the last time up to which it stayed inside.
+A face that it touches at this time has d_k f < s_k' there for all controls. As f is
+continuous and the controls' box is compact, that also holds for some time after, in
+which the trajectory does not cross the face. A face with s_k >= the largest d_k x over
+the bounds of the states is not crossed by an admissible trajectory, for any f.
 """
 
 from __future__ import annotations
@@ -114,11 +114,11 @@ class Tube:
         return Boxes(lower, upper, boxes.slab), outside
 
     def holds(self, boxes: Boxes, *, but: int | None = None) -> Flags:
-        """Return which points are inside for certain.
+        """Return which points are certainly inside.
 
         Args:
             boxes: Boxes without width.
-            but: Number of a face that does not count.
+            but: Number of a face that is ignored.
         """
         x = boxes.lower[1 : 1 + self.n]
         level, rounding = self.level_at(boxes.lower[0])
@@ -141,7 +141,7 @@ class Tube:
 
 
 def stated_tube(certificate: Certificate) -> Tube:
-    """Return the tube as the file has it."""
+    """Return the tube of the file."""
     return Tube(
         directions=np.array(certificate.directions),
         times=np.array(certificate.times),
@@ -152,12 +152,12 @@ def stated_tube(certificate: Certificate) -> Tube:
 def is_cut_off(
     direction: Array, levels: tuple[float, float], certificate: Certificate
 ) -> bool:
-    """Whether the bounds of the states alone imply d x <= levels.
+    """Return whether the bounds of the states alone imply d x <= levels.
 
     Args:
         direction: d, shape (n,).
-        levels: At both ends of a slab.
-        certificate: With the bounds.
+        levels: Levels at both ends of a slab.
+        certificate: Certificate with the bounds.
     """
     lower, upper = certificate.problem.state_box
     most = Fraction()

@@ -1,13 +1,13 @@
-"""How fast trajectories leave a polytope {x : D x <= s(t)} through its faces.
+"""Outward rates of trajectories at the faces of a polytope {x : D x <= s(t)}.
 
-On face k, d_k x = s_k(t), whatever of it lies in the polytope is covered by cells: a
+The part of face k, d_k x = s_k(t), that lies in the polytope is covered by cells: a
 grid in the face's own coordinates z = G x, G = (d_k, q_1, ..., q_(n-1)), between bounds
 of q_j x on the face (`support.py`). A cell is dropped if for some row r
 
-    d_r W z > s_r(t)   for all its z and all times of the slab,   W = G^-1 in floats,
+    d_r W z > s_r(t)   for all its z and all times of the slab,   W = G^-1 in floats.
 
-which is linear in t and z, so the ends decide. W is no exact inverse; a point x of the
-cell is off W z by |(I - W G) x| at most, the cell's misfit.
+This is linear in t and z, so it is enough to check the ends. W is not an exact inverse:
+a point x of the cell differs from W z by at most |(I - W G) x|, the cell's misfit.
 """
 
 from __future__ import annotations
@@ -31,22 +31,23 @@ Array = NDArray[np.float64]
 
 _IN_SPACE = 3
 _APART = 32.0
-"""How far faces that are drawn in keep apart, in misfits; see `_are_outside`'s pad."""
+"""Distance, in misfits, that tightened faces keep; see `_are_outside`."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Template:
-    """The directions of a polytope, and what follows from them alone.
+    """The directions of a polytope, and all quantities that follow from them alone.
 
     Attributes:
         directions: D, shape (K, n); the first 2n are the axes, e_1, -e_1, e_2, ...
         rows: D, then the axes with a bound of a state, shape (R, n).
         limits: The levels of those last rows, shape (R - K,).
-        opposite: Which direction is the opposite of each, shape (K,).
+        opposite: Number of the opposite of each direction, shape (K,).
         frames: W of each face, shape (K, n, n).
-        misfit: Bound of |x - W G x|, as computed, in parts of the largest |x_i|.
-        support: For the largest d_k x.
-        extents: For the ends of the faces, q_1, -q_1, q_2, ... of each; None if n = 1.
+        misfit: Bound of |x - W G x|, as computed, relative to the largest |x_i|.
+        support: Dual vertices for the largest d_k x.
+        extents: Dual vertices for the ends of the faces, q_1, -q_1, q_2, ... of each;
+            None if n = 1.
     """
 
     directions: Array
@@ -64,7 +65,7 @@ class Template:
         return int(self.directions.shape[1])
 
     def levels(self, levels: Array) -> Array:
-        """Return levels of the directions with those of the bounds behind them."""
+        """Return levels of the directions, followed by those of the states' bounds."""
         return np.concatenate([levels, self.limits])
 
     def reach(self, levels: Array) -> float:
@@ -78,8 +79,8 @@ class Template:
     def tightened(self, levels: Array) -> Array:
         """Return levels of the same polytope whose faces nearly touch it.
 
-        They keep apart so far that `_are_outside` sees it: a face on a bound of a
-        state that is not surely beyond it would have to rise.
+        They keep a distance that `_are_outside` can detect: a face on a state's bound
+        would have to rise if it were not certainly beyond it.
         """
         reach = self.reach(levels)
         bounds = self.support.upper(self.levels(levels), reach)
@@ -87,12 +88,11 @@ class Template:
 
 
 def template_of(directions: Array, state_box: tuple[Array, Array]) -> Template:
-    """Return what follows from the directions of a polytope.
+    """Return the template of a polytope with given directions.
 
     Args:
         directions: D, shape (K, n), unit vectors; the first 2n are the axes.
-        state_box: Lower and upper bounds of the states, each (n,); infinite if there
-            is none.
+        state_box: Lower and upper bounds of the states, each (n,); infinite if missing.
     """
     n = directions.shape[1]
     # In the order of the axes: x_1 <= upper_1, -x_1 <= -lower_1, x_2 <= ...
@@ -142,14 +142,14 @@ def rates_at_faces(
 
     Args:
         motion: f.
-        template: Of the polytope.
-        times: Begin and end of the slab.
-        levels: At both, shape (2, K); linear between.
-        cells: Into how many parts a face is cut, along each of its coordinates.
+        template: Template of the polytope.
+        times: Beginning and end of the slab.
+        levels: Levels at both times, shape (2, K); linear between them.
+        cells: Number of parts of a face along each of its coordinates.
 
     Returns:
         Shape (K,) [1/s]; -infinity for a face that is not part of the polytope at any
-        time of the slab, infinity where nothing bounds the rate.
+        time of the slab, infinity if no bound of the rate is known.
     """
     ends = np.array([template.levels(level) for level in levels])
     reach = template.reach(levels)
@@ -179,8 +179,8 @@ def _grid(template: Template, ends: Array, reach: float, cells: int) -> Array:
     """Return the ends of all cells of all faces in z_j, j > 0.
 
     Returns:
-        Lower and upper, shape (2, K, number, n - 1); those of a face that is empty have
-        lower ends above the upper ones.
+        Lower and upper ends, shape (2, K, number, n - 1); an empty face has lower ends
+        above the upper ones.
     """
     faces, others = len(template.directions), template.n - 1
     if template.extents is None:
@@ -201,7 +201,7 @@ def _grid(template: Template, ends: Array, reach: float, cells: int) -> Array:
 def _are_outside(
     template: Template, ends: Array, grid: Array, misfit: float
 ) -> NDArray[np.bool_]:
-    """Return which cells surely have no point of the polytope, shape (K, number)."""
+    """Return which cells certainly have no point of the polytope, (K, number)."""
     slopes = np.einsum("ri,kij->krj", template.rows, template.frames)
     faces = len(template.directions)
     # d_r W_0 s_k(t) - s_r(t) at both ends of the slab, (2, K, R).
@@ -211,7 +211,7 @@ def _are_outside(
         along = slopes[:, None, :, 1 + j]
         low, high = grid[:, :, :, j, None]
         least += np.minimum(along * low, along * high)
-    # d_r e, and the roundings here: both of the size of x, which misfit is padded for.
+    # d_r e, and the rounding here: both scale with x, for which misfit has padding.
     sizes = np.abs(template.rows).sum(axis=1)
     pad = 2.0 * misfit * sizes + PAD * np.abs(ends).max(axis=0)
     is_empty = (grid[0] > grid[1]).any(axis=2)

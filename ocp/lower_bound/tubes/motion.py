@@ -1,22 +1,23 @@
-"""Upper bounds of how fast trajectories move in a direction, over cells of space.
+"""Upper bounds of the rates of trajectories in given directions, over cells of space.
 
 A cell holds the points (t, x, u) with
 
     x = W z + e,  z_0 = s(t) = s_a + slope (t - t_a),  |e_i| <= misfit,
     z_j in [lower_j, upper_j] (j > 0),  t in [t_a, t_b],  u in a box
 
-that is, a part of a face that moves, in its own coordinates z. Of d'f over it two
-bounds are taken, and the better one counts: d'f in intervals, and the mean-value form
+that is, a part of a moving face, in its own coordinates z. The bound of d'f over it is
+the better one of two: d'f in intervals, and the mean-value form
 
     d'f(t, x, u) <= d'f(c) + |d'f_t + d'f_x W_0 slope| (t_b - t_a) / 2
                     + sum over j of |d'f_x W_j| (half of cell j) + |d'f_u| (half of u)
                     + |d'f_x| misfit,
 
-derivatives over the whole cell. Its excess falls with the square of the cell's size.
-Both are taken of f as weighted sums of terms, where d'f may lose some (`terms.py`).
+with derivatives over the whole cell. Its overestimate falls with the square of the
+cell's size. Both take f as weighted sums of terms, some of which may cancel in d'f
+(`terms.py`).
 
-f has to be continuous; where it jumps unseen by its derivatives (atan2 at its cut), the
-second bound is left out, see `terminal_set/smoothness.py`.
+f must be continuous. If it has a jump that its derivatives do not show (atan2 at its
+cut), the second bound is left out, see `terminal_set/smoothness.py`.
 
 Source: Moore, Kearfott and Cloud (2009), Introduction to Interval Analysis,
 section 6.2.
@@ -40,7 +41,7 @@ from swarmstart.terminal_set.smoothness import Kinks
 Array = NDArray[np.float64]
 
 _CONTROL_CELLS = 4
-"""Into how many parts the box of a control is cut in which f is not affine."""
+"""Number of parts of a control's range, for a control in which f is not affine."""
 _MOST_CONTROL_BOXES = 32
 
 
@@ -51,10 +52,10 @@ class Motion:
     Attributes:
         n: Number of states.
         terms: The terms that f is a weighted sum of.
-        slopes: Their derivatives, column after column: of t, of x, of u.
-        weights: The numbers of the sums, shape (n, terms).
-        errors: How far off those may be, shape (n, terms).
-        kinks: Where f jumps unseen by its derivatives.
+        slopes: Their derivatives, column after column: by t, by x, by u.
+        weights: The weights of the sums, shape (n, terms).
+        errors: Error bounds of the weights, shape (n, terms).
+        kinks: Jumps of f that its derivatives do not show.
         controls: Boxes that give the extremes of f over the control box, lower and
             upper corners, shape (2, m, number).
     """
@@ -98,7 +99,7 @@ def motion_of(statement: Statement) -> Motion:
         statement: The statement.
 
     Raises:
-        UnknownIntervalOperationError: f jumps, or has an operation without interval
+        UnknownIntervalOperationError: If f jumps, or has an operation without interval
             form.
     """
     y = ca.vertcat(statement.time, statement.states, statement.controls)
@@ -120,9 +121,10 @@ def motion_of(statement: Statement) -> Motion:
 
 
 def _control_boxes(statement: Statement) -> Array:
-    """Return boxes of u over which the extremes of f are those over all u.
+    """Return boxes of u over which f has the same extremes as over all u.
 
-    In a control in which f is affine, whatever the others are, the two ends do.
+    For a control in which f is affine for all values of the others, its two ends are
+    enough.
     """
     low, high = statement.control_box
     parts = []
@@ -178,7 +180,7 @@ def rates_over(motion: Motion, cells: Cells) -> Array:
 
 
 def _repeated(cells: Cells, count: int) -> Cells:
-    """Return the cells, each as often as there are boxes of controls."""
+    """Return the cells, each repeated for every box of controls."""
     return Cells(
         times=cells.times,
         directions=np.repeat(cells.directions, count, axis=0),
@@ -195,7 +197,7 @@ def _bounds(motion: Motion, cells: Cells, boxes: list[Array], half: Array) -> Ar
 
     Args:
         motion: f.
-        cells: One for each box.
+        cells: A cell for each box.
         boxes: Lower corners, upper corners and middles, each (1 + n + m, boxes).
         half: Half of the cells in z, before they were repeated.
     """
@@ -215,7 +217,7 @@ def _bounds(motion: Motion, cells: Cells, boxes: list[Array], half: Array) -> Ar
 
 
 def _weights(motion: Motion, directions: Array) -> tuple[Array, Array]:
-    """Return the numbers of the terms in d'f, and by how much they may be off."""
+    """Return the weights of the terms in d'f, and their error bounds."""
     size = np.abs(directions)
     return (
         directions @ motion.weights,
@@ -244,7 +246,7 @@ def _variation(
     box: tuple[Array, Array],
     half: Array,
 ) -> Array:
-    """Return how far d'f at most is from its value in the middle of a cell."""
+    """Return a bound of the distance of d'f from its value in the middle of a cell."""
     n, number = motion.n, box[0].shape[1]
     weights, errors = (part[:, None, :] for part in sums)
     low, high = (
@@ -287,6 +289,6 @@ def _combined(rows: Array, value: Array, radius: Array) -> tuple[Array, Array]:
 
 
 def _products(frames: Array, low: Array, high: Array) -> tuple[Array, Array]:
-    """Return the range of W z for z in [low, high], but for rounding, each (N, n)."""
+    """Return the range of W z for z in [low, high], without rounding, each (N, n)."""
     one, other = frames * low[:, None, :], frames * high[:, None, :]
     return np.minimum(one, other).sum(axis=2), np.maximum(one, other).sum(axis=2)

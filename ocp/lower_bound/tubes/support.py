@@ -4,13 +4,13 @@ By duality of linear programmes
 
     max {q'x : D x <= s} = min {y's : D'y = q, y >= 0}
 
-so each y >= 0 bounds q'x from above, and the best of those with n entries that are not
-0, the vertices of the dual, are exact. They do not depend on s: they are listed once,
-and a bound for new levels s is a product and a minimum. On the face d_k'x = s_k the
-entry y_k may have any sign.
+Each y >= 0 gives an upper bound of q'x, and the best vertex of the dual, a y with n
+nonzero entries, gives the exact maximum. The vertices do not depend on s: they are
+listed once, and a bound for new levels s is a product and a minimum. On the face
+d_k'x = s_k the entry y_k may have any sign.
 
-A listed y solves D'y = q in floats only. What it leaves, r = q - D'y, adds r'x, which
-the size of x bounds: nothing here depends on a tolerance.
+A listed y solves D'y = q in floats only. Its residual r = q - D'y adds r'x, which is
+bounded by the size of x: nothing here depends on a tolerance.
 
 Source: Boyd and Vandenberghe (2004), Convex Optimization, section 5.2.4.
 """
@@ -27,12 +27,14 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 PAD = 2.0**-44
-"""Relative, of the sum of the sizes of all terms. A float operation is off by 2^-53 of
-its result at most, so this is enough for sums of products of some 200 operations."""
+"""Padding, relative to the sum of the sizes of all terms. A float operation has a
+relative error of at most 2^-53, so this is enough for sums of products of about 200
+operations."""
 _NEGATIVE = -1e-12
-"""Entries of y above this are taken as 0, which r accounts for."""
+"""Negative entries of y above this count as 0; the residual r accounts for it."""
 _STEEPEST = 1e4
-"""Larger entries of y come from nearly parallel rows: they bound nothing well."""
+"""Largest entry of y that is kept: larger ones come from nearly parallel rows and give
+no good bound."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -40,11 +42,11 @@ class DualVertices:
     """The vectors y of some directions q, n entries each.
 
     Attributes:
-        rows: Which rows of D the entries belong to, shape (n, number).
+        rows: Rows of D that the entries belong to, shape (n, number).
         weights: The entries, shape (n, number).
-        residual: Bound of |q - D'y|_1 and of the rounding of y's, in parts of the
+        residual: Bound of |q - D'y|_1 and of the rounding of y's, relative to the
             largest of |x_i| and |s_k|, shape (number,).
-        starts: Where those of each q begin, shape (directions,).
+        starts: Index of the first vertex of each q, shape (directions,).
     """
 
     rows: Index
@@ -56,12 +58,12 @@ class DualVertices:
         """Return upper bounds of q'x over {x : D x <= s}, shape (directions,).
 
         Args:
-            levels: s, shape (rows of D,); or several, shape (number, rows of D): then
-                the bound holds of all of them, and of all between two of them.
+            levels: s, shape (rows of D,); or several, shape (number, rows of D): the
+                bound then holds for all of them, and for all between two of them.
             reach: Bound of |x_i| for all x in the polytopes and all i.
         """
         terms = self.weights * np.atleast_2d(levels)[:, self.rows]
-        # y's is linear in s, so its greatest value between two levels is at one.
+        # y's is linear in s, so its maximum between two levels is at one of them.
         bounds = terms.sum(axis=1).max(axis=0)
         bounds += self.residual * max(reach, float(np.abs(levels).max()))
         return np.asarray(np.minimum.reduceat(bounds, self.starts))
@@ -103,7 +105,7 @@ def dual_vertices_on_faces(rows: Array, directions: Array) -> DualVertices:
 def _vertices_of(
     rows: Array, bases: Index, q: Array, *, is_free: bool
 ) -> tuple[Index, Array, Array]:
-    """Return the bases with y >= 0, their y, and the bounds of what is left."""
+    """Return the bases with y >= 0, their y, and the bounds of the residuals."""
     matrices = np.swapaxes(rows[bases], 1, 2)
     is_regular = np.abs(np.linalg.det(matrices)) > 1.0 / _STEEPEST
     bases, matrices = bases[is_regular], matrices[is_regular]

@@ -3,8 +3,8 @@
     f_i(y) = sum over j of A_ij w_j(y)
 
 w_j are the inputs, the number 1 and the values that are not sums, each once; A are
-numbers. Of x1' = -x1 + r, x2' = -x2 - r the sum x1' + x2' then has no r, as it should;
-intervals of x1' and x2' would hold the width of r twice.
+numbers. With x1' = -x1 + r and x2' = -x2 - r, for example, r cancels in x1' + x2';
+intervals of x1' and x2' would count the width of r twice.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ Array = NDArray[np.float64]
 
 _CODES = {name: code for code, name in OPERATIONS.items()}
 _ONE = -1
-"""Stands for the term 1."""
+"""Number of the term 1."""
 _UNDERFLOW = 1e-280
 """Added to sizes of numbers, for products too small for a float."""
 
 _Form = dict[int, tuple[float, float]]
-"""Term -> its number in a value, and the sum of the sizes that it was added up from."""
+"""Term -> its weight in a value, and the sum of the sizes of the weight's summands."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -39,7 +39,7 @@ class Terms:
         symbols: y, shape (inputs, 1).
         terms: w, shape (number, 1), of y.
         weights: A in floats, shape (outputs, number).
-        errors: Bounds of how far they are from A, shape (outputs, number).
+        errors: Error bounds of these floats, shape (outputs, number).
     """
 
     symbols: ca.SX
@@ -55,7 +55,7 @@ def terms_of(function: ca.Function) -> Terms:
         function: y (n, 1) -> a column.
 
     Raises:
-        UnknownIntervalOperationError: It has an operation that is unknown.
+        UnknownIntervalOperationError: If it has an operation that is unknown.
     """
     tape = expanded_tape(function)
     forms: list[_Form] = []
@@ -82,7 +82,7 @@ def terms_of(function: ca.Function) -> Terms:
 
 
 def _form(number: int, node: Node, forms: list[_Form]) -> _Form:
-    """Return a value as a sum of terms: itself, if it is none of others."""
+    """Return a value as a sum of terms; as a term itself if it is not a sum."""
     if node.operation == "constant" and np.isfinite(node.value):
         return {_ONE: (node.value, abs(node.value))}
     itself = {number: (1.0, 1.0)}
@@ -99,7 +99,7 @@ def _form(number: int, node: Node, forms: list[_Form]) -> _Form:
 
 
 def _product(one: _Form, other: _Form, *, is_quotient: bool) -> _Form | None:
-    """Return a product or quotient, None unless a number is the one or the other."""
+    """Return a product with, or quotient by, a number; None if neither is a number."""
     factor, divisor = _number(one), _number(other)
     if is_quotient:
         return _scaled(one, 1.0 / divisor) if divisor else None
@@ -109,9 +109,9 @@ def _product(one: _Form, other: _Form, *, is_quotient: bool) -> _Form | None:
 
 
 def _number(form: _Form) -> float | None:
-    """Return the number that a value is, None if it is none, or no exact one."""
+    """Return the exact number that a value is; None if it is not an exact number."""
     weight, size = form.get(_ONE, (0.0, 0.0))
-    # A number that was added up has a rounding of its own: it stays a term.
+    # A number that is a rounded sum is not exact: it stays a term.
     return weight if set(form) == {_ONE} and abs(weight) == size else None
 
 

@@ -7,14 +7,14 @@ Over each slab, s_k rises faster than
     r_k = max of d_k f(t, x, u) over  d_k x = s_k(t),  D x <= s(t),  all u,
 
 in rounded intervals (`faces.py`, `motion.py`), and s(0) >= D x0. Then no trajectory
-gets out: at the last moment in the polytope it is on some faces; f being continuous,
-d_k x rises more slowly than s_k on each of them for a while, and the other faces are
-not reached at once. The bounds of the states are part of the polytope there, with
-levels that stand still, since admissible trajectories keep them.
+leaves the polytope: at its last moment inside it is on some faces. As f is continuous,
+d_k x rises more slowly than s_k on each of them for some time, and it cannot reach the
+other faces at once. The bounds of the states are part of the polytope here, with
+constant levels, since admissible trajectories keep them.
 
-r depends on the s at the slab's end, which is raised until all rates fit; where that
-does not settle, the slab is halved. A face that nowhere touches the polytope is free to
-move: it is drawn in until it does.
+r depends on the s at the slab's end, which is raised until all rates fit; if that does
+not converge, the slab is halved. A face that does not touch the polytope may move
+freely: it is tightened until it touches.
 
 Source: Blanchini and Miani (2015), Set-Theoretic Methods in Control, section 4.2
 (Nagumo's condition); Dang and Maler (1998), Reachability Analysis via Face Lifting.
@@ -47,24 +47,25 @@ the Van der Pol oscillator's x1 ends at most at 6.2 with 24, 5.3 with 32, 4.7 wi
 """
 _EIGHTHS = 8
 _ROUGHLY = 4
-"""A tube with as many slabs less shows how wide the states are, for the directions."""
+"""Ratio of slabs of the final tube and of the rough one, which gives the widths of the
+states for the directions."""
 _MOST_ALIKE = 2.0
-"""Widths of the states whose quotient is less count as alike."""
+"""Largest quotient of two widths of states that count as equal."""
 _LEAST_WIDTH = 1e-4
-"""Of the greatest one; below it, widths count as this."""
+"""Least width of a state that is used, relative to the largest one."""
 _GREATEST = 1e6
-"""Levels beyond this many sizes, or times x0 if that is more, count as a blow-up."""
+"""Level, in sizes or in multiples of x0 (the larger), that counts as a blow-up."""
 _ROUNDS = 12
-"""How often the end of a slab is raised before the slab is halved."""
+"""Largest number of times that a slab's end is raised before the slab is halved."""
 _DRAWN_IN = 3
-"""In how many of them faces are drawn in; later rounds only raise."""
+"""Number of rounds in which faces are tightened; later rounds only raise."""
 _BEYOND = 0.1
-"""Part of a raise that is added to it, so that the next round fits."""
+"""Fraction by which a raise is enlarged, so that the next round fits."""
 _HALVINGS = 8
 _MOST_EXCESS = 0.02
-"""By which part of its width a slab may be too wide before it is halved."""
+"""Relative excess of a slab's width at which it is halved."""
 _MOST_SLABS = 20
-"""Slabs at most, in multiples of those asked for."""
+"""Largest number of slabs, in multiples of the requested number."""
 
 
 @dataclass(eq=False)
@@ -72,13 +73,13 @@ class NoTubeError(SwarmstartError):
     """No set was found that holds the trajectories.
 
     Attributes:
-        reason: Why not, and what would help: sentences.
+        reason: The cause, and what would help: sentences.
     """
 
     reason: str
 
     def __str__(self) -> str:
-        """Give the reason."""
+        """Return the reason."""
         return self.reason
 
 
@@ -92,18 +93,20 @@ def tube_of(
     """Enclose all admissible trajectories of a statement.
 
     Args:
-        statement: With 1, 2 or 3 states.
-        slabs: Pieces of time, at least 1; where they are too long, they are halved.
-        cells: Parts of a face along each of its coordinates; None: as CELLS says.
+        statement: Statement with 1, 2 or 3 states.
+        slabs: Number of pieces of time, at least 1; pieces that are too long are
+            halved.
+        cells: Number of parts of a face along each of its coordinates; None means
+            CELLS.
         faces: Number of faces for two states, a multiple of 8, so that the diagonals
-            are among them; there are 2 for one state, 26 for three. Those between
-            the axes turn to the narrow sides of a set whose widths are far apart.
+            are among them; there are 2 for one state, 26 for three. If the set's
+            widths differ much, faces between the axes turn towards its narrow sides.
 
     Returns:
         The tube, from 0 to the latest end; proven, rounding included.
 
     Raises:
-        NoTubeError: There are more states, the dynamics jump or have an operation
+        NoTubeError: If there are more states, the dynamics jump or have an operation
             without interval form, or the trajectories cannot be bounded.
     """
     if statement.n not in CELLS:
@@ -144,7 +147,7 @@ def tube_of(
 
 
 def _require_numbers(statement: Statement) -> None:
-    """Refuse what is no number."""
+    """Validate that all numbers are finite."""
     low, high = statement.control_box
     for name, values in (
         ("the initial state", statement.x0),
@@ -194,7 +197,7 @@ def _scaled(directions: Array, rough: Tube) -> Array:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class _March:
-    """What all slabs of a tube have in common."""
+    """The common parts of all slabs of a tube."""
 
     statement: Statement
     motion: Motion
@@ -222,7 +225,7 @@ def _marched(march: _March, slabs: int) -> Tube:
     step, least = whole, whole / 2**_HALVINGS
     rates = march.rates((0.0, least), levels[0], levels[0])
     while times[-1] < latest:
-        # The last slab takes what rounding leaves of the time.
+        # The last slab takes the rest of the time, rounding included.
         until = times[-1] + step
         stop = latest if until > latest - 0.25 * step else until
         found = _slab(march, (times[-1], stop), levels[-1], rates, limit)
@@ -257,19 +260,19 @@ def _excess(
     length: float,
     whole: float,
 ) -> float:
-    """Return by how much a slab is too wide since its levels are linear.
+    """Return the excess width of a slab that is due to its linear levels.
 
     Args:
-        march: What all slabs have in common.
-        levels: At the slab's end.
-        slope: Of the levels.
+        march: The common parts of all slabs.
+        levels: Levels at the slab's end.
+        slope: Slopes of the levels.
         after: Rates at the slab's end.
-        length: Of the slab [s].
-        whole: Of one that is not halved [s].
+        length: Length of the slab [s].
+        whole: Length of a slab that is not halved [s].
 
     Returns:
-        In parts of the width of the polytope, or of the way that its fastest face goes
-        in a whole slab, whichever is more.
+        The excess, relative to the width of the polytope or to the distance that its
+        fastest face moves in a whole slab, whichever is larger.
     """
     is_on = np.isfinite(after)
     if not is_on.any():
@@ -281,7 +284,7 @@ def _excess(
 
 
 def _first_levels(march: _March) -> Array:
-    """Return levels that x0 does not exceed, rounding included."""
+    """Return levels with x0 inside, rounding included."""
     terms = march.template.directions * march.statement.x0
     return np.asarray(terms.sum(axis=1) + PAD * np.abs(terms).sum(axis=1))
 
@@ -293,17 +296,17 @@ def _slab(
     expected: Array,
     limit: float,
 ) -> Array | None:
-    """Return levels at the end of a slab that all rates fit.
+    """Return levels at the end of a slab that satisfy all rates.
 
     Args:
-        march: What all slabs have in common.
-        times: Begin and end of the slab.
-        start: Levels at its begin.
-        expected: Rates, infinite ones if there is no expectation.
+        march: The common parts of all slabs.
+        times: Beginning and end of the slab.
+        start: Levels at its beginning.
+        expected: Expected rates; infinite if unknown.
         limit: Greatest level.
 
     Returns:
-        None if none were found.
+        The levels; None if none were found.
     """
     length, template = times[1] - times[0], march.template
     is_known = np.isfinite(expected)
@@ -311,7 +314,7 @@ def _slab(
     stop = template.tightened(start + length * np.where(is_known, expected, fastest))
     for number in range(_ROUNDS):
         rates = march.rates(times, start, stop)
-        # A float quotient of differences is off by some 2^-53 of itself.
+        # A float quotient of differences has a relative error of a few 2^-53.
         slope = (stop - start) / length
         is_short = ~(slope - PAD * np.abs(slope) > rates)
         if not is_short.any():
@@ -319,7 +322,7 @@ def _slab(
         least = start + length * rates
         if not (np.abs(least[is_short]) < limit).all():
             return None
-        # So much more that rounding cannot hide it, and nothing that matters.
+        # More than any rounding, yet too little to matter.
         room = 1e-7 * length * np.abs(rates[is_short]).max()
         room += 1e-12 * (1.0 + template.reach(np.array([start, stop])))
         raised = np.where(is_short, least + room + _BEYOND * (least - stop), stop)
@@ -331,7 +334,7 @@ def _slab(
 
 
 def _blow_up(march: _March, time: float, levels: Array) -> str:
-    """Say which state could not be bounded, and what would help."""
+    """Return a message: the state that could not be bounded, and what would help."""
     statement = march.statement
     axes = levels[: 2 * statement.n].reshape(-1, 2)
     grown = np.maximum(axes[:, 0] - statement.x0, axes[:, 1] + statement.x0)

@@ -1,6 +1,6 @@
-"""The compiled test which boxes of (t, x) have no point of a tube.
+"""A compiled test for boxes of (t, x) that have no point of a tube.
 
-A proof asks it of every box, so that it must not take longer than the intervals there.
+A proof tests every box, so this must not take longer than its interval evaluation.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ def mark_outside(
     boxes: Array,
     marks: Mask,
 ) -> None:
-    """Mark the boxes that are apart from the tube.
+    """Mark the boxes that have no point of the tube.
 
     Args:
-        times: Of the tube, shape (M + 1,).
+        times: Times of the tube, shape (M + 1,).
         levels: Its levels, shape (M + 1, K).
         directions: Shape (K, n).
         boxes: Lower and upper corners, shape (2, 1 + n, m).
-        marks: Where the answers go, shape (m,).
+        marks: Filled with the answers, shape (m,).
     """
     last = times.size - 2
     for box in range(boxes.shape[2]):
@@ -58,7 +58,7 @@ def mark_outside(
 
 @ieee_kernel
 def _part(times: Array, slab: int, time: float) -> float:
-    """Return which part of a slab is over at a time, 0 before it, 1 after it."""
+    """Return the elapsed fraction of a slab at a time: 0 before it, 1 after it."""
     part = (time - times[slab]) / (times[slab + 1] - times[slab])
     return float(min(max(part, 0.0), 1.0))
 
@@ -67,7 +67,7 @@ def _part(times: Array, slab: int, time: float) -> float:
 def _between(levels: Array, slab: int, face: int, part: float) -> float:
     """Return an upper bound of a level within a slab."""
     start, stop = levels[slab, face], levels[slab + 1, face]
-    pad = PAD * (abs(start) + abs(stop))  # Rounding is some 2^-51 of both.
+    pad = PAD * (abs(start) + abs(stop))  # Rounding is a few 2^-51 of both.
     return float(start + (stop - start) * part + pad)
 
 

@@ -1,7 +1,7 @@
-"""Questions to a tube: its levels over a time, boxes outside, points inside.
+"""Queries of a tube: its levels over a time, boxes outside, points inside.
 
-What a proof rests on, `levels_over`, `box_over`, `outside` and `starting_boxes`, is
-rounded outwards. `inside` and `sampled` are for samples only: plain floats.
+Proofs use `levels_over`, `box_over`, `outside` and `starting_boxes`, which are rounded
+outwards. `inside` and `sampled` are for samples only, in plain floats.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ Mask = NDArray[np.bool_]
 Index = NDArray[np.int64]
 
 _AT_ENDS = 0.04
-"""Part of the samples at the first time, and as many at the last."""
+"""Fraction of the samples at the first time, and as many at the last."""
 _ROUNDS = 6
 _SLABS_WALKED = 16
 _STEPS = 12
@@ -30,9 +30,9 @@ def levels_over(tube: Tube, t_low: Array, t_high: Array) -> Array:
 
     Args:
         tube: The tube.
-        t_low: Begins [s], shape (m,).
-        t_high: Ends, shape (m,), at least t_low. Times before 0 and after the latest
-            end count as those.
+        t_low: Beginnings [s], shape (m,).
+        t_high: Ends, shape (m,), at least t_low. Times before 0 count as 0, times after
+            the latest end as that.
 
     Returns:
         Shape (K, m).
@@ -45,7 +45,7 @@ def box_over(tube: Tube, t_low: Array, t_high: Array) -> tuple[Array, Array]:
 
     Args:
         tube: The tube.
-        t_low: Begins [s], shape (m,).
+        t_low: Beginnings [s], shape (m,).
         t_high: Ends, shape (m,).
 
     Returns:
@@ -71,7 +71,7 @@ def starting_boxes(tube: Tube) -> tuple[Array, Array]:
 
 
 def outside(tube: Tube, lower: Array, upper: Array) -> Mask:
-    """Return which boxes of (t, x) surely have no point of the tube.
+    """Return which boxes of (t, x) certainly have no point of the tube.
 
     Args:
         tube: The tube.
@@ -89,7 +89,7 @@ def outside(tube: Tube, lower: Array, upper: Array) -> Mask:
 
 
 def inside(tube: Tube, points: Array) -> Mask:
-    """Return which points (t, x) are in the tube, but for rounding.
+    """Return which points (t, x) are in the tube, up to rounding.
 
     Args:
         tube: The tube.
@@ -113,13 +113,13 @@ def sampled(
 ) -> Array:
     """Return random points (t, x) of the tube, roughly uniform in its volume.
 
-    Some four in a hundred are at the first time, and as many at the last.
+    About 4 % are at the first time, and as many at the last.
 
     Args:
         tube: The tube.
-        rng: Of the points.
-        count: How many, at least 1.
-        between: First and last time [s], which may be the same; None: all times.
+        rng: Source of randomness.
+        count: Number of points, at least 1.
+        between: First and last time [s], which may be the same; None means all times.
 
     Returns:
         Shape (1 + n, count), in no order.
@@ -160,7 +160,7 @@ def _levels_over(tube: Tube, levels: Array, t_low: Array, t_high: Array) -> Arra
     most = np.maximum(
         _levels_at(times, levels, t_low, low), _levels_at(times, levels, t_high, high)
     )
-    # Interpolation is off by some 2^-51 of the levels at both ends of a slab.
+    # Interpolation has an error of a few 2^-51 of the levels at both ends of a slab.
     most += PAD * np.abs(levels).max(axis=1, keepdims=True)
     several = np.flatnonzero(high > low)
     if several.size:
@@ -170,7 +170,7 @@ def _levels_over(tube: Tube, levels: Array, t_low: Array, t_high: Array) -> Arra
 
 
 def _slab(times: Array, t: Array, side: str) -> Index:
-    """Return in which slab each time is; of two, the later one for side "right"."""
+    """Return the slab of each time; of two slabs, the later one for side "right"."""
     last = len(times) - 2
     if side == "right":
         return np.clip(np.searchsorted(times, t, side="right") - 1, 0, last)
@@ -223,7 +223,7 @@ def _times(
 
 
 def _accepted(tube: Tube, rng: np.random.Generator, t: Array) -> Array:
-    """Return points in the tube's box at some times, those in the tube."""
+    """Return random points of the tube's boxes at some times that are in the tube."""
     n = tube.directions.shape[1]
     levels = _levels_at(tube.times, tube.levels.T[: 2 * n], t)
     lower, upper = -levels[1::2], levels[0::2]
@@ -234,7 +234,7 @@ def _accepted(tube: Tube, rng: np.random.Generator, t: Array) -> Array:
 def _walked(
     tube: Tube, rng: np.random.Generator, span: tuple[float, float], count: int
 ) -> Array:
-    """Return points of a tube too thin for its box: walks from middles of some slabs.
+    """Return points of a thin tube, by random walks from the middles of some slabs.
 
     Source: Smith (1984), Operations Research 32 (6), 1296-1308 (hit and run).
     """

@@ -95,7 +95,7 @@ class Linear:
 
     @property
     def ends(self) -> End:
-        """What holds at the end."""
+        """The conditions at the end."""
         return self.end or End(np.empty((0, self.A.shape[0])), EMPTY, EMPTY)
 
     @property

@@ -1,4 +1,4 @@
-"""How many steps of the package's integrator a problem needs, found without it."""
+"""Number of steps that a problem needs from the package's integrator, found apart."""
 
 import numpy as np
 from numpy.typing import NDArray

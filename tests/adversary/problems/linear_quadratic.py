@@ -26,7 +26,7 @@ KIND = "linear_quadratic"
 GENERATED = 40
 FREE = 1e3
 WIDER = 2.0
-"""How much wider the bounds are than what the optimum uses."""
+"""Ratio of the bounds and the range that the optimum uses."""
 
 
 def with_inactive_bounds(linear: Linear) -> Linear:

@@ -23,7 +23,7 @@ SIZES = (0, 1, 7, 8, 9, 1000)
 INPUTS, DRAWN, KEPT = 6, 40, 8
 
 LINEAR = "add sub mul neg sq twice fabs fmin fmax copysign if_else_zero".split()
-"""What stays so near each operand's change that a bound may exceed the value."""
+"""Operations whose result changes no more than their operands do."""
 
 COMMON = "add sub mul sq twice add sub mul neg".split()
 UNUSED = {"assign", "lift"}
@@ -108,7 +108,7 @@ def with_bounds(
     """Return CasADi's values of a tape's output and their running error bounds.
 
     A value's bound is how far the bounds of its operands move it, and its magnitude:
-    its own rounding is one unit. Infinite where nothing can be said.
+    its own rounding is one unit. Infinite if nothing can be said.
     """
     values: list[Array] = []
     bounds: list[Array] = []

@@ -217,7 +217,7 @@ def exact(name: str, arguments: list[float]) -> mpmath.mpf:
 
 
 def nearest(value: mpmath.mpf, precision: Precision) -> Any:
-    """Return the number of a format nearest to a value, infinite where that overflows.
+    """Return the number of a format nearest to a value; infinite on overflow.
 
     A double between serves single precision too: the numbers here are no ties.
     """
@@ -515,7 +515,7 @@ STEADY = {
     "acosh": (1.0, 30.0), "atanh": (-0.99, 0.99), "erf": (-7.0, 7.0),
     "asin": (-1.0, 1.0), "acos": (-1.0, 1.0),
 }  # fmt: skip
-"""Where functions rise; acos falls."""
+"""Ranges on which functions are monotone: they rise, but acos falls."""
 
 
 @pytest.mark.parametrize("precision", PRECISIONS)
@@ -523,7 +523,7 @@ STEADY = {
 def test_functions_never_step_the_wrong_way_by_more_than_their_error(
     elementary: Named, name: str, precision: Precision
 ) -> None:
-    """Where the method changes from one formula to another, too."""
+    """It also holds at points at which the method changes its formula."""
     low, high = STEADY[name]
     arguments = rounded(np.linspace(low, high, 200_001), precision)
     values = elementary(name, precision)(arguments) * (-1 if name == "acos" else 1)

@@ -65,7 +65,7 @@ SPECIAL = np.concatenate([VALUES, -VALUES])
 
 
 def agrees(name: str, got: Array, want: Array, ulps: Callable[..., Array]) -> bool:
-    """Return whether values are what CasADi has: NaN where NaN, inf where inf."""
+    """Return whether values are what CasADi has: NaN if NaN, inf if inf."""
     apart = ulps(got, want)
     if name == "constpow":  # 1 / x^n where x^n over- or underflows.
         apart[(np.abs(got) < 2.0**-1021) & (np.abs(want) < 2.0**-1021)] = 0
@@ -232,7 +232,7 @@ EXACT_PAIRS = (
 def test_graph_of_exact_operations_is_casadi_s_bit_for_bit(
     compiled: Callable[..., Evaluate], by_casadi: Reference, seed: int
 ) -> None:
-    """What IEEE 754 rounds in one way only; CasADi simplifies as it always does."""
+    """Operations with one IEEE 754 result; CasADi simplifies as it always does."""
     rng = np.random.default_rng(100 + seed)
     symbols = ca.SX.sym("x", INPUTS)
     nodes = [symbols[i] for i in range(INPUTS)]

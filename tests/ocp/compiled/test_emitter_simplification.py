@@ -55,7 +55,7 @@ def test_multiples_are_added_within_a_longer_sum(x: ca.SX, k: ca.SX) -> None:
 
 @pytest.mark.parametrize("factor", [-1.0, -2.0, -3.0])
 def test_multiples_of_opposite_signs_are_left(factor: float) -> None:
-    """What cancels must cancel as CasADi's does."""
+    """Sums must cancel as those of CasADi do."""
     x = ca.SX.sym("x")
     value = 3.5 * x + ca.SX(factor) * x
     tape = read_tape(ca.Function("f", [x], [value]))

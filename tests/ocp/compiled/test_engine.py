@@ -133,7 +133,7 @@ def many_values() -> Array:
     values = rng.normal(size=(2, 1, 3000))
     values[:, :, :1000] *= np.exp2(rng.integers(-60, 60, (2, 1, 1000)))
     values[0, :, 1000:2000] = rng.uniform(-746, -700, 1000)
-    # Of log base * exponent, from where powers are denormal to where they are 0.
+    # Of log base * exponent, from where powers are denormal to if they are 0.
     values[1, :, 2000:] = rng.uniform(-750, 720, 1000) / np.log(math.e + 1)
     values[0, :, 2000:] = math.e + 1
     values[:, :, :5] = [1e22, -1e-310, np.inf, np.nan, 0.0]

@@ -124,7 +124,7 @@ def test_shared_arguments_are_copied_when_bound(kernel: SimdBatch) -> None:
 
 
 def test_sparse_matrix_constant_and_unused_arguments_are_casadi_s() -> None:
-    """As CasADi's map has it, every output; a matrix counts column by column."""
+    """Every output equals that of CasADi's map; a matrix counts column by column."""
     x = ca.SX.sym("x", 2, 2)
     sparse, unused = ca.SX.sym("s", ca.Sparsity.lower(2)), ca.SX.sym("unused", 3)
     empty = ca.SX.sym("empty", 0)

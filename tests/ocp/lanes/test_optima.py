@@ -115,5 +115,5 @@ def test_interval_holds_the_true_share_as_often_as_it_says(n: int) -> None:
 
 
 def test_interval_is_not_wider_than_it_says() -> None:
-    """Where many are rare, nearly normal: 95 % of the draws, not all."""
+    """With many rare optima, nearly normal, it holds for 95 % of the draws, not all."""
     assert held(np.full(400, 1 / 400), 256) == pytest.approx(0.95, abs=0.015)

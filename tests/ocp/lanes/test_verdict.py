@@ -1,4 +1,4 @@
-"""What becomes of a step, case by case."""
+"""Judgement of a step, case by case."""
 
 import numpy as np
 import pytest

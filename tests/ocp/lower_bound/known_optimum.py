@@ -50,7 +50,7 @@ class KnownOptimum:
 
     @property
     def size(self) -> float:
-        """What a difference of costs is compared with."""
+        """Scale of a difference of costs."""
         return abs(self.optimum) or 1.0
 
     def excess(self, bound: float) -> float:

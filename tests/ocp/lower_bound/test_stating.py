@@ -1,4 +1,4 @@
-"""What `solve` confirms is admissible for the statement that a bound is proven of."""
+"""Confirmed answers of `solve` are admissible for the statement of the bound."""
 
 import math
 from collections.abc import Callable

@@ -230,7 +230,7 @@ def certificate_of(
     growth: float | None = None,
     **changes: Any,
 ) -> Certificate:
-    """What a file with these dynamics f(x, u) and this P states, without bounds."""
+    """Return the statements of a file with these dynamics f(x, u) and P, no bounds."""
     nx, nu = dynamics.size1_in(0), dynamics.size1_in(1)
     tape, xdot = tape_of(dynamics)
     zero = [[0.0] * nx for _ in range(nx)]

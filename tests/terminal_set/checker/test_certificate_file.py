@@ -1,4 +1,4 @@
-"""What a file states is read as it stands, and its numbers within their limits."""
+"""Statements of a file are read unchanged, and numbers must be within their limits."""
 
 from __future__ import annotations
 
@@ -165,7 +165,7 @@ def test_inputs_that_move_have_no_margins_of_a_hold(name: str) -> None:
         "between_samples": {"growth": 1.5, "grounds": "proven"},
     }[name]
     content = replaced(chen(), ("margins", name), margin)
-    with pytest.raises(CertificateFileError, match="null where dt is null"):
+    with pytest.raises(CertificateFileError, match="null if dt is null"):
         as_read(signed(content))
 
 

@@ -90,7 +90,7 @@ def test_distance_from_the_identity_is_that_of_frobenius() -> None:
 
 
 def test_distance_is_a_number_however_near_the_identity_a_matrix_is() -> None:
-    """The ball of a tiny sum of squares may reach below 0, where it has no root."""
+    """The ball of a tiny sum of squares may reach below 0, if it has no root."""
     rng = np.random.default_rng(0)
     for _ in range(300):
         n = int(rng.integers(1, 5))
@@ -138,7 +138,7 @@ def faces(rng: np.random.Generator, n: int) -> Intervals:
 
 
 def corners(w: Intervals) -> Array:
-    """The ends, and 0 where it lies between: there entries of w / |w| are extreme."""
+    """The ends, and 0 if it lies between: there entries of w / |w| are extreme."""
     ends = [{low, high} | ({0.0} if low < 0 < high else set()) for low, high in w]
     return np.array(list(product(*ends)))
 

@@ -1,4 +1,4 @@
-"""Attempts to refute: what is integrated, where it is looked, and from where on."""
+"""Attempts to refute: what is integrated, if it is looked, and from where on."""
 
 from __future__ import annotations
 
@@ -241,7 +241,7 @@ def test_flow_is_as_far_from_the_map_as_the_exponential(
 
 
 def test_error_of_floats_is_allowed_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The map and the flow may differ by 1e-10 of |e| where they are the same."""
+    """The map and the flow may differ by 1e-10 of |e| if they are the same."""
     certificate = held(0.0)
     for apart, verdict in ((0.9e-10, Verdict.SAMPLED), (1.1e-10, Verdict.REFUSED)):
 

@@ -1,4 +1,4 @@
-"""What is read: regular files of bounded size; everything else is refused at once."""
+"""Only regular files of bounded size are read; all others are refused at once."""
 
 from __future__ import annotations
 

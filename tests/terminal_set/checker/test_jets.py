@@ -64,7 +64,7 @@ def jet(algebra: Algebra, c: list[float]) -> Jet:
 
 
 def near(found: arb, expected: Any) -> bool:
-    """Whether a ball is a number, to rounding."""
+    """Return whether a ball is a number, up to rounding."""
     expected = float(expected)
     middle, radius = float(found.mid()), float(found.rad())
     size = 1 + abs(expected)

@@ -40,7 +40,7 @@ SYSTEMS = {"chen": (chen, chen_field), "formation": (formation, unicycle_field)}
 
 
 def moving_chen(**changes: object) -> dict[str, object]:
-    """The example about another reference, where nothing is zero."""
+    """The example about another reference, if nothing is zero."""
     return chen(reference={"x": [0.5, -0.25], "u": [0.125]}, **changes)
 
 

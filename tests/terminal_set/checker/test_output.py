@@ -1,4 +1,4 @@
-"""What reaches a terminal: printable, in its encoding, one line."""
+"""Output to a terminal: printable, in its encoding, one line."""
 
 from __future__ import annotations
 

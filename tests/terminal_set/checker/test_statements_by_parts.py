@@ -1,4 +1,4 @@
-"""Statements on V: at points against floats, on sets up to where they begin to fail."""
+"""Statements on V: at points against floats, on sets up to the first failing level."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def test_counterexamples_are_inside_the_set_and_not_its_centre() -> None:
     still = dataclasses.replace(
         rising.certificate, tape=(("const", (), 0.0),), xdot=(0,)
     )
-    assert PointwiseChange(still).violates_decrease((0.5,), 0.0)  # Equality is none.
+    assert PointwiseChange(still).violates_decrease((0.5,), 0.0)  # Equal
     falling = PointwiseChange(as_read(scalar()))
     assert falling.is_inside((0.5,)) and not falling.violates_decrease((0.5,), 0.0)
 

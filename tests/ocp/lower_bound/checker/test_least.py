@@ -1,4 +1,4 @@
-"""The least over controls is bounded from below, and tightly where it is smooth."""
+"""The least over controls is bounded from below, and tightly if it is smooth."""
 
 from __future__ import annotations
 
