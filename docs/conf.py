@@ -38,9 +38,8 @@ autodoc_typehints_format = "short"
 autodoc_typehints_description_target = "documented"
 autodoc_preserve_defaults = True
 python_maximum_signature_line_length = 80
-napoleon_use_ivar = True
 napoleon_use_rtype = False
-napoleon_custom_sections = ["Source"]
+napoleon_custom_sections = ["Source", ("Attributes", "params_style")]
 
 html_theme = "furo"
 html_title = f"swarmstart {release}"

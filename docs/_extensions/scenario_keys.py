@@ -4,6 +4,7 @@ Each part of a file (a mapping with keys of its own) is described once, at the f
 that holds it; other keys link there.
 """
 
+import re
 from collections import deque
 from collections.abc import Iterator
 from typing import Any
@@ -13,6 +14,7 @@ from schema_words import default_of, kind_of, unit_of
 from swarmstart.cases.format.schema import scenario_schema
 
 Schema = dict[str, Any]
+NAMED = re.compile(r"mapping \[with `(\w+): (\w+)`\]\((#[\w-]+)\)")
 GENERIC = frozenset(
     {
         "A number, or as in pi/18.",
@@ -80,7 +82,13 @@ class _Page:
 
     def words(self, schema: Schema, path: str) -> str:
         """Return a type in words; note the parts that it names."""
-        return " or ".join(dict.fromkeys(self._types(schema, path)))
+        found = list(dict.fromkeys(self._types(schema, path)))
+        named = [mark for one in found if (mark := NAMED.fullmatch(one))]
+        if len(named) > 1:  # They differ in one key.
+            links = ", ".join(f"[`{mark[2]}`]({mark[3]})" for mark in named)
+            found = [one for one in found if not NAMED.fullmatch(one)]
+            found.append(f"mapping with `{named[0][1]}:` {links}")
+        return " or ".join(found)
 
     def _types(self, schema: Schema, path: str) -> Iterator[str]:
         choices = [

@@ -9,8 +9,6 @@ Schema = dict[str, Any]
 UNIT = re.compile(r"_((?:m|ft|rad|deg|kg)(?:_s2?)?|s)$")
 MOST = 2**60
 """Limits beyond are those of the machine, not of the format."""
-LONG = 60
-"""Characters of a default that a column has room for."""
 LIMITS = {
     "minimum": "at least",
     "exclusiveMinimum": "above",
@@ -41,8 +39,10 @@ def default_of(schema: Schema) -> str:
     """Return the default of a key; empty if there is none to tell of."""
     if schema.get("default", "") == "":
         return ""
-    text = _plain(schema["default"])
-    return f"`{text}`" if len(text) < LONG else "those of its keys"
+    default = schema["default"]
+    if isinstance(default, dict) and len(default) > 1:
+        return "those of its keys"
+    return f"`{_plain(default)}`"
 
 
 def unit_of(key: str, schema: Schema) -> str:
