@@ -5,12 +5,7 @@ the command line's parser and of the JSON Schema, by the modules of `_extensions
 Nothing is fetched: the theme's fonts are the reader's own.
 """
 
-import sys
-from pathlib import Path
-
 import swarmstart
-
-sys.path.insert(0, str(Path(__file__).parent / "_extensions"))
 
 project = "swarmstart"
 author = "The swarmstart developers"
@@ -21,8 +16,8 @@ extensions = [
     "myst_parser",
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
-    "docstrings",
-    "generated_pages",
+    "swarmstart.docs._extensions.docstrings",
+    "swarmstart.docs._extensions.generated_pages",
 ]
 exclude_patterns = ["README.md", "_extensions"]
 nitpicky = False

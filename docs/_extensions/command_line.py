@@ -30,7 +30,7 @@ def _sections(of: argparse.ArgumentParser, about: str, level: int) -> Iterator[s
     if of.epilog:
         yield f"```text\n{(of.epilog % {'prog': of.prog}).strip()}\n```\n"
     for command, help_ in _commands(of):
-        yield from _sections(command, help_, min(level + 1, 4) if level > 2 else 3)
+        yield from _sections(command, help_, level + 1)
 
 
 def _entry(action: argparse.Action, of: argparse.ArgumentParser) -> str:
@@ -41,11 +41,15 @@ def _entry(action: argparse.Action, of: argparse.ArgumentParser) -> str:
     return f"`{shown}`\n: {_text(text)}\n"
 
 
-def _commands(of: argparse.ArgumentParser) -> Iterator[tuple[argparse.ArgumentParser, str]]:
+def _commands(
+    of: argparse.ArgumentParser,
+) -> Iterator[tuple[argparse.ArgumentParser, str]]:
     """Yield the commands of a parser with their line of help."""
     for action in of._actions:
         if isinstance(action, argparse._SubParsersAction):
-            helps = {choice.dest: choice.help or "" for choice in action._choices_actions}
+            helps = {
+                choice.dest: choice.help or "" for choice in action._choices_actions
+            }
             for name, command in action.choices.items():
                 if name in helps:  # else an alias, or hidden
                     yield command, helps[name]

@@ -10,9 +10,10 @@ import re
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from command_line import commands_page
-from scenario_keys import keys_page
 from sphinx.application import Sphinx
+
+from swarmstart.docs._extensions.command_line import commands_page
+from swarmstart.docs._extensions.scenario_keys import keys_page
 
 MARK = re.compile(
     r"^<!-- generated: (command line|keys of|other pages of) ?(\S*) -->$", re.MULTILINE
@@ -48,7 +49,9 @@ def _other_pages(app: Sphinx, text: str, folder: PurePosixPath) -> list[str]:
     if folder.parts and index.exists():
         inner = LISTED.findall(index.read_text(encoding="utf-8"))
         listed |= {str(folder / name) for part in inner for name in part.split()}
-    pages = (page for page in app.env.found_docs if PurePosixPath(page).parent == folder)
+    pages = (
+        page for page in app.env.found_docs if PurePosixPath(page).parent == folder
+    )
     return sorted(page for page in pages if page not in listed and page != "index")
 
 

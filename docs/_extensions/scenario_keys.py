@@ -9,9 +9,8 @@ from collections import deque
 from collections.abc import Iterator
 from typing import Any
 
-from schema_words import default_of, kind_of, unit_of
-
 from swarmstart.cases.format.schema import scenario_schema
+from swarmstart.docs._extensions.schema_words import default_of, kind_of, unit_of
 
 Schema = dict[str, Any]
 NAMED = re.compile(r"mapping \[with `(\w+): (\w+)`\]\((#[\w-]+)\)")
@@ -36,7 +35,7 @@ def keys_page(kind: str) -> str:
 
 
 class _Page:
-    """What is known of one kind while its page is made.
+    """Knowledge of one kind while its page is made.
 
     Attributes:
         kind: The kind of scenario.
@@ -137,4 +136,4 @@ def _mark(part: Schema) -> str:
         if "const" in schema:
             return f"`{key}: {schema['const']}`"
     needed = part.get("required", ())
-    return f"`{needed[0]}`" if len(needed) == 1 and len(part["properties"]) < 9 else ""
+    return f"`{needed[0]}`" if len(needed) == 1 else ""

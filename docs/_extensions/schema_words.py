@@ -32,7 +32,8 @@ def kind_of(schema: Schema) -> Iterator[str]:
     elif isinstance(schema.get("type"), list):
         yield NUMBERS.get(schema.get("description", ""), "number") + _limits(schema)
     elif schema.get("type") not in (None, "null"):
-        yield NAMES.get(schema["type"], schema["type"]) + _limits(schema)
+        word = str(schema["type"])
+        yield NAMES.get(word, word) + _limits(schema)
 
 
 def default_of(schema: Schema) -> str:

@@ -33,7 +33,7 @@ class Block(NamedTuple):
 
     @property
     def is_output(self) -> bool:
-        """Whether it shows what the Python block before it prints."""
+        """True if it shows what the Python block before it prints."""
         is_text = self.language in ("", "text")
         return is_text and PRINTS.search(self.before) is not None
 
@@ -85,6 +85,8 @@ def _fenced(lines: list[str], at: int, fence: str) -> tuple[int, str]:
 def _indented(lines: list[str], at: int) -> tuple[int, str]:
     """Return the line after an indented block and its text."""
     end = at
-    while end < len(lines) and (lines[end].startswith("    ") or not lines[end].strip()):
+    while end < len(lines) and (
+        lines[end].startswith("    ") or not lines[end].strip()
+    ):
         end += 1
     return end, "".join(f"{line[4:]}\n" for line in lines[at:end]).rstrip() + "\n"

@@ -1,4 +1,4 @@
-"""Whether two texts agree: words exactly, numbers as far as the first shows digits."""
+"""Comparison of two texts: words exactly, numbers as far as the first shows digits."""
 
 from __future__ import annotations
 
@@ -29,7 +29,9 @@ def differences(shown: str, printed: str) -> list[str]:
 
 
 def _lines(text: str) -> list[str]:
-    return [" ".join(line.split()) for line in text.strip().splitlines() if line.strip()]
+    return [
+        " ".join(line.split()) for line in text.strip().splitlines() if line.strip()
+    ]
 
 
 def _with_gaps(ours: list[str], theirs: list[str]) -> list[str]:
@@ -49,7 +51,7 @@ def _with_gaps(ours: list[str], theirs: list[str]) -> list[str]:
 
 
 def _is_like(shown: str, printed: str) -> bool:
-    """Whether a line is as another; "..." in the first stands for any text."""
+    """Return whether two lines agree; "..." in the first stands for any text."""
     numbers: list[str] = NUMBER.findall(shown)
     pattern = NUMBER.sub("\0", shown)
     pattern = re.escape(pattern).replace(r"\.\.\.", ".*")

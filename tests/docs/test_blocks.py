@@ -1,4 +1,4 @@
-"""How blocks are found on a page, and how printed output is compared."""
+"""Blocks are found on a page, and printed output is compared."""
 
 from __future__ import annotations
 

@@ -25,7 +25,8 @@ LEAST_CONTRAST = 4.5
 """Of text (WCAG 2.2, success criterion 1.4.3, level AA)."""
 # Every text of the page's content against the first background that is not clear.
 CONTRASTS = """() => {
-  const canvas = document.createElement("canvas").getContext("2d", {willReadFrequently: true});
+  const canvas = document.createElement("canvas")
+    .getContext("2d", {willReadFrequently: true});
   const rgba = colour => {
     canvas.clearRect(0, 0, 1, 1);
     canvas.fillStyle = colour;

@@ -103,7 +103,9 @@ def names() -> list[str]:
     found = [f"swarmstart.{name}" for name in swarmstart.__all__]
     for room, module in ROOMS.items():
         for name in module.__all__:
-            ours = getattr(swarmstart, name, None) if name in swarmstart.__all__ else None
+            ours = (
+                getattr(swarmstart, name, None) if name in swarmstart.__all__ else None
+            )
             if ours is not getattr(module, name):
                 found.append(f"swarmstart.{room}.{name}")
     return found
