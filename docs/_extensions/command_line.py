@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from swarmstart.cases.commands.cli import parser
 
 WIDTH = 78
+EXIT_CODES = "exit codes:"
+"""Head of the last part of an epilog, which the page has as a table."""
 MARKS = str.maketrans({"<": "&lt;", "*": "\\*", "_": "\\_", "[": "\\["})
 
 
@@ -27,8 +29,9 @@ def _sections(of: argparse.ArgumentParser, about: str, level: int) -> Iterator[s
             yield f"{(group.title or 'options').capitalize()}:\n"
             for action in actions:
                 yield _entry(action, of)
-    if of.epilog:
-        yield f"```text\n{(of.epilog % {'prog': of.prog}).strip()}\n```\n"
+    examples = (of.epilog or "").partition(EXIT_CODES)[0].strip()
+    if examples:
+        yield f"```text\n{examples}\n```\n"
     for command, help_ in _commands(of):
         yield from _sections(command, help_, level + 1)
 

@@ -139,6 +139,13 @@ def test_the_scenarios_of_a_page_are_valid(
             assert "valid" in check(str(file)), f"{name}:{block.line}"
 
 
+def test_the_page_of_the_command_line_lists_the_exit_codes() -> None:
+    page = (DOCS / "reference" / "command_line.md").read_text(encoding="utf-8")
+    told = (parser().epilog or "").partition("exit codes")[2]
+    codes = re.findall(r"\b(\d+)\s+[a-z]", told)
+    assert codes == re.findall(r"^\| (\d+) \|", page, re.MULTILINE) != []
+
+
 def test_few_blocks_are_excluded(pytestconfig: pytest.Config) -> None:
     excluded = [
         f"{name}:{block.line}: {block.excluded}"
