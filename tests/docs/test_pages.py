@@ -12,7 +12,7 @@ from swarmstart.tests.docs.conftest import Site
 
 PAGES = (
     "index",
-    "tutorial/index",
+    "tutorial/swing_up",
     "problem",
     "reference/solving",
     "reference/command_line",
