@@ -14,6 +14,7 @@ from swarmstart.cases.commands.cli import parser
 from swarmstart.tests.docs.blocks import Block, blocks_of
 from swarmstart.tests.docs.comparing import differences
 from swarmstart.tests.docs.conftest import DOCS, ROOT
+from swarmstart.tests.docs.printed import PRINTED
 
 PAGES = {
     path.relative_to(DOCS if path.is_relative_to(DOCS) else ROOT).as_posix(): path
@@ -57,16 +58,19 @@ def test_the_python_of_a_page_runs_and_prints_what_is_shown(
     monkeypatch.setenv("MPLBACKEND", "agg")
     save_files(READ[name], tmp_path)
     names: dict[str, object] = {"__name__": "page"}
-    printed, wrong = "", []
+    printed, everything, wrong = "", "", []
     for block in READ[name]:
         if block.language == "python" and not block.excluded:
             # Blank lines before make the line numbers those of the page.
             text = "\n" * block.line + block.text
             exec(compile(text, str(PAGES[name]), "exec"), names)
             printed = capsys.readouterr().out
+            everything += printed
         elif block.is_output and not block.excluded:
             found = differences(block.text, printed)
             wrong += [f"{name}:{block.line}: {one}" for one in found]
+    if name in PRINTED:
+        wrong += differences(PRINTED[name], everything)
     assert not wrong, "\n".join(wrong)
 
 
