@@ -28,5 +28,9 @@ PRINTED = {
         problem 1, ipopt: 1 of 1 feasible, ...
         ...
     """,
+    "stiff_models.md": """
+        ...
+        0.0125267 a local optimum, confirmed on the finer grid
+    """,
 }
 """Lines by page, with gaps and rounded numbers as `comparing` reads them."""
