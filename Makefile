@@ -27,6 +27,7 @@ lint: $(INSTALLED_TO_TEST)
 	$(VENV)/bin/mypy
 
 docs: $(INSTALLED_TO_TEST)
+	rm -rf build/site
 	$(VENV)/bin/python -m sphinx -q -W --keep-going -j auto -b html docs build/site
 	@echo "open build/site/index.html"
 

@@ -63,11 +63,6 @@ def test_the_second_example_is_the_one_that_is_shipped() -> None:
     assert BLOCKS[-1] == shipped()["two_drones"].read_text(encoding="utf-8")
 
 
-def test_the_readme_shows_the_same_first_file() -> None:
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    assert FIRST in readme
-
-
 def test_every_key_is_in_the_table_with_its_default() -> None:
     listed = dict(_listed())
     keys = dict(_keys(ProblemScenario, ""))

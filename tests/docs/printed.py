@@ -1,0 +1,36 @@
+"""Output of pages that do not show all of it: what their examples must print."""
+
+from __future__ import annotations
+
+PRINTED = {
+    "any_problem.md": """
+        2.0 2.0
+        [-0.187 -0.239]
+        3.0 1.5
+        {'duration of phase 1': ...
+        2.98 ...
+        1.311
+        0.73 1.36
+        0.2
+        ('x_0', 'x_1', 'x_2') [0.254 0.13 0.254]
+        ('u_0', 'u_1', 'u_2') True
+        5
+        [[ 1.5  0.9  0.3 -0.3 -0.9 -1.5]] 1.5
+        whole numbers cost ..., relaxed ...: ... % apart
+        ('z',) (1, 11)
+    """,
+    "library.md": """
+        36.713
+        [20.36 24.56]
+        ('angle', 'speed') ...
+        Run of formation_v, ...
+        ...
+        problem 1, ipopt: 1 of 1 feasible, ...
+        ...
+    """,
+    "stiff_models.md": """
+        ...
+        0.0125267 a local optimum, confirmed on the finer grid
+    """,
+}
+"""Lines by page, with gaps and rounded numbers as `comparing` reads them."""
