@@ -30,7 +30,7 @@ from swarmstart.cases.campaign.trials.solvers import solver_of
 Array = NDArray[np.float64]
 SPREAD = 0.2
 EVALUATIONS = {"evaluations": 4000}
-CLAIMS = (r"^(cheaper|dearer|faster|slower)\b", r": in (more|fewer) seeds")
+CLAIMS = (r"^(cheaper|costlier|faster|slower)\b", r": in (more|fewer) seeds")
 GAINED = r"^on .* (comes .* in more seeds than|finds (cheaper|better) answers than)"
 LOST = r"which does so in more than"
 Costs = Mapping[str, Mapping[str, Sequence[float] | Array]]

@@ -144,7 +144,7 @@ def storn_price(*, short: bool) -> Iterator[Row]:
         yield Row(
             row.name,
             f"{mean:.0f} +- {error:.0f}, {successes}/{seeds}",
-            f"{row.published:.0f}",
+            f"{row.published:.0f} (SciPy)",
             f"{row.tolerance:.0%}, at least {row.successes:.0%} of the runs",
             within(mean, row.published, row.tolerance)
             and successes >= row.successes * seeds,

@@ -46,6 +46,6 @@ def test_a_gate_notices_a_solver_a_third_dearer_and_no_equal_one() -> None:
 def test_what_is_counted_as_a_claim_are_the_claims() -> None:
     costs = np.arange(10.0)
     different = made_up({"s": dict(zip(TWO, (10 + costs, 90 + costs), strict=True))})
-    assert any(said.startswith("dearer") for said in claims_of(different))
+    assert any(said.startswith("costlier") for said in claims_of(different))
     equal = made_up({"s": dict(zip(TWO, (10 + costs, 10 + costs), strict=True))})
     assert claims_of(equal) == []

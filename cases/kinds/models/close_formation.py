@@ -76,7 +76,7 @@ class Wingman:
     Raises:
         InvalidAircraftError: If a lag or the limit is not positive and finite.
 
-    Source: lags recalled from Proud, Pachter and D'Azzo (1999), F-16 class.
+    Source: the lags are chosen here, typical of an autopilot of the F-16's class.
     """
 
     aircraft: Aircraft = field(default_factory=Aircraft)

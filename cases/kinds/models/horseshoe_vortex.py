@@ -1,9 +1,8 @@
 """Effect of the leader's wake on a wingman: a horseshoe vortex with a core.
 
-The numbers are those of the F-16 class, rederived, and not those of the thesis. The
-chapter prints the model (5.20) without coefficients. They are computed here from the
-aircraft's geometry and flight condition; the approach follows Proud, Pachter and D'Azzo
-(1999), from memory.
+The chapter prints the model (5.20) without coefficients. They are computed here from
+geometry and flight condition of an aircraft of the F-16's class, by the equations
+below; they are not the coefficients of the thesis that the chapter cites.
 
 Two trailing vortices of circulation Gamma, bp = pi b/4 apart, leave the leader in level
 flight. The wingman is y beside and z above the leader; with M the squared core radius,
