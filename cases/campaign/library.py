@@ -31,7 +31,7 @@ from swarmstart.cases.campaign.trials.trial import answer_of
 from swarmstart.cases.format.kind import PlanningProblem
 from swarmstart.cases.format.scenario import Resolved, read_document, resolve
 from swarmstart.cases.record.files import to_json
-from swarmstart.cases.record.record import Recording
+from swarmstart.cases.record.record import PNG, Recording
 from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics import Budget
 from swarmstart.ocp import Known, OptimalControlProblem
@@ -55,6 +55,7 @@ def run(  # noqa: PLR0913 - the options of a command
     search: str | None = None,
     polish: str | None = None,
     figures: bool = True,
+    figure_formats: Sequence[str] = PNG,
     force: bool = False,
     allow_python: bool = False,
     bound: float | None = None,
@@ -71,6 +72,7 @@ def run(  # noqa: PLR0913 - the options of a command
         search: Name of the search, as --search; None means that of the scenario.
         polish: Name of the polish, as --polish; None means that of the scenario.
         figures: Whether figures are drawn into the record.
+        figure_formats: Formats of each figure, of "png", "svg" and "pdf".
         force: Whether files with the names of the record's are replaced, as --force.
         allow_python: Whether a scenario of kind python may run the file that it names,
             as --allow-python.
@@ -94,6 +96,7 @@ def run(  # noqa: PLR0913 - the options of a command
         UserCodeError: If that file does not return a problem.
         InvalidProblemError: If `bound` is not a positive number.
         SeveralPlansError: If `bound` is given and the run makes more than one plan.
+        UnknownFormatError: If `figure_formats` has an unknown format.
 
     Example:
         >>> import swarmstart as ss
@@ -111,7 +114,12 @@ def run(  # noqa: PLR0913 - the options of a command
     resolved = replace(resolved, allow_python=allow_python)
     recording = None
     if out is not None:
-        recording = Recording(folder=Path(out), figures=figures, force=force)
+        recording = Recording(
+            folder=Path(out),
+            figures=figures,
+            force=force,
+            figure_formats=tuple(figure_formats),
+        )
     return run_resolved(
         resolved, seed=seed, recording=recording, bound_s=bound, progress=progress
     )

@@ -517,7 +517,7 @@ def _recorded(
 ) -> list[Path]:
     """Write all files but the mark, which is written last; return the figures."""
     resolved, flight, folder = finished.resolved, finished.flight, recording.folder
-    kind, scenario, steps = resolved.kind, resolved.scenario, resolved.scenario.steps
+    kind, scenario = resolved.kind, resolved.scenario
     figures = kept_figures(folder, key_of(resolved, finished.seed))
     if figures is None:
         withdraw(folder)
@@ -532,12 +532,19 @@ def _recorded(
         write_text(folder / name, content)
     drawn: list[Path] = []
     if recording.figures:
-        progress(steps, steps, "drawing")
-        drawn = kind.figures(scenario, flight, finished.trajectory, folder / FIGURES)
+        progress(0, 0, "drawing")
+        drawn = kind.figures(
+            scenario,
+            flight,
+            finished.trajectory,
+            folder / FIGURES,
+            formats=recording.figure_formats,
+            progress=progress,
+        )
     if recording.animation:
-        progress(steps, steps, "animating")
+        progress(0, 0, "animating")
         file = folder / FIGURES / f"flight.{recording.animation}"
-        kind.animate(scenario, flight, finished.trajectory, file)
+        kind.animate(scenario, flight, finished.trajectory, file, progress=progress)
         drawn.append(file)
     return [*drawn, *(file for file in figures or () if file not in drawn)]
 

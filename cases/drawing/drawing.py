@@ -1,43 +1,71 @@
-"""Figures that several kinds share: colours, tracks, controls, distances, files."""
+"""Basis of all figures: colours and line styles, empty figures, files.
+
+Each series has a colour and a line style of its own, so that twelve series can be told
+apart with any colour vision and in grey print.
+"""
 
 import functools
-import itertools
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.cases.drawing import palette
 from swarmstart.cases.record.files import write_atomically
+from swarmstart.cases.record.record import PNG
 from swarmstart.ocp import Trajectory
+from swarmstart.ocp.progress import ProgressCallback, tell_nothing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
 Array = NDArray[np.float64]
+S_contra = TypeVar("S_contra", contravariant=True)
+F_contra = TypeVar("F_contra", contravariant=True)
 S = TypeVar("S")
 F = TypeVar("F")
 Figures = Iterable[tuple[str, "Figure"]]
 """Names without a suffix, and figures."""
+LineStyle = str | tuple[float, tuple[float, ...]]
 
-# Colours that people with colour-blindness can tell apart (Okabe and Ito, 2008).
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-MOST_NAMED = 10
-"""Vehicles, or pairs of them, up to which each is named in the legend."""
+COLOURS = palette.LIGHT
+MOST_NAMED = 12
+"""Series up to which each has its own line and name; more are drawn as bands."""
+LAYOUT_DPI, PNG_DPI = 110, 200
+"""Dots per inch at which a figure is laid out, and of PNG files."""
+# Without a date, so that the same figure is the same file.
+_METADATA: dict[str, dict[str, Any]] = {
+    "png": {}, "svg": {"Date": None}, "pdf": {"CreationDate": None},
+}  # fmt: skip
+
+
+class Draw(Protocol[S_contra, F_contra]):
+    """A function that draws a run into files and returns these, in order."""
+
+    def __call__(
+        self,
+        scenario: S_contra,
+        flight: F_contra,
+        trajectory: Trajectory,
+        folder: Path,
+        *,
+        formats: Sequence[str] = PNG,
+        progress: ProgressCallback = tell_nothing,
+    ) -> list[Path]:
+        """Draw."""
 
 
 def new_figure(size: tuple[float, float] = (7.0, 4.0)) -> "Figure":
     """Return an empty figure that no global state knows of; its size in inches."""
     from matplotlib.figure import Figure
 
-    return Figure(figsize=size, dpi=110, layout="constrained")
+    return Figure(figsize=size, dpi=LAYOUT_DPI, layout="constrained")
 
 
-def into_folder(
-    figures: Callable[[S, F, Trajectory], Figures],
-) -> Callable[[S, F, Trajectory, Path], list[Path]]:
+def into_folder(figures: Callable[[S, F, Trajectory], Figures]) -> Draw[S, F]:
     """Return a function that writes figures into a folder and returns the files.
 
     Args:
@@ -46,31 +74,67 @@ def into_folder(
 
     @functools.wraps(figures)
     def draw(
-        scenario: S, flight: F, trajectory: Trajectory, folder: Path
+        scenario: S,
+        flight: F,
+        trajectory: Trajectory,
+        folder: Path,
+        *,
+        formats: Sequence[str] = PNG,
+        progress: ProgressCallback = tell_nothing,
     ) -> list[Path]:
-        return write_figures(figures(scenario, flight, trajectory), folder)
+        drawn = figures(scenario, flight, trajectory)
+        return write_figures(drawn, folder, formats=formats, progress=progress)
 
     return draw
 
 
-def write_figures(figures: Figures, folder: Path) -> list[Path]:
-    """Write figures as PNG files by name; return the files, in order.
+def write_figures(
+    figures: Figures,
+    folder: Path,
+    *,
+    formats: Sequence[str] = PNG,
+    progress: ProgressCallback = tell_nothing,
+) -> list[Path]:
+    """Write figures as files by name; return the files, in order.
 
     Args:
         figures: Names without a suffix, and figures.
-        folder: Where they go; made where it is missing.
+        folder: Folder of the files; made if it is missing.
+        formats: Formats of each figure, of "png", "svg" and "pdf"; each is a file.
+        progress: Told (files written, all files, "drawing").
+
+    Raises:
+        RecordError: If a file cannot be written.
     """
-    files = []
-    for name, figure in figures:
-        file = folder / f"{name}.png"
-        write_atomically(file, functools.partial(figure.savefig, format="png"))
-        files.append(file)
-    return files
+    planned = [
+        (figure, form, folder / f"{name}.{form}")
+        for name, figure in figures
+        for form in formats
+    ]
+    for number, (figure, form, file) in enumerate(planned):
+        progress(number, len(planned), "drawing")
+        save = functools.partial(
+            figure.savefig, format=form, dpi=PNG_DPI, metadata=_METADATA[form]
+        )
+        write_atomically(file, save)
+    return [file for _, _, file in planned]
 
 
 def colour(number: int) -> str:
-    """Return the colour of a UAV; seven, then round again."""
+    """Return the colour of a series; twelve, then round again."""
     return COLOURS[number % len(COLOURS)]
+
+
+def line_style(number: int) -> LineStyle:
+    """Return the line style of a series: twelve, each round with other colours.
+
+    Example:
+        >>> line_style(0), line_style(2)
+        ('-', (0.0, (2.0, 2.0)))
+    """
+    count = len(palette.DASHES)
+    dashes = palette.DASHES[(number + number // count) % count]
+    return (0.0, tuple(map(float, dashes.split()))) if dashes else "-"
 
 
 def arrowhead(heading: float) -> Array:
@@ -80,90 +144,3 @@ def arrowhead(heading: float) -> Array:
     tip, left = along, -0.7 * along + 0.55 * across
     right = -0.7 * along - 0.55 * across
     return np.array([tip, left, right, tip])
-
-
-def tracks_figure(title: str, tracks: Array, targets: Array, called: str) -> "Figure":
-    """Return tracks, "o" where they begin and an arrowhead where they end.
-
-    Args:
-        title: Of the figure.
-        tracks: Speed, heading [rad], x and y [m] of each UAV, shape (uavs, 4, T).
-        targets: Where each ought to end, shape (uavs, 2) [m].
-        called: What a target is called.
-    """
-    figure = new_figure((7.5, 6.0))
-    axes = figure.add_subplot()
-    few = len(tracks) <= MOST_NAMED
-    size = 6 if few else 3
-    for number, states in enumerate(tracks):
-        (_, heading, x, y), own = states, colour(number)
-        label = f"UAV {number + 1}" if few else None
-        axes.plot(x, y, color=own, linewidth=1.2, label=label)
-        axes.plot(x[0], y[0], "o", color=own, fillstyle="none", ms=size)
-        axes.plot(
-            x[-1], y[-1], marker=arrowhead(float(heading[-1])), color=own, ms=2 * size
-        )
-    axes.plot(*targets.T, "x", color="0.4", ms=size, label=called, zorder=0)
-    axes.set(xlabel="x [m]", ylabel="y [m]", title=title)
-    axes.set_aspect("equal", adjustable="datalim")
-    axes.legend(fontsize="small")
-    return figure
-
-
-def held_controls_figure(times: Array, controls: Array, label: str) -> "Figure":
-    """Return one control of every UAV, held over each step.
-
-    Args:
-        times: Ends of the steps, shape (T + 1,) [s].
-        controls: Of each UAV, shape (uavs, T).
-        label: Of the axis.
-    """
-    figure = new_figure()
-    axes = figure.add_subplot()
-    for number, values in enumerate(controls):
-        width = max(1.0, 3.4 - 0.5 * number)  # Lines that coincide stay visible.
-        axes.stairs(
-            values, times, baseline=None, color=colour(number), linewidth=width,
-            label=f"UAV {number + 1}",
-        )  # fmt: skip
-    axes.set(xlabel="time [s]", ylabel=label)
-    if len(controls) <= MOST_NAMED:
-        axes.legend(fontsize="small", ncols=2)
-    return figure
-
-
-def distances_figure(
-    times: Array,
-    pairs: Array,
-    *,
-    linked: Array | None = None,
-    limits: Mapping[str, float],
-) -> "Figure":
-    """Return the distance of every pair of UAVs, or of many the extremes.
-
-    Args:
-        times: Shape (T,) [s].
-        pairs: Distances of all pairs, (1, 2), (1, 3), ..., shape (pairs, T) [m].
-        linked: Those that have an upper limit, shape (links, T) [m]; None: none has.
-        limits: What a limit is called, and its distance [m].
-    """
-    figure = new_figure((7.0, 4.5))
-    axes = figure.add_subplot()
-    if len(pairs) <= MOST_NAMED:
-        uavs = round((1 + np.sqrt(1 + 8 * len(pairs))) / 2)
-        named = itertools.combinations(range(1, uavs + 1), 2)
-        for number, (pair, values) in enumerate(zip(named, pairs, strict=True)):
-            style = "-" if number < len(COLOURS) else "--"
-            name = f"{pair[0]}, {pair[1]}"
-            axes.plot(times, values, style, color=colour(number), lw=1.2, label=name)
-    else:
-        axes.plot(times, pairs.min(axis=0), color=COLOURS[0], lw=1.4, label="smallest")
-        if linked is not None:
-            name = "largest" if len(linked) == len(pairs) else "largest of a link"
-            axes.plot(times, linked.max(axis=0), color=COLOURS[1], lw=1.4, label=name)
-    for name, limit in limits.items():
-        label = f"{name}, {limit:g} m"
-        axes.axhline(limit, color="0.2", linestyle=":", linewidth=1.2, label=label)
-    axes.set(xlabel="time [s]", ylabel="distance of two UAVs [m]")
-    axes.legend(fontsize="small", ncols=2, loc="upper left", bbox_to_anchor=(1.0, 1.0))
-    return figure

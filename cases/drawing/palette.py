@@ -38,8 +38,8 @@ MARKS = (
     "M-3.6-3.6l7.2 7.2v-7.2l-7.2 7.2z",  # hourglass
 )
 
-# Of the page: ground and text, marks of quality, lines. Contrast at least 4.5:1 where
-# it is text, 3:1 where it is a border of something to press.
+# Of the page: ground and text, marks of quality, lines. Contrast of text at
+# least 4.5:1, of the border of something to press 3:1.
 LIGHT_PAGE = {
     "ground": "#ffffff", "raised": "#f3f5f7", "ink": "#16191d", "ink-soft": "#545c66",
     "rule": "#d9dee3", "line": "#7d8793", "accent": "#0a58b8",

@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.cases.drawing.drawing import MOST_NAMED, colour, new_figure
+from swarmstart.cases.drawing.series import draw_series, escaped, name_lines
 from swarmstart.ocp import OptimalControlProblem
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, FigureBase
 
 Array = NDArray[np.float64]
 
@@ -21,6 +22,10 @@ MOST_PANELS = 24
 """Panels of one kind in a figure; a sentence says that there are more."""
 FAR = 10.0
 """Times the range of the values that a bound may lie beyond them to be in the axis."""
+BOUND, SHARED = "bound", "0.25"
+"""Name of a bound in a legend, and the colour of one that all vehicles share."""
+_MARGIN = 0.06
+"""Part of the axis that is grey beyond a bound at its end."""
 _LINE_WIDTH, _MOST_LINES = 22, 3
 _SMALL = 16
 """Characters of a line from which on a label is small."""
@@ -35,8 +40,9 @@ class Labels:
     Attributes:
         states: Name of each state of one vehicle.
         controls: Name of each control of one vehicle.
-        units: Unit by name, where there is one.
+        units: Unit by name; a quantity without a unit is missing.
         vehicles: Name of each vehicle; states and controls come vehicle after vehicle.
+        numbers: Numbers of the vehicles' colours; None: from 0 on.
         maximize: Whether the cost is what is maximised, times -1.
         ends: When phases end that another one follows [s].
         spans: What the name of a phase's constraint ends with -> the phase's first
@@ -47,6 +53,7 @@ class Labels:
     controls: Sequence[str]
     units: Mapping[str, str] = field(default_factory=dict)
     vehicles: Sequence[str] = ("",)
+    numbers: Sequence[int] | None = None
     maximize: bool = False
     ends: Sequence[float] = ()
     spans: Mapping[str, tuple[int, int]] = field(default_factory=dict)
@@ -153,7 +160,7 @@ def panels_figure(blocks: Mapping[str, Sequence[Panel]], labels: Labels) -> "Fig
     figure, axes = grid([len(panels) for panels in shown.values()])
     for block, panels in zip(axes, shown.values(), strict=True):
         for place, panel in zip(block, panels, strict=True):
-            _draw_panel(place, panel, labels)
+            draw_panel(place, panel, labels)
     more = [
         f"the first {MOST_PANELS} of {len(panels)} {name}"
         for name, panels in blocks.items()
@@ -171,11 +178,29 @@ def grid(counts: Sequence[int]) -> "tuple[Figure, list[list[Axes]]]":
     Args:
         counts: Panels of each block.
     """
-    most = max(counts)
-    columns = next((c for least, c in _COLUMNS if most <= least), 4)
-    rows = [-(-count // columns) for count in counts]
-    width, height = (7.0, 4.2, 3.5, 3.2)[columns - 1] * columns, 1.75 * sum(rows)
+    columns = columns_of(max(counts))
+    rows = sum(-(-count // columns) for count in counts)
+    width, height = (7.0, 4.2, 3.5, 3.2)[columns - 1] * columns, 1.75 * rows
     figure = new_figure((width, max(height, 2.4) + 0.8))
+    return figure, grid_in(figure, counts, columns=columns)
+
+
+def columns_of(panels: int) -> int:
+    """Return how many of some panels lie beside one another."""
+    return next((c for least, c in _COLUMNS if panels <= least), 4)
+
+
+def grid_in(
+    figure: "FigureBase", counts: Sequence[int], *, columns: int
+) -> "list[list[Axes]]":
+    """Return blocks of axes over one time in a figure or a part of one.
+
+    Args:
+        figure: A figure, or a part of one.
+        counts: Panels of each block.
+        columns: Panels beside one another.
+    """
+    rows = [-(-count // columns) for count in counts]
     blocks: list[list[Axes]] = []
     first: Axes | None = None
     for number, count in enumerate(counts):
@@ -185,10 +210,11 @@ def grid(counts: Sequence[int]) -> "tuple[Figure, list[list[Axes]]]":
             axes = figure.add_subplot(sum(rows), columns, place, sharex=first)
             first = first or axes
             axes.grid(alpha=0.3)
+            axes.margins(x=0)
             block.append(axes)
         blocks.append(block)
     _label_time(blocks, columns)
-    return figure, blocks
+    return blocks
 
 
 def _label_time(blocks: "list[list[Axes]]", columns: int) -> None:
@@ -202,37 +228,48 @@ def _label_time(blocks: "list[list[Axes]]", columns: int) -> None:
                 axes.tick_params(labelbottom=False)
 
 
-def _draw_panel(axes: "Axes", panel: Panel, labels: Labels) -> None:
-    """Draw lines or held steps, and the bounds that are near."""
+def draw_panel(
+    axes: "Axes", panel: Panel, labels: Labels, *, width: int = _LINE_WIDTH
+) -> None:
+    """Draw lines or held steps, and the bounds that are near.
+
+    Args:
+        axes: The panel.
+        panel: The quantity.
+        labels: The words.
+        width: Characters of a line of the vertical label.
+    """
     for times, values in panel.beneath:
         axes.plot(
             times, values, color="0.6", lw=0.6, zorder=1, label=panel.beneath_name
         )
     for end in labels.ends:
-        axes.axvline(end, color="0.6", ls=":", lw=1.0, label="end of a phase")
-    held = panel.times.size == panel.values.shape[1] + 1
-    for number, values in enumerate(panel.values):
-        own = colour(number)
-        name = escaped(labels.vehicles[number]) if labels.are_named else None
-        if held:
-            # Lines that coincide stay visible.
-            width = max(1.2, 1.2 + 0.6 * (min(len(panel.values), 4) - 1 - number))
-            axes.stairs(
-                values, panel.times, baseline=None, color=own, lw=width, label=name
-            )
-        else:
-            axes.plot(panel.times, values, color=own, lw=1.2, label=name)
-    label = wrapped(panel.label)
-    is_small = max(map(len, label.split("\n"))) > _SMALL
+        axes.axvline(end, color="0.6", ls="-.", lw=1.0, label="end of a phase")
+    names = labels.vehicles if labels.are_named else ()
+    draw_series(axes, panel.times, panel.values, names=names, numbers=labels.numbers)
+    label = wrapped(panel.label, width=width)
+    is_small = max(map(len, label.split("\n"))) > min(_SMALL, width - 4)
     axes.set_ylabel(label, fontsize="small" if is_small else None)
-    _draw_bounds(axes, panel)
+    draw_bounds(axes, panel)
 
 
-def _draw_bounds(axes: "Axes", panel: Panel) -> None:
-    """Draw the bounds dashed; name those so far away that they would hide the rest."""
+def draw_bounds(axes: "Axes", panel: Panel) -> None:
+    """Draw the bounds dotted and what lies beyond them grey; name those far away.
+
+    Bounds so far away that they would hide the rest are named only. Bounds that differ
+    from vehicle to vehicle have their colours, and nothing is grey.
+    """
     near, far = bounds_of(panel)
     for bound, own in near:
-        axes.axhline(bound, color=own, ls="--", lw=1.0, label="bound")
+        axes.axhline(bound, color=own, ls=":", lw=1.4, label=BOUND)
+    low, high = axes.get_ylim()
+    margin, shared = _MARGIN * (high - low), (panel.lower[0], panel.upper[0])
+    for bound, is_upper in zip(shared, (False, True), strict=True):
+        if (bound, SHARED) in near:
+            end = max(high, bound + margin) if is_upper else min(low, bound - margin)
+            axes.axhspan(*sorted((bound, end)), color="0.5", alpha=0.18, lw=0)
+            low, high = min(low, end), max(high, end)
+    axes.set_ylim(low, high)
     if far:
         text = f"bounds beyond the axis: {', '.join(f'{b:g}' for b in far)}"
         axes.set_title(text, fontsize="x-small", loc="right", color="0.35")
@@ -241,14 +278,16 @@ def _draw_bounds(axes: "Axes", panel: Panel) -> None:
 def bounds_of(panel: Panel) -> tuple[list[tuple[float, str]], list[float]]:
     """Return the finite bounds near the values with their colours, and those far away.
 
-    A bound that all vehicles share is grey.
+    A bound that all vehicles share is grey. Of more vehicles than have colours, the
+    tightest and the widest bounds are returned, in grey too.
     """
     finite = panel.values[np.isfinite(panel.values)]
     least, most = (finite.min(), finite.max()) if finite.size else (0.0, 0.0)
     reach = FAR * (most - least) or np.inf
     pairs = np.stack([panel.lower, panel.upper], axis=1)
-    if (pairs == pairs[0]).all():
-        every = [(float(bound), "0.25") for bound in np.unique(pairs)]
+    if (pairs == pairs[0]).all() or len(pairs) > MOST_NAMED:
+        ends = [*pairs.min(axis=0), *pairs.max(axis=0)]
+        every = [(float(bound), SHARED) for bound in np.unique(ends)]
     else:
         every = [
             (float(bound), colour(number))
@@ -261,25 +300,7 @@ def bounds_of(panel: Panel) -> tuple[list[tuple[float, str]], list[float]]:
     return near, sorted(far)
 
 
-def name_lines(figure: "Figure") -> None:
-    """Put one legend of all lines' names below a figure; the dashed bounds grey."""
-    named: dict[str, object] = {}
-    for axes in figure.axes:
-        for handle, name in zip(*axes.get_legend_handles_labels(), strict=True):
-            named.setdefault(name, handle)
-    if named:
-        figure.legend(
-            list(named.values()), list(named), loc="outside lower center",
-            ncols=min(len(named), 6), fontsize="small", frameon=False,
-        )  # type: ignore[call-overload] # fmt: skip
-
-
 def wrapped(label: str, *, width: int = _LINE_WIDTH) -> str:
     """Return a label in at most a few lines, which fit beside or above a panel."""
     lines = textwrap.wrap(label, width, max_lines=_MOST_LINES, placeholder="...")
     return escaped("\n".join(lines))
-
-
-def escaped(text: str) -> str:
-    """Return a user's text, whose dollars are no formulas."""
-    return text.replace("$", r"\$")

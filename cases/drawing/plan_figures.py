@@ -1,4 +1,4 @@
-"""Figures of the plans of a flight: their cost, their paths, the time they took."""
+"""Plans of a run: their paths, their costs, their searches."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.cases.drawing.drawing import COLOURS, MOST_NAMED, colour, new_figure
-from swarmstart.cases.drawing.panels import (
-    Labels,
-    Panel,
-    escaped,
-    name_lines,
-    panels_figure,
+from swarmstart.cases.drawing.drawing import (
+    MOST_NAMED,
+    colour,
+    line_style,
+    new_figure,
 )
+from swarmstart.cases.drawing.panels import Labels, Panel
+from swarmstart.cases.drawing.series import escaped, make_logarithmic, name_lines
 from swarmstart.cases.drawing.slack import KnownAt, arguments_of, made_at
 from swarmstart.cases.record.trajectory_arrays import new_plans
 from swarmstart.ocp import Fitness, Known, OptimalControlProblem, Trajectory
@@ -31,8 +31,6 @@ KnownOf = Callable[[int, int], Known]
 
 MOST_PLANS = 40
 """Plans that are drawn, evenly chosen among all."""
-_RATIO = 100.0
-"""Of positive values, largest to smallest, from which on their axis is logarithmic."""
 
 
 def nothing_known(step: int, number: int) -> Known:
@@ -43,11 +41,11 @@ def nothing_known(step: int, number: int) -> Known:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Flown:
-    """A flight with what was planned in it.
+    """A run with its plans.
 
     Attributes:
         problems: One of all vehicles, or that of each, in the order of their states.
-        trajectory: The flight; each decision has a plan for each problem.
+        trajectory: The run; each decision has a plan for each problem.
         labels: The words on the axes.
         known: Parameters and signals of the plans.
     """
@@ -131,128 +129,83 @@ def chosen(steps: NDArray[np.intp]) -> NDArray[np.intp]:
     return found
 
 
-def plans_figure(
-    panels: Sequence[Panel],
-    paths: Sequence[PlanPath],
-    labels: Labels,
-    *,
-    name: str = "plans",
-) -> "Figure":
-    """Return the flown states over time, and the plans thin beneath them.
+def with_plans(
+    panels: Sequence[Panel], paths: Sequence[PlanPath], *, name: str = "plans"
+) -> list[Panel]:
+    """Return panels of the simulated states with the plans thin beneath them.
 
     Args:
         panels: Of the states, as `panels_of` returns them.
         paths: The plans.
-        labels: The words.
-        name: What the thin lines are called.
+        name: Name of the thin lines.
     """
     count = len(panels)
     beneath: list[list[tuple[Array, Array]]] = [[] for _ in panels]
     for path in paths:
         for row, values in enumerate(path.states):
             beneath[row % count].append((path.times, values))
-    drawn = [
+    return [
         replace(panel, beneath=lines, beneath_name=name)
         for panel, lines in zip(panels, beneath, strict=True)
     ]
-    return panels_figure({"states": drawn}, labels)
 
 
-def cost_figure(flown: Flown) -> "Figure | None":
-    """Return the search's best cost over evaluations, and the cost of the plans.
+def searches_figure(flown: Flown) -> "Figure | None":
+    """Return the search's best cost over evaluations in each plan that was searched.
 
-    Of one plan: its search, and its cost as a line. Of several: the searches of all,
-    and the costs of the plans over time. None: one plan that was not searched.
+    None: nothing was searched.
     """
-    steps, decisions = flown.fresh, flown.trajectory.decisions
-    searched = any(p.search.history.size for k in steps for p in decisions[k].plans)
-    if steps.size == 0 or (steps.size == 1 and not searched):
-        return None
-    panels = int(searched) + int(steps.size > 1)
-    figure = new_figure((5.0 + 3.0 * (panels - 1), 4.0))
-    places = iter(np.atleast_1d(figure.subplots(1, panels)))
-    if searched:
-        _draw_searches(next(places), flown, alone=steps.size == 1)
-    if steps.size > 1:
-        _draw_costs(next(places), flown)
-    name_lines(figure)
-    return figure
-
-
-def _draw_searches(axes: "Axes", flown: Flown, *, alone: bool) -> None:
-    """Draw the cost of each search's best point; of a plan alone its cost, too."""
     labels, decisions = flown.labels, flown.trajectory.decisions
     plans = [
         (number, plan)
         for step in chosen(flown.fresh)
         for number, plan in enumerate(decisions[step].plans)
+        if plan.search.history.size
     ]
-    histories = [plan.search.history for _, plan in plans]
-    name = "best of the search"
-    if any((costs[1:] > costs[:-1]).any() for costs in histories):
-        name += ", rising where it breaks less"
-    values = []
+    if not plans:
+        return None
+    figure = new_figure((7.0, 4.2))
+    axes = figure.add_subplot()
+    several = len(flown.problems) > 1
     for number, plan in plans:
-        values.append(labels.sign * plan.search.history)
+        name = escaped(labels.vehicles[number]) if several else "best of each search"
         axes.plot(
-            plan.search.evaluations, values[-1], color=colour(number), label=name,
-            lw=1.4 if alone else 0.6, drawstyle="steps-post",
+            plan.search.evaluations, labels.sign * plan.search.history,
+            color=colour(number), ls=line_style(number), lw=0.7, label=name,
+            drawstyle="steps-post",
         )  # fmt: skip
-        if alone:
-            cost = labels.sign * plan.cost
-            axes.axhline(
-                cost, color=COLOURS[1], ls="--", lw=1.0, label=f"plan, {cost:.5g}"
-            )
-            values.append(np.array([cost]))
+    every = np.concatenate([plan.search.history for _, plan in plans])
+    make_logarithmic(axes, labels.sign * every)
     axes.set(xlabel="evaluations", ylabel=labels.cost)
-    _scale(axes, np.concatenate(values))
+    axes.set_title(f"searches of {len(plans)} plans", fontsize="medium")
     axes.grid(alpha=0.3)
+    name_lines(figure)
+    return figure
 
 
-def _draw_costs(axes: "Axes", flown: Flown) -> None:
-    """Draw the cost of each plan over time."""
-    labels, decisions = flown.labels, flown.trajectory.decisions
-    times = flown.trajectory.times[flown.fresh]
-    names = labels.vehicles if len(flown.problems) > 1 else ("",)
+def draw_costs(axes: "Axes", run: Flown) -> None:
+    """Draw the cost of each plan over time, on a logarithmic axis if it spans decades.
+
+    Args:
+        axes: The panel.
+        run: The run, with several plans.
+    """
+    labels, decisions = run.labels, run.trajectory.decisions
+    times = run.trajectory.times[run.fresh]
+    several = 1 < len(run.problems) <= MOST_NAMED
     every = []
-    for number in range(len(flown.problems)):
-        plans = [decisions[step].plans[number] for step in flown.fresh]
+    for number in range(len(run.problems)):
+        plans = [decisions[step].plans[number] for step in run.fresh]
         costs = labels.sign * np.array([plan.cost for plan in plans])
-        name = escaped(names[number]) or "plan"
+        name = escaped(labels.vehicles[number]) if several else "plan"
         axes.plot(
-            times, costs, ".-", color=colour(number), lw=1.0, ms=4,
-            label=name if len(flown.problems) <= MOST_NAMED else None,
+            times, costs, marker=".", color=colour(number), ls=line_style(number),
+            lw=1.2, ms=4, label=name,
         )  # fmt: skip
         bad = np.array([not plan.feasible for plan in plans])
         if bad.any():
             axes.plot(times[bad], costs[bad], "kx", ms=6, label="infeasible plan")
         every.append(costs)
     axes.set(xlabel="time [s]", ylabel=f"{labels.cost} of the plan")
-    _scale(axes, np.concatenate(every))
+    make_logarithmic(axes, np.concatenate(every), ratio=20.0)
     axes.grid(alpha=0.3)
-
-
-def step_time_figure(trajectory: Trajectory) -> "Figure":
-    """Return the wall time of each decision against the control interval dt."""
-    figure = new_figure()
-    axes = figure.add_subplot()
-    seconds, dt = trajectory.step_seconds, float(np.diff(trajectory.times).mean())
-    axes.stairs(
-        seconds, trajectory.times, baseline=None, color=COLOURS[0], lw=1.2,
-        label="decision",
-    )  # fmt: skip
-    axes.axhline(dt, color=COLOURS[1], ls="--", lw=1.0, label=f"dt, {dt:g} s")
-    axes.set(xlabel="time [s]", ylabel="wall time of a step [s]")
-    _scale(axes, np.append(seconds, dt))
-    if axes.get_yscale() == "linear":
-        axes.set_ylim(bottom=0.0)
-    axes.grid(alpha=0.3)
-    name_lines(figure)
-    return figure
-
-
-def _scale(axes: "Axes", values: Array) -> None:
-    """Make the vertical axis logarithmic where positive values span decades."""
-    finite = values[np.isfinite(values)]
-    if finite.size and 0 < finite.min() * _RATIO < finite.max():
-        axes.set_yscale("log")

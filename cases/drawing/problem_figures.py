@@ -1,78 +1,97 @@
-"""Figures of any problem: states, controls, slack, cost, phase plane, plans, time.
+"""Figures of any problem: one sheet, and what does not fit into it.
 
-Each is drawn where it applies: the slack where there are constraints, the phase plane
-where a vehicle has two states, plans and time where there is more than one plan.
+The sheet of a closed-loop run shows states with the plans beneath them, the cost of
+each plan, controls with their bounds, and what planning took. The sheet of a problem
+that was solved once shows states, convergence of the search, controls, and the local
+optima that were found; without a search, or with one optimum, the phase plane of two
+states takes its place. Slack is drawn if there are constraints.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
-from pathlib import Path
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.cases.drawing.drawing import COLOURS, colour, new_figure, write_figures
+from swarmstart.cases.drawing.convergence import (
+    draw_convergence,
+    draw_optima,
+    optima_of,
+)
+from swarmstart.cases.drawing.drawing import (
+    new_figure,
+)
 from swarmstart.cases.drawing.panels import (
-    MOST_PANELS,
     Labels,
     Panel,
-    bounds_of,
-    escaped,
-    grid,
-    name_lines,
     panels_figure,
     panels_of,
     stacked_limits,
-    wrapped,
 )
+from swarmstart.cases.drawing.phase_plane import draw_phase_plane
 from swarmstart.cases.drawing.plan_figures import (
     Flown,
     KnownOf,
     PlanPath,
-    cost_figure,
+    draw_costs,
     nothing_known,
     plan_paths,
-    plans_figure,
-    step_time_figure,
+    searches_figure,
+    with_plans,
 )
+from swarmstart.cases.drawing.planning import draw_planning
+from swarmstart.cases.drawing.report.surroundings import directions_of
+from swarmstart.cases.drawing.series import HALF, escaped, name_lines
+from swarmstart.cases.drawing.sheet import MOST_IN_PART, Part, panels_part, sheet
 from swarmstart.cases.drawing.slack import Slack, slacks
+from swarmstart.cases.drawing.slack_figure import slack_figure
+from swarmstart.cases.drawing.tracks import Scene, draw_tracks
 from swarmstart.cases.record.trajectory_arrays import held_controls
 from swarmstart.ocp import OptimalControlProblem, Solution, Trajectory
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, FigureBase
 
 Array = NDArray[np.float64]
 
-BROKEN = "#D55E00"
-_ROUNDING = 1e-2
-"""Of the tolerance: an axis shows at least so much, so that rounding looks flat."""
-_TITLE = 40
-"""Characters of a line above a panel."""
 _PLANE = 2
 """States of a phase plane."""
 
 
-def draw_problem(
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Place:
+    """States that are a position in the plane, and the discs there.
+
+    Attributes:
+        rows: Numbers of the two states of one vehicle.
+        discs: x, y and radius of each disc to keep out of.
+    """
+
+    rows: tuple[int, int]
+    discs: Sequence[tuple[float, float, float]] = ()
+
+
+def figures_of(
     problem: OptimalControlProblem | Sequence[OptimalControlProblem],
     trajectory: Trajectory,
-    folder: Path,
     *,
     labels: Labels | None = None,
     known: KnownOf = nothing_known,
-) -> list[Path]:
-    """Write all figures that apply to a flight as PNG files; return them, in order.
+    title: str = "",
+    place: Place | None = None,
+) -> "Iterator[tuple[str, Figure]]":
+    """Return all figures that apply to a run, with their names, in order.
 
     Args:
-        problem: What is planned; of vehicles that plan one after another the problem of
-            each, in the order of their states.
-        trajectory: The flight.
-        folder: Where the files go; made where it is missing.
+        problem: The problem that is planned; of vehicles that plan one after another
+            the problem of each, in the order of their states.
+        trajectory: The run.
         labels: The words on the axes; None: the names of the (first) model, no units.
         known: (number of a step, of a problem) -> parameters and signals of the plan
             made there; by default no parameters and signals.
+        title: Of the sheet.
+        place: States that are a position; None: there are none.
 
     Raises:
         InvalidProblemError: If what is known does not fit a problem.
@@ -87,47 +106,182 @@ def draw_problem(
         labels=labels or labels_of(problems[0], vehicles=vehicles),
         known=known,
     )
-    return write_figures(_figures(flown), folder)
+    return _figures(flown, title, place)
 
 
-def _figures(flown: Flown) -> "Iterator[tuple[str, Figure]]":
+def _figures(
+    flown: Flown, title: str, place: Place | None
+) -> "Iterator[tuple[str, Figure]]":
     """Yield the figures that apply, with their names."""
-    trajectory, labels = flown.trajectory, flown.labels
-    on_states, on_controls = stacked_limits(flown.problems)
+    paths = plan_paths(flown) if flown.fresh.size > 1 else []
+    states, controls = with_plans(_states(flown), paths), _controls(flown)
+    parts = [panels_part("States", states, flown.labels)]
+    if controls:
+        name = "Controls"
+        parts.append(panels_part(name, controls, flown.labels))
+    plane = _plane_part(flown, states, paths, place)
+    if flown.fresh.size > 1:
+        parts.insert(1, Part("Cost of the plans", lambda part: _costs(part, flown)))
+        parts.append(_planning_part(flown))
+    else:
+        parts, plane = _solved_once(parts, flown, plane)
+    yield "a_sheet", sheet(title, parts)
+    yield from _whole(states, controls, flown.labels)
+    rows = _slack_rows(flown)
+    if rows:
+        yield "d_slack", slack_figure(rows)
+    if plane is not None:
+        name = "e_phase_plane" if place is None else "e_tracks"
+        yield name, _alone(plane, flown, place)
+    searches = searches_figure(flown) if flown.fresh.size > 1 else None
+    if searches is not None:
+        yield "f_searches", searches
+
+
+def _whole(
+    states: Sequence[Panel], controls: Sequence[Panel], labels: Labels
+) -> "Iterator[tuple[str, Figure]]":
+    """Yield states and controls that the sheet has no room for."""
+    if len(states) > MOST_IN_PART:
+        yield "b_states", panels_figure({"states": states}, labels)
+    if len(controls) > MOST_IN_PART:
+        yield "c_controls", panels_figure({"controls": controls}, labels)
+
+
+def _states(flown: Flown) -> list[Panel]:
+    labels, trajectory = flown.labels, flown.trajectory
+    (lower, upper), _ = stacked_limits(flown.problems)
     shown = len(labels.states) * len(labels.vehicles)
-    lower, upper = on_states
-    states = panels_of(
+    return panels_of(
         labels.states,
         labels,
         trajectory.dense_times,
         trajectory.dense_states[:shown],  # Others are what phases remember.
         (lower[:shown], upper[:shown]),
     )
-    yield "a_states", panels_figure({"states": states}, labels)
-    controls = panels_of(
-        labels.controls, labels, *held_controls(trajectory), on_controls
+
+
+def _controls(flown: Flown) -> list[Panel]:
+    _, limits = stacked_limits(flown.problems)
+    held = held_controls(flown.trajectory)
+    return panels_of(flown.labels.controls, flown.labels, *held, limits)
+
+
+def _plane_part(
+    flown: Flown,
+    states: Sequence[Panel],
+    paths: Sequence[PlanPath],
+    place: Place | None,
+) -> Part | None:
+    """Return tracks of vehicles with a position, or the phase plane of two states."""
+    labels = flown.labels
+    if place is not None:
+        scene = _scene(states, paths, place, labels)
+        return Part("Tracks", lambda part: draw_tracks(part.subplots(), scene))
+    if len(labels.states) != _PLANE:
+        return None
+    first, second = states
+    return Part(
+        "Phase plane",
+        lambda part: draw_phase_plane(part.subplots(), first, second, paths, labels),
     )
-    if controls:
-        yield "b_controls", panels_figure({"controls": controls}, labels)
-    rows = [
-        replace(row, name=f"{labels.vehicles[number]}: {row.name}")
-        if len(flown.problems) > 1
-        else row
+
+
+def _scene(
+    states: Sequence[Panel], paths: Sequence[PlanPath], place: Place, labels: Labels
+) -> Scene:
+    x, y = (states[row] for row in place.rows)
+    positions = np.stack([x.values, y.values], axis=1)
+    count = len(states)
+    plans = [
+        path.states[[begin + row for row in place.rows]]
+        for path in paths
+        for begin in range(0, len(path.states) - count + 1, count)
+    ]
+    return Scene(
+        times=x.times,
+        positions=positions,
+        headings=directions_of(positions),
+        names=labels.vehicles,
+        discs=place.discs,
+        plans=plans,
+        axes=(escaped(x.label), escaped(y.label)),
+    )
+
+
+def _alone(part: Part, flown: Flown, place: Place | None) -> "Figure":
+    """Return a figure of one part; one of tracks is about as high as these need."""
+    height = 5.5
+    if place is not None:
+        rows = [_states(flown)[row].values for row in place.rows]
+        wide, high = (float(np.ptp(one[np.isfinite(one)])) for one in rows)
+        height = 1.6 + 6.4 * float(np.clip(high / max(wide, 1e-300), 0.25, 1.0))
+    figure = new_figure((8.0, height))
+    part.draw(figure)
+    name_lines(figure, room=HALF)
+    return figure
+
+
+def _solved_once(
+    parts: list[Part], flown: Flown, plane: Part | None
+) -> tuple[list[Part], Part | None]:
+    """Return the parts of a problem solved once, and a plane that has no room there."""
+    labels, decisions = flown.labels, flown.trajectory.decisions
+    plan = decisions[0].plans[0] if decisions else None
+    more: list[Part] = []
+    if plan is not None and len(flown.problems) == 1:
+        if plan.search.history.size:
+            more.append(
+                Part(
+                    "Convergence of the search",
+                    lambda part: draw_convergence(part.subplots(), plan, labels),
+                )
+            )
+        if optima_of(plan)[0].size > 1:
+            more.append(
+                Part(
+                    "Local optima found",
+                    lambda part: draw_optima(part.subplots(), plan, labels),
+                )
+            )
+    if len(more) < len(parts) and plane is not None:
+        more.append(plane)
+        plane = None
+    # States and controls on the left, one above the other, if there are four parts.
+    ordered = [*parts[:1], *more[:1], *parts[1:], *more[1:]]
+    return ordered, plane
+
+
+def _costs(part: "FigureBase", flown: Flown) -> None:
+    axes = part.subplots()
+    draw_costs(axes, flown)
+    axes.set_xlim(*flown.trajectory.times[[0, -1]])
+
+
+def _planning_part(flown: Flown) -> Part:
+    several = len(flown.problems) > 1
+    names = list(flown.labels.vehicles) if several else [""]
+
+    def draw_work(part: "FigureBase") -> None:
+        draw_planning(part, flown.trajectory, names=names)
+
+    return Part("Planning: time of each step, source of each plan", draw_work)
+
+
+def _slack_rows(flown: Flown) -> list[Slack]:
+    labels, steps = flown.labels, flown.trajectory.controls.shape[1]
+    several = len(flown.problems) > 1
+    return [
+        _within(
+            replace(row, name=f"{labels.vehicles[number]}: {row.name}")
+            if several
+            else row,
+            labels,
+            steps,
+        )
         for number, part in enumerate(flown.parts())
         for row in slacks(*part)
     ]
-    if rows:
-        steps = trajectory.controls.shape[1]
-        yield "c_slack", slack_figure([_within(row, labels, steps) for row in rows])
-    costs = cost_figure(flown)
-    if costs is not None:
-        yield "d_cost", costs
-    plans = plan_paths(flown) if flown.fresh.size > 1 else []
-    if len(labels.states) == _PLANE:
-        yield "e_phase_plane", phase_plane_figure(states[0], states[1], plans, labels)
-    if plans:
-        yield "f_plans", plans_figure(states, plans, labels)
-        yield "g_step_time", step_time_figure(trajectory)
 
 
 def _within(row: Slack, labels: Labels, steps: int) -> Slack:
@@ -165,10 +319,10 @@ def draw_solution(
 def draw_trajectory(
     trajectory: Trajectory, *, labels: Labels | None = None
 ) -> "Figure":
-    """Return states and held controls of a flight.
+    """Return states and held controls of a run.
 
     Args:
-        trajectory: The flight.
+        trajectory: The run.
         labels: The words on the axes; None: the trajectory's own names.
     """
     if labels is None:
@@ -197,75 +351,3 @@ def labels_of(
         vehicles=vehicles,
         maximize=problem.maximize,
     )
-
-
-def slack_figure(rows: Sequence[Slack]) -> "Figure":
-    """Return the slack of each row, below 0 shaded, and where it counts.
-
-    Args:
-        rows: Of path and terminal constraints, at least one.
-    """
-    shown = rows[:MOST_PANELS]
-    figure, (block,) = grid([len(shown)])
-    for axes, row in zip(block, shown, strict=True):
-        _draw_slack(axes, row)
-    title = "distance to the limit, broken below 0 (of an equality: off 0)"
-    if len(rows) > len(shown):
-        title = f"the first {len(shown)} of {len(rows)} rows: {title}"
-    figure.suptitle(title, fontsize="medium")
-    name_lines(figure)
-    return figure
-
-
-def _draw_slack(axes: "Axes", row: Slack) -> None:
-    axes.axhline(0.0, color="0.25", ls="--", lw=1.0)
-    axes.plot(row.times, row.values, color=COLOURS[0], lw=1.2)
-    if row.is_terminal:
-        end = row.values[-1]
-        broken = abs(end) > row.tolerance if row.is_equality else end < -row.tolerance
-        axes.plot(
-            row.times[-1], end, "o", ms=5, clip_on=False,
-            color=BROKEN if broken else COLOURS[2],
-            label="broken at the end" if broken else "kept at the end",
-        )  # fmt: skip
-    else:
-        broken = (row.values != 0.0) if row.is_equality else row.values < 0.0
-        axes.fill_between(
-            row.times, row.values, 0.0, where=broken, interpolate=True, color=BROKEN,
-            alpha=0.35, lw=0, label="broken" if broken.any() else None,
-        )  # fmt: skip
-    low, high = axes.get_ylim()
-    rounding = _ROUNDING * row.tolerance
-    axes.set_ylim(min(low, -rounding), max(high, rounding))
-    axes.set_title(wrapped(row.name, width=_TITLE), fontsize="small", loc="left")
-
-
-def phase_plane_figure(
-    first: Panel, second: Panel, plans: Sequence[PlanPath], labels: Labels
-) -> "Figure":
-    """Return the second state of each vehicle against its first.
-
-    Args:
-        first: The first state.
-        second: The second state.
-        plans: Drawn thin beneath.
-        labels: The words.
-    """
-    figure = new_figure((6.5, 5.0))
-    axes = figure.add_subplot()
-    for plan in plans:
-        for x, y in zip(plan.states[::2], plan.states[1::2], strict=True):
-            axes.plot(x, y, color="0.6", lw=0.6, zorder=1, label="plans")
-    for number, (x, y) in enumerate(zip(first.values, second.values, strict=True)):
-        own = colour(number)
-        name = escaped(labels.vehicles[number]) if labels.are_named else None
-        axes.plot(x, y, color=own, lw=1.4, label=name)
-        axes.plot(x[0], y[0], "o", color=own, fillstyle="none", label="start")
-        axes.plot(x[-1], y[-1], "s", color=own, ms=5, label="end")
-    for panel, line in ((first, axes.axvline), (second, axes.axhline)):
-        for bound, own in bounds_of(panel)[0]:
-            line(bound, color=own, ls="--", lw=1.0, label="bound")
-    axes.set(xlabel=escaped(first.label), ylabel=escaped(second.label))
-    axes.grid(alpha=0.3)
-    name_lines(figure)
-    return figure

@@ -1,4 +1,4 @@
-"""Distance of a flight from the limits of each constraint, along its fine path.
+"""Distance of a run from the limits of each constraint, along its fine path.
 
     slack   value - lower, upper - value, or the smaller of both: negative if broken
     off     value - limit of an equality: any value but 0 breaks it
@@ -43,8 +43,8 @@ class Slack:
     Attributes:
         name: Of the row.
         times: Shape (n,) [s]; a control instant occurs twice, before and after.
-        values: Slack, or what an equality is off by, shape (n,).
-        tolerance: What a path may break it by, in the row's units.
+        values: Slack, or deviation from the limit of an equality, shape (n,).
+        tolerance: Largest excess that counts as none, in the row's units.
         is_equality: Whether any value but 0 breaks it.
         is_terminal: Whether it must hold at the end only.
     """
@@ -63,7 +63,7 @@ def slacks(
     """Return the rows of all path constraints, then of all terminal constraints.
 
     Args:
-        problem: What is planned.
+        problem: The problem that is planned.
         trajectory: States and controls of this problem's model.
         known: Parameters and signals of each plan.
     """
@@ -107,13 +107,13 @@ def arguments_of(
     step: int,
     known: KnownAt,
 ) -> tuple[Array, Known]:
-    """Return initial state and what is known of a plan, as the core has them.
+    """Return initial state, parameters and signals of a plan, as the core has them.
 
     Args:
         lowered: The problem with its core.
-        plan: What was planned; None: nothing.
-        trajectory: Its flight.
-        step: At which it was made.
+        plan: The plan; None: there is none.
+        trajectory: The run.
+        step: Number of the step at which it was made.
         known: Parameters and signals of each plan.
     """
     given = known(step)
@@ -168,7 +168,7 @@ def _held(trajectory: Trajectory, m: int) -> Array:
 
 
 def made_at(trajectory: Trajectory) -> NDArray[np.intp]:
-    """Return at which step the plan that is flown in each step was made."""
+    """Return the step at which the plan that is used in each step was made."""
     if not trajectory.decisions:
         return np.zeros(trajectory.controls.shape[1], dtype=np.intp)
     fresh = new_plans(trajectory.decisions).any(axis=1)

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import Generic, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -353,10 +353,19 @@ class Kind:
         flight: Flight[Posed],
         trajectory: Trajectory,
         folder: Path,
+        **options: Any,
     ) -> list[Path]:
-        """Write all figures that apply to a run; return the files."""
+        """Write all figures that apply to a run; return the files.
+
+        Args:
+            scenario: The scenario.
+            flight: The flight.
+            trajectory: Its path.
+            folder: Folder of the files.
+            options: `formats` and `progress`, as `drawing.write_figures` takes them.
+        """
         drawn: list[Path] = resolve_name(self.drawn_by)(
-            scenario, flight, trajectory, folder
+            scenario, flight, trajectory, folder, **options
         )
         return drawn
 
@@ -366,14 +375,23 @@ class Kind:
         flight: Flight[Posed],
         trajectory: Trajectory,
         file: Path,
+        **options: Any,
     ) -> None:
         """Write an animation of a run.
+
+        Args:
+            scenario: The scenario.
+            flight: The flight.
+            trajectory: Its path.
+            file: A name that ends in .gif or .mp4.
+            options: `progress`, told (frames finished, all frames, "animating").
 
         Raises:
             NoAnimationError: If the kind has none.
         """
         self.check_animation(file.suffix.removeprefix("."))
-        resolve_name(f"{self.animated_by}:animate")(scenario, flight, trajectory, file)
+        animate = resolve_name(f"{self.animated_by}:animate")
+        animate(scenario, flight, trajectory, file, **options)
 
     def check_animation(self, writer: str) -> None:
         """Raise if an animation, "gif" or "mp4", cannot be written on this machine.

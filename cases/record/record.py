@@ -27,6 +27,8 @@ from swarmstart.errors import SwarmstartError
 SCENARIO, TRAJECTORY, MARK, FIGURES = (
     *("scenario.yaml", "trajectory.npz", "run.json", "figures"),
 )
+PNG: tuple[str, ...] = ("png",)
+FIGURE_FORMATS = ("png", "svg", "pdf")
 RECORDED = ("swarmstart", "casadi", "numpy", "numba", "scipy")
 """Packages whose versions can change a result."""
 _LISTED = 3
@@ -53,6 +55,10 @@ class OccupiedFolderError(SwarmstartError):
         self.folder = folder
 
 
+class UnknownFormatError(SwarmstartError, ValueError):
+    """Figures are asked for in a format in which they cannot be written."""
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Recording:
     """A folder for the record of a run, and options of recording.
@@ -64,12 +70,23 @@ class Recording:
             animation.
         force: Whether files of another run with the record's names are replaced. Other
             files are never touched.
+        figure_formats: Formats of each figure, of FIGURE_FORMATS.
     """
 
     folder: Path
     figures: bool = True
     animation: str | None = None
     force: bool = False
+    figure_formats: tuple[str, ...] = PNG
+
+    def __post_init__(self) -> None:
+        """Refuse a format in which figures cannot be written."""
+        given = self.figure_formats
+        if not given or len({*given}) < len(given) or {*given} - {*FIGURE_FORMATS}:
+            raise UnknownFormatError(
+                f"figure_formats: expected some of {', '.join(FIGURE_FORMATS)}, each "
+                f"once, found {', '.join(map(str, given)) or 'an empty list'}"
+            )
 
 
 def package_version(name: str) -> str:

@@ -221,8 +221,7 @@ def test_the_figures_of_the_text_are_written(command: Command, tmp_path: Path) -
     assert (said.code, said.err) == (0, "")
     drawn = json.loads(said.out)["figures"]
     assert drawn == [
-        *("a_trajectories.png", "b_evolution.png", "c_cost.png", "d_bank.png"),
-        *("e_thrust.png", "f_distances.png"),
+        *("a_sheet.png", "b_evolution.png", "c_distances.png"),
     ]
     assert {file.name for file in (tmp_path / "figures").iterdir()} == set(drawn)
 

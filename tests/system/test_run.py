@@ -86,7 +86,7 @@ def test_the_folder_holds_the_documented_files_and_nothing_else(
     }
     assert json.loads((folder / "run.json").read_text()) == told
     drawn = {file.name for file in (folder / "figures").iterdir()}
-    assert drawn == set(told["figures"]) and len(drawn) == 8
+    assert drawn == set(told["figures"]) and len(drawn) == 4
     assert told["documents"] == ["certificate.json"]
 
 

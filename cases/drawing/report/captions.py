@@ -2,65 +2,58 @@
 
 from pathlib import PurePath
 
+_PLANNING = (
+    "(d) Wall time of each step against the control interval, and where the control of "
+    "each step comes from."
+)
 _UAVS = {
-    "a_tracks": "Tracks in the plane: the whole flight above, its beginning to scale "
-    "below. Triangles: the UAVs; ring: the leader.",
-    "b_relative_speed": "Speed of each UAV less the leader's, over time.",
-    "c_relative_heading": "Heading of each UAV less the leader's, over time.",
-    "d_relative_x": "Distance of each UAV from its slot along x, over time.",
-    "e_relative_y": "Distance of each UAV from its slot along y, over time.",
-    "f_distances": "Smallest distance of two UAVs, and to an obstacle's edge, along "
-    "the whole path and at the control instants; dashed: the limit.",
-    "g_terminal_set": "How far each UAV is from the leader, as e'Pe; dashed: the level "
-    "below which it is in the terminal set and the linear law may fly.",
-    "h_entering": "The way of each UAV into the terminal set (grey), in pairs of "
-    "states; dots: steps under the linear law.",
+    "a_sheet": "(a) Tracks to scale, with marks of time; ring: the leader. (b) Error "
+    "of each UAV's place on a logarithmic axis; shaded: settled. (c) Controls; dotted: "
+    f"their bounds. {_PLANNING} Of a single plan (d) shows its distances.",
+    "b_relative": "Speed, heading and place of each UAV less those of the leader and "
+    "of its slot, over time; yellow: settled, grey: the linear law.",
+    "c_distances": "Smallest distance of two UAVs, and to an obstacle's edge, along "
+    "the whole path and at the control instants; dotted: the limit.",
+    "d_terminal_set": "Upper left: e'Pe of each UAV; dotted: the level below which the "
+    "linear law may take over. Others: the way of each UAV into the terminal set "
+    "(grey), in pairs of states; dots: steps under the linear law.",
 }
 _WINGMAN = {
-    "a_x": "How far the leader is ahead of the wingman, over time; dashed: the slot, "
-    "shaded: settled.",
-    "b_y": "How far the leader is to the right of the wingman, over time; dashed: the "
-    "slot, shaded: settled.",
-    "c_speed": "Speed of the wingman over time; dashed: the leader's.",
-    "d_heading": "Heading of the wingman over time; dashed: the leader's.",
-    "e_cost": "Cost J of each plan over time.",
-    "f_drag_saving": "Drag saved in the leader's wake over time; dashed: what the slot "
-    "saves.",
-    "g_map": "Track of the wingman over the drag saved (colours), seen from above and "
-    "from behind; both aircraft to scale, the wingman where it ended.",
+    "a_sheet": "(a) Place of the leader seen from the wingman; dashed: the slot. (b) "
+    "Distance from the slot on a logarithmic axis; shaded: settled. (c) Commands; "
+    f"dotted: their bounds. {_PLANNING}",
+    "b_motion": "Speed and heading of the wingman (dashed: the leader's), cost J of "
+    "each plan, and the drag saved in the leader's wake (dashed: in the slot).",
+    "c_map": "Track of the wingman over the drag saved (blue; red: lost), seen from "
+    "above and from behind; both aircraft to scale, the wingman at its last place.",
 }
 _JOINT = {
-    "a_trajectories": "Tracks in the plane: rings where they begin, arrowheads where "
-    "they end; crosses: the slots around the leader at the end.",
-    "b_evolution": "Cost J of the search's best point after each generation, a panel a "
-    "horizon.",
-    "c_cost": "Cost J of each horizon, and the largest distance from a slot at its "
-    "end.",
-    "d_bank": "Bank of each UAV, held over each step.",
-    "e_thrust": "Thrust of each UAV, held over each step.",
-    "f_distances": "Distances of all pairs of UAVs over time; dotted: the safe and the "
-    "communication distance.",
+    "a_sheet": "(a) Tracks to scale, with marks of time; crosses: the slots around the "
+    "leader at the end. (b) Distance of each UAV from its slot on a logarithmic axis. "
+    f"(c) Controls; dotted: their bounds. {_PLANNING}",
+    "b_evolution": "Cost J of each horizon's plan, and of the search's best point "
+    "after each generation, a panel a horizon.",
+    "c_distances": "Distances of all pairs of UAVs over time, of many the smallest "
+    "and the largest; dotted: the safe and the communication distance.",
 }
 _TRANSFER = {
-    "a_trajectories": "Tracks in the plane: rings where they begin, arrowheads where "
-    "they end; crosses: the goals.",
-    "b_evolution": "Cost of the search's best point over generations; dashed: the cost "
-    "of the plan.",
-    "c_acceleration": "Acceleration of each UAV, held over each step.",
-    "d_bank": "Bank of each UAV, held over each step.",
-    "e_distances": "Distances of all pairs of UAVs over time; dotted: the safe "
-    "distance.",
+    "a_sheet": "(a) Tracks to scale, with marks of time; crosses: the goals. (b) Cost "
+    "of the search's best point; dashed: of the plan. (c) Controls; dotted: their "
+    "bounds. (d) Distances of all pairs of UAVs; dotted: the safe distance.",
 }
 _PROBLEM = {
-    "a_states": "States over time; dashed: their bounds.",
-    "b_controls": "Controls over time; dashed: their bounds.",
-    "c_slack": "How far each constraint is from its limit along the path; below 0 it "
+    "a_sheet": "States and controls over time (dotted: their bounds); of a closed-loop "
+    "run the cost of each plan, the wall time of each step and the source of its plan; "
+    "of a single plan the convergence of the search and the local optima found, or the "
+    "path in the plane.",
+    "b_states": "States over time; dotted: their bounds.",
+    "c_controls": "Controls over time; dotted: their bounds.",
+    "d_slack": "How far each constraint is from its limit along the path; below 0 it "
     "is broken.",
-    "d_cost": "Cost of the search's best point over evaluations, and of the plans.",
     "e_phase_plane": "One state over the other: the phase plane.",
-    "f_plans": "The flown states over time, and the plans thin beneath them.",
-    "g_step_time": "Wall time of each step; dashed: the length of a step.",
-    "h_members": "States of the first plan for every member of the uncertain "
+    "e_tracks": "Tracks to scale, with marks of time; thin: the plans.",
+    "f_searches": "Cost of the best point of each plan's search over evaluations.",
+    "g_members": "States of the first plan for every member of the uncertain "
     "parameters.",
 }
 CAPTIONS = {
@@ -81,8 +74,8 @@ def caption_of(kind: str, file: str) -> str:
         file: Name of the figure's file.
 
     Example:
-        >>> caption_of("problem", "a_states.png")
-        'States over time; dashed: their bounds.'
+        >>> caption_of("problem", "b_states.png")
+        'States over time; dotted: their bounds.'
         >>> caption_of("problem", "z_own_figure.png")
         'Own figure.'
     """

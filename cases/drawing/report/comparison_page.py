@@ -1,4 +1,4 @@
-"""The page of a comparison: one HTML file below 2 MB, whatever was compared."""
+"""The page of a comparison: one HTML file that stays below 2 MB."""
 
 from collections.abc import Mapping
 from typing import Any

@@ -20,7 +20,7 @@ LEFT, RIGHT, TOP, BOTTOM = 64.0, 586.0, 30.0, 280.0
 FLOOR = 1e-6  # The least gap that is drawn; IPOPT's own tolerance is 1e-8.
 
 Curve = tuple[list[float], list[Any], list[Any], list[Any]]
-"""Places, middle, low and high of a curve; missing values are None."""
+"""Places, middle, low and high of a curve; a missing value is null."""
 
 
 def convergence(
@@ -34,7 +34,7 @@ def convergence(
 ) -> Figure | None:
     """Return the best answer so far over evaluations; None without a history.
 
-    Drawn is the gap to the best known cost on a logarithmic axis; where that cost is
+    Drawn is the gap to the best known cost on a logarithmic axis; if that cost is
     missing or zero, the cost itself.
     """
     best = scenario["best_cost"]
@@ -153,7 +153,7 @@ def _curves(  # noqa: PLR0913
     caption: str,
     targets: Sequence[float] = (),
 ) -> Figure:
-    """A figure of staircases with bands, all over one logarithmic axis."""
+    """Return a figure of step curves with bands over one logarithmic axis."""
     places = [place for curve in curves.values() for place in curve[0]]
     x = svg.axis_over(places, LEFT, RIGHT, label=across, is_log=True, margin=0.015)
     bands, lines = [], []
@@ -196,7 +196,7 @@ def _curves(  # noqa: PLR0913
 
 
 def _grouped(bands: Sequence[str]) -> str:
-    """Bands behind all lines; many of them are fainter."""
+    """Return the bands, drawn behind all lines; many bands are fainter."""
     name = "many" if len(bands) > _MANY else "few"
     return f'<g class="{name}">{"".join(bands)}</g>'
 
@@ -211,7 +211,7 @@ def _known(
     low: Sequence[Any],
     high: Sequence[Any],
 ) -> Curve:
-    """The part of a curve that has a middle; a band's missing ends lie on it."""
+    """Return the part of a curve with a middle; it replaces missing ends."""
     kept = [
         (float(place), float(a), b if is_number(b) else a, c if is_number(c) else a)
         for place, a, b, c in zip(places, middle, low, high, strict=False)
@@ -222,7 +222,7 @@ def _known(
 
 
 def _at(curve: Curve, place: float) -> list[float | None]:
-    """Middle, low and high at a place: nothing before the first, nor after the last."""
+    """Return middle, low and high at a place; nothing outside the curve."""
     k = bisect.bisect_right(curve[0], place * (1 + 1e-9)) - 1
     if k < 0 or place > curve[0][-1] * (1 + 1e-9):
         return [None, None, None]
@@ -243,7 +243,7 @@ def _short(value: object) -> str:
 
 
 def _asked(places: Sequence[float], points: int) -> list[float]:
-    """The places that the table of values has: of all curves, thinned."""
+    """Return the places of the table of values: those of all curves, thinned."""
     whole = sorted(set(places))
     return [whole[k] for k in svg.thinned(len(whole), points)]
 
@@ -253,7 +253,7 @@ def _share_axis(label: str) -> Axis:
 
 
 def _gap(cost: object, best: float) -> float | None:
-    """How much dearer than the best known cost, relative, at least the floor."""
+    """Return the relative gap to the best known cost, at least the floor."""
     if not is_number(cost):
         return None
     return max((float(cost) - best) / abs(best), FLOOR)  # type: ignore[arg-type]

@@ -18,12 +18,12 @@ _NAME = 40  # Letters of a solver's name in a legend.
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Figure:
-    """A chart with all that belongs to it.
+    """Chart with its legend, caption and values.
 
     Attributes:
         identity: Letters, digits and hyphens; the figure's id, and its file's name.
-        title: What is shown, in a few words; the accessible name, too.
-        caption: What a reader must know: runs, budget, target, test.
+        title: Its subject in a few words; the accessible name, too.
+        caption: Runs, budget, target and test, in a sentence or two.
         chart: Markup within the `svg` element.
         width: Of the view box.
         height: Of the view box.
@@ -65,7 +65,7 @@ class Figure:
         return " wide" if self.width > _NARROW else ""
 
     def _places(self) -> str:
-        """Where values lie, for the script that shows those under the pointer."""
+        """Return the places of the values, for the script that shows those nearby."""
         if self.across is not None:
             axis = self.across
             kind = "log" if axis.is_log else "linear"

@@ -1,4 +1,4 @@
-"""A comparison as LaTeX: tables in the style of booktabs, to be put into an article."""
+"""A comparison as LaTeX: tables in the style of booktabs, for an article."""
 
 import re
 import unicodedata
@@ -69,7 +69,7 @@ def escaped(text: object) -> str:
 
 
 def _plain(letter: str) -> str:
-    """A letter in ASCII: without its accent, or a question mark."""
+    """Return a letter in ASCII: without its accent, or a question mark."""
     if not _OTHER.match(letter):
         return letter
     parts = unicodedata.normalize("NFKD", letter)

@@ -92,7 +92,7 @@ def _table(headings: Sequence[str], cells: Sequence[Sequence[Cell]]) -> str:
 
 
 def _code(text: str) -> str:
-    """A block of code whose fence is longer than any within it."""
+    """Return a block of code whose fence is longer than any within it."""
     plain = cleaned(str(text))
     longest = max((len(found) for found in re.findall("`+", plain)), default=0)
     fence = "`" * max(3, longest + 1)

@@ -1,4 +1,4 @@
-"""Plans of a recorded flight, and the bounds: what its scenario poses says of them.
+"""Plans of a recorded run and their bounds, from the problem that its scenario poses.
 
 A record keeps the controls of plans, and where each starts; their paths are simulated
 again with the model of the planning problem. No code of a user's is run.
@@ -50,7 +50,7 @@ class Outlook:
 
 
 def outlook_of(record: Record, flight: Trajectory) -> Outlook:
-    """Return plans and bounds of a flight; a sentence where they cannot be had."""
+    """Return plans and bounds of a run; a sentence if they are not available."""
     scenario: Mapping[str, Any] = record.scenario or {}
     intervals = record.arrays["plan_controls"].shape[-1]
     if (scenario.get("prediction") or {}).get("intervals") != intervals or (

@@ -143,7 +143,7 @@ def _series_panel(one: Series, tracks: Tracks, most: int) -> PanelDrawn:
 def solver_panel(tracks: Tracks) -> PanelDrawn | None:
     """Return the solver's time of each step beside the length of the step.
 
-    None where one plan is flown to its end: nothing is solved on the way.
+    None if one plan is carried out to its end: nothing is solved on the way.
     """
     seconds = tracks.step_seconds
     if tracks.is_one_plan or not seconds.size or not np.isfinite(seconds).any():
@@ -338,7 +338,7 @@ def path(x: Array, y: Array, *, held: bool) -> str:
 
 
 def rounded(values: Array, digits: int) -> list[float | None]:
-    """Return numbers with a few digits; None where one is not finite."""
+    """Return numbers with a few digits; None for one that is not finite."""
     return [float(f"{v:.{digits}g}") if np.isfinite(v) else None for v in values]
 
 

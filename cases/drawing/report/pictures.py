@@ -1,7 +1,9 @@
 """Recorded PNG figures as data: addresses, small enough for one page.
 
-A page has a limit of bytes. Figures are drawn with few colours: as a palette of 64 at
-the width that a page shows they take about a third of what matplotlib writes.
+A page has a limit of bytes. Figures have few colours: with a palette of 256 at the
+width that a page shows they take about a third of the bytes that matplotlib writes. The
+palette is that of an octree, which keeps the colours of thin lines; a median cut, which
+counts pixels, makes them grey.
 """
 
 import base64
@@ -21,7 +23,9 @@ MOST_PIXELS = 40_000_000
 WIDTH = 960
 """In pixels: of twice the width at which figures are shown side by side."""
 SMALL_WIDTH = 640
-_COLOURS = 64
+SHEET = "a_sheet"
+"""Name of the sheet, which has twice that width."""
+_COLOURS = 256
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -29,11 +33,12 @@ class Picture:
     """A figure in a page.
 
     Attributes:
-        caption: What it shows.
+        caption: Its subject, a sentence.
         data: Its PNG file in base64; empty: it is left out.
         width: Of the image in pixels.
         height: Likewise.
-        missing: Why it is left out, a sentence; empty: it is not.
+        missing: Reason for leaving it out, a sentence; empty: it is shown.
+        is_wide: Whether it takes a whole row: a sheet of several parts.
     """
 
     caption: str
@@ -41,12 +46,15 @@ class Picture:
     width: int = 0
     height: int = 0
     missing: str = ""
+    is_wide: bool = False
 
 
 def pictures_of(
     folder: Path, names: Iterable[str], kind: str, *, room: int, width: int = WIDTH
 ) -> list[Picture]:
     """Return a record's figures, as many as there is room for.
+
+    Of a figure in several formats only the PNG file is shown.
 
     Args:
         folder: The record.
@@ -56,7 +64,11 @@ def pictures_of(
         width: Most pixels across.
     """
     found = []
-    for name in names:
+    listed = [*names]
+    drawn = {Path(name).stem for name in listed if _is_png(name)}
+    for name in listed:
+        if not _is_png(name) and Path(name).stem in drawn:
+            continue
         picture = _picture(folder / FIGURES / Path(name).name, kind, width)
         if len(picture.data) > room:
             picture = Picture(
@@ -69,8 +81,13 @@ def pictures_of(
     return found
 
 
+def _is_png(name: str) -> bool:
+    return Path(name).suffix.casefold() == ".png"
+
+
 def _picture(file: Path, kind: str, width: int) -> Picture:
-    caption = caption_of(kind, file.name)
+    caption, is_wide = caption_of(kind, file.name), file.stem == SHEET
+    width *= 1 + is_wide
     if file.suffix.casefold() != ".png":
         return Picture(
             caption=caption, missing=f"{file.name} is no PNG file: open it by itself."
@@ -82,7 +99,9 @@ def _picture(file: Path, kind: str, width: int) -> Picture:
     except (OSError, ValueError, SyntaxError, ArithmeticError, LookupError):
         return Picture(caption=caption, missing="Its file cannot be read as an image.")
     data = base64.b64encode(content).decode("ascii")
-    return Picture(caption=caption, data=data, width=size[0], height=size[1])
+    return Picture(
+        caption=caption, data=data, width=size[0], height=size[1], is_wide=is_wide
+    )
 
 
 def _shrunk(content: bytes, width: int) -> tuple[bytes, tuple[int, int]]:
@@ -104,7 +123,8 @@ def _shrunk(content: bytes, width: int) -> tuple[bytes, tuple[int, int]]:
     if image.width > width:
         height = max(1, round(image.height * width / image.width))
         image = image.resize((width, height), Image.Resampling.LANCZOS)
-    few = image.quantize(_COLOURS, dither=Image.Dither.NONE)
+    octree = Image.Quantize.FASTOCTREE
+    few = image.quantize(_COLOURS, method=octree, dither=Image.Dither.NONE)
     buffer = io.BytesIO()
     few.save(buffer, format="PNG", optimize=True)
     return buffer.getvalue(), few.size

@@ -1,4 +1,4 @@
-"""The player: a recorded flight as an animation that asks for nothing.
+"""The player: a recorded run as an animation that needs no network.
 
     player(tracks) -> markup; PLAYER_STYLE and PLAYER_SCRIPT once in the page
 
@@ -102,7 +102,7 @@ def caption(tracks: Tracks) -> list[str]:
     if tracks.is_one_plan and tracks.step_seconds.size:
         seconds = number(float(np.nansum(tracks.step_seconds)))
         said.append(
-            f"One plan, made before the start in {seconds} s, is flown to its end."
+            f"One plan, made before the start in {seconds} s, is followed to its end."
         )
     missing = int(tracks.without_plan.sum())
     if missing and not tracks.is_one_plan:
@@ -117,7 +117,7 @@ def _plane_caption(plane: Plane) -> str:
     """Return a sentence on what is seen in the plane."""
     around = plane.surroundings
     parts = {
-        "thin lines: the whole tracks; thick: flown until now": True,
+        "thin lines: the whole tracks; thick: until now": True,
         "dashed: the plans made last": bool(plane.plans),
         f"crosses: the {around.called}s": around.targets is not None,
         "ring: the leader": around.leader is not None,
@@ -168,7 +168,7 @@ class _World:
     """The plane's metres (or feet) as whole numbers, y down as in SVG."""
 
     def __init__(self, plane: Plane) -> None:
-        """Find the extent of all that is drawn."""
+        """Find the extent of the drawing."""
         around, self.plane = plane.surroundings, plane
         places = [plane.positions.swapaxes(0, 1).reshape(2, -1)]
         if around.targets is not None:
@@ -235,7 +235,7 @@ class _World:
         }
 
     def _plans(self) -> list[Any]:
-        """Return time and paths of plans; every second where there are many."""
+        """Return time and paths of plans; of many plans every second."""
         plans = list(self.plane.plans)
         while sum(p.size for _, e in plans for p in e if p is not None) > (
             MOST_PLAN_NUMBERS

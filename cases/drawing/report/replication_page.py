@@ -84,7 +84,7 @@ def replication_page(content: Mapping[str, Any], folder: Path) -> str:
 
     Args:
         content: As replication.json holds it.
-        folder: Where that lies: the runs' folders are in its `cells`.
+        folder: Its folder; the folders of the runs are in its `cells`.
 
     Raises:
         RecordError: If the content is something else.
@@ -138,7 +138,7 @@ def quality(verdict: str) -> str:
 
 
 def _strip(part: Mapping[str, Any]) -> "Markup":
-    """Return the values of a part as a strip; nothing where none is a number."""
+    """Return the values of a part as a strip; nothing if no value is a number."""
     return strip(
         part["values"],
         bound=part["bound"],
@@ -211,7 +211,7 @@ def _keys(part: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 
 def _flight(recorded: Sequence[Any], folder: Path) -> "tuple[Markup | None, str]":
-    """Return one flight to play, and what runs it; None where no run is kept."""
+    """Return one flight to play, and what runs it; None if no run is kept."""
 
     def rank(figure: Mapping[str, Any]) -> tuple[bool, int]:
         name = figure.get("scenario")

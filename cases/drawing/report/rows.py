@@ -1,4 +1,4 @@
-"""Rows of a comparison's tables: what each solver did on each scenario, in words."""
+"""Rows of a comparison's tables: results of each solver on each scenario, in words."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -26,8 +26,8 @@ class Cell:
     """A cell of a table.
 
     Attributes:
-        words: What is read.
-        value: What it is sorted by, if that is a number.
+        words: Text of the cell.
+        value: Number that the cell is sorted by, if there is one.
         is_missing: Sorted last.
         kind: "number", "words" or "name".
     """
@@ -39,7 +39,7 @@ class Cell:
 
     @property
     def attribute(self) -> str:
-        """The value as an attribute of the cell; empty where the words tell it."""
+        """Return the value as an attribute of the cell; empty if the words tell it."""
         told = "" if self.value is None else f"{self.value:.6g}"
         return "" if told == self.words else told
 

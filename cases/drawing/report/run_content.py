@@ -1,4 +1,4 @@
-"""The content of a run's page: what a record says, in words and tables.
+"""The content of a run's page: a record in words and tables.
 
 Read are run.json, trajectory.npz, scenario.yaml and figures; nothing is run. A record
 is a user's file: what does not fit is one message, a RecordError.
@@ -45,7 +45,7 @@ _COSTS = {
 """The measure that is the cost of a run, by kind: the first that is defined."""
 _COST_WORDS = {
     "verified_cost": "cost, integrated ten times finer",
-    "flown_cost": "cost of the flown path",
+    "flown_cost": "cost of the simulated path",
     "cost": "cost of the first plan",
     "plan_cost": "cost of the plan",
     "closed_loop_cost": "closed-loop cost",
@@ -71,7 +71,7 @@ class MeasureRow:
         text: The value as it is shown.
         value: A number to sort by; None: not defined, or a list.
         unit: Its unit; may be empty.
-        meaning: What it is.
+        meaning: Its definition in a sentence.
     """
 
     name: str
@@ -83,15 +83,15 @@ class MeasureRow:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ClaimRow:
-    """A claim of the scenario with what the run says of it.
+    """A claim of the scenario with its verdict by the run.
 
     Attributes:
         id: Its number.
         verdict: "holds", "does not hold" or "not judged".
         measured: The value.
         asked: Measure, relation and bound.
-        text: What is claimed, and what a run needs to judge it.
-        source: Where it is from.
+        text: The claim, and the conditions of judging it.
+        source: Its origin: a page, a table, an own measurement.
     """
 
     id: str
@@ -104,7 +104,7 @@ class ClaimRow:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class RunContent:
-    """What a run's page says.
+    """Content of a run's page.
 
     Attributes:
         record: The record.
@@ -387,10 +387,10 @@ def _without_plans(tracks: Tracks) -> dict[str, bool]:
     """Return a sentence on steps without a feasible plan, and whether there are any."""
     missing, steps = int(tracks.without_plan.sum()), tracks.without_plan.size
     if tracks.is_one_plan:
-        return {"The plan that was flown is not feasible.": missing > 0}
+        return {"The plan that was carried out is not feasible.": missing > 0}
     said = (
         f"At {missing} of {steps} steps a vehicle had no feasible plan; the last plan, "
-        "shifted, was flown there."
+        "shifted, was used there."
     )
     return {said: missing > 0}
 

@@ -45,10 +45,10 @@ class SpreadRow:
 
     Attributes:
         name: As in run.json.
-        values: One a seed.
-        known: Those that are numbers.
+        values: One for each seed.
+        known: The values that are numbers.
         unit: Its unit; may be empty.
-        meaning: What it is.
+        meaning: Its definition in a sentence.
     """
 
     name: str
@@ -59,14 +59,14 @@ class SpreadRow:
 
     @property
     def ends(self) -> tuple[float | None, float | None, float | None]:
-        """Return lowest, median and highest; None where nothing is known."""
+        """Return lowest, median and highest; None if nothing is known."""
         if not self.known:
             return None, None, None
         return min(self.known), statistics.median(self.known), max(self.known)
 
     @property
     def undefined(self) -> str:
-        """Return how many values are none; empty if all are numbers."""
+        """Return how many values are missing; empty if all are numbers."""
         missing = len(self.values) - len(self.known)
         return f"{missing} of {len(self.values)}" if missing else ""
 

@@ -229,7 +229,7 @@ def claims_by_solver(
 def _strip(
     name: str, part: Sequence[float | None], series: int, x: Axis, level: float
 ) -> str:
-    """One solver's row: name, box of the middle half, median, dots, feasible runs."""
+    """Return one solver's row: name, box, median, dots, number of feasible runs."""
     middle = level + _ROW / 2
     known = [(seed, cost) for seed, cost in enumerate(part) if cost is not None]
     whole = f"{len(known)} of {len(part)}"
@@ -258,7 +258,7 @@ def _strip(
 def _by_seed(
     rows: Sequence[Mapping[str, Any]], found: Sequence[Sequence[Any]], sense: object
 ) -> list[list[Any]]:
-    """Verified and claimed costs, a row for each seed."""
+    """Return verified and claimed costs, a row for each seed."""
     heads = [f"{row['solver']} {k}" for row in rows for k in ("verified", "claimed")]
     claims = [[shown(cost, sense) for cost in row["claimed"]] for row in rows]
     columns = [part for pair in zip(found, claims, strict=True) for part in pair]
@@ -277,19 +277,19 @@ def _summary(name: str, part: Sequence[float | None]) -> list[str]:
 
 
 def _name(name: str, series: int, middle: float) -> str:
-    """A solver's name left of its row, with its mark."""
+    """Return a solver's name and mark, left of its row."""
     mark = svg.mark(_NAMES - 12, middle, series)
     words = shortened(name, _LETTERS)
     return mark + svg.words_at(_NAMES - 22, middle + 4, words, anchor="end", name="n")
 
 
 def _away(value: float, best: float | None) -> float:
-    """The gap of a cost or value, at least the least one drawn."""
+    """Return the gap of a cost or value, at least the smallest one drawn."""
     return max(abs(value - best) / abs(best), FLOOR) if best else 0.0
 
 
 def _levels(rows: int) -> tuple[list[float], float]:
-    """Tops of the rows, and the chart's bottom."""
+    """Return the tops of the rows, and the chart's bottom."""
     return [TOP + _ROW * k for k in range(rows)], TOP + _ROW * rows
 
 

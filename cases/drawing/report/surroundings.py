@@ -1,4 +1,4 @@
-"""Discs to pass, slots and goals to reach, and leaders of recorded flights."""
+"""Discs, slots, goals and leaders of recorded runs."""
 
 import itertools
 import math
@@ -38,7 +38,7 @@ class Disc:
     is_limit: bool = False
 
     def __post_init__(self) -> None:
-        """Refuse what is no disc; raises ValueError."""
+        """Refuse an invalid centre or radius; raises ValueError."""
         if not (math.isfinite(self.x + self.y) and 0 < self.radius < math.inf):
             raise ValueError(
                 f"a disc with a centre and a radius expected, found ({self.x:g}, "
@@ -48,12 +48,12 @@ class Disc:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Surroundings:
-    """What vehicles move among.
+    """Surroundings that vehicles move among.
 
     Attributes:
         discs: Obstacles and limits.
-        targets: Where each is to be at the frames, shape (targets, 2, F).
-        called: What a target is called.
+        targets: Wanted place of each vehicle at the frames, shape (targets, 2, F).
+        called: Name of a target.
         leader: The virtual leader at the frames, shape (2, F); None: there is none.
         leader_heading: Its direction [rad], shape (F,); None: not known.
     """
@@ -152,6 +152,48 @@ def place_of(texts: Sequence[Any], states: Collection[str]) -> list[str]:
             return []
         found.append(used[0])
     return found
+
+
+def position_of(
+    scenario: Mapping[str, Any], states: Collection[str], units: Mapping[str, str]
+) -> tuple[str, str] | None:
+    """Return the names of the states that are the position of a problem's vehicles.
+
+    They are what the vehicles are kept apart by, or the coordinates of a distance, or
+    are called x and y; None: there are no such states.
+
+    Args:
+        scenario: As recorded.
+        states: Names of the states of one vehicle.
+        units: By name, as far as they are known.
+    """
+    separation = (scenario.get("vehicles") or {}).get("separation") or {}
+    candidates = [separation.get("of") or []]
+    candidates += [
+        list(place_of(part["distance"], states))
+        for part in scenario.get("path") or []
+        if isinstance(part, Mapping) and part.get("distance")
+    ]
+    candidates.append(["x", "y"])
+    for found in candidates:
+        if len(found) in {2, 3} and all(name in states for name in found[:2]):
+            x, y = found[:2]
+            if x != y and units.get(x, "") == units.get(y, ""):
+                return x, y
+    return None
+
+
+def directions_of(positions: Array) -> Array:
+    """Return the direction of the motion of each vehicle [rad], kept while it rests."""
+    steps = np.gradient(positions, axis=2)
+    angles = np.arctan2(steps[:, 1], steps[:, 0])
+    moves = np.hypot(steps[:, 0], steps[:, 1]) > 0
+    for angle, moving in zip(angles, moves, strict=True):
+        if moving.any():
+            kept = np.maximum.accumulate(np.where(moving, np.arange(moving.size), -1))
+            kept[kept < 0] = int(np.argmax(moving))
+            angle[:] = np.unwrap(angle[kept])
+    return np.asarray(angles)
 
 
 def discs_of_problem(

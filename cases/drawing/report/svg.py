@@ -34,10 +34,10 @@ class Axis:
     Attributes:
         low: Value at `start`.
         high: Value at `end`, greater than `low`.
-        start: Where the axis begins, in units of the view box.
-        end: Where it ends; less than `start` for an axis that points up.
+        start: Begin of the axis, in units of the view box.
+        end: Its end; less than `start` for an axis that points up.
         is_log: Logarithmic; `low` is then positive.
-        label: What it shows, with the unit.
+        label: Its quantity with the unit.
     """
 
     low: float
@@ -206,7 +206,7 @@ def _path(points: Sequence[tuple[float, float]], is_step: bool) -> str:
 
 
 def _turning(points: Sequence[tuple[float, float]]) -> str:
-    """A path whose level and upright parts have one coordinate each."""
+    """Return a path whose level and upright parts have one coordinate each."""
     before = tuple(map(_n, points[0]))
     parts = ["M" + " ".join(before)]
     for point in points[1:]:
@@ -222,7 +222,7 @@ def _turning(points: Sequence[tuple[float, float]]) -> str:
 
 
 def _corners(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Points of a staircase: first along x, then along y."""
+    """Return the points of a step curve: first along x, then along y."""
     whole = [points[0]]
     for (_, before), (x, y) in itertools.pairwise(points):
         whole += [(x, before), (x, y)]
@@ -236,14 +236,14 @@ def _text(x: float, y: float, words: str, *, anchor: str = "", name: str = "") -
 
 
 def _n(value: float) -> str:
-    """A coordinate: a tenth of a unit is less than a reader sees."""
+    """Return a coordinate with one decimal; less is not visible."""
     return f"{value:.1f}".removesuffix(".0")
 
 
 def _apart(
     low: float, high: float, margin: float, *, least: float
 ) -> tuple[float, float]:
-    """Ends of an axis, with a margin, and never at one value."""
+    """Return the ends of an axis with a margin; they are never equal."""
     if high - low < least:
         low, high = low - least / 2, high + least / 2
     width = margin * (high - low)
@@ -262,7 +262,7 @@ def _log_ticks(axis: Axis) -> list[float]:
 
 
 def _linear_ticks(axis: Axis) -> list[float]:
-    """Ticks at 1, 2 or 5 times a power of ten."""
+    """Return ticks at 1, 2 or 5 times a power of ten."""
     raw = (axis.high - axis.low) / 5
     power = 10.0 ** math.floor(math.log10(raw))
     step = next(m * power for m in (1, 2, 5, 10) if m * power >= raw * 0.999)
@@ -272,7 +272,7 @@ def _linear_ticks(axis: Axis) -> list[float]:
 
 
 def _spaced(axis: Axis, gap: float) -> list[tuple[float, str]]:
-    """Those ticks whose texts do not touch."""
+    """Return the ticks whose texts do not touch."""
     kept: list[tuple[float, str]] = []
     for value, words in axis.ticks():
         if not kept or abs(axis.at(value) - axis.at(kept[-1][0])) >= gap:

@@ -1,4 +1,4 @@
-"""Tables as Markdown and as LaTeX, with whatever text is in their cells."""
+"""Tables as Markdown and as LaTeX, with any text in their cells."""
 
 import re
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""A recorded flight as tracks in the plane and lines over time, for the player.
+"""A recorded run as tracks in the plane and lines over time, for the player.
 
 Which states are positions is read from the record: UAVs of the planar kinds have
 (v, psi, x, y); in a close formation the wingman's place is relative to its leader; in a
@@ -18,8 +18,9 @@ from swarmstart.cases.drawing.report.outlook import Outlook, outlook_of
 from swarmstart.cases.drawing.report.surroundings import (
     Disc,
     Surroundings,
+    directions_of,
     discs_of_problem,
-    place_of,
+    position_of,
     surroundings_of,
 )
 from swarmstart.cases.drawing.report.units import label_of
@@ -57,7 +58,7 @@ class Plane:
         surroundings: Discs, targets and leader.
         plans: (time [s], path of each vehicle (2, n), or None) of each instant at which
             plans were made.
-        words: A sentence on the axes, where they are not those of the ground.
+        words: A sentence on the axes if they are not those of the ground.
     """
 
     unit: str
@@ -96,7 +97,7 @@ class Series:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Tracks:
-    """A flight, reduced to what is drawn of it.
+    """A run, reduced to the parts that are drawn.
 
     Attributes:
         title: Of the scenario.
@@ -107,7 +108,7 @@ class Tracks:
         step_times: Control instants, shape (T + 1,) [s].
         step_seconds: Wall time of each decision, shape (T,) [s].
         without_plan: Whether no feasible plan was found at a step, shape (T,).
-        is_one_plan: Whether one plan is flown to its end.
+        is_one_plan: Whether one plan is carried out to its end.
         notes: Sentences on what is not drawn.
     """
 
@@ -235,14 +236,14 @@ def _plane(
     if kind == RELATIVE:  # The leader is x ahead and y to the right of its wingman.
         positions = np.stack([-y, -x], axis=1)
         turned = np.full_like(x, np.pi / 2)
-        words = "Seen from above; the leader is at (0, 0) and flies up the page."
+        words = "Seen from above; the leader is at (0, 0) and heads up the page."
         return Plane(
             unit="ft", positions=positions, headings=turned, plans=paths, words=words,
             surroundings=surroundings_of(scenario, times, positions, turned),
         )  # fmt: skip
     positions = np.stack([x, y], axis=1)
     if turned is None:
-        turned = _along(positions)
+        turned = directions_of(positions)
     around = (
         surroundings_of(scenario, times, positions, turned)
         if kind in PLANAR
@@ -262,20 +263,7 @@ def _axes_of(scenario: Mapping[str, Any], rows: VehicleRows) -> tuple[str, str] 
         return ("x_m", "y_m") if {"x_m", "y_m"} <= names.keys() else None
     if kind == RELATIVE:
         return ("x_ft", "y_ft") if {"x_ft", "y_ft"} <= names.keys() else None
-    separation = (scenario.get("vehicles") or {}).get("separation") or {}
-    candidates = [separation.get("of") or []]
-    candidates += [
-        list(place_of(part["distance"], names))
-        for part in scenario.get("path") or []
-        if isinstance(part, Mapping) and part.get("distance")
-    ]
-    candidates.append(["x", "y"])
-    for found in candidates:
-        if len(found) in {2, 3} and all(name in names for name in found[:2]):
-            x, y = found[:2]
-            if x != y and rows.units.get(x, "") == rows.units.get(y, ""):
-                return x, y
-    return None
+    return position_of(scenario, names, rows.units)
 
 
 def _is_heading(name: str) -> bool:
@@ -287,19 +275,6 @@ def _at(flight: Trajectory, rows: Sequence[int], times: Array) -> Array:
     return np.stack(
         [np.interp(times, flight.dense_times, flight.dense_states[r]) for r in rows]
     )
-
-
-def _along(positions: Array) -> Array:
-    """Return the direction of the motion of each vehicle [rad], kept where it rests."""
-    steps = np.gradient(positions, axis=2)
-    angles = np.arctan2(steps[:, 1], steps[:, 0])
-    moves = np.hypot(steps[:, 0], steps[:, 1]) > 0
-    for angle, moving in zip(angles, moves, strict=True):
-        if moving.any():
-            kept = np.maximum.accumulate(np.where(moving, np.arange(moving.size), -1))
-            kept[kept < 0] = int(np.argmax(moving))
-            angle[:] = np.unwrap(angle[kept])
-    return np.asarray(angles)
 
 
 def _path(

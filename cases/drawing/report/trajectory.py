@@ -91,5 +91,5 @@ def _panel(
 
 
 def _value(values: Sequence[Any], place: int) -> Any:
-    """The value at an instant; the last control holds until the end."""
+    """Return the value at an instant; the last control holds until the end."""
     return values[min(place, len(values) - 1)] if values else None

@@ -52,7 +52,7 @@ def unit_of_measure(name: str, meaning: str) -> str:
 
 
 def shown(value: Any, *, digits: int = 6) -> str:
-    """Return a value as text: "-" where it is not defined.
+    """Return a value as text: "-" if it is not defined.
 
     Example:
         >>> shown(None), shown(12.0), shown([1.5, None])

@@ -25,7 +25,7 @@ def number(value: object, missing: str = NOT_MEASURED, *, digits: int = _DIGITS)
     """Return a number in a few significant digits, or the word for a missing one.
 
     Args:
-        value: The number, None where there is none.
+        value: The number; None if it is missing.
         missing: The word for a missing or not finite one.
         digits: Significant digits.
 

@@ -1,9 +1,10 @@
 """Figures of a close formation flight, after the chapter's Figs. 5.15 and 5.16.
 
-(a) x, (b) y, (c) speed, (d) heading, (e) the cost J of each plan. Beside them what the
-chapter does not show: the drag saved in time, and the wingman's track over the map of
-the drag saved, both aircraft to scale. With `reference: ipopt` the flight of the exact
-minimum is drawn in (a) to (d), and the exact minimum at the flown states in (e).
+(a) one sheet: place behind the leader, errors, commands with their bounds, and what
+planning took; (b) speed, heading, cost J of each plan, and drag saved; (c) the
+wingman's track over the map of the drag saved, both aircraft to scale. With
+`reference: ipopt` the flight of the exact minimum is drawn in (a) and (b), and the
+exact minimum at the flown states beside J.
 """
 
 from collections.abc import Callable
@@ -12,10 +13,29 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.cases.drawing.drawing import Figures, into_folder, new_figure
+from swarmstart.cases.drawing.drawing import (
+    COLOURS,
+    Figures,
+    into_folder,
+    new_figure,
+)
+from swarmstart.cases.drawing.panels import Labels, panels_of, stacked_limits, wrapped
+from swarmstart.cases.drawing.planning import draw_planning
+from swarmstart.cases.drawing.series import name_here, name_lines
+from swarmstart.cases.drawing.sheet import (
+    Part,
+    draw_band,
+    draw_errors,
+    panels_part,
+    settled_at,
+    sheet,
+)
+from swarmstart.cases.drawing.tracks import label_times, mark_times
 from swarmstart.cases.format.settings import search_part
+from swarmstart.cases.kinds.close_formation.leader import last_change_s
 from swarmstart.cases.kinds.close_formation.measures import (
     SETTLED_FT,
+    deviations,
     reference_costs,
     savings,
     slot_of,
@@ -30,14 +50,18 @@ from swarmstart.ocp import Trajectory, simulate
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.contour import ContourSet
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, FigureBase
 
 Array = NDArray[np.float64]
 
-WINGMAN, LEADER, REFERENCE = "#0072B2", "#D55E00", "#000000"
+WINGMAN, LEADER, REFERENCE = COLOURS[0], COLOURS[1], "#000000"
+COMMANDS = ("speed command", "heading command", "height command")
+UNITS = {"speed command": "ft/s", "heading command": "deg", "height command": "ft"}
 SMALLEST_COST = 1e-9
 """Costs below it are drawn as this on the logarithmic axis."""
 MAP_POINTS = (161, 121)
+MAP_COLOURS, MAP_LINES = "RdBu", (-30, -10, 10, 30)
+"""Red and blue, which all colour vision tells apart, and labelled lines [percent]."""
 # Outline of an aircraft, nose ahead, in spans: (ahead, right).
 OUTLINE = np.array(
     [(0.8, 0), (0.25, 0.07), (0.0, 0.5), (-0.2, 0.5), (-0.25, 0.1), (-0.6, 0.25)]
@@ -50,13 +74,12 @@ def draw(
     flight: CloseFormationFlight,
     trajectory: Trajectory,
 ) -> Figures:
-    """Return all figures of a flight by name, in the order of the chapter's panels."""
+    """Return all figures of a flight by name, in order."""
     exact = exact_flight(scenario) if scenario.reference == "ipopt" else None
     return [
-        *_state_figures(scenario, flight, trajectory, exact),
-        ("e_cost", _cost_figure(scenario, flight, trajectory)),
-        ("f_drag_saving", _saving_figure(flight, trajectory, exact)),
-        ("g_map", map_figure(flight, trajectory)),
+        ("a_sheet", sheet_figure(scenario, flight, trajectory, exact)),
+        ("b_motion", motion_figure(scenario, flight, trajectory, exact)),
+        ("c_map", map_figure(flight, trajectory)),
     ]
 
 
@@ -76,48 +99,118 @@ def exact_flight(scenario: CloseFormationScenario) -> Trajectory:
     )
 
 
-def _state_figures(
+def sheet_figure(
     scenario: CloseFormationScenario,
     flight: CloseFormationFlight,
     trajectory: Trajectory,
     exact: Trajectory | None,
-) -> "list[tuple[str, Figure]]":
-    """Return (a) to (d): one state each, and what it is to be."""
-    slot = scenario.slot
-    speed, heading, _ = flight.posed.leader(trajectory.times)
-    panels = (
-        ("a_x", 0, slot.x_ft, "x, leader ahead [ft]", 1.0),
-        ("b_y", 1, slot.y_ft, "y, leader to the right [ft]", 1.0),
-        ("c_speed", 3, speed, "speed V [ft/s]", 1.0),
-        ("d_heading", 2, np.degrees(heading), r"heading $\psi$ [deg]", np.degrees(1)),
+) -> "Figure":
+    """Return (a): place, errors, commands, and planning."""
+    labels = Labels(states=(), controls=COMMANDS, units=UNITS)
+    scale = np.array([1.0, np.degrees(1.0), 1.0])
+    _, (lower, upper) = stacked_limits([flight.posed.agents[0].problem])
+    commands = panels_of(
+        COMMANDS,
+        labels,
+        trajectory.times,
+        scale[:, None] * trajectory.controls,
+        (scale * lower, scale * upper),
     )
-    figures = []
-    for name, row, wanted, label, unit in panels:
-        figure = new_figure()
-        axes = figure.subplots()
-        _target(axes, trajectory.times, wanted, held=scenario.leader.between == "hold")
+
+    def draw_places(part: "FigureBase") -> None:
+        _draw_places(part, scenario, trajectory, exact)
+
+    def draw_off(part: "FigureBase") -> None:
+        axes, off = part.subplots(), np.abs(deviations(scenario, trajectory.states))
+        draw_errors(
+            axes, trajectory.times, off, band=SETTLED_FT,
+            settled=settled_s(scenario, trajectory), unit="ft",
+            names=("x", "y", "height"),
+        )  # fmt: skip
+        axes.set(xlabel="time [s]", ylabel="distance from the slot [ft]")
+
+    def draw_work(part: "FigureBase") -> None:
+        draw_planning(part, trajectory, names=("wingman",))
+
+    parts = [
+        Part("Place behind the leader", draw_places),
+        Part("Error of the place", draw_off),
+        panels_part("Commands", commands, labels),
+        Part("Planning: time of each step, source of each plan", draw_work),
+    ]
+    return sheet(scenario.title, parts)
+
+
+def settled_s(scenario: CloseFormationScenario, trajectory: Trajectory) -> float | None:
+    """Return the time after the leader's last change from which x and y are settled.
+
+    Returns:
+        Time since the start [s]; None: never, or the leader changes after the end.
+    """
+    off = np.abs(deviations(scenario, trajectory.states)[:2])
+    settled = settled_at(trajectory.times, off, SETTLED_FT)
+    begin = last_change_s(scenario.leader)
+    if settled is None or trajectory.times[-1] < begin:
+        return None
+    return max(settled, begin)
+
+
+def _draw_places(
+    part: "FigureBase",
+    scenario: CloseFormationScenario,
+    trajectory: Trajectory,
+    exact: Trajectory | None,
+) -> None:
+    """Draw x and y with the slot, its band, and when both are settled."""
+    wanted = (scenario.slot.x_ft, scenario.slot.y_ft)
+    names = ("x, leader ahead [ft]", "y, leader to the right [ft]")
+    settled = settled_s(scenario, trajectory)
+    panels = part.subplots(2, 1, sharex=True)
+    for row, (axes, slot, name) in enumerate(zip(panels, wanted, names, strict=True)):
+        band = f"settled: at most {SETTLED_FT:g} ft off"
+        draw_band(axes, slot - SETTLED_FT, slot + SETTLED_FT, name=band)
+        axes.axhline(slot, ls="--", color=LEADER, lw=1, label="slot")
+        axes.plot(
+            trajectory.times, trajectory.states[row], color=WINGMAN, label="wingman"
+        )
+        _exact_line(axes, exact, None if exact is None else exact.states[row])
+        if settled is not None:
+            axes.axvline(settled, color="0.15", ls="-.", lw=1.2)
+        axes.set_ylabel(wrapped(name))
+        axes.grid(alpha=0.3)
+        axes.margins(x=0)
+    panels[-1].set_xlabel("time [s]")
+
+
+def motion_figure(
+    scenario: CloseFormationScenario,
+    flight: CloseFormationFlight,
+    trajectory: Trajectory,
+    exact: Trajectory | None,
+) -> "Figure":
+    """Return (b): speed, heading, cost J of each plan, and drag saved."""
+    figure = new_figure((11.0, 7.0))
+    fast, turned, costs, saved = figure.subplots(2, 2, sharex=True).ravel()
+    speed, heading, _ = flight.posed.leader(trajectory.times)
+    style = "steps-post" if scenario.leader.between == "hold" else "default"
+    panels = (
+        (fast, 3, speed, "speed V [ft/s]", 1.0),
+        (turned, 2, heading, r"heading $\psi$ [deg]", np.degrees(1.0)),
+    )
+    for axes, row, leader, label, unit in panels:
+        axes.plot(
+            trajectory.times, unit * leader, "--", color=LEADER, drawstyle=style,
+            label="leader",
+        )  # fmt: skip
         axes.plot(
             trajectory.times, unit * trajectory.states[row], color=WINGMAN,
             label="wingman",
         )  # fmt: skip
         _exact_line(axes, exact, None if exact is None else unit * exact.states[row])
-        _label(axes, "time [s]", label)
-        figures.append((name, figure))
-    return figures
-
-
-def _target(axes: "Axes", times: Array, wanted: Array | float, *, held: bool) -> None:
-    """Draw the slot with its settling band, or what the leader does."""
-    if isinstance(wanted, float):
-        low, high = wanted - SETTLED_FT, wanted + SETTLED_FT
-        axes.axhspan(
-            low, high, color=LEADER, alpha=0.25, lw=0,
-            label=f"settled: \N{PLUS-MINUS SIGN}{SETTLED_FT:g} ft",
-        )  # fmt: skip
-        axes.axhline(wanted, ls="--", color=LEADER, lw=1, label="slot")
-        return
-    style = "steps-post" if held else "default"
-    axes.plot(times, wanted, "--", color=LEADER, drawstyle=style, label="leader")
+        _label(axes, "", label)
+    _draw_costs(costs, scenario, flight, trajectory)
+    _draw_saving(saved, flight, trajectory, exact)
+    return figure
 
 
 def _exact_line(axes: "Axes", exact: Trajectory | None, values: Array | None) -> None:
@@ -127,33 +220,32 @@ def _exact_line(axes: "Axes", exact: Trajectory | None, values: Array | None) ->
         )
 
 
-def _cost_figure(
+def _draw_costs(
+    axes: "Axes",
     scenario: CloseFormationScenario,
     flight: CloseFormationFlight,
     trajectory: Trajectory,
-) -> "Figure":
-    """Return (e): J of each plan, and under it the exact minimum where it is asked."""
-    figure = new_figure()
-    axes = figure.subplots()
+) -> None:
+    """Draw J of each plan, and the exact minimum beside it if it is asked for."""
     times, costs = trajectory.times[:-1], plan_costs(trajectory)
     axes.semilogy(times, _at_least(costs), color=WINGMAN, label="plan")
     if scenario.reference == "ipopt":
         best = _at_least(reference_costs(flight, trajectory))
         axes.semilogy(times, best, "--", color=REFERENCE, label="exact minimum (IPOPT)")
-    _label(axes, "time [s]", "J")
-    return figure
+    _label(axes, "time [s]", "cost J of the plan")
 
 
 def _at_least(costs: Array) -> Array:
     return np.maximum(costs, SMALLEST_COST)
 
 
-def _saving_figure(
-    flight: CloseFormationFlight, trajectory: Trajectory, exact: Trajectory | None
-) -> "Figure":
-    """Return the drag saved against time, and what the slot would save."""
-    figure = new_figure()
-    axes = figure.subplots()
+def _draw_saving(
+    axes: "Axes",
+    flight: CloseFormationFlight,
+    trajectory: Trajectory,
+    exact: Trajectory | None,
+) -> None:
+    """Draw the drag saved, and what the slot would save."""
     _, y, _ = slot_of(flight)
     ideal = 100 * drag_saving(flight.posed.aircraft, y, 0.0)
     axes.axhline(ideal, ls="--", color=LEADER, label=r"in the slot, y = $\pi$b/4")
@@ -163,28 +255,27 @@ def _saving_figure(
         axes, exact, None if exact is None else 100 * savings(flight, exact.states)
     )
     _label(axes, "time [s]", "drag saved [percent]")
-    return figure
 
 
 def map_figure(flight: CloseFormationFlight, trajectory: Trajectory) -> "Figure":
     """Return the wingman's track over the drag saved, from above and from behind."""
-    figure = new_figure((10.0, 5.5))
-    above, behind = figure.subplots(1, 2)
+    figure = new_figure((10.0, 5.6))
+    above, behind = figure.subplots(1, 2, width_ratios=(2, 3))
     x, y, _, _, z, _ = trajectory.dense_states
     # Seen from the leader: the wingman is x behind and y to the left.
     _map(above, flight, (-y, -x), np.zeros_like)
     _aircraft_from_above(above, flight, (-y[-1], -x[-1]))
-    _track(above, -y, -x)
+    _track(above, trajectory.dense_times, np.stack([-y, -x]))
     above.set(title="from above", ylabel="ahead of the leader [ft]")
     image = _map(behind, flight, (-y, z), lambda height: height)
     _aircraft_from_behind(behind, flight, (-y[-1], z[-1]))
-    _track(behind, -y, z)
+    _track(behind, trajectory.dense_times, np.stack([-y, z]))
     behind.set(title="from behind", ylabel="above the leader [ft]")
     for axes in (above, behind):
         axes.set_xlabel("right of the leader [ft]")
         axes.set_aspect("equal", adjustable="box")
-    behind.legend(loc="upper left", bbox_to_anchor=(0.0, -0.2), ncols=2, frameon=False)
-    figure.colorbar(image, ax=behind, label="drag saved [percent]", location="top")
+    figure.colorbar(image, ax=behind, label="drag saved [percent]", location="bottom")
+    name_lines(figure)
     return figure
 
 
@@ -204,23 +295,32 @@ def _map(
         [100 * drag_saving(flight.posed.aircraft, float(-a), float(h)) for a in across]
         for h in height(along)
     ]
-    return axes.contourf(
-        across, along, saved, levels=np.linspace(-40, 40, 17), cmap="RdYlGn",
+    filled = axes.contourf(
+        across, along, saved, levels=np.linspace(-40, 40, 17), cmap=MAP_COLOURS,
         extend="both",
     )  # fmt: skip
+    lines = axes.contour(
+        across, along, saved, levels=MAP_LINES, colors="0.25", linewidths=0.6
+    )  # Losses are dashed: the map can be read in grey print.
+    axes.clabel(lines, fmt="%+g", fontsize="x-small")
+    return filled
 
 
-def _track(axes: "Axes", across: Array, along: Array) -> None:
-    """Draw where the wingman was, readable on any colour."""
-    axes.plot(across, along, color="white", lw=3.5)
-    axes.plot(across, along, color=REFERENCE, lw=1.5, label="track of the wingman")
-    axes.plot(across[0], along[0], "o", color="white", mec=REFERENCE, label="start")
+def _track(axes: "Axes", times: Array, track: Array) -> None:
+    """Draw the wingman's track, shape (2, n), readable on any colour."""
+    axes.plot(*track, color="white", lw=3.5)
+    axes.plot(*track, color=REFERENCE, lw=1.5, label="track of the wingman")
+    axes.plot(*track[:, 0], "o", color="white", mec=REFERENCE, label="start")
+    marks = mark_times(times)
+    at = [int(np.argmin(np.abs(times - mark))) for mark in marks]
+    axes.plot(*track[:, at], ".", color=REFERENCE, ms=5, label="marks of time")
+    label_times(axes, marks, track[:, at])
 
 
 def _aircraft_from_above(
     axes: "Axes", flight: CloseFormationFlight, wingman: tuple[float, float]
 ) -> None:
-    """Draw both aircraft to scale, the wingman where it ended."""
+    """Draw both aircraft to scale, the wingman at its last place."""
     whole = (
         np.vstack([OUTLINE, OUTLINE[::-1] * [1, -1]]) * flight.posed.aircraft.span_ft
     )
@@ -246,5 +346,5 @@ def _aircraft_from_behind(
 def _label(axes: "Axes", x: str, y: str) -> None:
     axes.set(xlabel=x, ylabel=y)
     axes.grid(alpha=0.3)
-    if axes.get_legend_handles_labels()[0]:
-        axes.legend()
+    axes.margins(x=0)
+    name_here(axes)

@@ -1,11 +1,12 @@
 """Figures of a formation flight, after the chapter's Figs. 5.9-5.12.
 
-(a) tracks in the plane, the leader "o" and the UAVs triangles; (b)-(e) relative speed,
-heading, x and y against time. Beside them what the chapter does not show: distances
-and obstacle clearance between the samples, and the terminal set.
+(a) one sheet: tracks with the leader, errors of the places, controls with their bounds,
+and what planning took; (b) relative speed, heading, x and y against time; (c) distances
+and obstacle clearance between the samples; (d) the terminal set. Of a flight of one
+planned step all of them show the plan over its whole horizon.
 """
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,39 +14,51 @@ from numpy.typing import NDArray
 from swarmstart.cases.drawing.drawing import (
     COLOURS,
     Figures,
-    arrowhead,
     colour,
     into_folder,
+    line_style,
     new_figure,
 )
+from swarmstart.cases.drawing.panels import Labels, panels_of, stacked_limits, wrapped
+from swarmstart.cases.drawing.planning import draw_planning
+from swarmstart.cases.drawing.series import HALF, draw_series, name_lines
+from swarmstart.cases.drawing.sheet import (
+    Part,
+    draw_band,
+    draw_errors,
+    panels_part,
+    sheet,
+)
+from swarmstart.cases.drawing.tracks import Scene, draw_tracks
 from swarmstart.cases.kinds.formation_flight.measures import (
+    SETTLED_M,
     clearances,
-    errors,
-    linear_mask,
-    lyapunov,
 )
 from swarmstart.cases.kinds.formation_flight.pose import (
     FormationFlight,
     leader_positions,
 )
 from swarmstart.cases.kinds.formation_flight.scenario import FormationScenario
-from swarmstart.cases.kinds.models.unicycle import unicycle
-from swarmstart.cases.kinds.planar import by_uav, pair_distances
-from swarmstart.ocp import Mode, Plant, Trajectory
+from swarmstart.cases.kinds.formation_flight.shown_path import Shown, shown_of
+from swarmstart.cases.kinds.planar import POSITION, pair_distances
+from swarmstart.ocp import Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, FigureBase
 
 Array = NDArray[np.float64]
 
-MARKS = 6
-BEGINNING_S = 20.0
+LONGER = 1.25
+"""Tracks end at so many times the time of settling; what follows is straight."""
+SHORTEST_S = 20.0
 # Pairs of states that the terminal set's matrix couples, behind a leader along x.
 PLANES = ((2, 3), (0, 2), (1, 3))
 SETS_SHOWN = 2.5
 # A clearance far above the limit says nothing: the panel ends here, in metres.
 FAR_M = 40.0
+SMALLEST_VALUE = 1e-14
+"""Values of e'Pe below it are drawn as this on the logarithmic axis."""
 
 RELATIVE = (
     ("speed", "v - v$_L$ [m/s]"),
@@ -53,6 +66,8 @@ RELATIVE = (
     ("x", "x - slot [m]"),
     ("y", "y - slot [m]"),
 )
+CONTROLS = ("acceleration", "turn rate")
+UNITS = {"acceleration": "m/s\N{SUPERSCRIPT TWO}", "turn rate": "rad/s"}
 
 
 @into_folder
@@ -61,282 +76,304 @@ def draw(
     flight: FormationFlight,
     trajectory: Trajectory,
 ) -> Figures:
-    """Return all figures of a flight by name, in the order of the chapter's panels."""
+    """Return all figures of a flight by name, in order."""
+    shown = shown_of(scenario, flight, trajectory)
     figures = [
-        ("a_tracks", tracks_figure(scenario, flight, trajectory)),
-        *[
-            (f"{letter}_relative_{name}", relative_figure(flight, trajectory, row))
-            for row, (letter, (name, _)) in enumerate(
-                zip("bcde", RELATIVE, strict=True)
-            )
-        ],
-        ("f_distances", distances_figure(scenario, flight, trajectory)),
+        ("a_sheet", sheet_figure(scenario, flight, trajectory)),
+        ("b_relative", relative_figure(scenario, flight, shown)),
     ]
+    if not shown.is_plan:
+        distances = distances_figure(scenario, flight, shown)
+        if distances is not None:
+            figures.append(("c_distances", distances))
     if flight.posed.designed_set is not None:
-        figures += [
-            ("g_terminal_set", terminal_set_figure(flight, trajectory)),
-            ("h_entering", entering_figure(flight, trajectory)),
-        ]
+        figures.append(("d_terminal_set", terminal_set_figure(scenario, flight, shown)))
     return figures
 
 
-def tracks_figure(
+def sheet_figure(
     scenario: FormationScenario, flight: FormationFlight, trajectory: Trajectory
 ) -> "Figure":
-    """Return (a): tracks in the plane; the whole flight, and its beginning to scale.
+    """Return (a): tracks, errors, controls, and planning or, of a plan, distances."""
+    shown, labels = shown_of(scenario, flight, trajectory), _labels(scenario, flight)
+    errors = shown.errors(flight)
+    _, limits = stacked_limits([agent.problem for agent in flight.posed.agents])
+    controls = panels_of(CONTROLS, labels, shown.times, shown.controls, limits)
+    scene, heading = scene_of(scenario, flight, shown), "Tracks"
+    if not shown.is_plan:
+        settled = shown.settled(flight)
+        end = float(shown.dense_times[-1])
+        until = end if settled is None else max(LONGER * settled, SHORTEST_S)
+        if until < end:
+            scene, heading = scene.until(until), f"Tracks of the first {until:.0f} s"
 
-    Of a flight of one planned step: the plans over their whole horizon.
-    """
-    first = trajectory.decisions[0]
-    if len(trajectory.decisions) == 1 and first.mode is Mode.PLANNED:
-        return _plans_figure(scenario, flight, trajectory)
-    figure = new_figure((9.0, 8.0))
-    whole, beginning = figure.subplots(2, 1, height_ratios=(2, 3))
-    until = min(BEGINNING_S, float(trajectory.times[-1]))
-    times, dense = (
-        trajectory.dense_times,
-        by_uav(trajectory.dense_states, flight.agents),
-    )
-    early = times <= until + 1e-9
-    _tracks(whole, scenario, times, dense)
-    _tracks(beginning, scenario, times[early], dense[:, :, early])
-    beginning.set_aspect("equal", adjustable="datalim")
-    whole.set_title(scenario.title)
-    beginning.set_title(f"the first {until:g} s, to scale")
-    _uav_legend(beginning, flight)
-    return figure
+    def draw_places(part: "FigureBase") -> None:
+        draw_tracks(part.subplots(), scene)
 
+    def draw_off(part: "FigureBase") -> None:
+        axes = part.subplots()
+        draw_errors(
+            axes, shown.dense_times, errors, band=SETTLED_M,
+            settled=shown.settled(flight), unit="m", names=labels.vehicles,
+            numbers=labels.numbers,
+        )  # fmt: skip
+        _shade_linear(axes, shown)
+        axes.set(xlabel="time [s]", ylabel="largest of |dx|, |dy| to the slot [m]")
 
-def planned_paths(
-    scenario: FormationScenario, flight: FormationFlight, trajectory: Trajectory
-) -> tuple[Array, Array]:
-    """Return where the plans of the first step lead, if flown to their end.
-
-    Returns:
-        Times, shape (n,) [s], and the states of each UAV, shape (uavs, 4, n).
-    """
-    plant = Plant(unicycle(), dt=flight.plant.dt, substeps=flight.plant.substeps)
-    paths = []
-    for start, plan in zip(
-        by_uav(flight.x0[:, None], flight.agents),
-        trajectory.decisions[0].plans,
-        strict=True,
-    ):
-        path = [start]
-        for control in plan.controls.T:
-            path.append(plant(path[-1][:, -1], control))
-        paths.append(np.hstack(path))
-    horizon = flight.plant.dt * scenario.prediction.intervals
-    return np.linspace(0.0, horizon, paths[0].shape[1]), np.stack(paths)
-
-
-def _plans_figure(
-    scenario: FormationScenario, flight: FormationFlight, trajectory: Trajectory
-) -> "Figure":
-    times, paths = planned_paths(scenario, flight, trajectory)
-    figure = new_figure((9.0, 6.0))
-    axes = figure.add_subplot()
-    _tracks(axes, scenario, times, paths)
-    axes.set_aspect("equal", adjustable="datalim")
-    axes.set_title(f"{scenario.title}: planned for {times[-1]:g} s")
-    _uav_legend(axes, flight)
-    return figure
-
-
-def _tracks(
-    axes: "Axes", scenario: FormationScenario, times: Array, dense: Array
-) -> None:
-    """Draw tracks (uavs, 4, n), the formation marked at five instants or so."""
-    leader = leader_positions(scenario, times)
-    axes.plot(*leader, color="0.6", linestyle=":", linewidth=1)
-    for number, states in enumerate(dense):
-        axes.plot(states[2], states[3], color=colour(number), linewidth=1)
-    for instant in np.linspace(0.0, times[-1], MARKS):
-        _formation(axes, scenario, dense, times, float(instant))
-    _obstacles(axes, scenario)
-    axes.set(xlabel="x [m]", ylabel="y [m]")
-
-
-def _formation(
-    axes: "Axes",
-    scenario: FormationScenario,
-    dense: Array,
-    times: Array,
-    instant: float,
-) -> None:
-    """Mark leader and UAVs at an instant, the triangles pointing where they fly."""
-    k = int(np.argmin(np.abs(times - instant)))
-    leader = leader_positions(scenario, times[k : k + 1])[:, 0]
-    axes.plot(*leader, marker="o", color="black", markersize=7, fillstyle="none")
-    for number, states in enumerate(dense[:, :, k]):
-        axes.plot(
-            states[2],
-            states[3],
-            marker=arrowhead(float(states[1])),
-            color=colour(number),
-            markersize=11,
-            linestyle="none",
-        )
-
-
-def _obstacles(axes: "Axes", scenario: FormationScenario) -> None:
-    from matplotlib.patches import Circle
-
-    for obstacle in scenario.obstacles:
-        axes.add_patch(
-            Circle(
-                (obstacle.x_m, obstacle.y_m),
-                obstacle.radius_m,
-                facecolor="0.85",
-                edgecolor="0.4",
-            )
-        )
-
-
-def _uav_legend(axes: "Axes", flight: FormationFlight) -> None:
-    from matplotlib.lines import Line2D
-
-    agents = flight.agents
-    handles: list[Any] = [
-        Line2D([], [], marker="o", color="black", fillstyle="none", linestyle="none")
+    title, last = scenario.title, _planning_part(scenario, flight, trajectory)
+    if shown.is_plan:
+        title = f"{title}\n{_cost_in_words(scenario, flight, trajectory)}"
+        last = _distances_part(scenario, flight, shown)
+    parts = [
+        Part(heading if not shown.is_plan else "Planned tracks", draw_places),
+        Part("Error of the place", draw_off),
+        panels_part("Controls", controls, labels),
+        last,
     ]
-    handles += [Line2D([], [], marker="^", color=colour(i)) for i in range(agents)]
-    labels = ["leader", *flight.posed.names]
-    axes.legend(handles, labels, fontsize="small", ncols=2 if agents > 5 else 1)  # noqa: PLR2004
+    return sheet(title, parts)
+
+
+def _planning_part(
+    scenario: FormationScenario, flight: FormationFlight, trajectory: Trajectory
+) -> Part:
+    given = [n for n, uav in enumerate(scenario.uavs) if uav.plan is not None]
+
+    def draw_work(part: "FigureBase") -> None:
+        draw_planning(part, trajectory, names=flight.posed.names, given=given)
+
+    return Part("Planning: time of each step, source of each plan", draw_work)
+
+
+def _distances_part(
+    scenario: FormationScenario, flight: FormationFlight, shown: Shown
+) -> Part:
+    series = _distances(scenario, flight, shown)
+
+    def draw_room(part: "FigureBase") -> None:
+        panels = part.subplots(max(len(series), 1), 1, squeeze=False)[:, 0]
+        _draw_distances(panels, shown, series)
+
+    return Part("Distances along the plan", draw_room)
+
+
+def _cost_in_words(
+    scenario: FormationScenario, flight: FormationFlight, trajectory: Trajectory
+) -> str:
+    """Return what each plan that was made costs."""
+    plans = trajectory.decisions[0].plans
+    costs = [
+        f"{flight.posed.names[number]}: J = {plans[number].cost:.6g}"
+        for number in scenario.planning
+    ]
+    return f"the plan over {_horizon(scenario):g} s, cost of {', '.join(costs)}"
+
+
+def _horizon(scenario: FormationScenario) -> float:
+    return scenario.prediction.dt * scenario.prediction.intervals
+
+
+def _labels(scenario: FormationScenario, flight: FormationFlight) -> Labels:
+    return Labels(
+        states=(),
+        controls=CONTROLS,
+        units=UNITS,
+        vehicles=flight.posed.names,
+        numbers=colour_numbers(scenario),
+    )
+
+
+def colour_numbers(scenario: FormationScenario) -> list[int]:
+    """Return the number of each UAV's colour: UAV 3 is alike in every figure."""
+    return [number - 1 for number in scenario.numbers]
+
+
+def scene_of(
+    scenario: FormationScenario, flight: FormationFlight, shown: Shown
+) -> Scene:
+    """Return the tracks with leader and obstacles."""
+    return Scene(
+        times=shown.dense_times,
+        positions=shown.dense[:, list(POSITION)],
+        headings=shown.dense[:, 1],
+        names=flight.posed.names,
+        numbers=colour_numbers(scenario),
+        discs=[(disc.x_m, disc.y_m, disc.radius_m) for disc in scenario.obstacles],
+        leader=leader_positions(scenario, shown.dense_times),
+    )
 
 
 def relative_figure(
-    flight: FormationFlight, trajectory: Trajectory, row: int
+    scenario: FormationScenario, flight: FormationFlight, shown: Shown
 ) -> "Figure":
-    """Return (b)-(e): one relative state of every UAV against time."""
-    figure = new_figure()
-    axes = figure.add_subplot()
-    deviations = errors(flight.posed, trajectory.dense_times, trajectory.dense_states)
-    for number, deviation in enumerate(deviations):
-        axes.plot(
-            trajectory.dense_times,
-            deviation[row],
-            color=colour(number),
-            linewidth=1.2,
-            label=flight.posed.names[number],
-        )
-    axes.axhline(0.0, color="0.6", linewidth=0.8)
-    _shade_linear(axes, trajectory)
-    axes.set(xlabel="time [s]", ylabel=RELATIVE[row][1])
-    axes.legend(fontsize="small")
+    """Return (b): each relative state of every UAV against time, four panels."""
+    off = shown.dense - flight.posed.slots(shown.dense_times)
+    settled = shown.settled(flight)
+    figure = new_figure((11.0, 6.4))
+    panels = figure.subplots(2, 2, sharex=True).ravel()
+    for row, axes in enumerate(panels):
+        if row in POSITION:
+            name = f"settled: at most {SETTLED_M:g} m off"
+            draw_band(axes, -SETTLED_M, SETTLED_M, name=name)
+        axes.axhline(0.0, color="0.6", linewidth=0.8)
+        draw_series(
+            axes, shown.dense_times, off[:, row], names=flight.posed.names,
+            numbers=colour_numbers(scenario),
+        )  # fmt: skip
+        _shade_linear(axes, shown)
+        if settled is not None and row in POSITION:
+            axes.axvline(
+                settled, color="0.15", ls="-.", lw=1.2,
+                label=f"settled from {settled:g} s on",
+            )  # fmt: skip
+        axes.set_ylabel(RELATIVE[row][1])
+        axes.grid(alpha=0.3)
+        axes.margins(x=0)
+    for axes in panels[2:]:
+        axes.set_xlabel("time [s]")
+    what = "plan" if shown.is_plan else "flight"
+    figure.suptitle(f"States relative to the leader and the slots, {what}")
+    name_lines(figure)
     return figure
 
 
-def _shade_linear(axes: "Axes", trajectory: Trajectory) -> None:
+def _shade_linear(axes: "Axes", shown: Shown) -> None:
     """Shade the steps flown under the linear law."""
-    linear, times = linear_mask(trajectory), trajectory.times
-    labelled = False
-    for k in np.flatnonzero(linear):
-        label = None if labelled else "linear law"
-        axes.axvspan(times[k], times[k + 1], color="0.93", linewidth=0, label=label)
-        labelled = True
+    label: str | None = "linear law"
+    for k in np.flatnonzero(shown.linear):
+        begin, end = shown.times[k], shown.times[k + 1]
+        axes.axvspan(begin, end, color="0.93", linewidth=0, zorder=-1, label=label)
+        label = None
+
+
+Distances = tuple[str, float, Array, Array]
+"""Label, limit, values along the path, values at the control instants."""
+
+
+def _distances(
+    scenario: FormationScenario, flight: FormationFlight, shown: Shown
+) -> list[Distances]:
+    """Return the smallest distance of two UAVs, and of the obstacles, if there are."""
+    stacked = [
+        states.reshape(-1, states.shape[2]) for states in (shown.dense, shown.states)
+    ]
+    series: list[Distances] = []
+    if flight.agents > 1:
+        apart = [pair_distances(x, flight.agents).min(axis=0) for x in stacked]
+        safe = scenario.avoidance.safe_distance_m
+        series.append(("smallest distance of two UAVs [m]", safe, apart[0], apart[1]))
+    if scenario.obstacles:
+        room = [clearances(scenario, flight, x).min(axis=0) for x in stacked]
+        label = "smallest clearance of the obstacles [m]"
+        series.append((label, 0.0, room[0], room[1]))
+    return series
 
 
 def distances_figure(
-    scenario: FormationScenario, flight: FormationFlight, trajectory: Trajectory
-) -> "Figure":
-    """Return (f): smallest distance and clearance between the samples, and at them."""
-    series: list[tuple[str, float, list[tuple[Array, Array]]]] = []
-    grids = [
-        (trajectory.dense_times, trajectory.dense_states),
-        (trajectory.times, trajectory.states),
-    ]
-    if flight.agents > 1:
-        limit = scenario.avoidance.safe_distance_m
-        distances = [
-            (t, pair_distances(x, flight.agents).min(axis=0)) for t, x in grids
-        ]
-        series.append(("smallest distance of two UAVs [m]", limit, distances))
-    if scenario.obstacles:
-        rooms = [(t, clearances(scenario, flight, x).min(axis=0)) for t, x in grids]
-        series.append(("smallest clearance of the obstacles [m]", 0.0, rooms))
-    figure = new_figure((7.0, 0.8 + 2.8 * max(len(series), 1)))
-    panels = figure.subplots(max(len(series), 1), 1, squeeze=False)[:, 0]
-    for axes, (label, limit, values) in zip(panels, series, strict=False):
-        (dense_times, dense), (times, sampled) = values
-        axes.plot(dense_times, dense, color=COLOURS[0], linewidth=1.2, label="flown")
+    scenario: FormationScenario, flight: FormationFlight, shown: Shown
+) -> "Figure | None":
+    """Return (c): smallest distance and clearance between the samples, and at them.
+
+    None: there is one UAV and no obstacle.
+    """
+    series = _distances(scenario, flight, shown)
+    if not series:
+        return None
+    figure = new_figure((7.5, 0.8 + 2.8 * len(series)))
+    panels = figure.subplots(len(series), 1, squeeze=False)[:, 0]
+    _draw_distances(panels, shown, series)
+    name_lines(figure, room=HALF)
+    return figure
+
+
+def _draw_distances(
+    panels: "NDArray[np.object_]", shown: Shown, series: list[Distances]
+) -> None:
+    for axes, (label, limit, dense, sampled) in zip(panels, series, strict=False):
+        name = "planned" if shown.is_plan else "flown"
+        axes.plot(shown.dense_times, dense, color=COLOURS[0], lw=1.3, label=name)
         axes.plot(
-            times, sampled, ".", color=COLOURS[1], label="at the control instants"
+            shown.times, sampled, ".", color=COLOURS[1], label="at the control instants"
         )
-        axes.axhline(limit, color="0.3", linestyle="--", linewidth=1, label="limit")
+        axes.axhline(limit, color="0.25", ls=":", lw=1.4, label=f"limit, {limit:g} m")
         axes.fill_between(
-            dense_times, limit, dense, where=dense < limit, color=COLOURS[1], alpha=0.4
-        )
-        axes.set(ylabel=label)
-        axes.set_ylim(top=min(axes.get_ylim()[1], limit + FAR_M))
-        axes.legend(fontsize="small")
+            shown.dense_times, limit, dense, where=dense < limit, color=COLOURS[1],
+            alpha=0.4,
+        )  # fmt: skip
+        axes.set_ylabel(wrapped(label))
+        low, high = min(float(dense.min()), limit), axes.get_ylim()[1]
+        high = min(high, limit + FAR_M)
+        axes.set_ylim(low - 0.08 * (high - low), high)
+        axes.grid(alpha=0.3)
+        axes.margins(x=0)
     panels[-1].set_xlabel("time [s]")
-    return figure
 
 
-def terminal_set_figure(flight: FormationFlight, trajectory: Trajectory) -> "Figure":
-    """Return (g): e'Pe of every UAV against the level of the terminal set."""
-    figure = new_figure()
-    axes = figure.add_subplot()
-    values = np.maximum(lyapunov(flight.posed, trajectory), 1e-14)
-    for number, value in enumerate(values):
-        axes.semilogy(
-            trajectory.times,
-            value,
-            color=colour(number),
-            linewidth=1.2,
-            label=flight.posed.names[number],
-        )
-    level = flight.posed.terminal_set.alpha
-    axes.axhline(
-        level, color="0.3", linestyle="--", linewidth=1, label=f"alpha = {level:.3g}"
-    )
-    _shade_linear(axes, trajectory)
-    axes.set(
-        xlabel="time [s]",
-        ylabel="e'Pe",
-        title=f"Terminal set, {flight.posed.terminal_set.design} design",
-    )
-    axes.legend(fontsize="small")
-    return figure
-
-
-def entering_figure(flight: FormationFlight, trajectory: Trajectory) -> "Figure":
-    """Return (h): the terminal set's projections, and the UAVs on their way into it."""
-    figure = new_figure((11.0, 4.2))
+def terminal_set_figure(
+    scenario: FormationScenario, flight: FormationFlight, shown: Shown
+) -> "Figure":
+    """Return (d): e'Pe against the level of the terminal set, and the ways into it."""
     terminal_set = flight.posed.terminal_set
-    deviations = errors(flight.posed, trajectory.dense_times, trajectory.dense_states)
-    at_instants = errors(flight.posed, trajectory.times, trajectory.states)
-    linear = linear_mask(trajectory)
-    extent = terminal_set.ellipsoid.extent()
-    panels = figure.subplots(1, len(PLANES))
-    for axes, (i, j) in zip(panels, PLANES, strict=True):
-        outline = terminal_set.ellipsoid.shadow(i, j)
-        axes.fill(*outline, color="0.9")
-        axes.plot(*outline, color="0.3", linestyle="--", linewidth=1)
-        for number, (dense, instants) in enumerate(
-            zip(deviations, at_instants, strict=True)
-        ):
-            axes.plot(
-                dense[i],
-                dense[j],
-                color=colour(number),
-                linewidth=0.9,
-                label=flight.posed.names[number],
-            )
-            flown = instants[:, :-1][:, linear]
-            axes.plot(flown[i], flown[j], "o", color=colour(number), markersize=3)
-        axes.set(xlabel=RELATIVE[i][1], ylabel=RELATIVE[j][1])
-        axes.set_xlim(-SETS_SHOWN * extent[i], SETS_SHOWN * extent[i])
-        axes.set_ylim(-SETS_SHOWN * extent[j], SETS_SHOWN * extent[j])
-    panels[0].legend(fontsize="small")
+    figure = new_figure((11.0, 8.0))
+    first, *planes = figure.subplots(2, 2).ravel()
+    _draw_level(first, scenario, flight, shown)
+    draw_entering(planes, scenario, flight, shown)
     certificate = terminal_set.certificate
     grounds = "of its bounds"
+    dots = "; dots: steps under the linear law" if shown.linear.any() else ""
     if certificate is not None and certificate.dt is not None:
         grounds = f"certified for inputs held {certificate.dt:g} s"
     figure.suptitle(
         f"Terminal set, {terminal_set.design} design, alpha = {terminal_set.alpha:.4g} "
-        f"{grounds}; dots: steps under the linear law",
-        fontsize="medium",
+        f"{grounds}{dots}"
     )
+    name_lines(figure)
     return figure
+
+
+def _draw_level(
+    axes: "Axes", scenario: FormationScenario, flight: FormationFlight, shown: Shown
+) -> None:
+    """Draw e'Pe of every UAV at the control instants, and the level of the set."""
+    terminal_set = flight.posed.terminal_set
+    off = shown.states - flight.posed.slots(shown.times)
+    values = np.stack([terminal_set.value(one) for one in off])
+    draw_series(
+        axes, shown.times, np.maximum(values, SMALLEST_VALUE / 10),
+        names=flight.posed.names, numbers=colour_numbers(scenario),
+    )  # fmt: skip
+    level = terminal_set.alpha
+    axes.axhline(level, color="0.25", ls=":", lw=1.4, label=f"alpha = {level:.3g}")
+    axes.set_yscale("log")
+    axes.set_ylim(bottom=max(SMALLEST_VALUE, axes.get_ylim()[0]))
+    _shade_linear(axes, shown)
+    axes.set(xlabel="time [s]", ylabel="e'Pe")
+    axes.margins(x=0)
+    axes.grid(alpha=0.3)
+
+
+def draw_entering(
+    panels: "list[Axes]",
+    scenario: FormationScenario,
+    flight: FormationFlight,
+    shown: Shown,
+) -> None:
+    """Draw the terminal set's projections, and the UAVs on their way into it."""
+    terminal_set, of = flight.posed.terminal_set, flight.posed.slots
+    deviations = shown.dense - of(shown.dense_times)
+    at_instants = shown.states - of(shown.times)
+    extent = terminal_set.ellipsoid.extent()
+    numbers = colour_numbers(scenario)
+    for axes, (i, j) in zip(panels, PLANES, strict=True):
+        outline = terminal_set.ellipsoid.shadow(i, j)
+        axes.fill(*outline, color="0.9")
+        axes.plot(*outline, color="0.25", ls=":", lw=1.4, label="terminal set")
+        for number, dense, instants in zip(
+            numbers, deviations, at_instants, strict=True
+        ):
+            own = colour(number)
+            axes.plot(dense[i], dense[j], color=own, ls=line_style(number), lw=1.0)
+            flown = instants[:, :-1][:, shown.linear]
+            axes.plot(flown[i], flown[j], "o", color=own, markersize=3)
+        axes.set(xlabel=RELATIVE[i][1], ylabel=RELATIVE[j][1])
+        axes.set_xlim(-SETS_SHOWN * extent[i], SETS_SHOWN * extent[i])
+        axes.set_ylim(-SETS_SHOWN * extent[j], SETS_SHOWN * extent[j])

@@ -1,14 +1,17 @@
 """Figures of a problem: those of any problem, with its own names and units."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.cases.drawing.drawing import write_figures
+from swarmstart.cases.drawing.drawing import Figures, into_folder
 from swarmstart.cases.drawing.panels import Labels
-from swarmstart.cases.drawing.problem_figures import draw_problem
+from swarmstart.cases.drawing.problem_figures import Place, figures_of
+from swarmstart.cases.drawing.report.surroundings import (
+    discs_of_problem,
+    position_of,
+)
 from swarmstart.cases.format.kind import Flight, PosedAgent
 from swarmstart.cases.kinds.problem.member_figures import (
     member_figures,
@@ -37,15 +40,15 @@ from swarmstart.ocp.fitness import replay
 Array = NDArray[np.float64]
 
 
+@into_folder
 def draw(
     scenario: ProblemScenario,
     flight: Flight[ProblemPosed],
     trajectory: Trajectory,
-    folder: Path,
-) -> list[Path]:
-    """Write all figures that apply to a run; return the files."""
+) -> Figures:
+    """Return all figures that apply to a run by name, in order."""
     agents, every = flight.posed.agents, trajectory
-    if scenario.uncertain is not None:  # What is flown is one system.
+    if scenario.uncertain is not None:  # The plant is one system.
         (agent,) = agents
         problem = planning_problem(scenario, flight.posed.members)
         trajectory = of_one_member(trajectory, problem, agent.problem)
@@ -68,7 +71,7 @@ def draw(
         return found._replace(previous=_held_before(step, agent))
 
     def _held_before(step: int, agent: PosedAgent) -> Array | None:
-        """Return the controls of the interval before a step, where they count."""
+        """Return the controls of the interval before a step, if they count."""
         if not (step and agent.problem.previous.numel()):
             return agent.previous
         times, held = held_controls(trajectory)
@@ -76,7 +79,7 @@ def draw(
         return held[:, before]
 
     def _shown(step: int, number: int) -> Array:
-        """Return where an agent's plan leads; a record keeps none of its states."""
+        """Return the path of an agent's plan; a record keeps none of its states."""
         agent, plan = agents[number], trajectory.decisions[step].plans[number]
         states = plan.states
         if not states.size:
@@ -106,8 +109,28 @@ def draw(
         maximize=scenario.maximize,
     )
     problems = [agent.problem for agent in agents]
-    files = draw_problem(problems, trajectory, folder, labels=labels, known=known)
-    if scenario.uncertain is not None:
-        more = member_figures(flight, every, labels, problems[0])
-        files += write_figures(more, folder)
-    return files
+    figures = figures_of(
+        problems,
+        trajectory,
+        labels=labels,
+        known=known,
+        title=scenario.title,
+        place=_place(scenario, labels),
+    )
+    if scenario.uncertain is None:
+        return figures
+    return [*figures, *member_figures(flight, every, labels, problems[0])]
+
+
+def _place(scenario: ProblemScenario, labels: Labels) -> Place | None:
+    """Return the states that are a position in the plane, and discs to keep out of."""
+    recorded = scenario.model_dump(mode="json", by_alias=True)
+    axes = position_of(recorded, labels.states, labels.units)
+    if axes is None:
+        return None
+    x, y = (list(labels.states).index(name) for name in axes)
+    discs = discs_of_problem(recorded, axes)
+    return Place(
+        rows=(x, y),
+        discs=[(disc.x, disc.y, disc.radius) for disc in discs if not disc.is_limit],
+    )

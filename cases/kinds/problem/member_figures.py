@@ -1,6 +1,6 @@
 """Figures of plans for several values of uncertain parameters.
 
-What is flown is one system. Its figures are those of one member's problem, with plans
+The plant is one system. Its figures are those of one member's problem, with plans
 as that member has them; one more figure shows the states of all members.
 """
 
@@ -11,8 +11,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.cases.drawing.panels import Labels, panels_of, stacked_limits
-from swarmstart.cases.drawing.plan_figures import PlanPath, plans_figure
+from swarmstart.cases.drawing.panels import (
+    Labels,
+    panels_figure,
+    panels_of,
+    stacked_limits,
+)
+from swarmstart.cases.drawing.plan_figures import PlanPath, with_plans
 from swarmstart.cases.format.kind import Flight
 from swarmstart.cases.kinds.problem.posed import ProblemPosed
 from swarmstart.ocp import OptimalControlProblem, Plan, Trajectory
@@ -28,10 +33,10 @@ Array = NDArray[np.float64]
 def of_one_member(
     trajectory: Trajectory, problem: OptimalControlProblem, every: OptimalControlProblem
 ) -> Trajectory:
-    """Return a flight whose plans are the first member's, without states.
+    """Return a run whose plans are the first member's, without states.
 
     Args:
-        trajectory: The flight.
+        trajectory: The run.
         problem: Of one member.
         every: Of all members, which plans were made for.
     """
@@ -46,7 +51,7 @@ def of_one_member(
             start=plan.x0[start],
         )
 
-    made: dict[int, Plan] = {}  # A plan that is flown on stays the same object.
+    made: dict[int, Plan] = {}  # A plan that is used again stays the same object.
     return replace(
         trajectory,
         decisions=tuple(
@@ -79,10 +84,10 @@ def member_figures(
     labels: Labels,
     problem: OptimalControlProblem,
 ) -> "Iterator[tuple[str, Figure]]":
-    """Yield the states of all members of the first plan, beneath what was flown.
+    """Yield the states of all members of the first plan, beneath the simulated ones.
 
     Args:
-        flight: The flight.
+        flight: The run.
         trajectory: Its path.
         labels: The words.
         problem: Of one member.
@@ -101,4 +106,5 @@ def member_figures(
         PlanPath(times=answer.path.times, states=member)
         for member in np.split(rows, len(rows) // nx)
     ]
-    yield "h_members", plans_figure(panels, paths, labels, name="members of the plan")
+    drawn = with_plans(panels, paths, name="members of the plan")
+    yield "g_members", panels_figure({"states": drawn}, labels)

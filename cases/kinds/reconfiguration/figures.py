@@ -1,9 +1,8 @@
-"""Figures of a reconfiguration, after the chapter's Figs. 5.18 to 5.28.
+"""Figures of a reconfiguration, after the chapter's Figs. 5.17-5.22.
 
-(a) tracks in the plane, "o" where they begin, an arrowhead where they end (5.18, 5.24);
-(b) J of the search's best point after each generation, a panel a horizon (5.19); (c) J
-of each horizon (5.20, 5.25); (d) bank and (e) thrust of each UAV (5.21, 5.22, 5.26,
-5.27); (f) distances of all pairs, with both limits (5.23, 5.28).
+(a) one sheet: tracks with the slots, distances from the slots, controls with their
+bounds, and what planning took; (b) cost of each horizon's plan and the search's best
+point in each horizon; (c) distances of the UAVs.
 """
 
 import math
@@ -13,15 +12,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.cases.drawing.distances import distances_figure
 from swarmstart.cases.drawing.drawing import (
     COLOURS,
     Figures,
-    distances_figure,
-    held_controls_figure,
     into_folder,
     new_figure,
-    tracks_figure,
 )
+from swarmstart.cases.drawing.panels import Labels, Panel, panels_of, stacked_limits
+from swarmstart.cases.drawing.planning import draw_planning
+from swarmstart.cases.drawing.sheet import Part, draw_errors, panels_part, sheet
+from swarmstart.cases.drawing.tracks import Scene, draw_tracks
 from swarmstart.cases.kinds.planar import POSITION, by_uav, pair_distances
 from swarmstart.cases.kinds.reconfiguration.measures import (
     errors_of,
@@ -34,12 +35,16 @@ from swarmstart.cases.record.trajectory_arrays import plan_costs
 from swarmstart.ocp import Trajectory
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, FigureBase
 
 Array = NDArray[np.float64]
 
-MOST_PANELS = 12
-WIDE = 4
+MOST_HORIZONS = 11
+"""Horizons whose searches have a panel."""
+WIDE = (4, 3)
+"""Panels beside one another: what leaves fewer places empty."""
+CONTROLS = ("thrust", "bank")
+UNITS = {"thrust": "N", "bank": "deg"}
 
 
 @into_folder
@@ -48,63 +53,135 @@ def draw(
     flight: ReconfigurationFlight,
     trajectory: Trajectory,
 ) -> Figures:
-    """Return all figures of a flight by name, in the order of the chapter's figures."""
-    times = trajectory.times
-    thrust, bank = np.moveaxis(flight.posed.controls_by_uav(trajectory.controls), 1, 0)
-    return [
-        ("a_trajectories", trajectories_figure(scenario, flight, trajectory)),
+    """Return all figures of a flight by name, in order."""
+    figures = [
+        ("a_sheet", sheet_figure(scenario, flight, trajectory)),
         ("b_evolution", evolution_figure(trajectory)),
-        ("c_cost", cost_figure(scenario, flight, trajectory)),
-        ("d_bank", held_controls_figure(times, np.degrees(bank), "bank [deg]")),
-        ("e_thrust", held_controls_figure(times, thrust, "thrust [N]")),
-        ("f_distances", pairs_figure(scenario, flight, trajectory)),
     ]
+    if len(flight.posed.slots) > 1:
+        figures.append(("c_distances", pairs_figure(scenario, flight, trajectory)))
+    return figures
 
 
-def trajectories_figure(
+def sheet_figure(
     scenario: ReconfigurationScenario,
     flight: ReconfigurationFlight,
     trajectory: Trajectory,
 ) -> "Figure":
-    """Return (a): the tracks, and the slots around the leader at the end."""
+    """Return (a): tracks, distances from the slots, controls, and planning."""
+    labels = _labels(flight)
+    leader = scenario.leader_index
+    off = errors_of(scenario, flight, trajectory.dense_states)
+    followers = [number for number in range(len(off)) if number != leader]
+    scene = scene_of(scenario, flight, trajectory)
+
+    def draw_places(part: "FigureBase") -> None:
+        draw_tracks(part.subplots(), scene)
+
+    def draw_off(part: "FigureBase") -> None:
+        axes = part.subplots()
+        draw_errors(
+            axes, trajectory.dense_times, off[followers], unit="m",
+            names=[labels.vehicles[number] for number in followers], numbers=followers,
+        )  # fmt: skip
+        axes.set(xlabel="time [s]", ylabel="distance from the slot [m]")
+        last = f"largest at the end {off[:, -1].max():.3g} m"
+        axes.set_title(last, fontsize="small", loc="right")
+
+    def draw_work(part: "FigureBase") -> None:
+        joint = len(flight.posed.agents) == 1
+        names = ("all UAVs",) if joint else labels.vehicles
+        draw_planning(part, trajectory, names=names)
+
+    controls = _controls(flight, trajectory, labels)
+    parts = [
+        Part("Tracks", draw_places),
+        Part("Distance from the slot, seen from the leader", draw_off),
+        panels_part("Controls", controls, labels),
+        Part("Planning: time of each step, source of each plan", draw_work),
+    ]
+    return sheet(scenario.title, parts)
+
+
+def scene_of(
+    scenario: ReconfigurationScenario,
+    flight: ReconfigurationFlight,
+    trajectory: Trajectory,
+) -> Scene:
+    """Return the tracks, and the slots around the leader at the end."""
     tracks = by_uav(trajectory.dense_states, len(flight.posed.slots))
     leader = tracks[scenario.leader_index]
     turned = scenario.frame == "leader"
     around = slots_in_plane(flight.posed.slots, leader[1, -1:], turned=turned)[:, :, 0]
-    slots = around + leader[list(POSITION), -1]
-    return tracks_figure(scenario.title, tracks, slots, "slot")
+    return Scene(
+        times=trajectory.dense_times,
+        positions=tracks[:, list(POSITION)],
+        headings=tracks[:, 1],
+        names=_labels(flight).vehicles,
+        targets=around + leader[list(POSITION), -1],
+        called="slot at the end",
+    )
+
+
+def _labels(flight: ReconfigurationFlight) -> Labels:
+    uavs = len(flight.posed.slots)
+    return Labels(
+        states=(),
+        controls=CONTROLS,
+        units=UNITS,
+        vehicles=tuple(f"UAV {number}" for number in range(1, uavs + 1)),
+    )
+
+
+def _controls(
+    flight: ReconfigurationFlight, trajectory: Trajectory, labels: Labels
+) -> list[Panel]:
+    """Return thrust and bank, the latter in degrees; all UAVs have the same bounds."""
+    held = flight.posed.controls_by_uav(trajectory.controls)
+    uavs, count, steps = held.shape
+    scale = np.array([1.0, np.degrees(1.0)])
+    _, limits = stacked_limits([agent.problem for agent in flight.posed.agents])
+    lower, upper = (np.tile(scale * side[:count], uavs) for side in limits)
+    values = (scale[:, None] * held).reshape(uavs * count, steps)
+    return panels_of(CONTROLS, labels, trajectory.times, values, (lower, upper))
 
 
 def evolution_figure(trajectory: Trajectory) -> "Figure":
-    """Return (b): J of the search's best point, a panel a horizon.
+    """Return (b): J of each plan, and of the search's best point in each horizon.
 
-    It may rise where the point comes to break less.
+    It may rise if the point comes to break less.
 
-    Where each UAV plans alone it is the sum of their costs; a search that ended early
+    If each UAV plans alone it is the sum of their costs; a search that ended early
     counts on with its last.
     """
     histories = [
         _summed([plan.search.history for plan in decision.plans])
-        for decision in trajectory.decisions[:MOST_PANELS]
+        for decision in trajectory.decisions[:MOST_HORIZONS]
     ]
-    columns = min(len(histories), WIDE) or 1
-    rows = math.ceil(len(histories) / columns) or 1
-    figure = new_figure((3.0 * columns, 2.6 * rows))
-    panels = figure.subplots(rows, columns, squeeze=False).ravel()
-    for number, axes in enumerate(panels):
-        if number >= len(histories) or not histories[number].size:
-            axes.set_axis_off()
-            continue
-        axes.plot(histories[number], color=COLOURS[0], linewidth=1.2)
-        axes.set_title(f"horizon {number + 1}", fontsize="medium")
-        axes.set_xlabel("generation")
-    panels[0].set_ylabel("J of the best point")
-    if len(trajectory.decisions) > len(histories):
-        figure.suptitle(f"the first {len(histories)} horizons")
-    if not any(history.size for history in histories):
-        panels[0].text(
-            0.5, 0.5, "no search", ha="center", transform=panels[0].transAxes
-        )
+    searched = [(k, h) for k, h in enumerate(histories, 1) if h.size]
+    count = len(searched) + 1
+    columns = min(WIDE, key=lambda wide: (-count % min(wide, count), -wide))
+    columns = min(columns, count)
+    rows = math.ceil(count / columns)
+    figure = new_figure((max(3.0 * columns, 5.0), 2.7 * rows))
+    costs, *panels = figure.subplots(rows, columns, squeeze=False).ravel()
+    every = plan_costs(trajectory)
+    costs.plot(np.arange(1, every.size + 1), every, "o-", color=COLOURS[0], ms=4)
+    costs.set(xlabel="horizon", ylabel="J of the plan", title="plans")
+    costs.xaxis.get_major_locator().set_params(integer=True)
+    costs.set_ylim(bottom=0)
+    costs.grid(alpha=0.3)
+    for axes, (number, history) in zip(panels, searched, strict=False):
+        axes.plot(history, color=COLOURS[0], linewidth=1.2)
+        axes.set(title=f"horizon {number}", xlabel="generation")
+        axes.set_ylabel("J of the best point")
+        axes.grid(alpha=0.3)
+    for axes in panels[len(searched) :]:
+        axes.set_axis_off()
+    if not searched:
+        costs.set_title("plans, made without a search")
+    elif len(trajectory.decisions) > len(histories):
+        figure.suptitle(f"searches of the first {len(histories)} horizons")
     return figure
 
 
@@ -116,32 +193,12 @@ def _summed(histories: Sequence[Array]) -> Array:
     return np.sum(padded, axis=0) if padded else np.empty(0)
 
 
-def cost_figure(
-    scenario: ReconfigurationScenario,
-    flight: ReconfigurationFlight,
-    trajectory: Trajectory,
-) -> "Figure":
-    """Return (c): J of each horizon, and the position error at its end."""
-    figure = new_figure((7.0, 5.5))
-    above, below = figure.subplots(2, 1, sharex=True)
-    horizons = np.arange(1, len(trajectory.decisions) + 1)
-    above.plot(horizons, plan_costs(trajectory), "o-", color=COLOURS[0])
-    above.set_ylabel("J")
-    off = errors_of(scenario, flight, trajectory.states).max(axis=0)[1:]
-    below.plot(horizons, off, "o-", color=COLOURS[1])
-    below.set(xlabel="horizon", ylabel="largest position error [m]")
-    for axes in (above, below):
-        axes.set_ylim(bottom=0)
-    below.xaxis.get_major_locator().set_params(integer=True)
-    return figure
-
-
 def pairs_figure(
     scenario: ReconfigurationScenario,
     flight: ReconfigurationFlight,
     trajectory: Trajectory,
 ) -> "Figure":
-    """Return (f): the distance of every pair, or of many the extremes."""
+    """Return (c): the distance of every pair, or of many the extremes."""
     pairs = pair_distances(trajectory.dense_states, len(flight.posed.slots))
     limits = {
         "safe": scenario.distances.safe_m,

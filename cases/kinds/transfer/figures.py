@@ -1,25 +1,28 @@
-"""Figures of a transfer: tracks, the search's evolution, controls, distances."""
+"""Figure of a transfer: tracks, convergence, controls with bounds, distances."""
 
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
-from swarmstart.cases.drawing.drawing import (
-    COLOURS,
-    Figures,
-    distances_figure,
-    held_controls_figure,
-    into_folder,
-    new_figure,
-    tracks_figure,
-)
-from swarmstart.cases.kinds.planar import by_uav, pair_distances
-from swarmstart.cases.kinds.transfer.pose import NU, TransferFlight
+from swarmstart.cases.drawing.convergence import draw_convergence
+from swarmstart.cases.drawing.distances import draw_distances
+from swarmstart.cases.drawing.drawing import Figures, into_folder
+from swarmstart.cases.drawing.panels import Labels, Panel, panels_of
+from swarmstart.cases.drawing.sheet import Part, panels_part, sheet
+from swarmstart.cases.drawing.tracks import Scene, draw_tracks
+from swarmstart.cases.kinds.planar import POSITION, by_uav, pair_distances
+from swarmstart.cases.kinds.transfer.pose import TransferFlight
 from swarmstart.cases.kinds.transfer.scenario import TransferScenario
-from swarmstart.ocp import Trajectory
+from swarmstart.ocp import Plan, Trajectory
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, FigureBase
+
+Array = NDArray[np.float64]
+
+CONTROLS = ("acceleration", "bank")
+UNITS = {"acceleration": "m/s\N{SUPERSCRIPT TWO}", "bank": "deg"}
 
 
 @into_folder
@@ -28,42 +31,80 @@ def draw(
     flight: TransferFlight,
     trajectory: Trajectory,
 ) -> Figures:
-    """Return all figures of a flight by name, in order."""
-    uavs, times = len(flight.posed.goals), trajectory.times
-    tracks = by_uav(trajectory.dense_states, uavs)
-    steps = trajectory.controls.shape[1]
-    acceleration, bank = np.moveaxis(trajectory.controls.reshape(uavs, NU, steps), 1, 0)
-    figures = [
-        (
-            "a_trajectories",
-            tracks_figure(scenario.title, tracks, flight.posed.goals, "goal"),
-        ),
-        ("b_evolution", evolution_figure(trajectory)),
-        (
-            "c_acceleration",
-            held_controls_figure(times, acceleration, "acceleration [m/s$^2$]"),
-        ),
-        ("d_bank", held_controls_figure(times, np.degrees(bank), "bank [deg]")),
+    """Return the figure of a flight with its name."""
+    return [("a_sheet", sheet_figure(scenario, flight, trajectory))]
+
+
+def sheet_figure(
+    scenario: TransferScenario, flight: TransferFlight, trajectory: Trajectory
+) -> "Figure":
+    """Return tracks, convergence of the search, controls, and distances."""
+    uavs = len(flight.posed.goals)
+    labels = _labels(uavs)
+    plan = trajectory.decisions[0].plans[0]
+    scene = scene_of(flight, trajectory)
+
+    def draw_places(part: "FigureBase") -> None:
+        draw_tracks(part.subplots(), scene)
+
+    def draw_search(part: "FigureBase") -> None:
+        draw_convergence(part.subplots(), plan, labels)
+
+    def draw_apart(part: "FigureBase") -> None:
+        draw_distances(
+            part.subplots(),
+            trajectory.dense_times,
+            pair_distances(trajectory.dense_states, uavs),
+            limits={"safe": scenario.safe_distance_m},
+        )
+
+    parts = [
+        Part("Tracks", draw_places),
+        Part("Cost of the plan", draw_search),
+        panels_part("Controls", _controls(flight, trajectory, labels), labels),
     ]
     if uavs > 1:
-        pairs = pair_distances(trajectory.dense_states, uavs)
-        limits = {"safe": scenario.safe_distance_m}
-        distances = distances_figure(trajectory.dense_times, pairs, limits=limits)
-        figures.append(("e_distances", distances))
-    return figures
+        parts.append(Part("Distances between UAVs", draw_apart))
+    return sheet(f"{scenario.title}\n{_in_words(plan)}", parts)
 
 
-def evolution_figure(trajectory: Trajectory) -> "Figure":
-    """Return the search's best cost against generations, and the plan's cost."""
-    figure = new_figure()
-    axes = figure.add_subplot()
-    plan = trajectory.decisions[0].plans[0]
-    if plan.search.history.size:
-        axes.plot(
-            plan.search.history, color=COLOURS[0], label="best point of the search"
-        )
-    label = f"plan, {plan.cost:.4g}"
-    axes.axhline(plan.cost, ls="--", color=COLOURS[1], label=label)
-    axes.set(xlabel="generation", ylabel="cost", ylim=(0, None))
-    axes.legend(fontsize="small")
-    return figure
+def scene_of(flight: TransferFlight, trajectory: Trajectory) -> Scene:
+    """Return the tracks with the goals."""
+    tracks = by_uav(trajectory.dense_states, len(flight.posed.goals))
+    return Scene(
+        times=trajectory.dense_times,
+        positions=tracks[:, list(POSITION)],
+        headings=tracks[:, 1],
+        names=_labels(len(tracks)).vehicles,
+        targets=flight.posed.goals,
+        called="goal",
+    )
+
+
+def _labels(uavs: int) -> Labels:
+    return Labels(
+        states=(),
+        controls=CONTROLS,
+        units=UNITS,
+        vehicles=tuple(f"UAV {number}" for number in range(1, uavs + 1)),
+    )
+
+
+def _controls(
+    flight: TransferFlight, trajectory: Trajectory, labels: Labels
+) -> list[Panel]:
+    """Return acceleration and bank, the latter in degrees."""
+    scale = np.tile([1.0, np.degrees(1.0)], len(flight.posed.goals))
+    lower, upper = flight.posed.agents[0].problem.control_limits
+    return panels_of(
+        CONTROLS,
+        labels,
+        trajectory.times,
+        scale[:, None] * trajectory.controls,
+        (scale * lower, scale * upper),
+    )
+
+
+def _in_words(plan: Plan) -> str:
+    kept = "" if plan.feasible else ", it breaks limits"
+    return f"the plan costs {plan.cost:.6g}{kept}"

@@ -1,4 +1,4 @@
-"""Figures of any problem: what they show is what was flown."""
+"""Figures of any problem: they show what was simulated."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -9,14 +9,17 @@ import numpy as np
 import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from PIL import Image
 
-from swarmstart.cases.drawing import plan_figures, problem_figures
+from swarmstart.cases.drawing import plan_figures
+from swarmstart.cases.drawing.drawing import write_figures
 from swarmstart.cases.drawing.panels import Labels, panels_figure, panels_of
 from swarmstart.cases.drawing.problem_figures import (
-    draw_problem,
+    Place,
     draw_solution,
     draw_trajectory,
+    figures_of,
     labels_of,
 )
 from swarmstart.ocp import (
@@ -35,6 +38,18 @@ from swarmstart.ocp import (
     Trajectory,
     stack_models,
     verified,
+)
+from swarmstart.ocp.account import Lanes, StartsAccount
+from swarmstart.ocp.lanes.optima import Optimum
+from swarmstart.tests.cases.drawing.reading import (
+    bounds,
+    curves,
+    held,
+    legend,
+    level,
+    named,
+    panel,
+    words,
 )
 
 X, U = ca.SX.sym("x", 2), ca.SX.sym("u")
@@ -102,28 +117,13 @@ def drawn(
     trajectory: Trajectory,
     **options: object,
 ) -> dict[str, Figure]:
-    """Return the figures by name, not written."""
-    found: dict[str, Figure] = {}
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(
-            problem_figures, "write_figures", lambda named, _: found.update(named)
-        )
-        draw_problem(problem, trajectory, Path("never"), **options)  # type: ignore[arg-type]
-    return found
+    """Return the figures by name."""
+    return dict(figures_of(problem, trajectory, **options))  # type: ignore[arg-type]
 
 
-def dashed(axes: Axes) -> list[float]:
-    """Return where dashed horizontal lines are."""
-    return sorted(
-        float(np.asarray(line.get_ydata())[0])
-        for line in axes.lines
-        if line.get_linestyle() == "--"
-    )
-
-
-def lines(axes: Axes) -> list[np.ndarray]:
-    """Return the values of the lines that are not dashed."""
-    return [np.asarray(x.get_ydata()) for x in axes.lines if x.get_linestyle() == "-"]
+def plans_of(axes: Axes) -> list[Line2D]:
+    """Return the lines of the plans."""
+    return named(axes, "plans")
 
 
 def test_states_are_drawn_along_the_fine_path_with_names_units_and_finite_bounds() -> (
@@ -131,28 +131,36 @@ def test_states_are_drawn_along_the_fine_path_with_names_units_and_finite_bounds
 ):
     problem, units = posed(), {"place": "m", "speed": "m/s"}
     flight = flown(problem, HELD, [0, 0])
-    figure = drawn(problem, flight, labels=labels_of(problem, units=units))["a_states"]
-    place, speed = figure.axes
-    assert [axes.get_ylabel() for axes in figure.axes] == ["place [m]", "speed [m/s]"]
-    assert dashed(place) == [] and dashed(speed) == [-3.0]
-    for axes, values in zip(figure.axes, flight.dense_states, strict=True):
-        assert np.array_equal(lines(axes)[0], values)
-    assert [axes.get_xlabel() for axes in figure.axes] == ["", "time [s]"]
+    figure = drawn(problem, flight, labels=labels_of(problem, units=units))["a_sheet"]
+    place, speed = figure.axes[:2]
+    assert [words(axes) for axes in (place, speed)] == ["place [m]", "speed [m/s]"]
+    assert bounds(place) == [] and bounds(speed) == [-3.0]
+    for axes, values in zip((place, speed), flight.dense_states, strict=True):
+        assert np.array_equal(curves(axes)[0], values)
+    assert [axes.get_xlabel() for axes in (place, speed)] == ["", "time [s]"]
 
 
 def test_controls_are_held_over_their_steps_between_their_bounds() -> None:
     flight = flown(posed(), HELD, [0, 0])
-    (axes,) = drawn(posed(), flight)["b_controls"].axes
-    (steps,) = axes.patches
-    values, edges, _ = steps.get_data()  # type: ignore[attr-defined]
+    axes = panel(drawn(posed(), flight)["a_sheet"], "force")
+    ((values, edges),) = held(axes)
     assert values.tolist() == HELD[0] and edges.tolist() == flight.times.tolist()
-    assert dashed(axes) == [-2.0, 2.0] and axes.get_ylabel() == "force"
+    assert bounds(axes) == [-2.0, 2.0]
+
+
+def test_what_lies_beyond_a_bound_is_grey() -> None:
+    axes = panel(drawn(posed(), flown(posed(), HELD, [0, 0]))["a_sheet"], "force")
+    inside = axes.transData.inverted()
+    spans = [p.get_extents().transformed(inside) for p in axes.patches[1:]]
+    found = np.sort([(span.y0, span.y1) for span in spans], axis=0)
+    low, high = axes.get_ylim()
+    assert found == pytest.approx(np.array([(low, -2.0), (2.0, high)]))
 
 
 def test_bounds_far_beyond_the_values_are_told_instead_of_drawn() -> None:
     wide = posed(bounds=Bounds(controls=(-1e6, 4.0)))
-    (axes,) = drawn(wide, flown(wide, HELD, [0, 0]))["b_controls"].axes
-    assert dashed(axes) == [4.0]
+    axes = panel(drawn(wide, flown(wide, HELD, [0, 0]))["a_sheet"], "force")
+    assert bounds(axes) == [4.0]
     assert axes.get_title(loc="right") == "bounds beyond the axis: -1e+06"
 
 
@@ -169,13 +177,13 @@ def test_slack_is_the_distance_to_the_limit_before_and_after_each_control_jump()
         TerminalConstraint(expression=X[0], lower=-np.inf, upper=-0.1875, name="wall"),
     ]
     problem = posed(constraints=limits, terminal=ends)
-    figure = drawn(problem, flown(problem, HELD, [0, 0]))["c_slack"]
+    figure = drawn(problem, flown(problem, HELD, [0, 0]))["d_slack"]
     above, between, goal, wall = figure.axes
     times = np.asarray(above.lines[1].get_xdata())
     at = np.flatnonzero(times == 0.5)
-    assert lines(above)[0][at] == pytest.approx([1.2 - 1.5, 1.2 - (0.5 - 2.0)])
-    assert lines(between)[0][at] == pytest.approx([1.125, 1.125])
-    assert lines(goal)[0][at] == pytest.approx([0.125 - 7.0] * 2)
+    assert curves(above)[0][at] == pytest.approx([1.2 - 1.5, 1.2 - (0.5 - 2.0)])
+    assert curves(between)[0][at] == pytest.approx([1.125, 1.125])
+    assert curves(goal)[0][at] == pytest.approx([0.125 - 7.0] * 2)
     assert [axes.get_title(loc="left") for axes in figure.axes] == [
         "sum", "range", "goal", "wall",
     ]  # fmt: skip
@@ -190,27 +198,42 @@ def test_slack_counts_signals_from_when_the_plan_was_made() -> None:
     s = ca.SX.sym("s")
     problem = posed(signals=s, constraints=[PathConstraint(expression=s, upper=9.0)])
     plans = [[plan_of(np.zeros((1, STEPS)))] for _ in range(STEPS)]
-    plans[1] = plans[0]  # flown on for a step
+    plans[1] = plans[0]  # used for one more step
 
     def known(step: int, number: int) -> Known:
         assert step != 1
         return Known(signals=[step * problem.dt + problem.times])
 
     flight = flown(problem, HELD, [0, 0], plans=plans)
-    (axes,) = drawn(problem, flight, known=known)["c_slack"].axes
+    (axes,) = drawn(problem, flight, known=known)["d_slack"].axes
     times = np.asarray(axes.lines[1].get_xdata())
-    assert lines(axes)[0] == pytest.approx(9.0 - times)
+    assert curves(axes)[0] == pytest.approx(9.0 - times)
 
 
 def test_the_phase_plane_is_of_two_states_only() -> None:
     problem = posed()
     flight = flown(problem, HELD, [0, 0])
-    (axes,) = drawn(problem, flight)["e_phase_plane"].axes
+    axes = drawn(problem, flight)["a_sheet"].axes[2]  # Beside the states: once.
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("place", "speed")
     assert np.asarray(axes.lines[0].get_data()) == pytest.approx(flight.dense_states)
+    assert [text.get_text() for text in axes.texts] == ["0.5 s", "1 s", "1.5 s", "2 s"]
+    alone = drawn(problem, closed_loop())["e_phase_plane"].axes[0]
+    assert len(plans_of(alone)) == STEPS
     three = stack_models([MODEL, MODEL])
     wide = OptimalControlProblem(three, horizon=2.0, intervals=STEPS)
-    still = flown(wide, [*HELD, *HELD], [0, 0, 1, 0])
-    assert "e_phase_plane" not in drawn(wide, still)
+    still = drawn(wide, flown(wide, [*HELD, *HELD], [0, 0, 1, 0]))
+    assert [*still] == ["a_sheet"] and len(still["a_sheet"].axes) == 6
+
+
+def test_states_that_are_a_position_are_drawn_as_tracks_to_scale() -> None:
+    place = Place(rows=(1, 0), discs=[(3.0, 4.0, 0.5)])
+    flight = flown(posed(), HELD, [0, 0])
+    axes = drawn(posed(), flight, place=place)["a_sheet"].axes[2]
+    assert axes.get_aspect() == 1.0
+    track = next(line for line in axes.lines if np.size(line.get_xdata()) > 5)
+    assert np.asarray(track.get_data()) == pytest.approx(flight.dense_states[::-1])
+    assert [(p.center, p.radius) for p in axes.patches] == [((3.0, 4.0), 0.5)]  # type: ignore[attr-defined]
+    assert "e_tracks" in drawn(posed(), closed_loop(), place=place)
 
 
 def test_one_plan_has_its_search_and_its_cost_but_no_figures_of_plans() -> None:
@@ -219,21 +242,40 @@ def test_one_plan_has_its_search_and_its_cost_but_no_figures_of_plans() -> None:
     searched = plan_of(np.array(HELD), search=report)
     flight = flown(posed(), HELD, [0, 0], plans=[[searched]] * STEPS)
     figures = drawn(posed(), flight)
-    assert list(figures) == ["a_states", "b_controls", "d_cost", "e_phase_plane"]
-    (axes,) = figures["d_cost"].axes
-    assert lines(axes)[0].tolist() == history.tolist() and dashed(axes) == [3.0]
+    assert list(figures) == ["a_sheet"]
+    axes = panel(figures["a_sheet"], "cost")
+    assert curves(axes)[0].tolist() == history.tolist()
+    assert [level(line) for line in named(axes, "plan, 3")] == [3.0]
     assert np.asarray(axes.lines[0].get_xdata()).tolist() == spent.tolist()
-    rises = "best of the search, rising where it breaks less"
+    rises = "best of the search, rising if it breaks less"
     assert axes.lines[0].get_label() == rises
     turned = replace(labels_of(posed()), maximize=True)
-    (axes,) = drawn(posed(), flight, labels=turned)["d_cost"].axes
-    assert dashed(axes) == [-3.0] and axes.get_ylabel() == "objective"
+    axes = panel(drawn(posed(), flight, labels=turned)["a_sheet"], "objective")
+    assert [level(line) for line in named(axes, "plan, -3")] == [-3.0]
 
 
-def test_without_a_search_one_plan_has_no_figure_of_its_cost() -> None:
+def test_local_optima_are_drawn_by_cost_with_their_counts() -> None:
+    optima = tuple(
+        Optimum(lane=k, cost=cost, count=count)
+        for k, (cost, count) in enumerate([(3.0, 9), (4.0, 1), (7.0, 2)])
+    )
+    lanes = Lanes(
+        starts=12, method="sweeps", optima=optima, unseen=None, iterations=1, seconds=0
+    )
+    found = StartsAccount(won="the lanes", tried=(), lanes=lanes)
+    plan = plan_of(np.array(HELD), starts=found)
+    flight = flown(posed(), HELD, [0, 0], plans=[[plan]] * STEPS)
+    axes = panel(drawn(posed(), flight)["a_sheet"], "cost")
+    (points,) = axes.collections
+    assert np.asarray(points.get_offsets()).tolist() == [[1, 3], [2, 4], [3, 7]]
+    assert [text.get_text() for text in axes.texts] == ["9", "1", "2"]
+
+
+def test_without_a_search_one_plan_has_no_panel_of_its_cost() -> None:
     flight = flown(posed(), HELD, [0, 0])
-    assert "d_cost" not in drawn(posed(), flight)
-    assert "d_cost" not in drawn(posed(), replace(flight, decisions=()))
+    for one in (flight, replace(flight, decisions=())):
+        sheet = drawn(posed(), one)["a_sheet"]
+        assert "cost" not in [words(axes) for axes in sheet.axes]
 
 
 def closed_loop(steps: int = STEPS) -> Trajectory:
@@ -250,8 +292,8 @@ def test_plans_are_drawn_from_where_they_were_made_computed_again_from_a_record(
     None
 ):
     flight, problem = closed_loop(), posed()
-    place, speed = drawn(problem, flight)["f_plans"].axes
-    thin = [line for line in speed.lines if line.get_label() == "plans"]
+    place, speed = drawn(problem, flight)["a_sheet"].axes[:2]
+    thin = plans_of(speed)
     assert len(thin) == STEPS
     for k, line in enumerate(thin):
         controls = flight.decisions[k].plans[0].controls[0]
@@ -260,13 +302,12 @@ def test_plans_are_drawn_from_where_they_were_made_computed_again_from_a_record(
         assert np.asarray(line.get_xdata()) == pytest.approx(
             problem.dt * k + problem.times
         )
-    assert np.array_equal(lines(place)[-1], flight.dense_states[0])
+    assert np.array_equal(curves(place)[-1], flight.dense_states[0])
 
 
 def test_of_many_plans_a_part_is_drawn() -> None:
     flight = closed_loop(100)
-    (axes, _) = drawn(posed(), flight)["f_plans"].axes
-    thin = [line for line in axes.lines if line.get_label() == "plans"]
+    thin = plans_of(drawn(posed(), flight)["a_sheet"].axes[0])
     assert len(thin) == plan_figures.MOST_PLANS
     begins = [np.asarray(line.get_xdata())[0] for line in thin]
     assert (begins[0], begins[-1]) == (0.0, pytest.approx(99 * 0.5))
@@ -274,33 +315,33 @@ def test_of_many_plans_a_part_is_drawn() -> None:
 
 def test_costs_and_times_of_a_closed_loop_are_drawn_over_time() -> None:
     flight = closed_loop()
-    figures = drawn(posed(), flight)
-    (axes,) = figures["d_cost"].axes
-    assert lines(axes)[0].tolist() == [0, 1, 2, 3]
+    sheet = drawn(posed(), flight)["a_sheet"]
+    axes = panel(sheet, "cost of the plan")
+    assert curves(axes)[0].tolist() == [0, 1, 2, 3]
     (bad,) = (line for line in axes.lines if line.get_label() == "infeasible plan")
     assert np.asarray(bad.get_data()).tolist() == [[0.5], [1.0]]
-    (axes,) = figures["g_step_time"].axes
-    values, edges, _ = axes.patches[0].get_data()  # type: ignore[attr-defined]
+    (values, edges), (limits, _) = held(panel(sheet, "wall time of a step [s]"))
     assert np.array_equal(values, flight.step_seconds)
-    assert np.array_equal(edges, flight.times) and dashed(axes) == [0.5]
+    assert np.array_equal(edges, flight.times)
+    assert limits == pytest.approx([0.5] * STEPS)
+    assert {"dt, 0.5 s", "P  polish"} <= {*legend(sheet)}
 
 
 def test_vehicles_that_plan_alone_share_panels_and_keep_their_own_bounds() -> None:
     flight, figures = team()
-    place, speed = figures["a_states"].axes
-    assert dashed(place) == [-9, 9] and dashed(speed) == [-5, -4, 4, 5]
+    place, speed = figures["a_sheet"].axes[:2]
+    assert bounds(place) == [-9, 9] and bounds(speed) == [-5, -4, 4, 5]
     own = [line for line in speed.lines if line.get_label() == "vehicle 2"]
     assert np.array_equal(np.asarray(own[0].get_ydata()), flight.dense_states[3])
 
 
 def test_each_vehicle_has_the_slack_and_the_plans_of_its_own_problem() -> None:
     flight, figures = team()
-    (slack,) = figures["c_slack"].axes
+    (slack,) = figures["d_slack"].axes
     assert slack.get_title(loc="left") == "vehicle 2: limit"
     # Its speed is 1 at the start, its force 0.5, and it knows of 0.25.
-    assert lines(slack)[0][0] == pytest.approx(2.5 - 1.0 - 0.5 - 0.25)
-    speeds = figures["f_plans"].axes[1]
-    thin = [line for line in speeds.lines if line.get_label() == "plans"]
+    assert curves(slack)[0][0] == pytest.approx(2.5 - 1.0 - 0.5 - 0.25)
+    thin = plans_of(figures["a_sheet"].axes[1])
     begins = sorted(float(np.asarray(line.get_ydata())[0]) for line in thin)
     rises = sorted(float(np.ptp(np.asarray(line.get_ydata()))) for line in thin)
     made = [*flight.states[1, :-1], *flight.states[3, [0, 2, 3]]]
@@ -344,10 +385,10 @@ def test_a_solution_shows_its_verified_path_and_its_bounds() -> None:
     )
     solution = verified(problem, plan, [0, 0])
     place, speed, force = draw_solution(solution, units={"force": "N"}).axes
-    assert np.array_equal(lines(place)[0], solution.path.states[0])
-    assert dashed(speed) == [-3.0] and dashed(force) == [-2.0, 2.0]
+    assert np.array_equal(curves(place)[0], solution.path.states[0])
+    assert bounds(speed) == [-3.0] and bounds(force) == [-2.0, 2.0]
     assert force.get_ylabel() == "force [N]"
-    assert force.patches[0].get_data()[0].tolist() == HELD[0]  # type: ignore[attr-defined]
+    assert held(force)[0][0].tolist() == HELD[0]
 
 
 def test_a_trajectory_is_drawn_without_bounds_and_numbered_without_names() -> None:
@@ -358,7 +399,7 @@ def test_a_trajectory_is_drawn_without_bounds_and_numbered_without_names() -> No
         "state_1",
         "control_0",
     ]
-    assert all(dashed(axes) == [] for axes in figure.axes)
+    assert all(bounds(axes) == [] for axes in figure.axes)
     named = draw_trajectory(flight, labels=labels_of(posed()))
     assert [axes.get_ylabel() for axes in named.axes] == ["place", "speed", "force"]
 
@@ -377,8 +418,10 @@ def overlaps(figure: Figure) -> list[tuple[str, str]]:
                 for tick in axis.get_major_ticks()
                 if low <= tick.get_loc() <= high
             ]
-    for legend in figure.legends:
-        texts += legend.get_texts()
+    for part in (figure, *figure.subfigs):
+        texts += [text for one in part.legends for text in one.get_texts()]
+    for part in figure.subfigs:
+        texts += [part._suptitle] if part._suptitle else []  # type: ignore[attr-defined]
     boxes = [
         (text.get_text(), text.get_window_extent())
         for text in {id(text): text for text in texts}.values()
@@ -410,8 +453,9 @@ def test_long_names_and_many_panels_do_not_overlap() -> None:
     )  # fmt: skip
     flight = flown(problem, HELD, np.linspace(0, 1, 12).tolist())
     figures = drawn(problem, flight, labels=labels_of(problem, units={names[0]: "K"}))
-    assert list(figures) == ["a_states", "b_controls", "c_slack"]
-    assert figures["b_controls"].axes[0].get_ylabel() == r"\$valve\$"
+    assert list(figures) == ["a_sheet", "b_states", "d_slack"]
+    assert panel(figures["a_sheet"], r"\$valve\$")
+    assert len(figures["b_states"].axes) == 12
     assert {name: overlaps(figure) for name, figure in figures.items()} == {
         name: [] for name in figures
     }
@@ -420,14 +464,33 @@ def test_long_names_and_many_panels_do_not_overlap() -> None:
 def test_states_that_are_not_finite_are_left_out_of_a_figure(tmp_path: Path) -> None:
     flight = flown(posed(), HELD, [0, 0])
     flight.dense_states[:, 5:] = np.inf
-    assert len(draw_problem(posed(), flight, tmp_path)) == 3
+    assert len(write_figures(figures_of(posed(), flight), tmp_path)) == 1
 
 
 def test_figures_are_written_in_order_and_not_blank(tmp_path: Path) -> None:
     problem = posed(constraints=[X[1] <= 5.0])
-    files = draw_problem(problem, closed_loop(), tmp_path / "figures")
-    assert [file.stem[0] for file in files] == list("abcdefg")
+    figures = figures_of(problem, closed_loop())
+    told: list[tuple[int, int, str]] = []
+    files = write_figures(
+        figures, tmp_path / "figures", progress=lambda *so_far: told.append(so_far)
+    )
+    assert [file.stem[0] for file in files] == list("ade")
+    assert told == [(k, 3, "drawing") for k in range(3)]
     assert sorted(files) == sorted((tmp_path / "figures").iterdir())
     for file in files:
         with Image.open(file) as image:
             assert len(image.convert("RGB").getcolors(1 << 24) or ()) > 50, file.name
+
+
+def test_each_format_that_is_asked_for_is_a_file_of_its_own(tmp_path: Path) -> None:
+    figures = [*figures_of(posed(), flown(posed(), HELD, [0, 0]))]
+    files = write_figures(figures, tmp_path, formats=("png", "svg", "pdf"))
+    assert [file.name for file in files] == [
+        "a_sheet.png",
+        "a_sheet.svg",
+        "a_sheet.pdf",
+    ]
+    begins = [file.read_bytes()[:5] for file in files]
+    assert begins == [b"\x89PNG\r", b"<?xml", b"%PDF-"]
+    with Image.open(files[0]) as image:
+        assert image.info["dpi"] == pytest.approx((200, 200), abs=0.1)

@@ -13,6 +13,8 @@ from swarmstart.cases.record.files import RecordError
 from swarmstart.cases.record.partial import save_partial
 from swarmstart.cases.record.record import (
     OccupiedFolderError,
+    Recording,
+    UnknownFormatError,
     kept_figures,
     require_own,
     withdraw,
@@ -140,3 +142,12 @@ def test_a_withdrawn_record_takes_along_what_it_names_and_nothing_else(
     assert left == {
         *("a.png", "figures", "figures/b.png", "figures/mine.png", "scenario.yaml")
     }
+
+
+@pytest.mark.parametrize("formats", [("png", "gif"), ("svg", "svg"), ()])
+def test_a_format_in_which_figures_cannot_be_written_is_refused(
+    formats: tuple[str, ...], tmp_path: Path
+) -> None:
+    with pytest.raises(UnknownFormatError, match="expected some of png, svg, pdf"):
+        Recording(folder=tmp_path, figure_formats=formats)
+    assert Recording(folder=tmp_path).figure_formats == ("png",)

@@ -239,7 +239,7 @@ def _row(  # noqa: PLR0913
         "against_first": {"words": "", "p": None, "effect": None, "shift": None,
                           "verdict": ""}
         if k == 0
-        else {"words": "cheaper in 3, dearer in 7 of 10 seeds", "p": known(0.32),
+        else {"words": "cheaper in 3, costlier in 7 of 10 seeds", "p": known(0.32),
               "effect": known(0.7), "shift": known(0.12),
               "verdict": "no difference shown"},
         "history": None if flights or nulls else history,

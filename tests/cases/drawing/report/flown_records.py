@@ -43,7 +43,7 @@ claims:
 
 
 def flown_point(folder: Path) -> Path:
-    """Fly the point; return its record, without figures."""
+    """Run the point; return its record, without figures."""
     file, record = folder / "point.yaml", folder / "record"
     file.write_text(POINT, encoding="utf-8")
     words = ["run", str(file), "--out", str(record), "--quiet", "--no-figures"]
@@ -52,7 +52,7 @@ def flown_point(folder: Path) -> Path:
 
 
 def circling(vehicles: int, *, frames: int = 50, steps: int = 10) -> Tracks:
-    """Return vehicles that fly round circles of 10 m in 10 s, in closed form."""
+    """Return vehicles that move round circles of 10 m in 10 s, in closed form."""
     times = np.linspace(0.0, 10.0, frames)
     phase = np.linspace(0.0, np.pi, vehicles)[:, None]
     angle = 2 * np.pi * times / 10.0 + phase

@@ -1,4 +1,4 @@
-"""The page of a comparison in a browser: quiet, offline, sorted, read by everybody."""
+"""The page of a comparison in a browser: quiet, offline, sorted, easy to read."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def test_text_of_users_is_shown_and_not_run(opened: Any) -> None:
 def test_the_policy_refuses_a_script_that_is_not_the_pages_own(
     browser: Any, tmp_path: Path
 ) -> None:
-    """If escaping failed once, the text would still not be run."""
+    """The policy keeps text from being run even if escaping failed once."""
     text = comparison_page(contents.content(solvers=2, scenarios=1, seeds=2))
     file = tmp_path / "page.html"
     file.write_text(text.replace("<footer>", "<footer><script>window.ran = 1</script>"))

@@ -94,7 +94,7 @@ def test_tracks_are_the_recorded_positions(record: Record) -> None:
 def test_plans_start_at_the_vehicle_and_lead_where_it_flies_next(
     record: Record,
 ) -> None:
-    """No disturbance: the first interval of each plan is what is flown."""
+    """No disturbance: the first interval of each plan is carried out."""
     flight = record.trajectory
     assert flight is not None
     paths = outlook_of(record, flight).paths
@@ -109,7 +109,7 @@ def test_plans_start_at_the_vehicle_and_lead_where_it_flies_next(
 
 
 def test_distances_from_a_fixed_place_are_discs() -> None:
-    """x - c in either sign is a disc at c; a moving place and a scaled one are none."""
+    """x - c in either sign is a disc at c; a moving place and a scaled one are not."""
     path = [
         {"distance": ["x - a", "0.5 + y"], "at_least": "2*a", "name": "mast"},
         {"distance": ["3 - x", "y"], "at_most": 1},

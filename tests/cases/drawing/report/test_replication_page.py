@@ -37,7 +37,7 @@ def folder(record: Path, tmp_path: Path) -> Path:
     """A replication's folder with one run that is kept."""
     cell = shutil.copytree(record, tmp_path / "cells" / CELL)
     (cell / "figures").mkdir()
-    Image.new("RGB", (300, 200), "white").save(cell / "figures" / "a_states.png")
+    Image.new("RGB", (300, 200), "white").save(cell / "figures" / "b_states.png")
     return tmp_path
 
 
@@ -72,7 +72,7 @@ def figure(number: str, scenario: str, **more: Any) -> dict[str, Any]:
     return {
         "number": number, "title": "A flight", "scenario": scenario, "search": None,
         "kind": "problem", "command": f"swarmstart run {scenario}", "cell": CELL,
-        "files": ["a_states.png"], "failure": "", **more,
+        "files": ["b_states.png"], "failure": "", **more,
     }  # fmt: skip
 
 
@@ -109,7 +109,7 @@ def test_a_figure_stands_once_at_the_first_claim_of_its_runs(folder: Path) -> No
     links = re.findall(r'href="#(figure-\d)">Fig. ([\d.]+)', sections["3"])
     assert links == [("figure-1", "5.9"), ("figure-2", "5.10")]
     assert "Further figures" in html and html.count("<h4 ") == len(figures)
-    assert html.count("States over time; dashed: their bounds.</figcaption>") == 3
+    assert html.count("States over time; dotted: their bounds.</figcaption>") == 3
 
 
 def test_the_page_opens_on_a_telephone_in_light_and_dark(
@@ -205,7 +205,7 @@ def test_other_content_is_one_message(wrong: dict[str, Any], folder: Path) -> No
 
 
 def test_content_without_figures_or_runs_is_a_page(tmp_path: Path) -> None:
-    """As docs/chapter/claims.json was written before figures were in it."""
+    """Content of an older version, which had no figures, is still read."""
     whole = content([claim(1, part("a"))], [])
     del whole["figures"]
     html = replication_page(whole, tmp_path)

@@ -12,11 +12,14 @@ from swarmstart.cases.kinds.close_formation.figures import (
     draw,
     exact_flight,
     map_figure,
+    settled_s,
+    sheet_figure,
 )
 from swarmstart.cases.kinds.close_formation.kind import KIND
 from swarmstart.cases.kinds.close_formation.pose import CloseFormationFlight
 from swarmstart.cases.kinds.close_formation.scenario import CloseFormationScenario
 from swarmstart.ocp import Trajectory, simulate
+from swarmstart.tests.cases.drawing.reading import bounds, curves, named, panel
 from swarmstart.tests.cases.kinds.flights import build
 
 if TYPE_CHECKING:
@@ -43,7 +46,7 @@ def test_all_figures_are_drawn_in_order_and_not_blank(
     tmp_path: Path,
 ) -> None:
     files = draw(scenario, flight, trajectory, tmp_path / "figures")
-    assert [file.name[0] for file in files] == list("abcdefg")
+    assert [file.name[0] for file in files] == list("abc")
     assert sorted(files) == sorted((tmp_path / "figures").iterdir())
     assert all(colours(file) > 50 for file in files)
 
@@ -60,6 +63,24 @@ def test_the_aircraft_on_the_map_are_to_scale(
     assert moved == pytest.approx([-y, -x])
     wings = [line for line in behind.lines if line.get_label() == "leader"]
     assert np.ptp(np.asarray(wings[0].get_xdata())) == flight.posed.aircraft.span_ft
+
+
+def test_the_sheet_marks_when_the_wingman_is_settled_and_the_bounds_of_commands(
+    scenario: CloseFormationScenario,
+    flight: CloseFormationFlight,
+    trajectory: Trajectory,
+) -> None:
+    figure = sheet_figure(scenario, flight, trajectory, None)
+    errors = panel(figure, "distance from the slot [ft]")
+    # 50 ft fade by exp(-1/50) a step of 0.1 s: below 1 ft after 50 ln 50 steps.
+    settled = 5.0 + 0.1 * np.ceil(50 * np.log(50))
+    assert settled_s(scenario, trajectory) == pytest.approx(settled)
+    (mark,) = named(errors, f"settled from {settled:g} s on")
+    assert np.asarray(mark.get_xdata())[0] == pytest.approx(settled)
+    assert errors.get_yscale() == "log" and curves(errors)[0].max() == 50.0
+    span = scenario.commands.heading_rad
+    wanted = np.degrees([span.lower, span.upper])
+    assert bounds(panel(figure, "heading command [deg]")) == pytest.approx(wanted)
 
 
 def test_the_reference_is_the_flight_of_the_exact_minimum(make: Make) -> None:

@@ -9,26 +9,36 @@ from matplotlib import animation as writers
 from matplotlib.patches import Circle
 from PIL import Image
 
-from swarmstart.cases.drawing.drawing import colour
-from swarmstart.cases.kinds.formation_flight.animation import (
-    MissingWriterError,
-    animate,
-    check_writer,
-)
+from swarmstart.cases.drawing import animation
+from swarmstart.cases.drawing.animation import MissingWriterError
+from swarmstart.cases.kinds.formation_flight.animation import animate, check_writer
 from swarmstart.cases.kinds.formation_flight.figures import (
+    CONTROLS,
     distances_figure,
     draw,
-    entering_figure,
     relative_figure,
+    sheet_figure,
     terminal_set_figure,
-    tracks_figure,
 )
+from swarmstart.cases.kinds.formation_flight.measures import measure
 from swarmstart.cases.kinds.formation_flight.pose import FormationFlight
 from swarmstart.cases.kinds.formation_flight.scenario import FormationScenario
+from swarmstart.cases.kinds.formation_flight.shown_path import shown_of
 from swarmstart.cases.record.files import RecordError
 from swarmstart.ocp import Trajectory
+from swarmstart.tests.cases.drawing.reading import (
+    bounds,
+    curves,
+    held,
+    legend,
+    level,
+    named,
+    panel,
+)
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from swarmstart.tests.cases.kinds.formation_flight.conftest import Fly
 
 UAVS, SUBSTEPS, STEPS = 5, 4, 6
@@ -36,7 +46,7 @@ UAVS, SUBSTEPS, STEPS = 5, 4, 6
 
 @pytest.fixture(scope="module")
 def trajectory(by_hand: Fly) -> Trajectory:
-    """Everybody 9 m off at first, ever less; the last two steps linear."""
+    """All are up to 9 m off at first, ever less; the last two steps linear."""
     fading = np.linspace(9.0, 0.0, STEPS * SUBSTEPS + 1)
     offsets = np.zeros((UAVS, 4, fading.size))
     offsets[:, 2] = fading * np.linspace(-1.0, 1.0, UAVS)[:, None]
@@ -55,52 +65,128 @@ def test_all_figures_are_drawn_in_order_and_not_blank(
     tmp_path: Path,
 ) -> None:
     files = draw(scenario, flight, trajectory, tmp_path / "figures")
-    assert [file.name[0] for file in files] == list("abcdefgh")
+    assert [file.name[0] for file in files] == list("abcd")
     assert sorted(files) == sorted((tmp_path / "figures").iterdir())
     assert all(colours(file) > 50 for file in files)
 
 
-def test_the_obstacle_is_drawn_where_it_is(
+@pytest.fixture(scope="module")
+def sheet(
     scenario: FormationScenario, flight: FormationFlight, trajectory: Trajectory
+) -> Figure:
+    """The sheet of the flight by hand."""
+    return sheet_figure(scenario, flight, trajectory)
+
+
+ERROR = "largest of |dx|, |dy| to the slot [m]"
+
+
+def test_tracks_are_to_scale_with_the_obstacle_at_its_place(
+    scenario: FormationScenario, sheet: Figure
 ) -> None:
     (disc,) = scenario.obstacles
-    for axes in tracks_figure(scenario, flight, trajectory).axes:
-        (patch,) = (p for p in axes.patches if isinstance(p, Circle))
-        assert patch.center == (disc.x_m, disc.y_m)
-        assert patch.radius == disc.radius_m
+    axes = panel(sheet, "y [m]")
+    assert axes.get_aspect() == 1.0
+    (patch,) = (p for p in axes.patches if isinstance(p, Circle))
+    assert patch.center == (disc.x_m, disc.y_m)
+    assert patch.radius == disc.radius_m
+
+
+def test_tracks_have_a_dot_and_a_label_each_second(
+    flight: FormationFlight, trajectory: Trajectory, sheet: Figure
+) -> None:
+    axes = panel(sheet, "y [m]")
+    assert [text.get_text() for text in axes.texts] == [f"{k} s" for k in range(1, 7)]
+    first = next(line for line in axes.lines if str(line.get_marker()) == ".")
+    wanted = trajectory.states.reshape(UAVS, 4, -1)[0, 2:, 1:]
+    assert np.asarray(first.get_data()) == pytest.approx(wanted)
+
+
+def test_errors_are_on_a_logarithmic_axis_with_the_band_of_settled_ones(
+    scenario: FormationScenario,
+    flight: FormationFlight,
+    trajectory: Trajectory,
+    sheet: Figure,
+) -> None:
+    axes = panel(sheet, ERROR)
+    assert axes.get_yscale() == "log"
+    settled = measure(scenario, flight, trajectory)["settle_time_s"]
+    (mark,) = named(axes, f"settled from {settled:g} s on")
+    assert np.asarray(mark.get_xdata()).tolist() == [settled, settled]
+    (band,) = (p for p in axes.patches if p.get_label() == "settled: at most 1 m")
+    assert band.get_extents().transformed(axes.transData.inverted()).y1 == 1.0
+    assert curves(axes)[0][0] == pytest.approx(9.0)
+
+
+def test_a_flight_that_never_settles_says_so(
+    scenario: FormationScenario, flight: FormationFlight, by_hand: Fly
+) -> None:
+    off = np.zeros((UAVS, 4, STEPS * SUBSTEPS + 1))
+    off[2, 3] = 2.0
+    axes = panel(sheet_figure(scenario, flight, by_hand(off)), ERROR)
+    assert axes.get_title(loc="right") == "never settled"
+
+
+def test_controls_are_between_their_bounds(
+    scenario: FormationScenario, sheet: Figure, trajectory: Trajectory
+) -> None:
+    limits = (scenario.vehicle.acceleration_m_s2, scenario.vehicle.turn_rate_rad_s)
+    units = ("m/s\N{SUPERSCRIPT TWO}", "rad/s")
+    for row, (name, unit, own) in enumerate(zip(CONTROLS, units, limits, strict=True)):
+        axes = panel(sheet, f"{name} [{unit}]")
+        assert bounds(axes) == [own.lower, own.upper]
+        values, edges = held(axes)[1]
+        assert values.tolist() == trajectory.controls[2 + row].tolist()
+        assert edges.tolist() == trajectory.times.tolist()
+
+
+def test_the_strip_tells_search_and_terminal_law(sheet: Figure) -> None:
+    names = legend(sheet)
+    assert "S  search" in names and "T  terminal law" in names
+    assert "P  polish" not in names
 
 
 def test_a_relative_state_is_the_deviation_from_the_slot(
-    flight: FormationFlight, trajectory: Trajectory
+    scenario: FormationScenario, flight: FormationFlight, trajectory: Trajectory
 ) -> None:
-    (axes,) = relative_figure(flight, trajectory, 2).axes
-    curves = [line for line in axes.lines if np.size(line.get_xdata()) > 2]
-    assert len(curves) == UAVS
-    assert np.asarray(curves[0].get_ydata())[0] == pytest.approx(-9.0)
-    assert np.asarray(curves[4].get_ydata())[0] == pytest.approx(9.0)
-    assert len(axes.patches) == 2  # the linear steps
+    shown = shown_of(scenario, flight, trajectory)
+    axes = panel(relative_figure(scenario, flight, shown), "x - slot [m]")
+    drawn = curves(axes)
+    assert len(drawn) == UAVS
+    assert drawn[0][0] == pytest.approx(-9.0) and drawn[4][0] == pytest.approx(9.0)
+    assert len(axes.patches) == 1 + 2  # the band, and the linear steps
 
 
 def test_distances_and_clearances_have_a_panel_each(
     scenario: FormationScenario, flight: FormationFlight, trajectory: Trajectory
 ) -> None:
-    distances, clearances = distances_figure(scenario, flight, trajectory).axes
+    shown = shown_of(scenario, flight, trajectory)
+    figure = distances_figure(scenario, flight, shown)
+    assert figure is not None
+    distances, clearances = figure.axes
     assert "distance" in distances.get_ylabel()
     assert "clearance" in clearances.get_ylabel()
+    (limit,) = named(clearances, "limit, 0 m")
+    assert level(limit) == 0.0
     free = scenario.model_copy(update={"obstacles": []})
-    assert len(distances_figure(free, flight, trajectory).axes) == 1
+    alone = distances_figure(free, flight, shown)
+    assert alone is not None and len(alone.axes) == 1
 
 
 def test_the_level_of_the_terminal_set_is_marked(
-    flight: FormationFlight, trajectory: Trajectory
+    scenario: FormationScenario, flight: FormationFlight, trajectory: Trajectory
 ) -> None:
-    (axes,) = terminal_set_figure(flight, trajectory).axes
-    levels = [np.asarray(line.get_ydata())[0] for line in axes.lines]
-    assert flight.posed.terminal_set.alpha in levels
+    shown = shown_of(scenario, flight, trajectory)
+    axes = panel(terminal_set_figure(scenario, flight, shown), "e'Pe")
+    alpha = flight.posed.terminal_set.alpha
+    assert alpha in [level(line) for line in axes.lines]
 
 
-def test_seven_uavs_have_seven_colours() -> None:
-    assert len({colour(number) for number in range(7)}) == 7
+@pytest.fixture
+def brief(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Animations of 0.4 s."""
+    monkeypatch.setattr(animation, "SHORTEST_S", 0.4)
+    monkeypatch.setattr(animation, "LONGEST_S", 0.4)
 
 
 def test_an_animation_has_frames_and_leaves_no_other_file(
@@ -108,11 +194,12 @@ def test_an_animation_has_frames_and_leaves_no_other_file(
     flight: FormationFlight,
     trajectory: Trajectory,
     tmp_path: Path,
+    brief: None,
 ) -> None:
     file = tmp_path / "figures" / "flight.gif"
     animate(scenario, flight, trajectory, file)
     with Image.open(file) as image:
-        assert image.n_frames == STEPS + 1  # type: ignore[attr-defined]
+        assert image.n_frames == 6  # type: ignore[attr-defined]
     assert list(file.parent.iterdir()) == [file]
 
 
@@ -121,6 +208,7 @@ def test_an_animation_that_fails_leaves_no_file(
     flight: FormationFlight,
     trajectory: Trajectory,
     tmp_path: Path,
+    brief: None,
 ) -> None:
     file = tmp_path / "flight.gif"
     file.mkdir()
@@ -137,12 +225,13 @@ def test_a_writer_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_the_way_into_the_set_is_drawn_over_its_projections(
-    flight: FormationFlight, trajectory: Trajectory
+    scenario: FormationScenario, flight: FormationFlight, trajectory: Trajectory
 ) -> None:
-    panels = entering_figure(flight, trajectory).axes
+    shown = shown_of(scenario, flight, trajectory)
+    _, *panels = terminal_set_figure(scenario, flight, shown).axes
     assert len(panels) == 3
     extent = flight.posed.terminal_set.ellipsoid.extent()
-    (outline,) = (line for line in panels[0].lines if line.get_linestyle() == "--")
+    (outline,) = named(panels[0], "terminal set")
     assert np.max(np.asarray(outline.get_xdata())) == pytest.approx(extent[2], rel=1e-3)
     assert np.max(np.asarray(outline.get_ydata())) == pytest.approx(extent[3], rel=1e-3)
     dots = [line for line in panels[0].lines if line.get_marker() == "o"]

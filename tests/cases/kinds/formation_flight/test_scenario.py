@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from swarmstart.cases.drawing.drawing import colour
 from swarmstart.cases.format.scenario import (
     InvalidScenarioError,
     read_document,
@@ -12,14 +13,12 @@ from swarmstart.cases.format.scenario import (
     shipped,
 )
 from swarmstart.cases.format.yaml_reader import parse_yaml
-from swarmstart.cases.kinds.formation_flight.figures import (
-    draw,
-    planned_paths,
-    tracks_figure,
-)
+from swarmstart.cases.kinds.formation_flight.figures import draw, sheet_figure
 from swarmstart.cases.kinds.formation_flight.measures import measure
 from swarmstart.cases.kinds.formation_flight.scenario import FormationScenario
+from swarmstart.cases.kinds.formation_flight.shown_path import planned_paths
 from swarmstart.ocp import Source, simulate
+from swarmstart.tests.cases.drawing.reading import legend, named, panel
 from swarmstart.tests.cases.kinds.flights import build
 
 NAME = "formation_obstacle_uav3"
@@ -104,7 +103,7 @@ def test_a_given_plan_is_flown_as_given_and_seen_measured_and_drawn(
     measures = measure(scenario, flight, trajectory)
     assert measures["evaluations"] == decision.plans[0].evaluations
     assert measures["infeasible_steps"] == 0
-    assert len(draw(scenario, flight, trajectory, tmp_path)) == 8
+    assert len(draw(scenario, flight, trajectory, tmp_path)) == 3
     assert measures["plan_cost"] == decision.plans[0].cost
 
 
@@ -120,12 +119,14 @@ def test_the_plan_is_drawn_to_its_end_under_the_uavs_own_numbers() -> None:
     assert times[-1] == 8.0 and paths.shape == (3, 4, 8 * 20 + 1)
     for path, plan in zip(paths, trajectory.decisions[0].plans, strict=True):
         np.testing.assert_allclose(path[:, -1], plan.states[:, -1], atol=1e-4)
-    (axes,) = tracks_figure(scenario, flight, trajectory).axes
-    assert axes.get_legend() is not None
-    labels = [text.get_text() for text in axes.get_legend().get_texts()]  # type: ignore[union-attr]
-    assert labels == ["leader", "UAV 3", "UAV 4", "UAV 5"]
-    drawn = [line for line in axes.lines if np.size(line.get_xdata()) == times.size]
-    np.testing.assert_allclose(np.asarray(drawn[1].get_xdata()), paths[0, 2])
+    figure = sheet_figure(scenario, flight, trajectory)
+    assert {"UAV 3", "UAV 4", "UAV 5"} < {*legend(figure)}
+    assert "UAV 1" not in legend(figure)
+    (track,) = named(panel(figure, "y [m]"), "UAV 3")
+    np.testing.assert_allclose(np.asarray(track.get_data()), paths[0, 2:])
+    assert track.get_color() == colour(2)
+    cost = trajectory.decisions[0].plans[0].cost
+    assert f"UAV 3: J = {cost:.6g}" in figure.get_suptitle()
 
 
 def test_the_uavs_plan_in_the_order_of_their_own_numbers() -> None:

@@ -106,7 +106,7 @@ def test_receding_horizon_follows_a_decided_end_time_to_its_end(
         assert one.profile.piece == other.profile.piece
     summary = json.loads((tmp_path / "run.json").read_text())
     assert summary["measures"]["end_time"] == done.measures["end_time"]
-    assert "f_plans.png" in summary["figures"]
+    assert "a_sheet.png" in summary["figures"]
 
 
 def test_own_measures_see_the_controls_that_were_flown_within_a_period() -> None:

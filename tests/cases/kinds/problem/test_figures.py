@@ -45,11 +45,11 @@ def drawn(
     shown = without_states(path) if recorded else path
     given: dict[str, Any] = {}
 
-    def keep(problem: object, trajectory: Trajectory, at: Path, **more: Any) -> Any:
+    def keep(problem: object, trajectory: Trajectory, **more: Any) -> Any:
         given.update(more, problem=problem)
-        return problem_figures.draw_problem(problem, trajectory, at, **more)  # type: ignore[arg-type]
+        return problem_figures.figures_of(problem, trajectory, **more)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(figures, "draw_problem", keep)
+    monkeypatch.setattr(figures, "figures_of", keep)
     files = figures.draw(scenario, flight, shown, folder)
     assert all(file.stat().st_size > 1000 for file in files)
     return given, path, [file.stem for file in files]
@@ -76,7 +76,7 @@ def test_one_problem_is_drawn_with_its_names_and_units(
     assert (labels.states, labels.controls) == (("angle", "speed"), ("torque",))
     assert labels.units == {"angle": "rad", "speed": "rad/s", "torque": ""}
     assert (tuple(labels.vehicles), labels.maximize) == (("",), False)
-    assert {"a_states", "b_controls", "c_slack"} <= {*files}
+    assert files == ["a_sheet", "d_slack"] and given["place"] is None
 
 
 @pytest.mark.parametrize("recorded", [False, True])
@@ -88,6 +88,7 @@ def test_a_plan_is_drawn_with_what_it_knew(
     given, path, _ = drawn(text, tmp_path, monkeypatch, recorded=recorded)
     assert [p.model.nx for p in given["problem"]] == [2, 2]
     assert [*given["labels"].vehicles] == ["a", "b"]
+    assert given["place"] is None  # x has a unit and y has none.
     for step in (0, 1):
         begin = step * 0.25
         wind = 3 * (begin + np.linspace(0, 1, 5))
@@ -103,8 +104,22 @@ def test_a_plan_is_drawn_with_what_it_knew(
 def test_vehicles_planned_together_are_one_problem(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    given, _, _ = drawn(ORDERED.format(planning="joint"), tmp_path, monkeypatch)
+    text = ORDERED.format(planning="joint")
+    given, _, _ = drawn(text, tmp_path, monkeypatch)
     assert [p.model.nx for p in given["problem"]] == [4]
+
+
+def test_states_that_keep_vehicles_apart_are_drawn_as_a_position(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = ORDERED.format(planning="joint").replace(
+        "rate: u - y", "rate: u - y, unit: m"
+    )
+    text += "path: [{distance: [y - 3, x - 2], at_least: 0.1, name: mast}]\n"
+    given, _, files = drawn(text, tmp_path, monkeypatch)
+    place = given["place"]
+    assert place.rows == (1, 0) and place.discs == [(3.0, 2.0, 0.1)]
+    assert "e_tracks" in files
 
 
 def test_a_maximum_is_drawn_as_one(

@@ -197,7 +197,7 @@ def test_record_and_resolved_settings_are_the_same_run(tmp_path: Path) -> None:
     assert key_of(again, 0) == key_of(resolved, 0)
     done = run(resolved, seed=0, recording=Recording(folder=tmp_path))
     assert [file.name for file in done.figures] == [
-        "a_states.png", "b_controls.png", "c_slack.png", "e_phase_plane.png"
+        "a_sheet.png", "d_slack.png"
     ]  # fmt: skip
     kept = load(tmp_path)
     assert kept.trajectory is not None

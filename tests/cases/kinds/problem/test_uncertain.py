@@ -171,8 +171,8 @@ def test_figures_show_the_system_and_the_members(
     text += f"feedback: {feedback}\nsteps: 3\n"
     done = run(stated(text), seed=0, recording=Recording(folder=tmp_path))
     names = [file.name for file in done.figures]
-    assert names[:2] == ["a_states.png", "b_controls.png"]
-    assert names[-1] == "h_members.png"
+    assert names[0] == "a_sheet.png"
+    assert names[-1] == "g_members.png"
 
 
 @pytest.mark.parametrize(

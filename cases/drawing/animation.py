@@ -1,0 +1,361 @@
+"""Animations of vehicles in the plane: a camera that follows, a clock, headings.
+
+The camera keeps all vehicles in the picture, and the scales of both axes equal. It
+looks at a moving average of the middle of the vehicles, a little behind them, so that
+their trails are seen; its view is as wide as the farthest vehicle needs, and gets
+narrower as they gather.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.cases.drawing.drawing import arrowhead, colour
+from swarmstart.cases.drawing.series import escaped
+from swarmstart.cases.drawing.tracks import Scene
+from swarmstart.cases.record.files import replacing
+from swarmstart.errors import SwarmstartError
+from swarmstart.ocp.progress import ProgressCallback, tell_nothing
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.lines import Line2D
+    from PIL.Image import Image
+
+Array = NDArray[np.float64]
+
+WRITERS = {".gif": ("pillow", "Pillow"), ".mp4": ("ffmpeg", "the program ffmpeg")}
+FRAMES_PER_S = 12.5
+"""Of the animation; a GIF counts in hundredths of a second."""
+SHORTEST_S, LONGEST_S = 4.0, 12.0
+"""Length of an animation; a longer flight is shown faster."""
+SIZE, DPI = (8.0, 4.5), 100
+"""Of the picture [inches], and its dots per inch."""
+FRAME = (0.075, 0.115, 0.91, 0.79)
+"""Left, bottom, width and height of the axes, in parts of the picture."""
+MARGIN, NEAREST_M = 0.18, 12.0
+"""Room around the vehicles in parts of their extent, and the least half width [m]."""
+SMOOTH_S, BEHIND_S, TRAIL_S = 2.0, 2.0, 8.0
+"""Of the flight: time that the camera averages over each way, time by which it is
+behind the vehicles, and length of a trail."""
+_SHADES = 7
+"""Steps of a colour to white: what smooth edges need."""
+
+
+class MissingWriterError(SwarmstartError):
+    """The program that writes this kind of animation is not installed."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Camera:
+    """View of each frame.
+
+    Attributes:
+        centres: Middle of the view, shape (2, frames).
+        halves: Half of its width, and of its height, shape (2, frames).
+    """
+
+    centres: Array
+    halves: Array
+
+    def limits(self, frame: int) -> tuple[Array, Array]:
+        """Return the limits of x and of y in a frame, each of shape (2,)."""
+        low = self.centres[:, frame] - self.halves[:, frame]
+        high = self.centres[:, frame] + self.halves[:, frame]
+        return np.array([low[0], high[0]]), np.array([low[1], high[1]])
+
+
+def check_writer(ending: str) -> None:
+    """Refuse a kind of animation that cannot be written here.
+
+    Args:
+        ending: "gif" or "mp4".
+
+    Raises:
+        MissingWriterError: If the program that writes it is not installed.
+    """
+    from matplotlib import animation
+
+    name, needed = WRITERS[f".{ending}"]
+    if not animation.writers.is_available(name):
+        raise MissingWriterError(
+            f"an animation as {ending} needs {needed}, which is not installed; "
+            "try --animation gif"
+        )
+
+
+def animate_scene(
+    scene: Scene,
+    file: Path,
+    *,
+    title: str,
+    notes: Sequence[str] = (),
+    progress: ProgressCallback = tell_nothing,
+) -> None:
+    """Write an animation of vehicles in the plane.
+
+    Args:
+        scene: The vehicles over time, their leader and slots, and obstacles.
+        file: A name that ends in .gif or .mp4.
+        title: Above the picture.
+        notes: A few words for each instant of the scene, beside the clock; or none.
+        progress: Told (frames finished, all frames, "animating").
+
+    Raises:
+        MissingWriterError: If the program that writes that kind is not installed.
+        RecordError: If the file cannot be written.
+    """
+    check_writer(file.suffix.removeprefix("."))
+    times = frame_times(scene.times)
+    words = noted(scene.times, times, notes)
+    film = Film(at_times(scene, times), title=title)
+    with replacing(file, suffix=file.suffix) as temporary:
+        save = _save_gif if file.suffix == ".gif" else _save_mp4
+        save(film, temporary, words, progress)
+
+
+def frame_times(times: Array) -> Array:
+    """Return the instants of the frames [s], evenly spaced, the last one included."""
+    begin, end = float(times[0]), float(times[-1])
+    length = min(max(end - begin, SHORTEST_S), LONGEST_S)
+    return np.linspace(begin, end, round(length * FRAMES_PER_S) + 1)
+
+
+def at_times(scene: Scene, times: Array) -> Scene:
+    """Return a scene at other instants, interpolated."""
+
+    def moved(rows: Array) -> Array:
+        flat = rows.reshape(-1, scene.times.size)
+        new = np.stack([np.interp(times, scene.times, row) for row in flat])
+        return new.reshape(*rows.shape[:-1], times.size)
+
+    return replace(
+        scene,
+        times=times,
+        positions=moved(scene.positions),
+        headings=moved(np.unwrap(scene.headings, axis=1)),
+        leader=None if scene.leader is None else moved(scene.leader),
+        slots=None if scene.slots is None else moved(scene.slots),
+    )
+
+
+def noted(times: Array, frames: Array, notes: Sequence[str]) -> list[str]:
+    """Return the words of each frame: those of the last instant before it."""
+    if not notes:
+        return [""] * frames.size
+    places = np.searchsorted(times, frames + 1e-9, side="right") - 1
+    return [notes[min(max(place, 0), len(notes) - 1)] for place in places]
+
+
+def camera_of(scene: Scene, *, ratio: float) -> Camera:
+    """Return the views of a scene's instants, in each of which all vehicles are.
+
+    Args:
+        scene: The vehicles, and their leader.
+        ratio: Height of a view in parts of its width.
+    """
+    every = scene.positions
+    if scene.leader is not None:
+        every = np.concatenate([every, scene.leader[None]])
+    low, high = every.min(axis=0), every.max(axis=0)
+    step = float(np.diff(scene.times).mean()) if scene.times.size > 1 else 1.0
+    around = max(1, round(SMOOTH_S / step))
+    before = scene.times - BEHIND_S
+    centres = np.stack(
+        [
+            averaged(np.interp(before, scene.times, row), around)
+            for row in (low + high) / 2
+        ]
+    )
+    reach = np.maximum(high - centres, centres - low)
+    wanted = np.maximum(reach[0], reach[1] / ratio) * (1 + MARGIN)
+    wanted = np.maximum(wanted, NEAREST_M)
+    # The average of the largest values nearby is nowhere below the value itself.
+    largest = np.array([
+        wanted[max(0, k - around) : k + around + 1].max() for k in range(wanted.size)
+    ])  # fmt: skip
+    wide = averaged(largest, around)
+    return Camera(centres=centres, halves=np.stack([wide, ratio * wide]))
+
+
+def averaged(values: Array, around: int) -> Array:
+    """Return moving averages over so many values each way, fewer at the ends.
+
+    At the ends as many values are left out on one side as on the other.
+
+    Example:
+        >>> averaged(np.array([0.0, 3.0, 6.0, 6.0]), 1).tolist()
+        [0.0, 3.0, 5.0, 6.0]
+    """
+    sums = np.concatenate([[0.0], np.cumsum(values)])
+    place = np.arange(values.size)
+    reach = np.minimum(np.minimum(place, values.size - 1 - place), around)
+    means: Array = (sums[place + reach + 1] - sums[place - reach]) / (2 * reach + 1)
+    return means
+
+
+class Film:
+    """A picture whose frames are drawn one after another.
+
+    Attributes:
+        figure: The picture.
+        axes: The ground that the camera looks at.
+        clock: The text of the time.
+        frames: Number of frames.
+        camera: Its views.
+        colours: Of the vehicles.
+    """
+
+    def __init__(self, scene: Scene, *, title: str) -> None:
+        """Draw what stays, and prepare what moves.
+
+        Args:
+            scene: At the instants of the frames.
+            title: Above the picture.
+        """
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+
+        self.figure: Figure = Figure(figsize=SIZE, dpi=DPI)
+        self._canvas: FigureCanvasAgg = FigureCanvasAgg(self.figure)
+        self.axes: Axes = self.figure.add_axes(FRAME)
+        self.frames = scene.times.size
+        self._scene = scene
+        ratio = (FRAME[3] * SIZE[1]) / (FRAME[2] * SIZE[0])
+        self.camera = camera_of(scene, ratio=ratio)
+        self._still(title)
+        numbers = scene.numbers or range(len(scene.names))
+        self.colours = [colour(number) for number in numbers]
+        self._trails = [
+            self.axes.plot([], [], color=c, lw=1.6)[0] for c in self.colours
+        ]
+        self._heads = [
+            self.axes.plot([], [], color=c, ms=16, mec="white", mew=0.6, ls="none")[0]
+            for c in self.colours
+        ]
+        few = scene.is_few
+        self._names = [
+            self.axes.text(0, 0, _short(name) if few else "", fontsize=9, color=c)
+            for name, c in zip(scene.names, self.colours, strict=True)
+        ]
+        (self._leader,) = self.axes.plot([], [], "o", color="0.2", mfc="none", ms=9)
+        (self._slots,) = self.axes.plot([], [], "x", color="0.45", ms=7, zorder=1)
+        self.clock = self.axes.set_title(
+            "", loc="left", fontsize=12, family="monospace", fontweight="bold"
+        )
+
+    def _still(self, title: str) -> None:
+        from matplotlib.patches import Circle
+
+        axes, scene = self.axes, self._scene
+        for x, y, radius in scene.discs:
+            axes.add_patch(
+                Circle((x, y), radius, facecolor="0.85", edgecolor="0.4", hatch="//")
+            )
+        if scene.targets is not None:
+            axes.plot(*scene.targets.T, "x", color="0.45", ms=7, zorder=1)
+        axes.set(xlabel=scene.axes[0], ylabel=scene.axes[1])
+        axes.set_title(escaped(title), fontsize=10, loc="right")
+        axes.set_aspect("equal", adjustable="box")
+        axes.grid(alpha=0.35)
+
+    def draw(self, frame: int, note: str = "") -> "Image":
+        """Return a frame as an image.
+
+        Args:
+            frame: Its number.
+            note: Words beside the clock.
+        """
+        from PIL import Image
+
+        self.show(frame, note)
+        self._canvas.draw()  # type: ignore[no-untyped-call]
+        width, height = self._canvas.get_width_height()
+        pixels = bytes(self._canvas.buffer_rgba())  # type: ignore[no-untyped-call]
+        return Image.frombuffer("RGBA", (width, height), pixels).convert("RGB")
+
+    def show(self, frame: int, note: str = "") -> None:
+        """Move everything to its place in a frame."""
+        scene = self._scene
+        begin = int(np.searchsorted(scene.times, scene.times[frame] - TRAIL_S))
+        x, y = self.camera.limits(frame)
+        self.axes.set_xlim(*x)
+        self.axes.set_ylim(*y)
+        aside = 0.025 * float(np.ptp(x))
+        for number, (place, heading) in enumerate(
+            zip(scene.positions, scene.headings, strict=True)
+        ):
+            self._trails[number].set_data(place[:, begin : frame + 1])
+            _put(self._heads[number], place[:, frame])
+            self._heads[number].set_marker(arrowhead(float(heading[frame])))  # type: ignore[arg-type]
+            self._names[number].set_position(
+                (place[0, frame] + aside, place[1, frame] + aside)
+            )
+        if scene.leader is not None:
+            _put(self._leader, scene.leader[:, frame])
+        if scene.slots is not None:
+            self._slots.set_data(scene.slots[:, 0, frame], scene.slots[:, 1, frame])
+        self.clock.set_text(
+            f"t = {scene.times[frame]:.1f} s" + (f"  {note}" if note else "")
+        )
+
+
+def _put(line: "Line2D", place: Array) -> None:
+    line.set_data([place[0]], [place[1]])
+
+
+def _short(name: str) -> str:
+    """Return the number of "UAV 3", which fits beside a triangle."""
+    return escaped(name.removeprefix("UAV "))
+
+
+def _save_gif(
+    film: Film, file: Path, words: Sequence[str], progress: ProgressCallback
+) -> None:
+    """Write a GIF whose frames share a palette, so that it is small."""
+    from PIL.Image import Dither
+
+    frames: list[Image] = []
+    palette = _palette(film.colours)
+    for number in range(film.frames):
+        progress(number, film.frames, "animating")
+        image = film.draw(number, words[number])
+        frames.append(image.quantize(palette=palette, dither=Dither.NONE))
+    first, *others = frames
+    first.save(
+        file, format="GIF", save_all=True, append_images=others, loop=0,
+        duration=round(1000 / FRAMES_PER_S), disposal=1, optimize=True,
+    )  # fmt: skip
+
+
+def _palette(colours: Sequence[str]) -> "Image":
+    """Return an image whose palette has greys, and the colours' steps to white."""
+    from matplotlib.colors import to_rgb
+    from PIL import Image
+
+    most = 256 // _SHADES - 4
+    bases = [(0.0, 0.0, 0.0), *(to_rgb(own) for own in dict.fromkeys(colours))][:most]
+    shades = np.linspace(0.0, 1.0, _SHADES)
+    greys = np.repeat(np.linspace(0.0, 1.0, 4 * _SHADES)[:, None], 3, axis=1)
+    blends = [(1 - t) * np.array(base) + t for base in bases for t in shades]
+    entries = np.round(255 * np.vstack([greys, *blends])).astype(np.uint8)
+    image = Image.new("P", (1, 1))
+    image.putpalette(entries.tobytes())
+    return image
+
+
+def _save_mp4(
+    film: Film, file: Path, words: Sequence[str], progress: ProgressCallback
+) -> None:
+    from matplotlib import animation
+
+    writer = animation.writers[WRITERS[".mp4"][0]](fps=round(FRAMES_PER_S))
+    with writer.saving(film.figure, str(file), dpi=DPI):
+        for number in range(film.frames):
+            progress(number, film.frames, "animating")
+            film.show(number, words[number])
+            writer.grab_frame()

@@ -1,0 +1,214 @@
+"""Tracks of vehicles in the plane, to scale, with marks of time."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.cases.drawing.drawing import (
+    COLOURS,
+    MOST_NAMED,
+    arrowhead,
+    colour,
+    line_style,
+)
+from swarmstart.cases.drawing.series import escaped
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Array = NDArray[np.float64]
+
+MOST_MARKS = 8
+"""Marks of time on a track."""
+_NICE = (1.0, 2.0, 5.0, 10.0)
+"""Steps between marks, times a power of ten [s]."""
+_APART = 0.06
+"""Least distance of two labels, in parts of the axes."""
+_PAPER = {"boxstyle": "round,pad=0.1", "fc": "white", "ec": "none", "alpha": 0.7}
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Scene:
+    """Vehicles in the plane over time, and what they move among.
+
+    Attributes:
+        times: Shape (T,) [s].
+        positions: Shape (vehicles, 2, T).
+        headings: Of the vehicles [rad], shape (vehicles, T).
+        names: Of the vehicles.
+        numbers: Numbers of the vehicles' colours; None: from 0 on.
+        discs: x, y and radius of each obstacle.
+        leader: Position of a virtual leader, shape (2, T); None: there is none.
+        slots: Where each vehicle ought to be at each time, shape (vehicles, 2, T); only
+            animations show them. None: not known.
+        targets: Where vehicles ought to end, shape (targets, 2); None: not known.
+        called: What a target is called.
+        plans: Paths that were planned, each of shape (2, n); drawn thin beneath.
+        axes: Labels of the two axes.
+    """
+
+    times: Array
+    positions: Array
+    headings: Array
+    names: Sequence[str]
+    numbers: Sequence[int] | None = None
+    discs: Sequence[tuple[float, float, float]] = ()
+    leader: Array | None = None
+    slots: Array | None = None
+    targets: Array | None = None
+    called: str = "target"
+    plans: Sequence[Array] = ()
+    axes: tuple[str, str] = ("x [m]", "y [m]")
+
+    def until(self, end: float) -> "Scene":
+        """Return the part up to a time [s]."""
+        kept = self.times <= end + 1e-9
+        return replace(
+            self,
+            times=self.times[kept],
+            positions=self.positions[:, :, kept],
+            headings=self.headings[:, kept],
+            leader=None if self.leader is None else self.leader[:, kept],
+        )
+
+    @property
+    def is_few(self) -> bool:
+        """Return whether each vehicle has its own line and name."""
+        return len(self.names) <= MOST_NAMED
+
+
+def draw_tracks(axes: "Axes", scene: Scene, *, fixed: bool = False) -> None:
+    """Draw tracks to scale: a ring at the start, a dot each few seconds, an arrowhead.
+
+    Args:
+        axes: The panel.
+        scene: The vehicles, and what they move among.
+        fixed: Whether limits of the axes that are set stay.
+    """
+    _draw_discs(axes, scene)
+    for path in scene.plans:
+        axes.plot(*path, color="0.6", lw=0.6, zorder=1, label="plans")
+    if scene.leader is not None:
+        axes.plot(*scene.leader, color="0.35", ls=":", lw=1.2, label="virtual leader")
+        axes.plot(*scene.leader[:, -1], "o", color="0.2", fillstyle="none", ms=6)
+    marks = mark_times(scene.times)
+    at = [int(np.argmin(np.abs(scene.times - mark))) for mark in marks]
+    numbers = scene.numbers or range(len(scene.names))
+    for number, places, headings, name in zip(
+        numbers, scene.positions, scene.headings, scene.names, strict=True
+    ):
+        _draw_track(axes, scene, number, (places, headings, name), at)
+    if not scene.is_few:
+        axes.plot(
+            [], [], color=COLOURS[0], lw=0.8, label=f"{len(scene.names)} vehicles"
+        )
+    if scene.targets is not None:
+        size = 7 if scene.is_few else 3
+        axes.plot(
+            *scene.targets.T, "x", color="0.35", ms=size, ls="none",
+            label=scene.called, zorder=0,
+        )  # fmt: skip
+    if scene.is_few:
+        name = f"each {_step(marks):g} s"
+        axes.plot([], [], ".", color="0.2", ls="none", label=name)
+    axes.set(xlabel=scene.axes[0], ylabel=scene.axes[1])
+    axes.margins(0.08)
+    axes.set_aspect("equal", adjustable="box" if fixed else "datalim")
+    axes.grid(alpha=0.3)
+    if scene.is_few:
+        _label_marks(axes, scene, marks, at)
+
+
+def mark_times(times: Array) -> Array:
+    """Return round times of marks between the first and the last, without the first.
+
+    Args:
+        times: Shape (T,) [s].
+
+    Example:
+        >>> mark_times(np.linspace(0.0, 35.0, 71)).tolist()
+        [5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 35.0]
+    """
+    begin, end = float(times[0]), float(times[-1])
+    least = max(end - begin, 1e-9) / MOST_MARKS
+    power = 10.0 ** np.floor(np.log10(least))
+    step = power * next(nice for nice in _NICE if nice * power >= least * (1 - 1e-9))
+    first, last = np.floor(begin / step + 1e-9) + 1, np.floor(end / step + 1e-9)
+    marks: Array = np.round(step * np.arange(first, last + 1), 9)
+    return marks
+
+
+def _step(marks: Array) -> float:
+    return float(marks[1] - marks[0]) if marks.size > 1 else float(marks.sum())
+
+
+def _draw_discs(axes: "Axes", scene: Scene) -> None:
+    from matplotlib.patches import Circle
+
+    for number, (x, y, radius) in enumerate(scene.discs):
+        axes.add_patch(
+            Circle(
+                (x, y), radius, facecolor="0.85", edgecolor="0.4", hatch="///",
+                label="obstacle" if number == 0 else None,
+            )
+        )  # fmt: skip
+
+
+def _draw_track(
+    axes: "Axes",
+    scene: Scene,
+    number: int,
+    track: tuple[Array, Array, str],
+    at: Sequence[int],
+) -> None:
+    """Draw one vehicle's track with its marks."""
+    (x, y), headings, name = track
+    few = scene.is_few
+    own = colour(number) if few else COLOURS[0]
+    axes.plot(
+        x, y, color=own, ls=line_style(number) if few else "-",
+        lw=1.3 if few else 0.5, alpha=1.0 if few else 0.6,
+        label=escaped(name) if few and name else None,
+    )  # fmt: skip
+    axes.plot(x[0], y[0], "o", color=own, fillstyle="none", ms=6 if few else 2)
+    if few:
+        axes.plot(x[at], y[at], ".", color=own, ms=6, ls="none")
+    if np.isfinite(headings[-1]):
+        axes.plot(
+            x[-1], y[-1], marker=arrowhead(float(headings[-1])), color=own,
+            ms=11 if few else 5, ls="none",
+        )  # fmt: skip
+
+
+def _label_marks(axes: "Axes", scene: Scene, marks: Array, at: Sequence[int]) -> None:
+    """Write the time beside the marks of the vehicle that comes farthest."""
+    moved = np.abs(np.diff(scene.positions, axis=2)).sum(axis=(1, 2))
+    track = scene.positions[int(np.nanargmax(moved))]
+    label_times(axes, marks, track[:, at])
+
+
+def label_times(axes: "Axes", marks: Array, places: Array) -> None:
+    """Write times beside places; those too near to the one before are left out.
+
+    Args:
+        axes: The panel; all lines are drawn already.
+        marks: Shape (n,) [s].
+        places: Shape (2, n).
+    """
+    spans = np.abs([np.diff(axes.get_xlim())[0], np.diff(axes.get_ylim())[0]])
+    if axes.get_aspect() != "auto":
+        spans[:] = spans.max()
+    last = np.full(2, np.inf)
+    for mark, place in zip(marks, places.T, strict=True):
+        if not np.isfinite(place).all():
+            continue
+        if np.isfinite(last).all() and (np.abs(place - last) < _APART * spans).all():
+            continue
+        last = place
+        axes.annotate(
+            f"{mark:g} s", tuple(place), textcoords="offset points", xytext=(4, 5),
+            fontsize="x-small", color="0.2", bbox=_PAPER,
+        )  # fmt: skip

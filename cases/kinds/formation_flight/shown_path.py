@@ -1,0 +1,107 @@
+"""The path that figures and animations show: that of a flight, or of its one plan."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.cases.drawing.sheet import settled_at
+from swarmstart.cases.kinds.formation_flight.measures import SETTLED_M, linear_mask
+from swarmstart.cases.kinds.formation_flight.pose import FormationFlight
+from swarmstart.cases.kinds.formation_flight.scenario import FormationScenario
+from swarmstart.cases.kinds.models.unicycle import unicycle
+from swarmstart.cases.kinds.planar import POSITION, by_uav
+from swarmstart.ocp import Mode, Plant, Trajectory
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Shown:
+    """A path that the figures show: that of the flight, or that of its one plan.
+
+    Attributes:
+        dense_times: Shape (n,) [s].
+        dense: States of each UAV there, shape (uavs, 4, n).
+        times: Control instants, shape (T + 1,) [s].
+        states: States of each UAV there, shape (uavs, 4, T + 1).
+        controls: Held between them, UAV after UAV, shape (uavs * 2, T).
+        linear: Whether the linear law flew each step, shape (T,).
+        is_plan: Whether it is the path of a plan.
+    """
+
+    dense_times: Array
+    dense: Array
+    times: Array
+    states: Array
+    controls: Array
+    linear: NDArray[np.bool_]
+    is_plan: bool
+
+    def errors(self, flight: FormationFlight) -> Array:
+        """Return the largest of |dx| and |dy| of each UAV, shape (uavs, n) [m]."""
+        return _offsets(flight, self.dense_times, self.dense)
+
+    def settled(self, flight: FormationFlight) -> float | None:
+        """Return the control instant from which on all are in their slots [s]."""
+        return settled_at(
+            self.times, _offsets(flight, self.times, self.states), SETTLED_M
+        )
+
+
+def _offsets(flight: FormationFlight, times: Array, states: Array) -> Array:
+    off = states - flight.posed.slots(times)
+    return np.asarray(np.abs(off[:, list(POSITION)]).max(axis=1))
+
+
+def shown_of(
+    scenario: FormationScenario, flight: FormationFlight, trajectory: Trajectory
+) -> Shown:
+    """Return the path of the flight; of one planned step the path of its plan."""
+    first = trajectory.decisions[0]
+    if len(trajectory.decisions) == 1 and first.mode is Mode.PLANNED:
+        times, paths = planned_paths(scenario, flight, trajectory)
+        controls = np.vstack([plan.controls for plan in first.plans])
+        steps = controls.shape[1]
+        every = (times.size - 1) // steps
+        return Shown(
+            dense_times=times,
+            dense=paths,
+            times=times[::every],
+            states=paths[:, :, ::every],
+            controls=controls,
+            linear=np.zeros(steps, dtype=bool),
+            is_plan=True,
+        )
+    return Shown(
+        dense_times=trajectory.dense_times,
+        dense=by_uav(trajectory.dense_states, flight.agents),
+        times=trajectory.times,
+        states=by_uav(trajectory.states, flight.agents),
+        controls=trajectory.controls,
+        linear=linear_mask(trajectory),
+        is_plan=False,
+    )
+
+
+def planned_paths(
+    scenario: FormationScenario, flight: FormationFlight, trajectory: Trajectory
+) -> tuple[Array, Array]:
+    """Return where the plans of the first step lead, if flown to their end.
+
+    Returns:
+        Times, shape (n,) [s], and the states of each UAV, shape (uavs, 4, n).
+    """
+    plant = Plant(unicycle(), dt=flight.plant.dt, substeps=flight.plant.substeps)
+    paths = []
+    for start, plan in zip(
+        by_uav(flight.x0[:, None], flight.agents),
+        trajectory.decisions[0].plans,
+        strict=True,
+    ):
+        path = [start]
+        for control in plan.controls.T:
+            path.append(plant(path[-1][:, -1], control))
+        paths.append(np.hstack(path))
+    horizon = flight.plant.dt * scenario.prediction.intervals
+    return np.linspace(0.0, horizon, paths[0].shape[1]), np.stack(paths)

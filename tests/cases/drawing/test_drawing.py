@@ -1,0 +1,47 @@
+"""Series differ in colour and line style, and in grey print too."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from swarmstart.cases.drawing import palette
+from swarmstart.cases.drawing.drawing import COLOURS, colour, line_style
+
+TWELVE = [(colour(number), line_style(number)) for number in range(12)]
+
+
+def luminance(own: str) -> float:
+    """Return the contrast to black, which grows with the luminance."""
+    return palette.contrast(own, "#000000")
+
+
+def test_twelve_series_have_twelve_colours_and_twelve_line_styles() -> None:
+    assert len({own for own, _ in TWELVE}) == 12
+    assert len({str(style) for _, style in TWELVE}) == 12
+
+
+def test_the_next_twelve_have_other_pairs_of_colour_and_style() -> None:
+    pairs = {(colour(number), str(line_style(number))) for number in range(144)}
+    assert len(pairs) == 144
+
+
+def test_the_lightness_of_the_colours_is_spread_and_none_is_faint() -> None:
+    found = sorted(luminance(own) for own in COLOURS)
+    assert found[-1] / found[0] > 4
+    assert all(palette.contrast(own, "#ffffff") >= 3 for own in COLOURS)
+
+
+def test_series_alike_in_grey_print_differ_in_style() -> None:
+    for (first, one), (second, other) in itertools.combinations(TWELVE, 2):
+        if max(luminance(first), luminance(second)) < 1.3 * min(
+            luminance(first), luminance(second)
+        ):
+            assert one != other
+
+
+@pytest.mark.parametrize("number", range(12))
+def test_dashes_repeat_within_what_a_legend_shows(number: int) -> None:
+    style = line_style(number)
+    period = 0.0 if isinstance(style, str) else float(np.sum(style[1]))
+    assert period < 30.0
