@@ -1,7 +1,8 @@
 """Draw the figures of the tutorial: `python docs/tutorial/figures.py`.
 
-Each page's Python code is run in a temporary folder, and the figures that the page shows
-are copied from there. The figure of `own_file.md` is that of a run of its YAML file.
+Each page's Python code is run in a temporary folder, and the figures that the page
+shows are copied from there. The figure of `own_file.md` is that of a run of its YAML
+file.
 """
 
 import contextlib
