@@ -14,10 +14,13 @@ import tempfile
 from pathlib import Path
 
 import matplotlib as mpl
+from PIL import Image
 
 import swarmstart as ss
 
 HERE = Path(__file__).resolve().parent
+WIDTH, COLOURS = 1100, 128
+"""Largest size [px] and number of colours of the figures of a run."""
 PAGES = ("swing_up", "obstacle", "closed_loop", "terminal_set", "compare")
 
 
@@ -32,12 +35,17 @@ def drawn(page: Path, folder: Path) -> None:
 
 
 def run_file(page: Path, folder: Path) -> None:
-    """Run the YAML file that a page shows, and keep its first figure."""
+    """Run the YAML file that a page shows, and keep its sheet and its tracks."""
     text = page.read_text(encoding="utf-8")
     (file,) = re.findall(r"^```yaml\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
     (folder / "vehicle.yaml").write_text(file, encoding="utf-8")
     finished = ss.run(folder / "vehicle.yaml", seed=0, out=folder / "vehicle")
-    shutil.copy(min(finished.figures), folder / f"{page.stem}.png")
+    for figure in finished.figures:
+        for part, ending in (("sheet", ""), ("tracks", "_way")):
+            if part in figure.stem and figure.suffix == ".png":
+                image = Image.open(figure).convert("RGB")
+                image.thumbnail((WIDTH, WIDTH))
+                image.quantize(COLOURS).save(folder / f"{page.stem}{ending}.png")
 
 
 def main() -> None:
@@ -47,7 +55,8 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as folder:
             draw = run_file if name == "own_file" else drawn
             draw(HERE / f"{name}.md", Path(folder))
-            shutil.copy(Path(folder) / f"{name}.png", HERE)
+            for figure in Path(folder).glob("*.png"):
+                shutil.copy(figure, HERE)
 
 
 if __name__ == "__main__":
