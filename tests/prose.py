@@ -76,7 +76,8 @@ RULES = (
     ),
     _rule(
         "none",
-        r"(?<!there )\b(is|are|was|were|be|being) (?-i:none)\b(?! of| at| within| in | to )",
+        r"(?<!there )\b(is|are|was|were|be|being) (?-i:none)\b"
+        r"(?! of| at| within| in | to )",
         '"invalid" or "missing", or the condition itself',
     ),
     _rule(

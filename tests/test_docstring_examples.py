@@ -21,7 +21,7 @@ RETURNED = frozenset(
 
 
 def called(name: str) -> bool:
-    """Whether a user calls this name: no error, no set of choices, no result."""
+    """Return True for a name that a user calls: no error, no enumeration, no result."""
     thing = getattr(ss, name)
     if isinstance(thing, type) and issubclass(thing, BaseException | enum.Enum):
         return False

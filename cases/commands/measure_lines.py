@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from swarmstart.cases.campaign.run import Run
-from swarmstart.cases.commands.measure_list import entry_of, measures_of_run
+from swarmstart.cases.commands.measure_list import measures_of_run
 from swarmstart.cases.commands.output import wrapped_table
 from swarmstart.cases.format.kind import Measure
 from swarmstart.cases.format.scenario import Resolved
@@ -46,7 +46,7 @@ def measure_table(
     known = measures_of_run(resolved)
     rows = [tuple(head)]
     for name, cells in values.items():
-        entry = entry_of(name, known)
+        entry = known[name]
         note = f" ({notes[name]})" if name in notes else ""
         rows.append((name, *cells, entry["unit"] or "-", entry["meaning"] + note))
     return wrapped_table(rows)

@@ -46,18 +46,7 @@ def measures_of_one(name_or_path: str) -> dict[str, dict[str, Entry]]:
 
 def measures_of_run(resolved: Resolved) -> dict[str, Entry]:
     """Return the measures of a resolved scenario by name, its own among them."""
-    known = _entries(resolved.kind.measures)
-    return _own(getattr(resolved.scenario, "measures", {})) | known
-
-
-def entry_of(name: str, known: Mapping[str, Entry]) -> Entry:
-    """Return the entry of a measure; of an unknown one, what its name says."""
-    if name in known:
-        return known[name]
-    if name.startswith("decided_"):
-        meaning = f"value of {name.removeprefix('decided_')} that the plan decides"
-        return {"unit": "", "meaning": meaning}
-    return {"unit": unit_of_measure(name, ""), "meaning": name.replace("_", " ")}
+    return _entries(resolved.kind.meanings_of(resolved.scenario))
 
 
 def _own(measures: Mapping[str, Any]) -> dict[str, Entry]:

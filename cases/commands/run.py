@@ -18,6 +18,7 @@ from swarmstart.cases.commands.conditions import (
 from swarmstart.cases.commands.measure_lines import measure_lines
 from swarmstart.cases.commands.output import DONE, GATE, INFEASIBLE, answer, say
 from swarmstart.cases.commands.progress import Progress
+from swarmstart.cases.commands.run_options import figure_formats
 from swarmstart.cases.commands.seeds import run_seeds
 from swarmstart.cases.commands.words import extras, sentences
 from swarmstart.cases.format.document import printable
@@ -79,6 +80,7 @@ def _command(options: argparse.Namespace, begin: Callable[[Scenario], None]) -> 
         figures=not options.no_figures,
         animation=options.animation,
         force=options.force,
+        figure_formats=figure_formats(options),
     )
     try:
         with Progress(resolved.scenario.name, quiet=options.quiet) as progress:

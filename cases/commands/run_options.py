@@ -5,6 +5,7 @@ import os
 
 from swarmstart.cases.commands.parsing import count, seed, share
 from swarmstart.cases.format.registry import POLISHES, SEARCHES
+from swarmstart.cases.record.record import FIGURE_FORMATS, PNG
 
 SOLVERS = "cpso,de,ga,lshade+ipopt,multistart-ipopt,ipopt"
 """Solvers that are compared by default."""
@@ -53,6 +54,12 @@ def add_run(run: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     run.add_argument("--no-figures", action="store_true", help="do not draw figures")
     run.add_argument(
+        "--format", choices=FIGURE_FORMATS, action="append", default=[],
+        dest="formats",
+        help="file format of the figures; svg and pdf are vector formats; repeatable "
+        "(default: png)",
+    )  # fmt: skip
+    run.add_argument(
         "--animation", choices=["gif", "mp4"],
         help="also draw an animation of the motion (default: none)",
     )  # fmt: skip
@@ -76,6 +83,11 @@ def add_run(run: argparse.ArgumentParser) -> None:
         "--print-config", action="store_true",
         help="print the scenario with all defaults as YAML, and exit without running",
     )  # fmt: skip
+
+
+def figure_formats(options: argparse.Namespace) -> tuple[str, ...]:
+    """Return the formats of the figures of `run`, each once."""
+    return tuple(dict.fromkeys(options.formats)) or PNG
 
 
 def add_replicate(replicate: argparse.ArgumentParser) -> None:

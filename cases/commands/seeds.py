@@ -24,6 +24,7 @@ from swarmstart.cases.commands.output import (
     table_lines,
 )
 from swarmstart.cases.commands.progress import Progress
+from swarmstart.cases.commands.run_options import figure_formats
 from swarmstart.cases.commands.words_of_seeds import sentences_of_seeds
 from swarmstart.cases.drawing.drawing import write_figures
 from swarmstart.cases.drawing.seed_figures import seed_figures
@@ -72,7 +73,9 @@ def run_seeds(
     content = seeds_content(resolved, outcomes, command=command)
     with locked(folder):
         figures = [] if options.no_figures else [*seed_figures(content)]
-        drawn = write_figures(figures, folder / FIGURES)
+        drawn = write_figures(
+            figures, folder / FIGURES, formats=figure_formats(options)
+        )
         content["figures"] = [file.name for file in drawn]
         write_json(folder / SEEDS, content)
     if options.json:

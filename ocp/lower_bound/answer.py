@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 
 from swarmstart.ocp.lower_bound.evidence import Evidence
@@ -55,7 +55,7 @@ class LowerBound:
     boxes: int = 0
     cpu_seconds: float = 0.0
     set_name: str = ""
-    evidence: Evidence | None = None
+    evidence: Evidence | None = field(default=None, repr=False)  # Hundreds of lines.
     sense: float = 1.0
 
     def gap(self, cost: float) -> float:

@@ -1,7 +1,7 @@
 """The table of measures: value, unit and meaning; why a measure is undefined."""
 
 from swarmstart.cases.commands.measure_lines import measure_table, value_text
-from swarmstart.cases.commands.measure_list import entry_of, measures_of_run
+from swarmstart.cases.commands.measure_list import measures_of_run
 from swarmstart.cases.format.scenario import read_document, resolve
 
 
@@ -20,10 +20,8 @@ def test_values_have_unit_and_meaning_and_an_undefined_one_its_reason() -> None:
 
 def test_own_and_decided_measures_are_explained() -> None:
     known = measures_of_run(resolve(read_document("pendulum")))
-    assert known["final_angle"]["meaning"] == "angle.end"
-    decided = entry_of("decided_mass", known)["meaning"]
-    assert decided == "value of mass that the plan decides"
-    assert entry_of("way_m", {}) == {"unit": "m", "meaning": "way m"}
+    assert known["final_angle"]["meaning"].endswith("angle.end")
+    assert "end_time" in measures_of_run(resolve(read_document("brachistochrone")))
 
 
 def test_lists_are_cut_and_undefined_entries_are_dashes() -> None:

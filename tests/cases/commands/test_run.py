@@ -34,3 +34,27 @@ def test_a_plant_that_diverges_is_no_invalid_input_and_finished_steps_are_kept(
     kept = load_partial(folder, key_of(resolve(read_document(str(file))), 0), 20)
     assert kept is not None
     assert len(kept[0]) == 1
+
+
+PLAN = """\
+kind: problem
+states: {x: {start: 1, rate: u}}
+controls: {u: {bounds: [-1, 1]}}
+stage_cost: x**2 + u**2
+prediction: {horizon_s: 2, intervals: 4}
+search: {name: none}
+lanes: 0
+"""
+
+
+def test_figures_are_drawn_in_the_formats_asked_for(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, folder = tmp_path / "plan.yaml", tmp_path / "run"
+    file.write_text(PLAN)
+    words = ["run", str(file), "-q", "--format", "svg", "--format", "svg"]
+    assert main([*words, "--out", str(folder)]) == 0
+    endings = {drawn.suffix for drawn in (folder / "figures").iterdir()}
+    assert endings == {".svg"}
+    sheet = folder / "figures" / "a_sheet.svg"
+    assert f"Picture: {sheet}" in capsys.readouterr().out

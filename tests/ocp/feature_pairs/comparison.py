@@ -1,4 +1,4 @@
-"""What swarmstart and the peer say differently about one problem."""
+"""Differences between the answers of swarmstart and the peer to one problem."""
 
 from typing import NamedTuple
 
@@ -62,7 +62,7 @@ class Ours:
 
     @property
     def known(self) -> Known:
-        """What is known, as the core has it."""
+        """Known values, in the form that the core takes."""
         given = self.stated.known
         return Known(
             self.lowered.parameters(given.parameters, given.time),

@@ -21,7 +21,7 @@ FAST = 4.0 ** np.arange(5)
 
 
 class Point(NamedTuple):
-    """What is decided.
+    """A decided point: controls, start, parameters and end time.
 
     Attributes:
         controls: Shape (nu, N).

@@ -39,7 +39,7 @@ class Limited:
         expression: In the problem's symbols.
         lower: Lower limit.
         upper: Upper limit.
-        prices: Of an excess and of its square, where it is soft.
+        prices: Of an excess and of its square, if it is soft.
         moves: Whether it is a moving bound, whose scale the library finds.
     """
 
@@ -127,7 +127,7 @@ class Stated:
 
     @property
     def is_discrete(self) -> bool:
-        """Whether the state changes at the ends of intervals only."""
+        """True if the state changes at the ends of intervals only."""
         return bool(self.next_state.numel()) and not self.ode.numel()
 
     @property
@@ -137,7 +137,7 @@ class Stated:
 
     @property
     def signals(self) -> ca.SX:
-        """Those of the model first."""
+        """Signals, those of the model first."""
         return ca.vertcat(self.wind, self.reference)
 
     @property
@@ -154,7 +154,7 @@ class Stated:
 
     @property
     def known(self) -> Known:
-        """What is known besides the initial state."""
+        """Known values besides the initial state."""
         return Known(
             [value for _, value in self.parameters.values()],
             self.signal_values,
