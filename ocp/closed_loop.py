@@ -218,10 +218,10 @@ def _driven(
         return plant(state, decision.control, time)
     if isinstance(plant, Plant):
         if profile.is_held:
-            return plant(state, profile.sampled(0.0, plant.dt, plant.substeps), time)
+            return plant(state, profile.means(plant.dt, plant.substeps), time)
         return plant.along(state, profile.ends(plant.dt, plant.substeps), time)
     if profile.is_held:
-        several = profile.sampled(0.0, plant.dt, plant.substeps)
+        several = profile.means(plant.dt, 1)
     else:
         several = profile.sampled(0.0, plant.dt, _MIDDLES)
     return plant(state, several.mean(axis=1), time)

@@ -59,3 +59,26 @@ class Profile:
             steps: Number of steps.
         """
         return self.at(begin + (np.arange(steps) + 0.5) * dt / steps)
+
+    def means(self, dt: float, steps: int) -> Array:
+        """Return the means of held controls over equal steps, shape (nu, steps).
+
+        A step within one piece has the control of this piece, bit for bit. A step
+        across an edge has the mean, so that the integral of the controls is kept; the
+        control in its middle would be wrong by a part of the jump.
+
+        Args:
+            dt: Total length of all steps [s].
+            steps: Number of steps.
+        """
+        u, piece = self.controls, self.piece
+        ends = dt * (np.arange(steps + 1) / steps)
+        at = np.clip((ends / piece).astype(int), 0, u.shape[1] - 1)
+        before = piece * (np.cumsum(u, axis=1) - u)
+        integral = before[:, at] + (ends - at * piece) * u[:, at]
+        mean = np.diff(integral, axis=1) / (dt / steps)
+        one, other = u[:, at[:-1]], u[:, at[1:]]
+        several = np.diff(at) > 1
+        least = np.where(several, u.min(axis=1)[:, None], np.minimum(one, other))
+        most = np.where(several, u.max(axis=1)[:, None], np.maximum(one, other))
+        return np.clip(mean, least, most)  # Rounding must not break a bound.

@@ -266,7 +266,7 @@ def held_controls(trajectory: Trajectory) -> tuple[Array, Array]:
     held = [
         np.repeat(decision.control[:, None], m, axis=1)
         if decision.profile is None
-        else decision.profile.sampled(0.0, float(length), m)
+        else decision.profile.means(float(length), m)
         for decision, length in zip(decisions, np.diff(trajectory.times), strict=True)
     ]
     return trajectory.dense_times, np.hstack(held)

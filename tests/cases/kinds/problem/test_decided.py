@@ -400,7 +400,7 @@ def test_resolved_scenario_is_the_same_when_it_is_read_again() -> None:
         (BEAD, "search: {name: none}", "plant: {disturbance: {x: {deviation: 1}}}",
          "11:26", "found noise"),
         (FASTEST, "0.05, 5", "0.5, 5", "6:33", "at most one period of 0.3 s"),
-        (FASTEST, "{free: [0.05, 5], guess: 3}", "3", "7:45", "is not decided"),
+        (FASTEST, "{free: [0.05, 5], guess: 3}", "3", "7:45", "unless the end time is decided"),
         (FASTEST, "substeps: 30", "substeps: 19", "8:19", "prediction.intervals = 20"),
         (FASTEST, "start: 1", "start: {free: [0, 1]}", "2:21", "is measured"),
         (SWING, "[-2, 2]}, drag", "[-2, null]}, drag", None, None),
