@@ -49,10 +49,8 @@ def main() -> None:
     best = ss.solve(problem, START, guess=guess, seed=0)
     print(f"IPOPT from a guess below the disc: cost {alone.cost:.3f}")
     print(f"search, many starts and IPOPT: cost {best.cost:.3f}")
-    starts = best.plan.starts
-    if starts is not None and starts.lanes is not None:
-        costs = ", ".join(f"{optimum.cost:.3f}" for optimum in starts.lanes.optima)
-        print(f"local optima found: {costs}")
+    costs = ", ".join(f"{optimum.cost:.3f}" for optimum in best.optima)
+    print(f"local optima found: {costs}")
 
 
 if __name__ == "__main__":

@@ -53,9 +53,7 @@ def main() -> None:
 
     planner = ss.Planner(problem, search="lshade", polish=ss.IpoptOptions())
     agent = ss.Agent(controller=ss.RecedingHorizon(planner=planner))
-    dual = ss.DualMode(
-        ss.Team([agent], order=[0]), sets=[found], targets=[lambda time: UPRIGHT]
-    )
+    dual = ss.DualMode(ss.Team([agent]), sets=[found], targets=[lambda time: UPRIGHT])
     plant = ss.Plant(problem.model, dt=problem.dt, substeps=10)
     run = ss.simulate(plant, dual, [0, 0], steps=50, seed=0)
     modes = [decision.mode for decision in run.decisions]

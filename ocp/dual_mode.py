@@ -60,7 +60,7 @@ class DualMode:
         ... )
         >>> planner = ss.Planner(problem, search=None, polish=ss.IpoptOptions())
         >>> agent = ss.Agent(controller=ss.RecedingHorizon(planner=planner))
-        >>> team = ss.Team([agent], order=[0])
+        >>> team = ss.Team([agent])
         >>> dual = ss.DualMode(team, sets=[near], targets=[lambda time: np.zeros(2)])
         >>> dual.inside(0.0, np.array([0.1, 0])), dual.inside(0.0, np.array([9.0, 0]))
         (True, False)

@@ -16,13 +16,14 @@ touches no kink or jump of the problem's expressions.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.ocp.fitness import NOTHING, Known, at_nodes, shared_arguments
+from swarmstart.ocp.lanes.optima import Optimum
 from swarmstart.ocp.lower_bound.answer import LowerBound
 from swarmstart.ocp.member_costs import member_costs
 from swarmstart.ocp.multipliers import Multipliers, multipliers_of
@@ -99,6 +100,19 @@ class Solution(Presented):
     algebraic: Array = field(default_factory=lambda: np.empty((0, 0)))
     member_costs: Array = field(default_factory=lambda: np.empty(0))
     bound: LowerBound | None = None
+
+    @property
+    def optima(self) -> tuple[Optimum, ...]:
+        """Distinct local optima that the lanes found, the cheapest first.
+
+        Their costs have the sign of the problem, before the polish. Empty if no starts
+        were solved in lanes.
+        """
+        starts = self.plan.starts
+        if starts is None or starts.lanes is None:
+            return ()
+        sense = self.problem.sense
+        return tuple(replace(one, cost=sense * one.cost) for one in starts.lanes.optima)
 
     @property
     def gap(self) -> OptimalityGap | None:

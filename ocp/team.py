@@ -80,19 +80,23 @@ class Team:
         [2.0, 1.0]
     """
 
-    def __init__(self, agents: Sequence[Agent], *, order: Sequence[int]) -> None:
+    def __init__(
+        self, agents: Sequence[Agent], *, order: Sequence[int] | None = None
+    ) -> None:
         """Set up a team.
 
         Args:
             agents: At least one agent.
-            order: A permutation of 0..len(agents) - 1.
+            order: A permutation of 0..len(agents) - 1; None means that they plan in
+                this order.
 
         Raises:
             InvalidProblemError: If the order is not a permutation, an agent watches one
                 that plans later or whose plans have other nodes, or control intervals
                 differ.
         """
-        self.agents, self.order = tuple(agents), tuple(order)
+        self.agents = tuple(agents)
+        self.order = tuple(range(len(self.agents)) if order is None else order)
         if sorted(self.order) != list(range(len(self.agents))) or not self.agents:
             raise InvalidProblemError(
                 f"order must name each of the {len(self.agents)} agents once, "

@@ -174,7 +174,7 @@ def compare(  # noqa: PLR0913 - the options of a command
         >>> import swarmstart as ss
         >>> rows = ss.compare("double_integrator", "ipopt, solve", seeds=1, budget=400)
         >>> for row in rows:
-        ...     print(row.entry.solver.name, row.feasible, f"{row.costs[0]:.4f}")
+        ...     print(row.solver, row.feasible, f"{row.costs[0]:.4f}")
         ipopt 1 12.0301
         solve 1 12.0301
     """

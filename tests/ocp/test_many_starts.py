@@ -88,7 +88,10 @@ def test_guess_that_is_best_wins() -> None:
 
 
 def test_summary_says_what_starts_led_to() -> None:
-    said = str(solve(pendulum(), [0.0, 0.0], search=None, lanes=16, seed=0))
+    answer = solve(pendulum(), [0.0, 0.0], search=None, lanes=16, seed=0)
+    said = str(answer)
+    assert [one.count for one in answer.optima] == [17]
+    assert answer.optima[0].cost == pytest.approx(36.7126, abs=1e-3)
     assert "  won         zero controls" in said
     assert "  polished    zero controls 36.71264; the lanes 36.71264" in said
     assert "  lanes       17 starts: 36.712" in said
@@ -114,6 +117,7 @@ def test_gains_are_told_as_gains() -> None:
     )  # fmt: skip
     answer = solve(problem, [0.0], search=None, lanes=4, seed=0)
     assert answer.cost == pytest.approx(2.5)
+    assert answer.optima[0].cost == pytest.approx(2.5)
     assert "polished    zero controls 2.5" in str(answer)
 
 
@@ -128,7 +132,7 @@ def test_same_seed_gives_the_same_answer() -> None:
 
 def test_without_lanes_nothing_is_told_of_starts() -> None:
     answer = solve(cart(), [0.0, 1.0], search=None, lanes=0, seed=0)
-    assert answer.plan.starts is None
+    assert answer.plan.starts is None and answer.optima == ()
     assert "lanes" not in str(answer)
 
 

@@ -162,7 +162,12 @@ def test_intervals_equal_but_for_rounding_are_shared(double_integrator: Model) -
     assert Team(agents, order=(0, 1)).dt == pytest.approx(0.1)
 
 
-def test_refuses_an_order_that_is_none(double_integrator: Model) -> None:
+def test_agents_plan_in_their_own_order_by_default(double_integrator: Model) -> None:
+    agents = [agent_of(double_integrator), agent_of(double_integrator)]
+    assert Team(agents).order == (0, 1)
+
+
+def test_refuses_an_order_that_is_invalid(double_integrator: Model) -> None:
     agents = [agent_of(double_integrator), agent_of(double_integrator)]
     for order in ((0,), (0, 0), (1, 2)):
         with pytest.raises(InvalidProblemError, match="each of the 2 agents once"):

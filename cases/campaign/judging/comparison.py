@@ -56,12 +56,22 @@ class Row:
     false_successes: int = 0
     expected_evaluations: float | None = None
 
+    @property
+    def scenario(self) -> str:
+        """Name of the scenario."""
+        return self.entry.scenario
+
+    @property
+    def solver(self) -> str:
+        """Name of the solver."""
+        return self.entry.solver.name
+
     def __repr__(self) -> str:
         """Return problem, solver and results in one line."""
         cost = f"{statistics.median(self.costs):.6g}" if self.costs else "-"
         said = f"; {self.against_first}" if self.against_first else ""
         return (
-            f"{self.entry.scenario}, {self.entry.solver.name}: {self.feasible} of "
+            f"{self.scenario}, {self.solver}: {self.feasible} of "
             f"{len(self.outcomes)} feasible, {self.successes} near the best, "
             f"median cost {cost}{said}"
         )
