@@ -23,7 +23,7 @@ def main() -> None:
         stage_cost=x**2 + u**2,
         bounds=ss.Bounds(controls=(-1.0, 1.0), states=(-2.0, 2.0)),
     )
-    solution = ss.solve(problem, x0=[1.0], seed=0, bound=2.0)  # seconds for the bound
+    solution = ss.solve(problem, x0=[1.0], seed=0, bound=20.0)  # seconds for the bound
     bound, gap = solution.bound, solution.gap
     if bound is None or gap is None:
         raise SystemExit("expected a bound")

@@ -538,7 +538,9 @@ def told(*arguments, **options):
     return whole(*arguments, **options)
 module.{name} = told
 try:
-    ss.solve(problem, [0, 0, 0, 0], budget={budget}, seed=0, progress=progress)
+    ss.solve(
+        problem, [0, 0, 0, 0], budget={budget}, lanes=0, seed=0, progress=progress
+    )
 except KeyboardInterrupt as stopped:
     print("caught", time.time(), flush=True)
     partial = stopped.partial
@@ -548,7 +550,7 @@ except KeyboardInterrupt as stopped:
 
 @pytest.mark.parametrize(
     ("module", "name", "budget"),
-    [("planner", "minimize", 10_000_000), ("planner", "polish_basins", 1000)],
+    [("planner", "searched", 10_000_000), ("planner", "polish_basins", 1000)],
 )
 def test_ctrl_c_ends_a_solve_with_the_best_so_far(
     module: str, name: str, budget: int

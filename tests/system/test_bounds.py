@@ -201,11 +201,11 @@ def test_what_is_no_length_of_time_is_refused(command: Command, text: str) -> No
     [
         (
             ("formation_v",),
-            "of one plan, and this scenario has several agents that plan",
+            "needs one plan, and this scenario has several agents that plan",
         ),
         (
             ("stirred_tank",),
-            "of one plan, and this scenario plans at 50 steps in closed",
+            "needs one plan, and this scenario plans at 50 steps in closed",
         ),
         (
             (*PLAN, "--seeds", "2"),

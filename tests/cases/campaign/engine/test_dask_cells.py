@@ -52,7 +52,8 @@ def scheduler(folder: Path) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
     )
     try:
         deadline = time.monotonic() + PATIENCE_S
-        while not file.exists() and time.monotonic() < deadline:
+        while not (file.exists() and file.stat().st_size):
+            assert time.monotonic() < deadline
             time.sleep(0.05)
         yield json.loads(file.read_text())["address"], process
     finally:
