@@ -190,6 +190,7 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         UnstableLoopError as UnstableLoopError,
         UnweightedModeError as UnweightedModeError,
         Weights as Weights,
+        certificate_text as certificate_text,
         certify as certify,
         sampled_terminal_set as sampled_terminal_set,
     )
@@ -247,7 +248,7 @@ _NAMES = {
         NotStabilisableError ProofOptions Reference SaturatedReferenceError
         TerminalSet TooFewSubstepsError UnknownIntervalOperationError
         UnprovenSetError UnreliableSolutionError UnstableLoopError
-        UnweightedModeError Weights certify sampled_terminal_set
+        UnweightedModeError Weights certificate_text certify sampled_terminal_set
     """,
 }
 _HOMES = {name: home for home, names in _NAMES.items() for name in names.split()}

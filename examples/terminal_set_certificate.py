@@ -16,7 +16,6 @@ import casadi as ca
 import numpy as np
 
 import swarmstart as ss
-from swarmstart.terminal_set import certificate_text
 
 UPRIGHT = np.array([np.pi, 0.0])
 
@@ -52,8 +51,8 @@ def main() -> None:
     print(f"level {found.alpha:.3f}, proven in every part")
 
     planner = ss.Planner(problem, search="lshade", polish=ss.IpoptOptions())
-    agent = ss.Agent(controller=ss.RecedingHorizon(planner=planner))
-    dual = ss.DualMode(ss.Team([agent]), sets=[found], targets=[lambda time: UPRIGHT])
+    loop = ss.RecedingHorizon(planner=planner)
+    dual = ss.DualMode(loop, sets=[found], targets=[lambda time: UPRIGHT])
     plant = ss.Plant(problem.model, dt=problem.dt, substeps=10)
     run = ss.simulate(plant, dual, [0, 0], steps=50, seed=0)
     modes = [decision.mode for decision in run.decisions]
@@ -67,7 +66,7 @@ def main() -> None:
     # A folder of your own in place of this one keeps the file; check it again with
     # python -m swarmstart.terminal_set.check certificate.json
     file = Path(tempfile.mkdtemp()) / "certificate.json"
-    file.write_text(certificate_text(found.certificate), encoding="utf-8")
+    file.write_text(ss.certificate_text(found.certificate), encoding="utf-8")
     print("wrote", file.name)
     os.remove(file)
 

@@ -211,7 +211,8 @@ class RecedingHorizon:
         elif self.period is not None and not horizon.lower <= self.period:
             raise InvalidProblemError(
                 "a free end time must be allowed to shrink to one period of "
-                f"{self.period:g} s, got the lower bound {horizon.lower:g} s"
+                f"{self.period:g} s, got the lower bound {horizon.lower:g} s; for the "
+                f"closed loop state Free({self.period:g}, {horizon.upper:g})"
             )
 
     @property

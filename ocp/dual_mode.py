@@ -16,12 +16,12 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.ocp.controller import Decision, Mode
+from swarmstart.ocp.controller import Decision, Mode, RecedingHorizon
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.integrators import held_step
 from swarmstart.ocp.plan import Plan, Source
 from swarmstart.ocp.problem import OptimalControlProblem
-from swarmstart.ocp.team import Team, first_controls
+from swarmstart.ocp.team import Agent, Team, first_controls
 from swarmstart.terminal_set import TerminalSet, input_excess
 
 Array = NDArray[np.float64]
@@ -59,16 +59,15 @@ class DualMode:
         ...     rng=np.random.default_rng(0),
         ... )
         >>> planner = ss.Planner(problem, search=None, polish=ss.IpoptOptions())
-        >>> agent = ss.Agent(controller=ss.RecedingHorizon(planner=planner))
-        >>> team = ss.Team([agent])
-        >>> dual = ss.DualMode(team, sets=[near], targets=[lambda time: np.zeros(2)])
+        >>> loop = ss.RecedingHorizon(planner=planner)
+        >>> dual = ss.DualMode(loop, sets=[near], targets=[lambda time: np.zeros(2)])
         >>> dual.inside(0.0, np.array([0.1, 0])), dual.inside(0.0, np.array([9.0, 0]))
         (True, False)
     """
 
     def __init__(
         self,
-        team: Team,
+        team: Team | RecedingHorizon,
         *,
         sets: Sequence[TerminalSet],
         targets: Sequence[Target],
@@ -77,7 +76,7 @@ class DualMode:
         """Combine a team of planners with linear laws.
 
         Args:
-            team: The team.
+            team: The team; a controller alone is a team of one agent.
             sets: One terminal set for each agent, certified for inputs held over
                 `team.dt`.
             targets: One target for each agent.
@@ -85,11 +84,19 @@ class DualMode:
                 parts that are not proven.
 
         Raises:
-            InvalidProblemError: If there is not one set and one target for each agent.
+            InvalidProblemError: If there is not one set and one target for each agent,
+                or the team is neither a team nor a controller.
             UncertifiedSetError: If a set is not certified for this dt, if a part of its
                 certificate is only measured, or if its inputs exceed the bounds of the
                 agent's controls.
         """
+        if isinstance(team, RecedingHorizon):
+            team = Team([Agent(controller=team)])
+        if not isinstance(team, Team):
+            raise InvalidProblemError(
+                "dual mode needs a Team or a RecedingHorizon, got "
+                f"{type(team).__name__}"
+            )
         if not len(team.agents) == len(sets) == len(targets):
             raise InvalidProblemError(
                 f"dual mode needs a terminal set and a target for each of the "

@@ -158,8 +158,8 @@ def _settings(search: SearchGiven, budget: Budget | int | None) -> SearchSetting
         raise InvalidProblemError("warm_start needs a search, got none")
     if isinstance(found.algorithm, Multistart | Memetic):
         raise InvalidProblemError(
-            "warm_start takes a population search, since an NLP has no lanes; got "
-            f"{shortened(found.algorithm)}"
+            "warm_start takes a population search, such as 'lshade' or 'cma', since an "
+            f"NLP has no lanes; got {shortened(found.algorithm)}"
         )
     if isinstance(search, SearchSettings):
         return found

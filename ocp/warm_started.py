@@ -288,7 +288,11 @@ class WarmStartedSolver:
             status, iterations = outcome.status, outcome.iterations
         elif x is not None:
             cost, violation = self._value(x, numbers)
-            status = "not better, so not solved"
+            status = (
+                "not better, so not solved"
+                if violation <= FEASIBLE
+                else "infeasible after its polish, so not solved"
+            )
         else:
             status = "no roll-out of the search was finite"
         return StartOutcome(

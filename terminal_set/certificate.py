@@ -233,6 +233,21 @@ def certificate_text(certificate: Certificate) -> str:
     Raises:
         UnknownIntervalOperationError: If the file format lacks an operation of the
             dynamics.
+
+    Example:
+        >>> import casadi as ca, json, numpy as np
+        >>> import swarmstart as ss
+        >>> x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+        >>> problem = ss.OptimalControlProblem(
+        ...     ss.Model(states=x, controls=u, ode=ca.vertcat(x[1], u)), horizon=2.0,
+        ...     intervals=4, bounds=ss.Bounds(controls=(-1, 1)),
+        ... )
+        >>> found = ss.terminal_set_of(
+        ...     problem, at=[0, 0], weights=ss.Weights(Q=np.eye(2), R=np.eye(1)),
+        ...     rng=np.random.default_rng(0),
+        ... )
+        >>> json.loads(ss.certificate_text(found.certificate))["format"]
+        'swarmstart terminal set certificate'
     """
     content = _content(certificate)
     content["sha256"] = digest(content)

@@ -186,6 +186,16 @@ def test_plan_goes_on_from_the_linear_one(
     np.testing.assert_array_equal(away.plans[0].controls[0], shifted)
 
 
+def test_a_controller_alone_is_a_team_of_one_agent(
+    team: Team, terminal_set: TerminalSet
+) -> None:
+    loop = team.agents[0].controller
+    dual = DualMode(loop, sets=[terminal_set], targets=[lambda time: np.zeros(2)])
+    assert [agent.controller for agent in dual.team.agents] == [loop]
+    with pytest.raises(InvalidProblemError, match="or a RecedingHorizon, got Planner"):
+        DualMode(loop.planner, sets=[], targets=[])  # type: ignore[arg-type]
+
+
 def test_refuses_sets_and_targets_that_are_not_one_an_agent(
     team: Team, terminal_set: TerminalSet
 ) -> None:
