@@ -1,5 +1,7 @@
 """The box a search is confined to: {x : lower <= x <= upper}."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 

@@ -1,5 +1,7 @@
 """The initial population of a search: drawn, or given with or without its costs."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import get_args
 

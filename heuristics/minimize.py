@@ -1,5 +1,7 @@
 """The loop: ask, evaluate, tell, until the budget is used up."""
 
+from __future__ import annotations
+
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace

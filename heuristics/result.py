@@ -1,5 +1,7 @@
 """Reports of a search: after a generation, at its end, when it is interrupted."""
 
+from __future__ import annotations
+
 import enum
 from dataclasses import dataclass
 
@@ -113,7 +115,7 @@ class SearchInterrupted(KeyboardInterrupt):
         )
         self.partial = partial
 
-    def __reduce__(self) -> tuple[type["SearchInterrupted"], tuple[SearchResult]]:
+    def __reduce__(self) -> tuple[type[SearchInterrupted], tuple[SearchResult]]:
         """Pickle the exception with its result."""
         return type(self), (self.partial,)
 

@@ -4,6 +4,8 @@ A generation is `points = search.ask()`, then `search.tell(*objective(points))`;
 best point so far is `search.best`.
 """
 
+from __future__ import annotations
+
 import copy
 import json
 from collections.abc import Callable, Mapping

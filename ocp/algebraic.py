@@ -27,6 +27,8 @@ confirmed. A singular matrix at one point gives NaN there, which counts as an in
 violation.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, cast
@@ -134,7 +136,7 @@ class Elimination:
 
     def rewritten(
         self, change: Callable[[ca.SX], ca.SX], number: int | None = None
-    ) -> "Elimination":
+    ) -> Elimination:
         """Return a copy with all expressions rewritten.
 
         Args:

@@ -4,6 +4,8 @@ The generator yields each step when it is finished, so that an interruption lose
 finished step; `simulate` collects the steps.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 

@@ -20,6 +20,8 @@ does not depend on the units of a constraint.
 Distances are in separation.py.
 """
 
+from __future__ import annotations
+
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, field

@@ -12,6 +12,8 @@ If no feasible plan is found, the better of the plan found and the shifted last 
 can stall: an infeasible plan would be repeated for ever.)
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum

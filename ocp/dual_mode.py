@@ -10,6 +10,8 @@ Source: the chapter, 5.2.3.1 and steps 3 and 10; Michalska and Mayne (1993), Rob
 receding horizon control of constrained nonlinear systems.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 
 import casadi as ca

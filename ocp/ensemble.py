@@ -21,6 +21,8 @@ nonlinear model predictive control applied to a semi-batch polymerization reacto
 uncertainty, Journal of Process Control 23, for branches.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, replace
 from typing import Any, get_args

@@ -5,6 +5,8 @@ by the decisions about the start: one number for each of `problem.free_starts`. 
 single control sequence, the initial state holds these numbers.
 """
 
+from __future__ import annotations
+
 from dataclasses import replace
 from functools import cached_property
 from typing import NamedTuple

@@ -30,6 +30,8 @@ International Journal of Control 80, for planning in turn against the others' la
 plans.
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

@@ -1,5 +1,7 @@
 """The local solver from random starts, repeatedly: a usual alternative to a search."""
 
+from __future__ import annotations
+
 import time as clock
 
 import numpy as np

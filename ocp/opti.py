@@ -6,6 +6,8 @@
 This module reads the user's arguments; the work is done in warm_started.py.
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any

@@ -13,6 +13,8 @@ The plant's state also contains the phase and the time spent in it.
 Source: the shrinking horizon of controller.py, applied to each phase.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType

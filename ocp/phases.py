@@ -15,6 +15,8 @@ Source: Betts (2010), Practical Methods for Optimal Control and Estimation Using
 Nonlinear Programming, section 4.1, for phases and linkages.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 

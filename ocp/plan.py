@@ -1,5 +1,7 @@
 """A plan: controls over one horizon, with their origin, cost and violation."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any, TypedDict

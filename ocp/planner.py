@@ -3,6 +3,8 @@
 A planner is built once for a problem; planning then rebuilds nothing.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
@@ -211,7 +213,7 @@ class Planner:
                 self.fitness, self._space, search, self.polisher
             )
 
-    def with_budget(self, budget: Budget) -> "Planner":
+    def with_budget(self, budget: Budget) -> Planner:
         """Return the same planner with another search budget; nothing is rebuilt.
 
         Args:
@@ -371,7 +373,7 @@ class Planner:
         return begins_warm(self.search, lanes=bool(self._lanes))
 
     @cached_property
-    def _alone(self) -> "Planner":
+    def _alone(self) -> Planner:
         """The same planner without search and lanes."""
         alone = copy(self)
         alone.search, alone._space, alone._lanes = None, None, 0
@@ -405,7 +407,7 @@ class Planner:
             return self._from_many(request, self.many_starts)
         return self._from_one(request)
 
-    def _from_one(self, request: "_Request") -> Plan:
+    def _from_one(self, request: _Request) -> Plan:
         """Return the best plan from the search's points, or from the guess."""
         x0, known, guess, near = request.x0, request.known, request.guess, request.near
         plan, starts = self._searched(request)
@@ -451,7 +453,7 @@ class Planner:
         reason = "controls take whole numbers"
         return StartsAccount(won=origin, tried=(), lanes=None, without_lanes=reason)
 
-    def _from_many(self, request: "_Request", many_starts: ManyStarts) -> Plan:
+    def _from_many(self, request: _Request, many_starts: ManyStarts) -> Plan:
         """Return the best plan from many starts."""
         searched: list[tuple[Plan, float]] = []
 
@@ -608,7 +610,7 @@ class Planner:
             **account,
         )
 
-    def _searched(self, request: "_Request") -> tuple[Plan, list[Start]]:
+    def _searched(self, request: _Request) -> tuple[Plan, list[Start]]:
         """Return the search's answer and the starts of the polish, the best first.
 
         Without a search, these are the guess, or zero controls.

@@ -6,6 +6,8 @@ steps. An object with `step(x, u, dt)` is known at the control instants only, so
 is checked, interpolated or measured between them.
 """
 
+from __future__ import annotations
+
 import copy
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
@@ -241,7 +243,7 @@ class Plant:
                 )
         return states
 
-    def with_interval(self, dt: float) -> "Plant":
+    def with_interval(self, dt: float) -> Plant:
         """Return the same plant with another length of the control intervals.
 
         Args:
@@ -258,7 +260,7 @@ class Plant:
             clock=self.clock,
         )
 
-    def with_decided(self, values: Mapping[str, float]) -> "Plant":
+    def with_decided(self, values: Mapping[str, float]) -> Plant:
         """Return the same plant with the parameters that a plan decided.
 
         Args:
@@ -360,7 +362,7 @@ class SteppedPlant:
         self.state_names: tuple[str, ...] = tuple(getattr(steps, "state_names", ()))
         self.control_names: tuple[str, ...] = tuple(getattr(steps, "control_names", ()))
 
-    def with_interval(self, dt: float) -> "SteppedPlant":
+    def with_interval(self, dt: float) -> SteppedPlant:
         """Return the same plant with control intervals of another length [s]."""
         return SteppedPlant(self._steps, dt=dt)
 

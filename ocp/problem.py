@@ -24,6 +24,8 @@ No decision depends on the units of the problem. Each row of a constraint has a 
 from the problem's own numbers (scaling.py).
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
@@ -464,7 +466,7 @@ class OptimalControlProblem:
         """Number of signals."""
         return int(self.signals.numel())
 
-    def costs(self) -> tuple[float, "Costs"]:
+    def costs(self) -> tuple[float, Costs]:
         """Return (unit, costs / unit), where the unit is a power of two.
 
         Costs that differ by a power of two differ in the unit only; see units.py.

@@ -81,4 +81,5 @@ class Profile:
         several = np.diff(at) > 1
         least = np.where(several, u.min(axis=1)[:, None], np.minimum(one, other))
         most = np.where(several, u.max(axis=1)[:, None], np.maximum(one, other))
-        return np.clip(mean, least, most)  # Rounding must not break a bound.
+        within: Array = np.clip(mean, least, most)  # Rounding must not break a bound.
+        return within

@@ -24,6 +24,8 @@ Source: Fliess, Levine, Martin and Rouchon (1995), Flatness and defect of non-li
 systems, International Journal of Control 61.
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType

@@ -14,6 +14,8 @@ Source: the chapter's (5.15), (5.16) for `measure="indicator"`, which counts 1 f
 violated check instead of the amount, and (5.34); the segment is an addition.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 

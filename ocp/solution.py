@@ -15,6 +15,8 @@ solver ended at a stationary point, the second derivatives show a minimum, and t
 touches no kink or jump of the problem's expressions.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 

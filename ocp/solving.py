@@ -1,5 +1,7 @@
 """Solution of a problem in one call: search, polish, verification, and repair."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Literal

@@ -12,6 +12,8 @@ linear one has a kink at each breakpoint. The methods are those of `casadi.inter
 Source: de Boor (2001), A Practical Guide to Splines, chapter IV, for not-a-knot.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, TypeAlias, cast, get_args

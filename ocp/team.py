@@ -5,6 +5,8 @@ the agents that it watches as time-varying signals, after the rows of its own re
 (5.2.3.2: the agent with the higher index plans first, the lower one avoids it).
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

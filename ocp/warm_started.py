@@ -13,6 +13,8 @@ before infeasible, with a row's excess relative to the size of its terms
 then by the cost; ties go to the user's own start.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
