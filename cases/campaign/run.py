@@ -455,7 +455,7 @@ def _flown(
                 if asked_to_stop():
                     raise KeyboardInterrupt
                 flown.append((step, rng.bit_generator.state))
-                progress(len(flown), resolved.scenario.steps, "flying")
+                progress(len(flown), resolved.scenario.steps, "simulating")
                 if clock.perf_counter() - saved > CHECKPOINT_S:
                     save()
                     saved = clock.perf_counter()

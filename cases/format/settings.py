@@ -320,7 +320,7 @@ def _yaml_type(hint: Any) -> Any:
     if hint is float:
         return Number
     if get_origin(hint) in (Union, types.UnionType):
-        members = {_yaml_type(member) for member in get_args(hint)}
+        members = dict.fromkeys(map(_yaml_type, get_args(hint)))
         return Union[tuple(members)]  # noqa: UP007 - the members are known at run time
     if hint in (bool, int, str, type(None)) or get_origin(hint) is Literal:
         return hint

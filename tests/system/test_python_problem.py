@@ -101,7 +101,7 @@ def test_an_interrupted_run_goes_on_only_with_permission_and_the_same_file(
     recording = Recording(folder=tmp_path / "out", figures=False)
 
     def interrupt(done: int, of: int, what: str) -> None:
-        if (done, what) == (2, "flying"):
+        if (done, what) == (2, "simulating"):
             raise KeyboardInterrupt
 
     resolved = allowed(project.resolved(*changes))

@@ -46,7 +46,7 @@ def test_a_run_of_the_library_is_that_of_the_command() -> None:
         **{k: v for k, v in found.measures.items() if "seconds" in k},
     }
     assert found.resolved.settings == expected.resolved.settings
-    assert told[-1] == (2, 2, "flying")
+    assert told[-1] == (2, 2, "simulating")
     assert repr(found).startswith("Run of formation_v, seed 3: simulated to the end")
 
 

@@ -186,7 +186,7 @@ def test_interrupted_run_with_a_decided_end_time_goes_on(tmp_path: Path) -> None
     stop = [0]
 
     def after_some(done: int, _: int, what: str) -> None:
-        stop[0] += what == "flying"
+        stop[0] += what == "simulating"
         if stop[0] == 7:
             raise KeyboardInterrupt
 
