@@ -161,7 +161,7 @@ class Algorithm(Protocol):
         """
 
     def kernel_settings(self, box: Box, order: RunningOrder) -> tuple[object, ...]:
-        """The settings as a NamedTuple of numbers and arrays, for the kernels.
+        """Return the settings as a NamedTuple of numbers and arrays, for the kernels.
 
         Raises:
             InvalidSettingsError: If a setting does not fit the box.

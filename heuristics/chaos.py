@@ -38,7 +38,7 @@ def leave_traps(rng: np.random.Generator, z: Array) -> None:
     of 1/2 is mapped to 1), and there it would stay.
 
     Args:
-        rng: Source of the seeds; asked for nothing while no orbit is trapped.
+        rng: Source of the seeds; used only if an orbit is trapped.
         z: Chaotic numbers, shape (dim, size), changed in place.
     """
     dim, size = z.shape

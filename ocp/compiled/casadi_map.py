@@ -44,7 +44,10 @@ class CasadiMap:
         self._buffers: dict[int, _Buffers] = {}
 
     def bind(self, shared: tuple[Array, ...]) -> "BoundMap":
-        """Return population -> outputs; see BatchEvaluator."""
+        """Return a function that computes the outputs of a population.
+
+        See `BatchEvaluator.bind`.
+        """
         return BoundMap(self, shared)
 
     def evaluate(self, population: Array, shared: list[Array]) -> Array:

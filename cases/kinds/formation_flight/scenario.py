@@ -130,7 +130,7 @@ class TerminalCost(Part):
     P: Matrix | None = None
 
     def flaws(self) -> Iterator[LocatedFlaw]:
-        """Yield its errors."""
+        """Yield the errors of the scenario."""
         yield from _matrix_flaws(self.design == "given", self.P)
 
 
@@ -189,7 +189,7 @@ class DualModePart(Part):
         return self.enabled and self.certify and self.design == "sampled"
 
     def flaws(self) -> Iterator[LocatedFlaw]:
-        """Yield its errors."""
+        """Yield the errors of the scenario."""
         yield from _matrix_flaws(self.design == "literal", self.P)
 
 

@@ -48,7 +48,7 @@ class Vehicle(Part):
     turn: Literal["sin", "tan"] = "tan"
 
     def flaws(self) -> Iterator[LocatedFlaw]:
-        """Yield its errors."""
+        """Yield the errors of the scenario."""
         yield from bank_flaws(self.turn, self.bank_rad)
         yield from speed_limit_flaws(self.speed_m_s)
 
