@@ -5,6 +5,8 @@ from __future__ import annotations
 PRINTED = {
     "any_problem.md": """
         2.0 2.0
+        False [-0.02 -0.14]
+        True [ 0.02 -0.06]
         [-0.187 -0.239]
         3.0 1.5
         {'duration of phase 1': ...
@@ -21,6 +23,8 @@ PRINTED = {
     """,
     "library.md": """
         36.713
+        36.713
+        [(36.71, ...)]
         [20.36 24.56]
         ('angle', 'speed') ...
         Run of formation_v, ...
