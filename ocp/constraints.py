@@ -148,9 +148,9 @@ class _Limited:
 class PathConstraint(_Limited):
     """Path constraint lower <= expression <= upper, at both ends of every check.
 
-    With a weight it is soft (soft.py): it may be broken at a cost. Each control
-    interval of length dt then costs dt (weight e + quadratic_weight e^2), with e the
-    largest excess of a row.
+    With a weight it is soft: it may be broken at a cost. Each control interval of
+    length dt then costs dt (weight e + quadratic_weight e^2), with e the largest excess
+    of a row.
 
     Attributes:
         expression: Column in the problem's symbols, shape (m, 1), or a list of

@@ -20,10 +20,10 @@ class Multistart:
     """Local solves from smooth random starts, until few optima are left to find.
 
     The search ends when the budget is spent. It ends earlier if, with 95 % confidence,
-    the share of starts that would lead to an optimum not seen yet is below `unseen`
-    (lanes/optima.py; this holds for these starts only). If a problem has no lane
-    method, or `lanes` is false, the NLP solver starts from random points until the
-    budget is spent.
+    the share of starts that would lead to an optimum not seen yet is below `unseen`.
+    This holds for these starts only (docs/answers.md, "Many starts"). If a problem has
+    no lane method, or `lanes` is false, the NLP solver starts from random points until
+    the budget is spent.
 
     Attributes:
         size: Number of starts that are solved at once, at least 1.

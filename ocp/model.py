@@ -49,8 +49,8 @@ class Model:
         controls: Symbols of the controls, shape (nu, 1).
         ode: Right-hand side, shape (nx, 1), SI units per second: an expression, a list
             of its rows, or a casadi.Function or Python function of (x, u), (x, u, p) or
-            (t, x, u, p); see model_forms.py. If left out, it is zero, and there must be
-            a next state.
+            (t, x, u, p) (docs/library.md, "Use a model in another form"). If left out,
+            it is zero, and there must be a next state.
         next_state: State after a control interval, shape (nx, 1), in the same forms. It
             defines a discrete-time model; with an `ode` as well, it is the state after
             the jump at the interval's end, as a function of the state before. If left
@@ -61,8 +61,8 @@ class Model:
         time: Symbol of the time [s], shape (1, 1); left out if nothing depends on it.
         state_names: A name for each state; if empty, those of the symbols.
         control_names: A name for each control; if empty, those of the symbols.
-        algebraic: Equations that determine further variables of the ode, see
-            algebraic.py; None: no such equations.
+        algebraic: Equations that determine further variables of the ode
+            (docs/library.md, "Algebraic equations"); None: no such equations.
         signature: A letter for each argument of a function given as ode, such as
             "txup"; if empty, the arguments are recognised by their names, else by their
             number.

@@ -119,9 +119,8 @@ def _turned(search: SearchSettings) -> SearchSettings:
 class Planner:
     """Search and polish of one problem, compiled once.
 
-    Except for `posed`, all methods refer to the core of the problem (lowering.py). It
-    is the problem itself unless there are decisions besides the controls, or previous
-    controls.
+    Except for `posed`, all methods refer to the core of the problem. It is the problem
+    itself unless there are decisions besides the controls, or previous controls.
 
     Attributes:
         stated: The problem as it is stated.
@@ -170,10 +169,11 @@ class Planner:
             family: Family of trajectories to search; None means control sequences. The
                 controls of a member do not lead exactly along its states, so a family
                 should be combined with a polish.
-            backend: Backend that evaluates populations, as in compiled/backend.py.
+            backend: Backend that evaluates populations: "llvm" (machine code), "casadi"
+                or "auto"; None asks SWARMSTART_BACKEND, then auto.
             lanes: Number of additional random starts that are solved at once if there
-                is no earlier answer; see many_starts.py. 0 means none.
-            watch: Observer of search and polish, which may stop them; see watching.py.
+                is no earlier answer (docs/answers.md, "Many starts"). 0 means none.
+            watch: Observer of search and polish, which may stop them.
 
         Raises:
             InvalidProblemError: If there is a search and a control is unbounded, the
@@ -335,7 +335,8 @@ class Planner:
                 population.
             near: Whether the guess is an earlier answer, which a polish without a
                 search stays near. The plan is then made without search and lanes,
-                unless that fails or the search has `when="always"`; see warm_steps.py.
+                unless that fails or the search has `when="always"` (docs/answers.md,
+                "Closed loop: one warm polish a step").
             last_cost: Cost of the earlier answer; None if not known.
             in_loop: Whether later plans will start from this one. It is then also made
                 without search and lanes, and the better plan is kept.

@@ -121,7 +121,7 @@ class OptimalControlProblem:
         maximize: Whether the costs are maximised. They are then negated internally; a
             `Solution` reports them as stated, whereas plans hold the minimised costs.
         bounds: Bounds on controls and states.
-        constraints: Path constraints: objects of constraints.py and separation.py,
+        constraints: Path constraints: `PathConstraint`, `Separation` or `disc`,
             relations such as `x[0] <= 1`, or expressions alone, which mean expression =
             0.
         terminal: Terminal constraints: objects, relations, expressions alone (= 0), or
@@ -136,25 +136,25 @@ class OptimalControlProblem:
         clock: Name of the state that is the time of an answer [s]; empty: the time is
             uniform over the horizon.
         blocks: Lengths of blocks of intervals that share one control, in order
-            (blocks.py); empty: each interval has its own.
+            (docs/any_problem.md, "Blocks"); empty: each interval has its own.
         control_shape: "constant" (controls held over an interval), "linear" (linear
             between knots, the first of which is decided) or "continuous" (linear, with
-            the first knot given by Known(previous=...)); see control_shape.py. With
-            knots, the step cost uses the controls at the end of an interval, and the
-            previous controls are those at its start.
+            the first knot given by Known(previous=...)). With knots, the step cost uses
+            the controls at the end of an interval, and the previous controls are those
+            at its start (docs/any_problem.md, "Linear controls").
         scales: Natural sizes of states and controls by name, in their units; sizes that
-            are not given are found (scaling.py).
+            are not given are found (docs/any_problem.md, "Sizes").
         signals: Symbols of the known signals, shape (ns, 1); those of the model come
             first, and are added if they are missing.
         quadrature: Sum of the stage cost: "integral" (integrated with the model),
             "left" or "right" (its value at the start or the end of each interval, times
             dt).
-        integrator: "rk4", "euler" or "stiff"; see integrators.py.
+        integrator: "rk4" (Runge-Kutta of order 4), "euler" (explicit Euler) or "stiff"
+            (implicit; docs/stiff_models.md).
         substeps: Number of integrator steps from one check to the next; with step size
             control, the expected number.
-        integrator_tolerance: Allowed relative error of each step of "stiff"
-            (adaptive.py); None: `substeps` equal steps. The other integrators always
-            take equal steps.
+        integrator_tolerance: Allowed relative error of each step of "stiff"; None:
+            `substeps` equal steps. The other integrators always take equal steps.
         transcription: Treatment of the states within an interval by the polish:
             "shooting" (integrator steps) or "radau" (collocation, with the states as
             unknowns); a `Radau` sets its number of points.
@@ -164,9 +164,10 @@ class OptimalControlProblem:
             constraints' scales.
         path_tolerance: Largest excess of a constraint on the finely integrated path,
             relative to its scale, at which an answer is confirmed.
-        risk: Costs of the members of an ensemble (ensemble.py); None: not an ensemble.
-        epigraph: Smooth form of a terminal cost with kinks, for an NLP; made by
-            lowering.py.
+        risk: Costs of the members of an ensemble, made by `ensemble`; None: not an
+            ensemble.
+        epigraph: Smooth form of a terminal cost with kinks, for an NLP; made
+            internally.
 
     Raises:
         InvalidProblemError: If an entry is invalid; with its name, the value given and
@@ -469,7 +470,7 @@ class OptimalControlProblem:
     def costs(self) -> tuple[float, Costs]:
         """Return (unit, costs / unit), where the unit is a power of two.
 
-        Costs that differ by a power of two differ in the unit only; see units.py.
+        Costs that differ by a power of two differ in the unit only.
         """
         given = Costs(
             self.stage_cost, self.step_cost, self.initial_cost, self.terminal_cost
@@ -585,7 +586,7 @@ class OptimalControlProblem:
 
     @cached_property
     def soft(self) -> tuple[PathConstraint, ...]:
-        """Soft constraints, whose excess is a cost; see soft.py."""
+        """Soft constraints, whose excess is a cost."""
         every = map(as_path, self.constraints)
         return tuple(c for c in every if isinstance(c, PathConstraint) and c.is_soft)
 
@@ -620,7 +621,7 @@ class OptimalControlProblem:
     def row_scales(self) -> list[Array]:
         """Return the scale of each row, of the path and then the terminal constraints.
 
-        NaN stands for a scale that depends on the initial state; see scaling.py.
+        NaN stands for a scale that depends on the initial state.
         """
         return [
             known_scales(c)

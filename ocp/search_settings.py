@@ -56,7 +56,8 @@ class SearchSettings:
         radius: Smallest distance of two basins, as a fraction of the bounds' widths.
         when: Whether to search for a plan that follows an earlier one: "always", or
             only if "needed". With "needed" and a polish, the search runs if the polish
-            from the earlier plan fails or the problem has jumped; see warm_steps.py.
+            from the earlier plan fails or the problem has jumped (docs/answers.md,
+            "Closed loop: one warm polish a step").
             Without a polish every plan is searched.
 
     Raises:

@@ -81,7 +81,8 @@ class Start(NamedTuple):
             lead to.
         x0: Initial state, including the decisions about it, shape (nx,); None: as
             given.
-        is_guess: Whether the states give the sizes of unbounded states; see scaling.py.
+        is_guess: Whether the states give the sizes of unbounded states, by which
+            the NLP is scaled.
         carried: Multipliers of an earlier answer, from which a polish starts; None
             without them.
         decided: Decisions of an earlier answer about the start of the core's states, by

@@ -138,9 +138,10 @@ class Solution(Presented):
 
     @property
     def multipliers(self) -> Multipliers | None:
-        """Costates and shadow prices of the polished answer; see multipliers.py.
+        """Costates and shadow prices of the polished answer.
 
-        None if no NLP solver has converged to it.
+        They are in the units of the problem (docs/any_problem.md, "What limits are
+        worth"). None if no NLP solver has converged to it.
         """
         point = self.plan.point
         return None if point is None else multipliers_of(point, self.problem)

@@ -97,7 +97,9 @@ def solve(  # noqa: PLR0913 - the whole way in one call
             guess, the search's best points and guesses of states, and the answer
             reports the result of each. None means 64 if there is a polish; 0 means a
             single start.
-        backend: Backend that evaluates populations, as in compiled/backend.py.
+        backend: Backend that evaluates populations: "llvm" (machine code), "casadi" or
+            "auto"; None asks SWARMSTART_BACKEND, then auto (docs/evaluator.md, "Choose
+            the evaluator").
         bound: Time [s] to compute a lower bound of the optimal cost with `lower_bound`,
             after the answer is found; None: no bound.
         rng: Source of all randomness; either this or a seed.

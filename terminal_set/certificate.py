@@ -91,7 +91,7 @@ class Certificate:
         P: Shape of the ellipsoid, (nx, nx).
         alpha: The proven level: e'Pe decreases up to it, and all bounds hold.
         core: Level within which a drift of the rounded reference may cancel the
-            decrease; no trajectory leaves the set V <= core (`drift.py`).
+            decrease; no trajectory leaves the set V <= core.
         drift: That drift, relative to the core's radius; in 1/s, or a fraction per hold
             for a held input.
         dt: Time for which the input is held [s]; None for a continuous input.
