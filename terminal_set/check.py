@@ -56,8 +56,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         import flint
     except ImportError:
         complain(
-            "python-flint is needed to check a certificate: "
-            "pip install 'swarmstart[test]'",
+            "python-flint is needed to check a certificate: pip install python-flint",
         )
         return UNUSABLE
     before = flint.ctx.prec

@@ -373,8 +373,7 @@ def test_without_python_flint_one_sentence_says_what_to_install(
     code, said = check(chen())
     assert code == 2
     assert said == (
-        "python-flint is needed to check a certificate: "
-        "pip install 'swarmstart[test]'\n"
+        "python-flint is needed to check a certificate: pip install python-flint\n"
     )
 
 
