@@ -26,6 +26,7 @@ from swarmstart.cases.drawing.report.panels_over_time import (
     ticks,
 )
 from swarmstart.cases.drawing.report.tracks import Plane, Tracks
+from swarmstart.cases.drawing.report.wording import counted
 
 if TYPE_CHECKING:
     from markupsafe import Markup
@@ -108,7 +109,14 @@ def caption(tracks: Tracks) -> list[str]:
     if missing and not tracks.is_one_plan:
         said.append(
             f"Crosses in the panel of the solver's time: the {missing} of "
-            f"{tracks.without_plan.size} steps at which a vehicle had no feasible plan."
+            f"{tracks.without_plan.size} steps at which a vehicle planned, but found no "
+            "feasible plan."
+        )
+    broken = int(tracks.linear_breaks.sum())
+    if broken:
+        said.append(
+            f"At {counted(broken, 'step')} under the linear law the path breaks a "
+            "constraint."
         )
     return [sentence.strip() for sentence in (*said, *tracks.notes)]
 

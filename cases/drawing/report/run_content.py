@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from swarmstart.cases.drawing.report.broken_limits import broken_words
 from swarmstart.cases.drawing.report.tracks import Tracks, tracks_of
 from swarmstart.cases.drawing.report.units import duration, shown, unit_of_measure
 from swarmstart.cases.drawing.report.wording import (
@@ -168,7 +169,9 @@ def _content(record: Record, summary: Mapping[str, Any], tracks: Tracks) -> RunC
         kind=kind,
         title=tracks.title or str(summary["scenario"]),
         headline=_headline(summary, kind, measures, tracks, scenario),
-        verdict=_quality(_words(summary["status"])),
+        verdict="bad"
+        if broken_words(measures, scenario)
+        else _quality(_words(summary["status"])),
         facts=_facts(summary, tracks, scenario),
         measures=_measure_rows(kind, measures, scenario),
         claims=[_claim_row(claim) for claim in list(summary["claims"])[:MOST_ROWS]],
@@ -193,7 +196,7 @@ def _headline(
     tracks: Tracks,
     scenario: Mapping[str, Any],
 ) -> str:
-    """Return what was simulated, how it went, the cost, and the solver's time."""
+    """Return broken limits, what was simulated, the cost, and the solver's time."""
     end, steps = float(tracks.step_times[-1]), tracks.step_seconds.size
     plural = "" if steps == 1 else "s"
     parts = [f"Simulated for {shown(end)} s in {steps} step{plural}"]
@@ -214,7 +217,8 @@ def _headline(
         if is_number(measures.get(name)):
             parts.append(f"{words} {shown(measures[name])} m")
     parts.append(_solver_words(tracks))
-    return "; ".join(parts) + "."
+    first = [f"{words}. " for words in broken_words(measures, scenario)]
+    return "".join(first) + "; ".join(parts) + "."
 
 
 def _settled(measures: Mapping[str, Any]) -> str:
@@ -363,6 +367,7 @@ def _limits(
         **_without_plans(tracks),
         f"{shown(outside)} steps start outside the bounds of the states or the path "
         "constraints.": is_number(outside) and outside,
+        **_linear_breaks(tracks),
         "The solver's time is not known at every step.": not np.isfinite(
             tracks.step_seconds
         ).all(),
@@ -389,10 +394,20 @@ def _without_plans(tracks: Tracks) -> dict[str, bool]:
     if tracks.is_one_plan:
         return {"The plan that was carried out is not feasible.": missing > 0}
     said = (
-        f"At {missing} of {steps} steps a vehicle had no feasible plan; the last plan, "
-        "shifted, was used there."
+        f"At {missing} of {steps} steps a vehicle planned, but found no feasible plan; "
+        "the last plan, shifted, was used there."
     )
     return {said: missing > 0}
+
+
+def _linear_breaks(tracks: Tracks) -> dict[str, bool]:
+    """Return a sentence on the linear law's breaks of constraints, and if there are."""
+    broken = int(tracks.linear_breaks.sum())
+    said = (
+        f"At {counted(broken, 'step')} under the linear law the path breaks a "
+        "constraint; nothing was planned there."
+    )
+    return {said: broken > 0}
 
 
 def _command(summary: Mapping[str, Any]) -> str:

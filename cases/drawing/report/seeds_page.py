@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.cases.drawing.page import rendered
+from swarmstart.cases.drawing.report.broken_limits import broken_seeds
 from swarmstart.cases.drawing.report.panels_over_time import BandDrawn, band_panel
 from swarmstart.cases.drawing.report.run_content import MOST_ROWS
 from swarmstart.cases.drawing.report.strips import strip
@@ -86,6 +87,7 @@ def seeds_page(content: Mapping[str, Any]) -> str:
         {
             "title": title,
             "headline": _headline(content, rows),
+            "is_broken": bool(broken_seeds(content)),
             "rows": [
                 (row, [shown(v) for v in row.ends], strip(row.values)) for row in rows
             ],
@@ -133,6 +135,7 @@ def _read(
         seeds = list(content["seeds"])
         rows = _rows(content, len(seeds))
         bands = _bands(content.get("bands"))
+        broken_seeds(content)
     except (LookupError, TypeError, ValueError, AttributeError) as error:
         raise RecordError(
             "expected the content of `run --seeds` (schema 1), found: "
@@ -185,6 +188,7 @@ def _headline(content: Mapping[str, Any], rows: Sequence[SpreadRow]) -> str:
     """Return how many runs, and the spread of the measure that matters most."""
     count = len(content["seeds"])
     said = [f"{count} run{'' if count == 1 else 's'} with the seeds {_seeds(content)}"]
+    said += broken_seeds(content)
     first = ("verified_cost", "closed_loop_cost", "flown_cost", "cost", "cost_max",
              "position_error_m")  # fmt: skip
     by_name = {row.name: row for row in rows}
@@ -199,9 +203,6 @@ def _headline(content: Mapping[str, Any], rows: Sequence[SpreadRow]) -> str:
     if chosen is not None:
         low, median, high = (shown(value) for value in chosen.ends)
         said.append(f"{chosen.name}: lowest {low}, median {median}, highest {high}")
-    failures = content.get("failures") or []
-    if failures:
-        said.append(f"{len(failures)} failed")
     return "; ".join(said) + "."
 
 

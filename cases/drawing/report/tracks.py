@@ -8,7 +8,7 @@ and `y`. A record without positions has lines over time alone.
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -107,7 +107,10 @@ class Tracks:
         series: States and controls over time.
         step_times: Control instants, shape (T + 1,) [s].
         step_seconds: Wall time of each decision, shape (T,) [s].
-        without_plan: Whether no feasible plan was found at a step, shape (T,).
+        without_plan: Whether a vehicle planned at a step and found no feasible plan,
+            shape (T,).
+        linear_breaks: Whether the path of a vehicle under the linear law, from a step
+            on, breaks a constraint, shape (T,).
         is_one_plan: Whether one plan is carried out to its end.
         notes: Sentences on what is not drawn.
     """
@@ -120,6 +123,9 @@ class Tracks:
     step_times: Array
     step_seconds: Array
     without_plan: NDArray[np.bool_]
+    linear_breaks: NDArray[np.bool_] = field(
+        default_factory=lambda: np.zeros(0, dtype=bool)
+    )
     is_one_plan: bool = False
     notes: tuple[str, ...] = ()
 
@@ -179,6 +185,7 @@ def _tracks(record: Record, flight: Trajectory, scenario: Mapping[str, Any]) -> 
         step_times=flight.times,
         step_seconds=flight.step_seconds,
         without_plan=np.array([_is_without(d) for d in decisions], dtype=bool),
+        linear_breaks=np.array([_linear_breaks(d) for d in decisions], dtype=bool),
         is_one_plan=len(decisions) > 1
         and all(d.plans == decisions[0].plans for d in decisions),
         notes=tuple(notes),
@@ -211,7 +218,14 @@ def _checked(flight: Trajectory) -> Trajectory:
 
 
 def _is_without(decision: Decision) -> bool:
-    return any(p.source is Source.SHIFTED or not p.feasible for p in decision.plans)
+    """Return whether a vehicle planned and found no feasible plan."""
+    planned = [p for p in decision.plans if p.source is not Source.LINEAR]
+    return any(p.source is Source.SHIFTED or not p.feasible for p in planned)
+
+
+def _linear_breaks(decision: Decision) -> bool:
+    linear = [p for p in decision.plans if p.source is Source.LINEAR]
+    return not all(p.feasible for p in linear)
 
 
 def _plane(

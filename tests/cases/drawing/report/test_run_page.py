@@ -21,6 +21,7 @@ from swarmstart.cases.drawing.drawing import COLOURS
 from swarmstart.cases.drawing.report import run_page as report
 from swarmstart.cases.drawing.report.captions import CAPTIONS, caption_of
 from swarmstart.cases.drawing.report.pictures import PAGE_BYTES, pictures_of
+from swarmstart.cases.drawing.report.player import caption
 from swarmstart.cases.drawing.report.run_content import run_content
 from swarmstart.cases.drawing.report.run_page import (
     run_latex,
@@ -103,6 +104,36 @@ def test_a_page_says_how_it_went_and_how_to_do_it_again(
     assert all(text.endswith(".") and "_" not in text for text in captions)
     assert not opened.scrolls_sideways() and opened.is_silent()
     assert len(html.encode()) < PAGE_BYTES
+
+
+def test_a_collision_is_said_before_the_cost(copied: Path) -> None:
+    def collide(summary: dict[str, Any]) -> None:
+        summary["measures"]["obstacle_clearance_m"] = -15.0
+
+    content = run_content(changed(copied, collide))
+    assert content.headline.startswith(
+        "UAVs enter an obstacle by 15 m. Simulated for 2 s"
+    )
+    assert content.verdict == "bad"
+
+
+def test_steps_without_a_plan_are_apart_from_those_of_the_linear_law(
+    copied: Path,
+) -> None:
+    """Plans of the linear law that break a constraint are not planned steps."""
+    with np.load(copied / "trajectory.npz") as kept:
+        arrays = dict(kept)
+    arrays["plan_feasible"][:, 0] = [True, False, False, False]
+    arrays["plan_source"] = arrays["plan_source"].astype("U16")
+    arrays["plan_source"][2:, 0] = "LINEAR"
+    np.savez(copied / "trajectory.npz", **arrays)
+    content = run_content(copied)
+    limits = " ".join(content.limits)
+    assert "At 1 of 4 steps a vehicle planned, but found no feasible plan" in limits
+    assert "At 2 steps under the linear law the path breaks a constraint" in limits
+    seen = " ".join(caption(content.tracks))
+    assert "the 1 of 4 steps at which a vehicle planned" in seen
+    assert "At 2 steps under the linear law" in seen
 
 
 def test_measures_sort_and_filter(record: Path, opened: Opened, tmp_path: Path) -> None:
@@ -389,6 +420,17 @@ def test_seeds_have_lowest_median_and_highest(opened: Opened, tmp_path: Path) ->
     assert not opened.scrolls_sideways() and opened.is_silent()
     assert r"| cost | 1 | 2.5 | 4 |" in seeds_markdown(seeds())
     assert "cost & 1 & 2.5 & 4 &" in seeds_latex(seeds())
+
+
+def test_a_page_of_seeds_says_what_went_wrong_and_in_which_seeds() -> None:
+    fine = seeds(failures=["", "", "", ""], feasible=[True] * 4)
+    assert "failed" not in seeds_markdown(fine) and 'class="bad"' not in seeds_page(
+        fine
+    )
+    wrong = seeds(failures=["", "", "cut", ""], feasible=[True, False, False, True])
+    html = seeds_page(wrong)
+    assert "1 of 4 failed (seed 2)" in html and "no feasible plan (seed 1)" in html
+    assert '<p class="bad">4 runs' in html
 
 
 @pytest.mark.parametrize("wrong", [
