@@ -64,6 +64,22 @@
     (table.closest(".scroll") ?? table).before(label);
   }
 
+  // A box that is narrower than its content says so, as long as something is cut.
+  for (const box of document.querySelectorAll(".scroll")) {
+    const hint = made("p", { className: "note hint", hidden: true,
+      textContent: "There is more to the right: scroll sideways \u2192" });
+    box.before(hint);
+    const told = () => {
+      const cut = box.scrollWidth > box.clientWidth + 1;
+      hint.hidden = !cut;
+      box.classList.toggle("cut", cut);
+    };
+    const watch = new ResizeObserver(told);
+    watch.observe(box);
+    for (const inner of box.children) watch.observe(inner);
+    told();
+  }
+
   // Buttons that copy. Without a clipboard (an old browser): select, to copy by hand.
   for (const button of document.querySelectorAll("button[data-copy]")) {
     const source = document.getElementById(button.dataset.copy);

@@ -136,6 +136,26 @@ def test_steps_without_a_plan_are_apart_from_those_of_the_linear_law(
     assert "At 2 steps under the linear law" in seen
 
 
+def test_values_are_in_view_on_a_telephone_and_what_is_cut_says_so(
+    copied: Path, opened: Opened, tmp_path: Path
+) -> None:
+    def lengthen(summary: dict[str, Any]) -> None:
+        summary["measures"]["obstacle_clearance_sampled_m"] = 8.5361e-06
+        summary["measures"]["errors_of_each"] = [8.5361e-06 * k for k in range(1, 13)]
+
+    html = run_page(changed(copied, lengthen))
+    page = opened.show(html, tmp_path / "page.html", width=390)
+    assert page.locator("#measures ~ .scroll td.list").count() == 1
+    ends = page.eval_on_selector_all(
+        "#measures ~ .scroll td:nth-child(2)",
+        "all => all.map(cell => cell.getBoundingClientRect().right)",
+    )
+    assert max(ends) < 390 - 60
+    assert page.locator("#measures ~ .hint").is_visible()  # The meanings are cut.
+    page = opened.show(html, tmp_path / "page.html", width=1600)
+    assert page.locator("#measures ~ .hint").is_hidden()
+
+
 def test_measures_sort_and_filter(record: Path, opened: Opened, tmp_path: Path) -> None:
     page = opened.show(run_page(record), tmp_path / "page.html")
     table = page.locator("#measures ~ .scroll table")
