@@ -37,6 +37,7 @@ def seeds_content(
         "title": settings["title"],
         "kind": settings["kind"],
         "variant": resolved.variant,
+        "vehicles": _uavs(settings.get("uavs") or []),
         "search": settings["search"]["name"],
         "polish": settings["polish"],
         "command": command,
@@ -52,6 +53,11 @@ def seeds_content(
         "bands": bands([one["track"] for one in results if one is not None]),
         "versions": versions(),
     }
+
+
+def _uavs(given: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return the name of each UAV of the chapter's kinds; empty for other kinds."""
+    return [f"UAV {uav.get('number') or place}" for place, uav in enumerate(given, 1)]
 
 
 def _measures(results: Sequence[Mapping[str, Any] | None]) -> dict[str, list[Any]]:

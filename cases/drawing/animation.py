@@ -3,7 +3,8 @@
 The camera keeps all vehicles in the picture, and the scales of both axes equal. It
 looks at a moving average of the middle of the vehicles, a little behind them, so that
 their trails are seen; its view is as wide as the farthest vehicle needs, and gets
-narrower as they gather.
+narrower as they gather. An obstacle within two widths of the formation is in the view
+too. A vehicle inside an obstacle is red, and the clock says so.
 """
 
 from collections.abc import Sequence
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from swarmstart.cases.drawing.drawing import arrowhead, colour
 from swarmstart.cases.drawing.series import escaped
-from swarmstart.cases.drawing.tracks import Scene
+from swarmstart.cases.drawing.tracks import Scene, inside_discs
 from swarmstart.cases.record.files import replacing
 from swarmstart.errors import SwarmstartError
 from swarmstart.ocp.progress import ProgressCallback, tell_nothing
@@ -42,6 +43,10 @@ MARGIN, NEAREST_M = 0.18, 12.0
 SMOOTH_S, BEHIND_S, TRAIL_S = 2.0, 2.0, 8.0
 """Of the flight: time that the camera averages over each way, time by which it is
 behind the vehicles, and length of a trail."""
+REACH = 2.0
+"""Widths of the formation within which an obstacle is in the view."""
+INSIDE, ALARM = "inside an obstacle", "#d00000"
+"""Words beside the clock, and the colour of a vehicle inside an obstacle."""
 _SHADES = 7
 """Steps of a colour to white: what smooth edges need."""
 
@@ -155,13 +160,13 @@ def camera_of(scene: Scene, *, ratio: float) -> Camera:
     """Return the views of a scene's instants, in each of which all vehicles are.
 
     Args:
-        scene: The vehicles, and their leader.
+        scene: The vehicles, their leader, and the obstacles.
         ratio: Height of a view in parts of its width.
     """
     every = scene.positions
     if scene.leader is not None:
         every = np.concatenate([every, scene.leader[None]])
-    low, high = every.min(axis=0), every.max(axis=0)
+    low, high = with_near_discs(scene, every.min(axis=0), every.max(axis=0))
     step = float(np.diff(scene.times).mean()) if scene.times.size > 1 else 1.0
     around = max(1, round(SMOOTH_S / step))
     before = scene.times - BEHIND_S
@@ -180,6 +185,28 @@ def camera_of(scene: Scene, *, ratio: float) -> Camera:
     ])  # fmt: skip
     wide = averaged(largest, around)
     return Camera(centres=centres, halves=np.stack([wide, ratio * wide]))
+
+
+def with_near_discs(scene: Scene, low: Array, high: Array) -> tuple[Array, Array]:
+    """Return the box round the vehicles, grown by the obstacles near to it.
+
+    Args:
+        scene: The obstacles.
+        low: Lower left corner at each instant, shape (2, frames).
+        high: Upper right corner, likewise.
+    """
+    least, most = low.copy(), high.copy()
+    reach = REACH * np.maximum((high - low).max(axis=0), NEAREST_M)
+    for x, y, radius in scene.discs:
+        centre = np.array([[x], [y]])
+        apart = centre - np.clip(centre, low, high)
+        near = np.hypot(*apart) - radius <= reach
+        # Of a huge one only the part that is near: the vehicles must stay visible.
+        begin = np.maximum(centre - radius, low - reach)
+        end = np.minimum(centre + radius, high + reach)
+        least[:, near] = np.minimum(least, begin)[:, near]
+        most[:, near] = np.maximum(most, end)[:, near]
+    return least, most
 
 
 def averaged(values: Array, around: int) -> Array:
@@ -242,8 +269,14 @@ class Film:
             self.axes.text(0, 0, _short(name) if few else "", fontsize=9, color=c)
             for name, c in zip(scene.names, self.colours, strict=True)
         ]
-        (self._leader,) = self.axes.plot([], [], "o", color="0.2", mfc="none", ms=9)
-        (self._slots,) = self.axes.plot([], [], "x", color="0.45", ms=7, zorder=1)
+        (self._leader,) = self.axes.plot(
+            [], [], "o", color="0.2", mfc="none", ms=9, label="leader"
+        )
+        (self._slots,) = self.axes.plot(
+            [], [], "x", color="0.45", ms=7, zorder=1, label="slot"
+        )
+        self._inside = inside_discs(scene)
+        self._name_marks()
         self.clock = self.axes.set_title(
             "", loc="left", fontsize=12, family="monospace", fontweight="bold"
         )
@@ -252,16 +285,42 @@ class Film:
         from matplotlib.patches import Circle
 
         axes, scene = self.axes, self._scene
-        for x, y, radius in scene.discs:
+        for number, (x, y, radius) in enumerate(scene.discs):
             axes.add_patch(
-                Circle((x, y), radius, facecolor="0.85", edgecolor="0.4", hatch="//")
-            )
+                Circle(
+                    (x, y), radius, facecolor="0.85", edgecolor="0.4", hatch="//",
+                    label="obstacle" if number == 0 else None,
+                )
+            )  # fmt: skip
         if scene.targets is not None:
-            axes.plot(*scene.targets.T, "x", color="0.45", ms=7, zorder=1)
+            axes.plot(
+                *scene.targets.T, "x", color="0.45", ms=7, zorder=1, label=scene.called
+            )
         axes.set(xlabel=scene.axes[0], ylabel=scene.axes[1])
         axes.set_title(escaped(title), fontsize=10, loc="right")
         axes.set_aspect("equal", adjustable="box")
         axes.grid(alpha=0.35)
+
+    def _name_marks(self) -> None:
+        """Put a legend of what is drawn beside the vehicles; nothing if there is none."""
+        scene = self._scene
+        marks = {
+            "leader": scene.leader is not None,
+            "slot": scene.slots is not None,
+            scene.called: scene.targets is not None,
+            "obstacle": bool(scene.discs),
+        }
+        handles, names = self.axes.get_legend_handles_labels()
+        shown = [
+            (handle, name)
+            for handle, name in zip(handles, names, strict=True)
+            if marks.get(name)
+        ]
+        if shown:
+            self.axes.legend(
+                *zip(*shown, strict=True), loc="lower left", fontsize=9,
+                framealpha=0.85, ncols=len(shown),
+            )  # fmt: skip
 
     def draw(self, frame: int, note: str = "") -> "Image":
         """Return a frame as an image.
@@ -292,6 +351,8 @@ class Film:
             self._trails[number].set_data(place[:, begin : frame + 1])
             _put(self._heads[number], place[:, frame])
             self._heads[number].set_marker(arrowhead(float(heading[frame])))  # type: ignore[arg-type]
+            is_inside = bool(self._inside[number, frame])
+            self._heads[number].set_color(ALARM if is_inside else self.colours[number])
             self._names[number].set_position(
                 (place[0, frame] + aside, place[1, frame] + aside)
             )
@@ -299,9 +360,10 @@ class Film:
             _put(self._leader, scene.leader[:, frame])
         if scene.slots is not None:
             self._slots.set_data(scene.slots[:, 0, frame], scene.slots[:, 1, frame])
-        self.clock.set_text(
-            f"t = {scene.times[frame]:.1f} s" + (f"  {note}" if note else "")
-        )
+        alarm = bool(self._inside[:, frame].any())
+        parts = [f"t = {scene.times[frame]:.1f} s", note, INSIDE if alarm else ""]
+        self.clock.set_text("  ".join(part for part in parts if part))
+        self.clock.set_color(ALARM if alarm else "black")
 
 
 def _put(line: "Line2D", place: Array) -> None:
@@ -320,7 +382,7 @@ def _save_gif(
     from PIL.Image import Dither
 
     frames: list[Image] = []
-    palette = _palette(film.colours)
+    palette = _palette([*film.colours, ALARM])
     for number in range(film.frames):
         progress(number, film.frames, "animating")
         image = film.draw(number, words[number])

@@ -306,9 +306,16 @@ def draw_solution(
     problem, path = solution.problem, solution.path
     labels = labels_of(problem, units=units)
     instants = np.linspace(0.0, solution.times[-1], problem.intervals + 1)
-    on_states, on_controls = stacked_limits([problem])
+    (lower, upper), on_controls = stacked_limits([problem])
+    shown = len(labels.states)  # Others are decided numbers and remembered values.
     blocks = {
-        "states": panels_of(labels.states, labels, path.times, path.states, on_states),
+        "states": panels_of(
+            labels.states,
+            labels,
+            path.times,
+            path.states[:shown],
+            (lower[:shown], upper[:shown]),
+        ),
         "controls": panels_of(
             labels.controls, labels, instants, solution.controls, on_controls
         ),
@@ -329,9 +336,14 @@ def draw_trajectory(
         labels = Labels(
             states=trajectory.state_names, controls=trajectory.control_names
         )
-    times = trajectory.dense_times
+    times, count = trajectory.dense_times, len(labels.states)
+    # Rows beyond whole vehicles are decided numbers and remembered values.
+    shown = count * min(
+        len(labels.vehicles), len(trajectory.dense_states) // max(count, 1)
+    )
+    states = trajectory.dense_states[:shown]
     blocks = {
-        "states": panels_of(labels.states, labels, times, trajectory.dense_states),
+        "states": panels_of(labels.states, labels, times, states),
         "controls": panels_of(labels.controls, labels, *held_controls(trajectory)),
     }
     return panels_figure(blocks, labels)

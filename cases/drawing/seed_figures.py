@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from swarmstart.cases.drawing.band_names import band_name
 from swarmstart.cases.drawing.drawing import COLOURS, Figures, new_figure
 from swarmstart.cases.drawing.series import escaped
 
@@ -46,7 +47,9 @@ def _bands(content: Mapping[str, Any]) -> "Figure":
         )
         panel.fill_between(time, low, high, color=COLOURS[0], alpha=0.3, lw=0)
         panel.plot(time, median, color=COLOURS[0], lw=1.2)
-        panel.set_title(escaped(name), fontsize="small")
+        label, unit = band_name(name, content)
+        words = f"{label} [{unit}]" if unit else label
+        panel.set_title(escaped(words), fontsize="small")
         panel.tick_params(labelsize="small")
     left = len(states) - len(chosen)
     more = f"; {left} more states are not drawn" if left else ""

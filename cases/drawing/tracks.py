@@ -27,6 +27,8 @@ _NICE = (1.0, 2.0, 5.0, 10.0)
 """Steps between marks, times a power of ten [s]."""
 _APART = 0.06
 """Least distance of two labels, in parts of the axes."""
+_TOUCH = 1e-3
+"""Part of an obstacle's radius that a path may enter it by rounding."""
 _PAPER = {"boxstyle": "round,pad=0.1", "fc": "white", "ec": "none", "alpha": 0.7}
 
 
@@ -120,6 +122,18 @@ def draw_tracks(axes: "Axes", scene: Scene, *, fixed: bool = False) -> None:
     axes.grid(alpha=0.3)
     if scene.is_few:
         _label_marks(axes, scene, marks, at)
+
+
+def inside_discs(scene: Scene) -> NDArray[np.bool_]:
+    """Return whether a vehicle is inside an obstacle, shape (vehicles, T).
+
+    Inside is more than 0.1 % of the radius beyond the edge.
+    """
+    inside = np.zeros((len(scene.positions), scene.times.size), dtype=bool)
+    for x, y, radius in scene.discs:
+        away = np.hypot(scene.positions[:, 0] - x, scene.positions[:, 1] - y)
+        inside |= away < (1 - _TOUCH) * radius
+    return inside
 
 
 def mark_times(times: Array) -> Array:

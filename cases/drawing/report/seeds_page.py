@@ -4,7 +4,7 @@ Content, as `run --seeds` records it:
 
     {"schema": 1, "record": "seeds", "scenario", "seeds": [...], "command",
      "measures": {name: [a value a seed]}, and where known "title", "kind", "variant",
-     "status": [...], "versions", "own_measures": {name: expression}, "failures": [...],
+     "vehicles": [name of each UAV], "status": [...], "versions", "own_measures": {name: expression}, "failures": [...],
      "bands": {"time": [...], "states": {name: {"low", "median", "high", "unit"}}}}
 """
 
@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.cases.drawing.band_names import band_name
 from swarmstart.cases.drawing.page import rendered
 from swarmstart.cases.drawing.report.broken_limits import broken_seeds
 from swarmstart.cases.drawing.report.panels_over_time import BandDrawn, band_panel
@@ -134,7 +135,7 @@ def _read(
             raise ValueError(f"record {content['record']!r}")
         seeds = list(content["seeds"])
         rows = _rows(content, len(seeds))
-        bands = _bands(content.get("bands"))
+        bands = _bands(content)
         broken_seeds(content)
     except (LookupError, TypeError, ValueError, AttributeError) as error:
         raise RecordError(
@@ -167,7 +168,8 @@ def _rows(content: Mapping[str, Any], count: int) -> list[SpreadRow]:
     return rows
 
 
-def _bands(given: Any) -> list[BandDrawn]:
+def _bands(content: Mapping[str, Any]) -> list[BandDrawn]:
+    given = content.get("bands")
     if not given:
         return []
     times = np.array(given["time"], dtype=float)
@@ -179,8 +181,9 @@ def _bands(given: Any) -> list[BandDrawn]:
         if not times.size == low.size == median.size == high.size:
             raise ValueError(f"{name}: {times.size} values expected in each band")
         if times.size and np.isfinite(times).all():
-            unit = str(band.get("unit") or "")
-            drawn.append(band_panel(str(name), unit, times, (low, median, high)))
+            label, unit = band_name(str(name), content)
+            unit = str(band.get("unit") or unit)
+            drawn.append(band_panel(label, unit, times, (low, median, high)))
     return drawn
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -82,6 +83,49 @@ def test_clock_headings_and_names_are_those_of_the_frame() -> None:
             assert np.asarray(head.get_marker()) == pytest.approx(arrowhead(heading))
     assert [text.get_text() for text in film.axes.texts] == ["1", "2", "3"]
     assert film.axes.get_title(loc="right") == "Three UAVs"
+
+
+def test_a_vehicle_inside_an_obstacle_is_red_and_the_clock_says_so() -> None:
+    """The first vehicle passes the middle of the disc at 20 s."""
+    given = flight()
+    x, y = given.positions[0, :, 200]
+    scene = at_times(replace(given, discs=[(x, y, 4.0)]), frame_times(TIMES))
+    film = Film(scene, title="")
+    early, within = 10, int(np.argmin(np.abs(scene.times - 20.0)))
+    heads = [line for line in film.axes.lines if line.get_markersize() == 16]
+    for frame, inside in ((early, False), (within, True), (early, False)):
+        film.show(frame, "planning")
+        assert ("inside an obstacle" in film.clock.get_text()) is inside
+        assert (heads[0].get_color() == animation.ALARM) is inside
+        assert heads[1].get_color() != animation.ALARM
+
+
+def test_an_obstacle_within_two_widths_is_in_the_view_and_a_far_one_is_not() -> None:
+    """A formation 30 m wide stands; one disc begins 40 m away, another 100 m."""
+    places = np.array([[[0.0], [0.0]], [[30.0], [0.0]]]).repeat(TIMES.size, axis=2)
+    discs = [(80.0, 0.0, 10.0), (15.0, 110.0, 10.0)]
+    scene = Scene(
+        times=TIMES, positions=places, headings=np.zeros((2, TIMES.size)),
+        names=["UAV 1", "UAV 2"], discs=discs,
+    )  # fmt: skip
+    x, y = camera_of(scene, ratio=0.5).limits(150)
+    assert x[0] < 0 and x[1] > 90
+    assert y[1] < 100
+
+
+def test_a_legend_names_the_marks_that_are_drawn() -> None:
+    scene = at_times(flight(), frame_times(TIMES))
+    legend = Film(scene, title="").axes.get_legend()
+    assert legend is not None
+    assert [text.get_text() for text in legend.get_texts()] == ["leader"]
+    more = replace(scene, slots=scene.positions, discs=[(0.0, 0.0, 1.0)])
+    legend = Film(more, title="").axes.get_legend()
+    assert legend is not None
+    assert sorted(text.get_text() for text in legend.get_texts()) == [
+        "leader", "obstacle", "slot",
+    ]  # fmt: skip
+    bare = replace(scene, leader=None)
+    assert Film(bare, title="").axes.get_legend() is None
 
 
 def test_notes_are_those_of_the_last_instant_before_a_frame() -> None:

@@ -25,6 +25,7 @@ from swarmstart.cases.drawing.problem_figures import (
 from swarmstart.ocp import (
     Bounds,
     Decision,
+    Free,
     Known,
     Model,
     OptimalControlProblem,
@@ -36,6 +37,7 @@ from swarmstart.ocp import (
     Source,
     TerminalConstraint,
     Trajectory,
+    solve,
     stack_models,
     verified,
 )
@@ -389,6 +391,39 @@ def test_a_solution_shows_its_verified_path_and_its_bounds() -> None:
     assert bounds(speed) == [-3.0] and bounds(force) == [-2.0, 2.0]
     assert force.get_ylabel() == "force [N]"
     assert held(force)[0][0].tolist() == HELD[0]
+
+
+@pytest.fixture(scope="module")
+def quickest() -> OptimalControlProblem:
+    """Return a double integrator whose end time is decided."""
+    x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+    return OptimalControlProblem(
+        Model(states=x, controls=u, ode=ca.vertcat(x[1], u)),
+        horizon=Free(0.5, 5.0, 2.0),
+        intervals=10,
+        stage_cost=ca.SX(1),
+        terminal=[(x, [0.0, 0.0])],
+        bounds=Bounds(controls=(-1, 1)),
+    )
+
+
+def test_a_decided_end_time_is_no_line_of_a_state(
+    quickest: OptimalControlProblem,
+) -> None:
+    found = solve(quickest, [1.0, 0.0], search=None, lanes=0, seed=0)
+    assert found.path.states.shape[0] == 3  # With the end time.
+    place, speed, _ = draw_solution(found).axes
+    for axes, state in ((place, found.path.states[0]), (speed, found.path.states[1])):
+        assert np.array_equal(curves(axes), [state])
+
+
+def test_rows_beyond_the_states_of_a_trajectory_are_not_drawn() -> None:
+    flight = flown(posed(), HELD, [0, 0])
+    more = np.vstack([flight.dense_states, np.full(flight.dense_times.size, 7.0)])
+    place, _, _ = draw_trajectory(
+        replace(flight, dense_states=more), labels=labels_of(posed())
+    ).axes
+    assert np.array_equal(curves(place), flight.dense_states[:1])
 
 
 def test_a_trajectory_is_drawn_without_bounds_and_numbered_without_names() -> None:

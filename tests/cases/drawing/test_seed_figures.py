@@ -1,0 +1,41 @@
+"""Bands over seeds name UAVs as every other figure does."""
+
+from typing import Any
+
+from swarmstart.cases.campaign.seeds import seeds_content
+from swarmstart.cases.drawing.report.seeds_page import seeds_page
+from swarmstart.cases.drawing.seed_figures import seed_figures
+
+from swarmstart.cases.format.scenario import read_document, resolve
+
+
+def content(**more: Any) -> dict[str, Any]:
+    band = {"low": [0.0, 1.0], "median": [1.0, 2.0], "high": [2.0, 3.0]}
+    names = ("speed_m_s_0", "y_m_2")
+    return {
+        "schema": 1, "record": "seeds", "kind": "formation_flight", "seeds": [0, 1],
+        "failures": ["", ""], "measures": {},
+        "bands": {"time": [0.0, 1.0], "states": dict.fromkeys(names, band)}, **more,
+    }  # fmt: skip
+
+
+def titles(given: dict[str, Any]) -> list[str]:
+    figure = dict(seed_figures(given))["bands"]
+    return [axes.get_title() for axes in figure.axes if axes.get_title()]
+
+
+def test_states_of_uavs_are_named_with_their_units() -> None:
+    assert titles(content()) == ["UAV 1: speed [m/s]", "UAV 3: y [m]"]
+    page = seeds_page(content())
+    assert "UAV 1: speed [m/s]" in page and "speed_m_s_0" not in page
+
+
+def test_numbers_that_a_scenario_gives_to_its_uavs_are_kept() -> None:
+    given = resolve(read_document("formation_obstacle_uav3"))
+    found = seeds_content(given, [], command="")["vehicles"]
+    assert found == ["UAV 3", "UAV 4", "UAV 5"]
+    assert titles(content(vehicles=found))[1] == "UAV 5: y [m]"
+
+
+def test_states_of_other_kinds_keep_their_names() -> None:
+    assert titles(content(kind="problem")) == ["speed_m_s_0", "y_m_2"]
