@@ -302,7 +302,7 @@ class Film:
         axes.grid(alpha=0.35)
 
     def _name_marks(self) -> None:
-        """Put a legend of what is drawn beside the vehicles; nothing if there is none."""
+        """Put a legend of the marks that are drawn; nothing if there are none."""
         scene = self._scene
         marks = {
             "leader": scene.leader is not None,

@@ -15,8 +15,8 @@ def band_name(name: str, content: Mapping[str, Any]) -> tuple[str, str]:
 
     Args:
         name: Of the state, as in the bands of seeds.json.
-        content: Of seeds.json: its "kind", and the names of the UAVs as "vehicles"; UAVs
-            without names are numbered from 1 on.
+        content: Of seeds.json: its "kind", and the names of the UAVs as "vehicles";
+            UAVs without names are numbered from 1 on.
 
     Example:
         >>> band_name("speed_m_s_0", {"kind": "formation_flight"})

@@ -4,7 +4,8 @@ Content, as `run --seeds` records it:
 
     {"schema": 1, "record": "seeds", "scenario", "seeds": [...], "command",
      "measures": {name: [a value a seed]}, and where known "title", "kind", "variant",
-     "vehicles": [name of each UAV], "status": [...], "versions", "own_measures": {name: expression}, "failures": [...],
+     "vehicles": [name of each UAV], "status": [...], "versions",
+     "own_measures": {name: expression}, "failures": [...], "feasible": [...],
      "bands": {"time": [...], "states": {name: {"low", "median", "high", "unit"}}}}
 """
 
