@@ -361,8 +361,10 @@ class Film:
         if scene.slots is not None:
             self._slots.set_data(scene.slots[:, 0, frame], scene.slots[:, 1, frame])
         alarm = bool(self._inside[:, frame].any())
-        parts = [f"t = {scene.times[frame]:.1f} s", note, INSIDE if alarm else ""]
-        self.clock.set_text("  ".join(part for part in parts if part))
+        words = INSIDE if alarm else note
+        self.clock.set_text(
+            f"t = {scene.times[frame]:.1f} s" + (f"  {words}" if words else "")
+        )
         self.clock.set_color(ALARM if alarm else "black")
 
 

@@ -20,6 +20,7 @@ from swarmstart.cases.drawing.report.seeds_page import (
     seeds_markdown,
     seeds_page,
 )
+from swarmstart.cases.drawing.report.step_table import step_table
 from swarmstart.cases.drawing.report.text_tables import (
     latex_table,
     latex_text,
@@ -57,6 +58,7 @@ def page_of(content: RunContent) -> str:
     parts = {
         "content": content,
         "flight": player(content.tracks),
+        "steps": step_table(content.tracks),
         "verdicts": VERDICTS,
         "pictures": [],
     }

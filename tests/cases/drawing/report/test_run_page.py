@@ -156,6 +156,24 @@ def test_values_are_in_view_on_a_telephone_and_what_is_cut_says_so(
     assert page.locator("#measures ~ .hint").is_hidden()
 
 
+def test_the_time_of_each_step_is_a_table_and_a_file(
+    record: Path, opened: Opened, tmp_path: Path
+) -> None:
+    page = opened.show(run_page(record), tmp_path / "page.html")
+    with np.load(record / "trajectory.npz") as kept:
+        seconds = kept["step_seconds"]
+    with page.expect_download() as download:
+        page.locator("summary", has_text="Time of each step").click()
+        page.locator("a[download='steps.csv']").click()
+    lines = Path(download.value.path()).read_text(encoding="utf-8").splitlines()
+    assert lines[0].startswith("step,begins [s],length [s],")
+    cells = [line.split(",") for line in lines[1:]]
+    assert [float(row[1]) for row in cells] == [0.0, 0.5, 1.0, 1.5]
+    assert [float(row[3]) for row in cells] == pytest.approx(seconds, rel=1e-5)
+    shown = page.locator("[aria-label='Time of each step'] tbody tr")
+    assert shown.count() == 4 and opened.is_silent()
+
+
 def test_measures_sort_and_filter(record: Path, opened: Opened, tmp_path: Path) -> None:
     page = opened.show(run_page(record), tmp_path / "page.html")
     table = page.locator("#measures ~ .scroll table")
