@@ -27,19 +27,19 @@ def broken_words(measures: Mapping[str, Any], scenario: Mapping[str, Any]) -> li
         ['UAVs enter an obstacle by 15 m']
     """
     said = []
-    clearance, near = (
-        measures.get(name) for name in ("obstacle_clearance_m", "min_distance_m")
+    clearance, near, excess = (
+        float(measures[name]) if is_number(measures.get(name)) else None
+        for name in ("obstacle_clearance_m", "min_distance_m", "constraint_excess")
     )
-    if is_number(clearance) and float(clearance) < -ROUNDING:
+    if clearance is not None and clearance < -ROUNDING:
         said.append(f"UAVs enter an obstacle by {shown(-clearance, digits=3)} m")
     kept = kept_distance(scenario)
-    if kept is not None and is_number(near) and float(near) < kept - ROUNDING:
+    if kept is not None and near is not None and near < kept - ROUNDING:
         said.append(
             f"UAVs come within {shown(near)} m of each other, but must keep "
             f"{shown(kept)} m"
         )
-    excess = measures.get("constraint_excess")
-    if is_number(excess) and float(excess) > EXCESS:
+    if excess is not None and excess > EXCESS:
         said.append(f"the simulated path breaks constraints by up to {shown(excess)}")
     return [f"{words[0].upper()}{words[1:]}" for words in said]
 

@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.cases.drawing.band_names import band_name
 from swarmstart.cases.drawing.page import rendered
+from swarmstart.cases.drawing.report.band_names import band_name
 from swarmstart.cases.drawing.report.broken_limits import broken_seeds
 from swarmstart.cases.drawing.report.panels_over_time import BandDrawn, band_panel
 from swarmstart.cases.drawing.report.run_content import MOST_ROWS
