@@ -34,7 +34,7 @@ def draw_convergence(axes: "Axes", plan: Plan, labels: Labels) -> None:
     costs, cost = labels.sign * plan.search.history, labels.sign * plan.cost
     name = "best of the search"
     if (plan.search.history[1:] > plan.search.history[:-1]).any():
-        name += ", rising if it breaks less"
+        name += ", which may break constraints at first"
     far = np.isfinite(costs) & (np.abs(costs) > FAR * max(abs(cost), 1.0))
     if far.any():  # They belong to points that break the constraints.
         beyond = np.abs(costs[far]).max()

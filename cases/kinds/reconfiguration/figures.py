@@ -149,10 +149,9 @@ def _controls(
 def evolution_figure(trajectory: Trajectory) -> "Figure":
     """Return (b): J of each plan, and of the search's best point in each horizon.
 
-    It may rise if the point comes to break less.
-
-    If each UAV plans alone it is the sum of their costs; a search that ended early
-    counts on with its last.
+    The cost of the best point may rise when a point that breaks less takes its place.
+    If each UAV plans alone, the costs of all are added; a search that has ended counts
+    with its last cost.
     """
     histories = [
         _summed([plan.search.history for plan in decision.plans])

@@ -249,7 +249,7 @@ def test_one_plan_has_its_search_and_its_cost_but_no_figures_of_plans() -> None:
     assert curves(axes)[0].tolist() == history.tolist()
     assert [level(line) for line in named(axes, "plan, 3")] == [3.0]
     assert np.asarray(axes.lines[0].get_xdata()).tolist() == spent.tolist()
-    rises = "best of the search, rising if it breaks less"
+    rises = "best of the search, which may break constraints at first"
     assert axes.lines[0].get_label() == rises
     turned = replace(labels_of(posed()), maximize=True)
     axes = panel(drawn(posed(), flight, labels=turned)["a_sheet"], "objective")
