@@ -6,10 +6,15 @@ from typing import Any
 import numpy as np
 
 from swarmstart.cases.campaign.run import Run
+from swarmstart.cases.commands.collisions import (
+    closest_time,
+    collisions,
+    qualified,
+    safe_distance,
+)
 from swarmstart.cases.commands.excess import time_of_excess
 from swarmstart.cases.commands.quantities import KEPT, is_number, quantity
 from swarmstart.cases.format.document import printable
-from swarmstart.cases.kinds.planar import STATES, pair_distances
 from swarmstart.ocp import SolutionStatus
 
 _SETTLING = "settling("
@@ -182,10 +187,10 @@ def _distances(finished: Run) -> list[str]:
     measures, parts = finished.measures, []
     near = measures.get("min_distance_m")
     if is_number(near):
-        when = _closest_time(finished)
+        when = quantity(closest_time(finished), 4)
         parts.append(
             f"closest distance of two UAVs {quantity(_float(near), 4)} m, at {when} s"
-            f"{_against(_float(near), _safe_distance(finished))}"
+            f"{_against(_float(near), safe_distance(finished))}"
         )
     clear = measures.get("obstacle_clearance_m")
     if is_number(clear):
@@ -210,43 +215,32 @@ def _against(near: float, safe: float | None) -> str:
     return f" (to be kept: {quantity(safe)} m)"
 
 
-def _safe_distance(finished: Run) -> float | None:
-    """Return the distance that UAVs must keep [m]; None if the kind has none."""
-    scenario: Any = finished.resolved.scenario
-    for path in (
-        ("avoidance", "safe_distance_m"),
-        ("distances", "safe_m"),
-        ("safe_distance_m",),
-    ):
-        value = scenario
-        for part in path:
-            value = getattr(value, part, None)
-        if is_number(value):
-            return float(value)
-    return None
-
-
-def _closest_time(finished: Run) -> str:
-    """Return when two UAVs are closest, to a step of the plant [s]."""
-    trajectory = finished.trajectory
-    uavs = trajectory.dense_states.shape[0] // len(STATES)
-    apart = pair_distances(trajectory.dense_states, uavs).min(axis=0)
-    return quantity(float(trajectory.dense_times[int(apart.argmin())]), 4)
-
-
 def _feasible_plans(finished: Run) -> str:
     """Return whether all plans are feasible."""
     status = status_of_plan(finished)
     if status is None:
         return _plans_in_words(finished)
-    return "the plan is feasible" if status.is_confirmed else ""
+    said = "the plan is feasible" if status.is_confirmed else ""
+    return qualified(said) if breaks_constraint(finished) else said
 
 
 def _plans_in_words(finished: Run) -> str:
     """Return how many steps found a feasible plan."""
     if len(finished.trajectory.decisions) == 1:
-        return "the plan is feasible" if finished.feasible else "no plan is feasible"
-    return printable(finished.status).partition("; ")[2] or printable(finished.status)
+        said = "the plan is feasible" if finished.feasible else "no plan is feasible"
+    else:
+        status = printable(finished.status)
+        said = status.partition("; ")[2] or status
+    return qualified(said) if breaks_constraint(finished) else said
+
+
+def breaks_constraint(finished: Run) -> bool:
+    """Return whether a flight or a closed loop breaks a constraint on its way."""
+    if finished.resolved.scenario.kind not in ("problem", "python"):
+        return bool(collisions(finished))
+    if finished.flight.posed.open_loop:
+        return False
+    return not _float(finished.measures.get("constraint_excess")) <= KEPT
 
 
 def _float(value: Any) -> float:

@@ -33,8 +33,8 @@ class HelpFormatter(argparse.RawDescriptionHelpFormatter):
 class Parser(argparse.ArgumentParser):
     """A parser whose help and errors go through the streams of `output`.
 
-    An error shows the usage of the command that is wrong, and asks whether another
-    word was meant if one is near.
+    An error asks first whether another word was meant, if one is near, and shows then
+    the usage of the command in one line.
     """
 
     def print_help(self, file: object = None) -> None:
@@ -42,8 +42,8 @@ class Parser(argparse.ArgumentParser):
         answer(self.format_help().rstrip())
 
     def error(self, message: str) -> NoReturn:
-        """Print usage and error on standard error, if there is one; exit with 2."""
-        tell(f"{self.format_usage()}{self.prog}: error: {message}")
+        """Print error and usage on standard error, if there is one; exit with 2."""
+        tell(f"{self.prog}: error: {message}\n{self._short_usage()}")
         raise SystemExit(INVALID)
 
     def refuse(self, unknown: list[str]) -> NoReturn:
@@ -62,6 +62,16 @@ class Parser(argparse.ArgumentParser):
         listed = shown(" ".join(unknown)).strip("'\"")
         self.error(f"unrecognized arguments: {listed}; {hint}")
 
+    def _short_usage(self) -> str:
+        """Return one line: the words that must be given, and where the options are."""
+        words = [
+            str(action.metavar or action.dest)
+            for action in self._actions
+            if not action.option_strings and action.nargs not in ("?", "*")
+        ]
+        typed = " ".join([self.prog, *words, "[options]"])
+        return f"usage: {typed}; all options: {self.prog} --help"
+
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         """Refuse a value that is not among the choices; argparse calls this."""
         if action.choices is None or value in action.choices:
@@ -74,8 +84,8 @@ class Parser(argparse.ArgumentParser):
             hint = _as_run(str(value))
         raise argparse.ArgumentError(
             action,
-            f"expected one of {expected}; found {shown(str(value))}"
-            + (f"; {hint}" if hint else ""),
+            f"unknown {shown(str(value))}; {hint + ' ' if hint else ''}"
+            f"expected one of {expected}",
         )
 
 

@@ -9,13 +9,16 @@ import yaml
 
 from swarmstart.cases.campaign.run import Run, default_folder, run
 from swarmstart.cases.commands.allowing import allowing
+from swarmstart.cases.commands.angles import warn_of_angles
 from swarmstart.cases.commands.claim_lines import claim_table, short_claims
+from swarmstart.cases.commands.collisions import qualified
 from swarmstart.cases.commands.conditions import (
     Condition,
     condition_of,
     met_conditions,
 )
 from swarmstart.cases.commands.measure_lines import measure_lines
+from swarmstart.cases.commands.outcomes import breaks_constraint
 from swarmstart.cases.commands.output import DONE, GATE, INFEASIBLE, answer, say
 from swarmstart.cases.commands.progress import Progress
 from swarmstart.cases.commands.run_options import figure_formats
@@ -33,6 +36,7 @@ from swarmstart.heuristics.first_use import kernels_ahead
 from swarmstart.ocp import DivergedError, population_of
 
 RESULTS = Path("results")
+ANIMATED = (".gif", ".mp4")
 
 
 class BoundOfSeedsError(SwarmstartError, ValueError):
@@ -63,6 +67,7 @@ def _command(options: argparse.Namespace, begin: Callable[[Scenario], None]) -> 
         assignments=options.assignments,
         valid=begin,
     )
+    warn_of_angles(resolved.settings)
     conditions = [condition_of(text, resolved) for text in options.fail_on]
     if options.print_config:
         text = yaml.safe_dump(
@@ -145,7 +150,9 @@ def _report(finished: Run, *, measures: bool) -> str:
 def _search_lines(finished: Run) -> list[str]:
     """Return what the search and the starts of the first plan led to."""
     sense = finished.flight.posed.agents[0].problem.sense
-    lines = [finished.status, *finished.search_report.lines(sense)]
+    is_broken = breaks_constraint(finished)
+    status = qualified(finished.status) if is_broken else finished.status
+    lines = [status, *finished.search_report.lines(sense)]
     if finished.starts is not None:
         lines += finished.starts.lines(sense)
     return lines
@@ -158,4 +165,6 @@ def _files(finished: Run) -> list[str]:
     lines = []
     if (finished.bound_content or {}).get("certificate"):
         lines.append(f"Proof: {finished.folder / CERTIFICATE}")
+    animated = [file for file in finished.figures if file.suffix in ANIMATED]
+    lines += [f"Animation: {file}" for file in animated]
     return [*lines, f"Record: {finished.folder}"]

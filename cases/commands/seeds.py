@@ -14,6 +14,7 @@ from swarmstart.cases.campaign.engine.cells import Cell, Outcome, carried_out
 from swarmstart.cases.campaign.seeds import SEEDS, seeds_content, spread_of
 from swarmstart.cases.campaign.trials.flight_trial import flight_cell
 from swarmstart.cases.commands.conditions import Condition, met_conditions
+from swarmstart.cases.commands.failing_seeds import failing_lines, failing_seeds
 from swarmstart.cases.commands.measure_lines import measure_table
 from swarmstart.cases.commands.output import (
     DONE,
@@ -24,6 +25,7 @@ from swarmstart.cases.commands.output import (
     table_lines,
 )
 from swarmstart.cases.commands.progress import Progress
+from swarmstart.cases.commands.quantities import plural
 from swarmstart.cases.commands.run_options import figure_formats
 from swarmstart.cases.commands.words_of_seeds import sentences_of_seeds
 from swarmstart.cases.drawing.drawing import write_figures
@@ -81,7 +83,8 @@ def run_seeds(
     if options.json:
         answer(to_json(content))
     else:
-        answer(_report(content, folder, resolved, measures=options.measures))
+        failing = failing_lines(resolved, outcomes, options.words)
+        answer(_report(content, folder, resolved, failing, measures=options.measures))
     return _exit_code(content, outcomes, resolved, conditions)
 
 
@@ -92,9 +95,22 @@ def _name(resolved: Resolved, cells: Sequence[Cell]) -> Path:
 
 
 def _report(
-    content: Mapping[str, Any], folder: Path, resolved: Resolved, *, measures: bool
+    content: Mapping[str, Any],
+    folder: Path,
+    resolved: Resolved,
+    failing: Sequence[str],
+    *,
+    measures: bool,
 ) -> str:
-    """Return the text that a person reads."""
+    """Return the text that a person reads.
+
+    Args:
+        content: As seeds.json has it.
+        folder: The folder of the record.
+        resolved: The scenario.
+        failing: Lines on the seeds in which a claim fails.
+        measures: Whether all measures are told.
+    """
     lines = sentences_of_seeds(content, folder / FIGURES)
     failed = [(n, text) for n, text in enumerate(content["failures"]) if text]
     lines += [f"Seed {number} failed: {printable(text)}" for number, text in failed]
@@ -105,7 +121,7 @@ def _report(
         notes = {name: note for name, (*_, note) in spreads.items() if note}
         lines += ["", *measure_table(resolved, values, HEAD, notes), ""]
     if claims:
-        lines += ["Claims:", *table_lines(claims)]
+        lines += ["Claims:", *table_lines(claims), *failing]
     return "\n".join([*lines, f"Record: {folder}"])
 
 
@@ -126,8 +142,10 @@ def _exit_code(
     if not any(content["feasible"]):
         return INFEASIBLE
     failed = [
-        f"{claim['id']} in {claim['holds'].count(False)} runs: {claim['text']}"
-        for claim in content["claims"]
+        f"{claim['id']} in {plural(claim['holds'].count(False), 'run')} "
+        f"({', '.join(f'seed {seed}' for seed in failing_seeds(outcomes, number))}): "
+        f"{claim['text']}"
+        for number, claim in enumerate(content["claims"])
         if claim["gate"] and False in claim["holds"]
     ]
     for seed, outcome in enumerate(outcomes):

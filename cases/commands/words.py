@@ -1,7 +1,7 @@
-"""Five lines in words on a finished run: what `swarmstart run` prints first.
+"""Lines in words on a finished run: what `swarmstart run` prints first.
 
 What was run, what came out, whether constraints are kept, the time it took, and where
-the picture is.
+the picture is. A broken constraint comes before what came out.
 """
 
 from collections.abc import Sequence
@@ -11,7 +11,12 @@ from typing import Any
 import numpy as np
 
 from swarmstart.cases.campaign.run import Run
-from swarmstart.cases.commands.outcomes import kept_constraints, outcome
+from swarmstart.cases.commands.collisions import collisions
+from swarmstart.cases.commands.outcomes import (
+    breaks_constraint,
+    kept_constraints,
+    outcome,
+)
 from swarmstart.cases.commands.quantities import duration, plural, quantity
 from swarmstart.cases.format.document import printable
 
@@ -23,11 +28,19 @@ LONGEST_TITLE = 100
 
 
 def sentences(finished: Run) -> list[str]:
-    """Return five lines on a finished run."""
+    """Return five lines on a finished run, and one more for each collision.
+
+    Collisions of a flight, and broken constraints of another closed loop, are told
+    before the result.
+    """
+    said = [outcome(finished), kept_constraints(finished)]
+    broken = collisions(finished)
+    if not broken and breaks_constraint(finished):
+        said.reverse()
     return [
         _task(finished),
-        outcome(finished),
-        kept_constraints(finished),
+        *broken,
+        *said,
         _times(finished),
         picture(finished.figures),
     ]

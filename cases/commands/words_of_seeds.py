@@ -42,12 +42,12 @@ OUTCOMES = (
 )
 """Measures of the result: the first one that some run defines is used."""
 CONSTRAINTS = (
-    Told("min_distance_m", "Closest distance of two UAVs", "m"),
-    Told("min_range_ft", "Closest distance of the two aircraft", "ft"),
-    Told("obstacle_clearance_m", "Closest to the edge of an obstacle", "m"),
-    Told("constraint_excess", "Largest excess of a constraint along the path", ""),
+    Told("min_distance_m", "closest distance of two UAVs", "m"),
+    Told("min_range_ft", "closest distance of the two aircraft", "ft"),
+    Told("obstacle_clearance_m", "clearance of obstacles", "m"),
 )
-"""Measures of what must be kept: the first one that some run defines is used."""
+"""Measures of what must be kept: the lowest and the median of each are told."""
+EXCESS = Told("constraint_excess", "largest excess of a constraint along the path", "")
 TIMES = ("step_seconds_median", "step_seconds_max", "plan_seconds")
 
 
@@ -93,7 +93,23 @@ def _kept(content: Mapping[str, Any]) -> str:
         return f"Constraints are broken in {plural(broken, 'run')}{most}"
     if excess and all(is_number(value) and value <= KEPT for value in excess):
         return "All constraints are kept along the simulated paths"
-    return _first_of(CONSTRAINTS, measures, "No constraints are measured")
+    told = _spread(EXCESS, excess) if any(map(is_number, excess)) else ""
+    nearest = [_nearest(one, measures.get(one.name, [])) for one in CONSTRAINTS]
+    said = "; ".join(filter(None, [*nearest, told]))
+    return f"{said[:1].upper()}{said[1:]}" if said else "No constraints are measured"
+
+
+def _nearest(told: Told, values: list[Any]) -> str:
+    """Return the lowest value and the median of a distance; empty without a value."""
+    known = [float(value) for value in values if is_number(value)]
+    if not known:
+        return ""
+    low, middle = quantity(min(known), 4), quantity(statistics.median(known), 4)
+    seed = values.index(min(known))
+    return (
+        f"{told.words}: lowest {low} {told.unit} (seed {seed}), "
+        f"median {middle} {told.unit}"
+    )
 
 
 def _first_of(

@@ -71,7 +71,8 @@ def _spread(varied: Mapping[str, list[float]], runs: int) -> "Figure":
         panel.set_title(escaped(name), fontsize="small")
         panel.tick_params(labelsize="small")
     left = len(varied) - len(chosen)
-    more = f"; {left} more measures are not drawn" if left else ""
+    noun = "measure is" if left == 1 else "measures are"
+    more = f"; {left} more {noun} not drawn" if left else ""
     text = f"measures of {runs} runs, their medians as lines{more}"
     figure.suptitle(text, fontsize="medium")
     return figure

@@ -20,9 +20,11 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from swarmstart.cases.format.document import (
     Document,
     Place,
+    UnreadableFileError,
     YamlError,
     frame,
     meant,
+    printable,
     shown,
 )
 from swarmstart.cases.format.expressions import ExpressionError
@@ -193,13 +195,38 @@ def read_document(name_or_path: str) -> Document:
         return replace(document, folder=str(file.parent))
     looks_like_path = any(mark in name_or_path for mark in "./\\")
     if looks_like_path or _exists(name_or_path):
-        return read_yaml(name_or_path)
+        return _read_file(name_or_path)
     near = difflib.get_close_matches(name_or_path, known, n=1)
-    hint = f"; did you mean {near[0]}?" if near else ""
-    raise UnknownScenarioError(
-        f"expected a path or one of {', '.join(known)}, found "
-        f"{shown(name_or_path)}{hint}"
-    )
+    hint = f"did you mean {near[0]}?" if near else _near_file(name_or_path)
+    found = f"expected a scenario or a path, found {shown(name_or_path)}; "
+    listed = f"{len(known)} scenarios: swarmstart list scenarios"
+    raise UnknownScenarioError(found + (f"{hint} {listed}" if hint else listed))
+
+
+def _read_file(path: str) -> Document:
+    """Read a file; the error for a missing one suggests a file of a similar name."""
+    try:
+        return read_yaml(path)
+    except UnreadableFileError as error:
+        hint = ""
+        if isinstance(error.__cause__, FileNotFoundError):
+            hint = _near_file(path)
+        if not hint:
+            raise
+        raise UnreadableFileError(path, f"{error.reason}; {hint}") from error
+
+
+def _near_file(path: str) -> str:
+    """Return a question about the YAML file in its folder with the nearest name."""
+    file = Path(path)
+    try:
+        beside = [one.name for one in sorted_files(file.parent)]
+    except (OSError, ValueError):
+        return ""
+    names = {name.removesuffix(".yaml"): name for name in beside}
+    near = difflib.get_close_matches(file.stem, names, n=1)
+    meant_file = printable(str(file.with_name(names[near[0]]))) if near else ""
+    return f"did you mean {meant_file}?" if near else ""
 
 
 def _exists(path: str) -> bool:
@@ -431,10 +458,11 @@ def checked(document: Document, model: type[M]) -> M:
         # An old name of a key is reported once, and not also the missing new key.
         old = RENAMED.keys() & map(_dotted, by_path)
         new = {RENAMED[key].partition(" ")[0] for key in old}
+        misspelt = _misspelt(document, by_path, model)
         flaws = [
             _described(document, path, together, model)
             for path, together in by_path.items()
-            if _dotted(path) not in new
+            if _dotted(path) not in new and path not in misspelt
         ]
         raise InvalidScenarioError(flaws) from error
 
@@ -453,6 +481,22 @@ def _by_path(
         grouped.setdefault(_path_in(document.data, details), []).append(details)
     inner = {path[:depth] for path in grouped for depth in range(len(path))}
     return {path: group for path, group in grouped.items() if path not in inner}
+
+
+def _misspelt(
+    document: Document,
+    by_path: Mapping[tuple[str | int, ...], Sequence[pydantic_core.ErrorDetails]],
+    model: type[Any],
+) -> set[tuple[str | int, ...]]:
+    """Return the missing keys that the message about an unknown key beside suggests."""
+    missing = {p for p, group in by_path.items() if group[0]["type"] == "missing"}
+    suggested = set()
+    for path, group in by_path.items():
+        if missing and group[0]["type"] == "extra_forbidden":
+            known = _known_keys(model, document.data, path[:-1])
+            near = difflib.get_close_matches(str(path[-1]), known, n=1)
+            suggested |= {(*path[:-1], key) for key in near}
+    return missing & suggested
 
 
 def _described(

@@ -5,6 +5,7 @@ expression, such as `pi/18`.
 """
 
 import dataclasses
+import re
 import types
 from collections.abc import Iterator, Mapping, Sequence
 from pkgutil import resolve_name
@@ -36,7 +37,11 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
 from swarmstart.cases.format.descriptions import attributes_of, summary_of
-from swarmstart.cases.format.expressions import evaluate
+from swarmstart.cases.format.expressions import (
+    CONSTANTS,
+    ExpressionError,
+    evaluate,
+)
 from swarmstart.cases.format.registry import SEARCHES
 from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics import (
@@ -76,9 +81,28 @@ MOST_INDIVIDUALS = 200_000
 """Largest number of individuals in the population of a search."""
 
 
+_WITH_UNIT = re.compile(
+    r"\s*(?P<number>[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?)"
+    r"\s*(?P<unit>[^\W\d_][\w/^*²³·-]*|[°%])\s*"
+)
+
+
 def _number(value: object) -> object:
     """Return the value of an expression; leave everything else to pydantic."""
-    return evaluate(value) if isinstance(value, str) else value
+    if not isinstance(value, str):
+        return value
+    try:
+        return evaluate(value)
+    except ExpressionError as error:
+        unit = _WITH_UNIT.fullmatch(value)
+        if unit is None or unit["unit"] in CONSTANTS:
+            raise
+        degrees = unit["number"] if unit["unit"].startswith(("deg", "°")) else "90"
+        raise ExpressionError(
+            f"expected a number without a unit; for degrees: radians({degrees})",
+            value,
+            unit.start("unit") + 1,
+        ) from error
 
 
 Number = Annotated[

@@ -96,7 +96,7 @@ def test_json_is_one_object(folder: Path, command: Command) -> None:
             ["passing_side", "--budget", "10evals"],
             "expected at least 20, one generation",
         ),
-        (["nowhere"], "expected a path or one of"),
+        (["nowhere"], "expected a scenario or a path"),
         (["passing_side", "--set", "steps=0"], "expected steps to be at least 1"),
     ],
 )

@@ -477,8 +477,8 @@ def test_a_scenario_nearly_named_is_suggested(command: Command) -> None:
     said = command("run", "formation_w")
     assert (said.code, said.out) == (2, "")
     assert said.err == (
-        f"swarmstart: expected a path or one of {', '.join(shipped())}, found "
-        "'formation_w'; did you mean formation_v?\n"
+        "swarmstart: expected a scenario or a path, found 'formation_w'; did you mean "
+        f"formation_v? {len(shipped())} scenarios: swarmstart list scenarios\n"
     )
 
 

@@ -130,7 +130,7 @@ def test_a_wrong_option_prints_the_usage_of_its_command(
 ) -> None:
     said = command(name, "passing_side", "--bogus")
     assert (said.code, said.out) == (2, "")
-    assert said.err.startswith(f"usage: swarmstart {name} ")
+    assert f"\nusage: swarmstart {name} " in said.err
     assert f"swarmstart {name}: error: unrecognized arguments: " in said.err
 
 
@@ -143,10 +143,10 @@ def test_a_command_is_required_and_help_shows_the_exit_codes(command: Command) -
 def test_the_schema_of_an_unknown_kind_is_refused(command: Command) -> None:
     said = command("schema", "formation")
     assert (said.code, said.out) == (2, "")
-    assert said.err.endswith(
-        f"argument KIND: expected one of {', '.join(KINDS)}; found 'formation'; did "
-        "you mean 'close_formation'?\n"
-    )
+    assert (
+        "argument KIND: unknown 'formation'; did you mean 'close_formation'? expected "
+        f"one of {', '.join(KINDS)}\n"
+    ) in said.err
 
 
 def test_a_flight_without_figures_imports_no_drawing_and_no_control(

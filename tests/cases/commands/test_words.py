@@ -79,7 +79,7 @@ def test_a_closed_loop_says_how_far_and_when_a_constraint_is_broken(
     tmp_path: Path,
 ) -> None:
     done = finished(tmp_path, PUSHED)
-    what, result, kept, time, _ = sentences(done)
+    what, kept, result, time, _ = sentences(done)
     assert what.startswith("tiny (tiny): closed loop for 1.5 s in 3 steps; ")
     flown = done.measures["flown_cost"]
     assert isinstance(flown, float)
@@ -125,7 +125,10 @@ def test_a_flight_says_whether_it_settled_and_how_near_uavs_came(flight: Run) ->
 def test_a_flight_that_settles_says_when(flight: Run) -> None:
     settled = {"settle_time_s": 23.0, "min_distance_m": 2.5}
     done = replace(flight, measures={**flight.measures, **settled})
-    _, result, kept, *_ = sentences(done)
+    _, near, result, kept, *_ = sentences(done)
+    assert near.startswith("TOO CLOSE: 2.5 m between two UAVs at ")
+    assert near.endswith("); the safe distance is 3 m.")
+    assert "a feasible plan, but the flown path breaks a constraint" in kept
     assert result.startswith("Settled after 23 s: every UAV then stays within 1 m")
     assert "2.5 m, at " in kept
     assert "0.5 m less than the safe distance of 3 m" in kept

@@ -173,6 +173,20 @@ def test_what_looks_like_a_path_is_one(tmp_path: Path) -> None:
         read_document("formation")
 
 
+def test_a_mistyped_file_is_answered_with_the_nearest_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "wedge.yaml").touch()
+    question = r"found: No such file or directory; did you mean .*wedge\.yaml\?$"
+    with pytest.raises(UnreadableFileError, match=question):
+        read_document(str(tmp_path / "wegde.yaml"))
+    with pytest.raises(UnreadableFileError, match="directory$"):
+        read_document(str(tmp_path / "other.yaml"))
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UnknownScenarioError, match=r"mean wedge\.yaml\? \d+ scenar"):
+        read_document("wedgee")
+
+
 def test_every_claim_of_a_shipped_scenario_says_where_it_is_made() -> None:
     for name in shipped():
         claims = resolved(name).scenario.claims
@@ -277,3 +291,13 @@ def test_settings_of_an_older_record_that_do_not_say_when_are_read() -> None:
     del settings["search"]["when"]
     again = resolved_again(settings, "corrected").scenario
     assert again.search.when == "needed"
+
+
+@pytest.mark.parametrize("old", ["schema", "steps", "kind"])
+def test_a_misspelt_required_key_gives_one_error(old: str) -> None:
+    text = shipped()["formation_v"].read_text().replace(f"\n{old}:", f"\n{old}s:", 1)
+    assert f"{old}s:" in text
+    with pytest.raises(InvalidScenarioError) as caught:
+        resolve(parse_yaml(text, name="f.yaml"))
+    (flaw,) = caught.value.flaws
+    assert flaw.what.endswith(f"did you mean {old!r}?")

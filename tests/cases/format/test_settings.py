@@ -123,3 +123,17 @@ def test_a_search_is_made_when_needed_or_always() -> None:
     assert part.when == "always" and part.algorithm() is not None
     with pytest.raises(ValidationError, match="needed"):
         search_part("de").model_validate({"name": "de", "when": "never"})
+
+
+@pytest.mark.parametrize(
+    ("text", "degrees"),
+    [("72 km/h", "90"), ("45deg", "45"), ("-90 °", "-90"), ("1.5 m/s^2", "90")],
+)
+def test_a_number_with_a_unit_is_answered_with_the_way_to_write_it(
+    text: str, degrees: str
+) -> None:
+    said = rf"a number without a unit; for degrees: radians\({degrees}\)"
+    with pytest.raises(ValidationError, match=said):
+        BudgetPart.model_validate({"seconds": text})
+    with pytest.raises(ValidationError, match="column 3: expected (?!a number)"):
+        BudgetPart.model_validate({"seconds": "2 pi"})
