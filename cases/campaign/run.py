@@ -52,9 +52,8 @@ from swarmstart.cases.record.record import (
     versions,
     withdraw,
 )
-from swarmstart.cases.record.trajectory_arrays import (
-    trajectory_arrays,
-)
+from swarmstart.cases.record.step_table import STEPS, step_table
+from swarmstart.cases.record.trajectory_arrays import trajectory_arrays
 from swarmstart.compile_time import Stopwatch, stopwatch
 from swarmstart.heuristics.interrupts import heeded, put_off
 from swarmstart.ocp import (
@@ -528,6 +527,7 @@ def _recorded(
     if isinstance(costs, list):
         arrays["member_costs"] = np.array(costs, dtype=np.float64)
     write_arrays(folder / TRAJECTORY, arrays)
+    write_text(folder / STEPS, step_table(finished.trajectory))
     for name, content in flight.documents.items():
         write_text(folder / name, content)
     drawn: list[Path] = []

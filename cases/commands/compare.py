@@ -56,6 +56,7 @@ from swarmstart.cases.campaign.trials.solver_names import (
 )
 from swarmstart.cases.campaign.trials.solvers import budget_of
 from swarmstart.cases.commands.allowing import allowing
+from swarmstart.cases.commands.few_seeds import too_few_seeds
 from swarmstart.cases.commands.output import (
     DONE,
     GATE,
@@ -121,6 +122,9 @@ def compare_command(options: argparse.Namespace) -> int:
         root / CONTENT, functools.partial(is_record, name="comparison"), "a comparison"
     )
     cells = interleaved(contests)
+    few = too_few_seeds(contests, plan.seeds)
+    if few and not options.quiet:
+        say(few)
     if options.dry_run:
         answer(_dry_run(cells, root / CELLS, options.workers, budget))
         if plan.bound_s is not None:

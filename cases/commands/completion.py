@@ -55,7 +55,8 @@ def _shtab() -> ModuleType:
     except ImportError:
         raise MissingPackageError(
             "completion needs shtab, which is not installed: "
-            "pip install 'swarmstart[completion]'"
+            "pip install 'swarmstart[completion]' (in a clone: "
+            "pip install '.[completion]')"
         ) from None
     module: ModuleType = shtab
     return module

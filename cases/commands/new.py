@@ -18,8 +18,19 @@ _NAME = re.compile(rf"[A-Za-z0-9_][A-Za-z0-9_-]{{0,{LONGEST_NAME - 1}}}")
 _FILES = {
     "problem": {"problem.yaml": ""},
     "python": {"python.yaml": "", "python.py.txt": ".py"},
+    "formation_flight": {"formation_flight.yaml": ""},
 }
 """Kind -> template -> ending of the file; empty: that of the scenario."""
+_BEGINNINGS = {
+    "close_formation": "close_formation",
+    "reconfiguration": "reconfiguration",
+    "transfer": "swap_5",
+}
+"""Kind without a template -> shipped scenario to start from."""
+
+
+class NoTemplateError(SwarmstartError, ValueError):
+    """A kind for which there is no scenario to start from."""
 
 
 class InvalidNameError(SwarmstartError, ValueError):
@@ -36,6 +47,7 @@ def new_command(options: argparse.Namespace) -> int:
     Raises:
         InvalidNameError: If the name has other characters than letters, digits, "_" and
             "-", or is that of a shipped scenario.
+        NoTemplateError: If the kind has no template.
         RecordError: If a file exists, and --force is not given, or cannot be written.
     """
     texts = new_files(options.name, kind=options.kind)
@@ -62,11 +74,17 @@ def new_files(name: str, *, kind: str) -> Mapping[Path, str]:
 
     Args:
         name: The name of the scenario, or the path of its file.
-        kind: A key of the kinds that have templates.
+        kind: A kind of scenario.
 
     Raises:
         InvalidNameError: As of `new_command`.
+        NoTemplateError: As of `new_command`.
     """
+    if kind not in _FILES:
+        raise NoTemplateError(
+            f"expected --kind {', '.join(_FILES)}; found {kind}, which has no template; "
+            f"start from: swarmstart run {_BEGINNINGS[kind]} --print-config > NAME.yaml"
+        )
     file = Path(name)
     if file.suffix not in ENDINGS:
         file = file.with_name(f"{file.name}.yaml") if file.name else file

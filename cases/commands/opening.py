@@ -59,8 +59,7 @@ def newest_file(folder: Path) -> Path:
     if any(True for _ in _matching(folder, (*MARKS, *PAGES))):
         records = [folder]
     else:
-        found = sorted(_records_below(folder), reverse=True)
-        records = [record for _, record in found]
+        records = newest_records(folder)
     for record in records:
         file = shown_file(record)
         if file is not None:
@@ -75,6 +74,11 @@ def newest_file(folder: Path) -> Path:
         f"{folder}: expected a folder that run, compare or replicate wrote, or one "
         f"of such folders{missing}"
     )
+
+
+def newest_records(folder: Path) -> list[Path]:
+    """Return the folders of records below a folder, the newest first."""
+    return [record for _, record in sorted(_records_below(folder), reverse=True)]
 
 
 def _records_below(folder: Path) -> Iterator[tuple[float, Path]]:

@@ -25,8 +25,6 @@ from swarmstart.cases.commands.run_options import (
 from swarmstart.cases.commands.topics import SHELLS, TOPICS
 from swarmstart.cases.format.registry import KINDS
 
-NEW_KINDS = ("problem", "python")
-"""Kinds that `new` writes a file of."""
 RESULTS = "results"
 """Folder of all records by default."""
 
@@ -117,6 +115,7 @@ _NEW = """\
 examples:
   swarmstart new mine                   writes mine.yaml
   swarmstart new mine --kind python     writes mine.yaml and mine.py
+  swarmstart new mine --kind formation_flight
 
 Then: swarmstart check mine.yaml, and swarmstart run mine.yaml."""
 
@@ -141,7 +140,7 @@ to install it:
            source ~/.swarmstart.tcsh
 
 Then open a new terminal. It needs the package shtab:
-  pip install 'swarmstart[completion]'"""
+  pip install 'swarmstart[completion]'   (in a clone: pip install '.[completion]')"""
 
 
 class Subcommand(NamedTuple):
@@ -202,7 +201,8 @@ def subcommands() -> dict[str, argparse.ArgumentParser]:
 def _add_report(report: argparse.ArgumentParser) -> None:
     report.add_argument(
         "folders", nargs="+", metavar="DIR",
-        help="folder that run, compare or replicate wrote (their --out)",
+        help="folder that run, compare or replicate wrote (their --out); of a folder of "
+        "records, the newest is taken",
     )  # fmt: skip
     report.add_argument(
         "--format", choices=["html", "md", "latex"], action="append", default=[],
@@ -261,9 +261,10 @@ def _add_new(new: argparse.ArgumentParser) -> None:
         help="name of the scenario, or path of the file; .yaml is appended if missing",
     )  # fmt: skip
     new.add_argument(
-        "--kind", choices=NEW_KINDS, default="problem",
+        "--kind", choices=[*KINDS], default="problem", metavar="KIND",
         help="problem: everything in the YAML file; python: the problem is a function "
-        "in NAME.py (default: problem)",
+        "in NAME.py; formation_flight: UAVs that form a V past an obstacle; of the "
+        "other kinds the command says where to start (default: problem)",
     )  # fmt: skip
     new.add_argument(
         "--force", action="store_true", help="replace the files if they exist"

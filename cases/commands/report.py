@@ -9,7 +9,8 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any, NamedTuple
 
-from swarmstart.cases.commands.output import DONE, answer
+from swarmstart.cases.commands.opening import newest_records
+from swarmstart.cases.commands.output import DONE, answer, say
 from swarmstart.cases.record.files import RecordError, locked, said, write_text
 
 SUFFIXES = {"html": "html", "md": "md", "latex": "tex"}
@@ -83,7 +84,8 @@ WITH_FOLDER = ("replication_page",)
 def report_command(options: argparse.Namespace) -> int:
     """Write the pages that the options ask for; return the exit code."""
     formats = list(dict.fromkeys(options.formats or DEFAULT))
-    folders = [Path(text) for text in dict.fromkeys(options.folders)]
+    given = [Path(text) for text in dict.fromkeys(options.folders)]
+    folders = list(dict.fromkeys(map(_newest, given)))
     found = [(folder, recorded_in(folder)) for folder in folders]
     written = []
     for folder, recorded in found:
@@ -96,6 +98,19 @@ def report_command(options: argparse.Namespace) -> int:
                 written.append(file)
     answer("\n".join(f"page  {file}" for file in written))
     return DONE
+
+
+def _newest(folder: Path) -> Path:
+    """Return a folder of a record; of a folder of records the newest, and say which."""
+    try:
+        recorded_in(folder)
+    except RecordError:
+        below = newest_records(folder)
+        if not below:
+            raise
+        say(f"{folder}: the newest record below is {below[0]}")
+        return below[0]
+    return folder
 
 
 def recorded_in(folder: Path) -> Recorded:

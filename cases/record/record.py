@@ -2,6 +2,7 @@
 
     scenario.yaml    the scenario as resolved
     trajectory.npz   the simulated trajectory, see docs/record.md
+    steps.csv        time and origin of the plans of each step
     run.json         settings, measures, claims; written last: marks a complete record
     partial.npz, partial.json   finished steps of an interrupted run
     figures/

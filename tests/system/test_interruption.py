@@ -103,7 +103,7 @@ def test_a_run_goes_on_from_every_interruption_with_the_same_bits(
     whole = json.loads((uninterrupted / "run.json").read_text())
     assert json.loads(said.out)["evaluations"] == whole["evaluations"]
     assert {file.name for file in tmp_path.iterdir()} == {
-        *("scenario.yaml", "trajectory.npz", "run.json")
+        *("scenario.yaml", "trajectory.npz", "steps.csv", "run.json")
     }
 
 

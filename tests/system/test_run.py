@@ -81,7 +81,7 @@ def test_the_folder_holds_the_documented_files_and_nothing_else(
 ) -> None:
     folder, told = flown
     assert {file.name for file in folder.iterdir()} == {
-        *("scenario.yaml", "trajectory.npz", "run.json", "figures"),
+        *("scenario.yaml", "trajectory.npz", "steps.csv", "run.json", "figures"),
         "certificate.json",
     }
     assert json.loads((folder / "run.json").read_text()) == told

@@ -73,4 +73,6 @@ def test_without_shtab_one_sentence_says_how_to_install_it(
     assert main(["completion", "bash"]) == 2
     said = capsys.readouterr()
     assert (said.out, said.err.count("\n")) == ("", 1)
-    assert "pip install 'swarmstart[completion]'" in said.err
+    assert (
+        "pip install 'swarmstart[completion]' (in a clone: pip install '.[" in said.err
+    )

@@ -1,6 +1,7 @@
 """`new`: files that run as they are, under a name that a scenario can have."""
 
 import argparse
+import re
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,13 @@ import pytest
 
 from swarmstart.cases.commands.checking import check
 from swarmstart.cases.commands.cli import main
-from swarmstart.cases.commands.new import InvalidNameError, new_command, new_files
+from swarmstart.cases.commands.new import (
+    InvalidNameError,
+    NoTemplateError,
+    new_command,
+    new_files,
+)
+from swarmstart.cases.format.registry import KINDS
 from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.cases.kinds.problem.parts import Prediction
 from swarmstart.cases.kinds.problem.scenario import ProblemScenario
@@ -80,6 +87,28 @@ def test_a_new_python_problem_is_valid_and_its_file_is_not_run(tmp_path: Path) -
     exec((tmp_path / "mine.py").read_text(), spaces)
     problem, x0 = spaces["build"](9.81)
     assert problem.model.nx == len(x0) == 2
+
+
+def test_a_new_formation_flight_is_valid(tmp_path: Path) -> None:
+    assert asked(tmp_path / "mine", kind="formation_flight") == 0
+    assert check(str(tmp_path / "mine.yaml")).endswith("mine.yaml: valid")
+    text = (tmp_path / "mine.yaml").read_text()
+    assert "NAME" not in text
+    optional = re.findall(r"^# ((?:polish|planning_order): .*)$", text, re.MULTILINE)
+    assert len(optional) == 2
+    used = tmp_path / "used.yaml"
+    used.write_text("\n".join([text, *optional]))
+    resolve(read_document(str(used)))
+
+
+@pytest.mark.parametrize(
+    "kind", sorted(KINDS.keys() - {"problem", "python", "formation_flight"})
+)
+def test_each_kind_has_a_template_or_a_scenario_to_start_from(kind: str) -> None:
+    with pytest.raises(NoTemplateError, match=r"--print-config > NAME\.yaml") as caught:
+        new_files("mine", kind=kind)
+    name = str(caught.value).split("swarmstart run ")[1].split()[0]
+    assert read_document(name).data["kind"] == kind
 
 
 def test_an_existing_file_is_kept_unless_it_is_forced(tmp_path: Path) -> None:

@@ -58,3 +58,14 @@ def test_figures_are_drawn_in_the_formats_asked_for(
     assert endings == {".svg"}
     sheet = folder / "figures" / "a_sheet.svg"
     assert f"Picture: {sheet}" in capsys.readouterr().out
+
+
+def test_the_path_of_an_animation_is_printed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tiny = ["--set", "steps=1", "--set", "budget.evaluations=40"]
+    words = ["run", "formation_v", "-q", "--no-figures", "--animation", "gif", *tiny]
+    assert main([*words, "--out", str(tmp_path)]) in {0, INFEASIBLE}
+    file = tmp_path / "figures" / "flight.gif"
+    assert f"\nAnimation: {file}\nRecord: " in capsys.readouterr().out
+    assert file.exists()

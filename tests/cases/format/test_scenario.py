@@ -180,7 +180,7 @@ def test_a_mistyped_file_is_answered_with_the_nearest_one(
     question = r"found: No such file or directory; did you mean .*wedge\.yaml\?$"
     with pytest.raises(UnreadableFileError, match=question):
         read_document(str(tmp_path / "wegde.yaml"))
-    with pytest.raises(UnreadableFileError, match="directory$"):
+    with pytest.raises(UnreadableFileError, match=r"directory$"):
         read_document(str(tmp_path / "other.yaml"))
     monkeypatch.chdir(tmp_path)
     with pytest.raises(UnknownScenarioError, match=r"mean wedge\.yaml\? \d+ scenar"):
