@@ -26,8 +26,8 @@ def angle_warnings(settings: Mapping[str, Any]) -> list[str]:
     """Return a warning for each angle of more than a full turn.
 
     Example:
-        >>> angle_warnings({"leader": {"heading_rad": 90.0}})[0]
-        'leader.heading_rad = 90 is more than a full turn; is it in degrees? radians(90)'
+        >>> angle_warnings({"heading_rad": 90.0})[0]
+        'heading_rad = 90 is more than a full turn; is it in degrees? radians(90)'
     """
     return [
         f"{printable(name)} = {quantity(value)} is more than a full turn; is it in "

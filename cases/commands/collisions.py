@@ -14,7 +14,7 @@ from swarmstart.ocp import Mode
 Array = NDArray[np.float64]
 
 FEASIBLE = ("every planned step found a feasible plan", "the plan is feasible")
-BUT_BROKEN = "but the flown path breaks a constraint"
+BUT_BROKEN = "but the simulated path breaks a constraint"
 
 
 def collisions(finished: Run) -> list[str]:
@@ -30,7 +30,7 @@ def qualified(said: str) -> str:
 
     Example:
         >>> qualified("the plan is feasible")
-        'the plan is feasible, but the flown path breaks a constraint'
+        'the plan is feasible, but the simulated path breaks a constraint'
     """
     for words in FEASIBLE:
         if words in said:

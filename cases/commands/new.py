@@ -82,7 +82,7 @@ def new_files(name: str, *, kind: str) -> Mapping[Path, str]:
     """
     if kind not in _FILES:
         raise NoTemplateError(
-            f"expected --kind {', '.join(_FILES)}; found {kind}, which has no template; "
+            f"expected --kind {', '.join(_FILES)}; found {kind}, without a template; "
             f"start from: swarmstart run {_BEGINNINGS[kind]} --print-config > NAME.yaml"
         )
     file = Path(name)

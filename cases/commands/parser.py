@@ -140,7 +140,7 @@ to install it:
            source ~/.swarmstart.tcsh
 
 Then open a new terminal. It needs the package shtab:
-  pip install 'swarmstart[completion]'   (in a clone: pip install '.[completion]')"""
+  pip install 'swarmstart[completion]' (in a clone: pip install '.[completion]')"""
 
 
 class Subcommand(NamedTuple):
@@ -201,8 +201,8 @@ def subcommands() -> dict[str, argparse.ArgumentParser]:
 def _add_report(report: argparse.ArgumentParser) -> None:
     report.add_argument(
         "folders", nargs="+", metavar="DIR",
-        help="folder that run, compare or replicate wrote (their --out); of a folder of "
-        "records, the newest is taken",
+        help="folder that run, compare or replicate wrote (their --out); of a folder "
+        "of records, the newest is taken",
     )  # fmt: skip
     report.add_argument(
         "--format", choices=["html", "md", "latex"], action="append", default=[],
@@ -302,7 +302,8 @@ SUBCOMMANDS = {
     "run": Subcommand(
         "solve or simulate one scenario; draw and record it",
         "Solve or simulate one scenario. Five lines say in words what came out (one "
-        "more for each collision); the figures and the record are in a folder, whose path is the last line.",
+        "more for each collision); the figures and the record are in a folder, whose "
+        "path is the last line.",
         _RUN,
         add_run,
         invocations.run,

@@ -41,12 +41,12 @@ def test_a_flight_that_keeps_everything_has_no_such_line(entered: Run) -> None:
     kept = {"obstacle_clearance_m": 0.5, "min_distance_m": 3.0}
     done = replace(entered, measures={**entered.measures, **kept})
     assert collisions(done) == []
-    assert "but the flown path" not in "".join(sentences(done))
+    assert "but the simulated path" not in "".join(sentences(done))
 
 
 def test_feasible_plans_never_hide_a_broken_constraint() -> None:
     said = "every planned step found a feasible plan, 3 steps under the linear law"
     assert qualified(said).startswith(
-        "every planned step found a feasible plan, but the flown path breaks a "
+        "every planned step found a feasible plan, but the simulated path breaks a "
     )
     assert qualified("no plan is feasible") == "no plan is feasible"

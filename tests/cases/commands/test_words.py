@@ -128,7 +128,7 @@ def test_a_flight_that_settles_says_when(flight: Run) -> None:
     _, near, result, kept, *_ = sentences(done)
     assert near.startswith("TOO CLOSE: 2.5 m between two UAVs at ")
     assert near.endswith("); the safe distance is 3 m.")
-    assert "a feasible plan, but the flown path breaks a constraint" in kept
+    assert "a feasible plan, but the simulated path breaks a constraint" in kept
     assert result.startswith("Settled after 23 s: every UAV then stays within 1 m")
     assert "2.5 m, at " in kept
     assert "0.5 m less than the safe distance of 3 m" in kept
