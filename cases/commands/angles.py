@@ -13,7 +13,7 @@ ENDING = "_rad"
 
 
 def warn_of_angles(settings: Mapping[str, Any]) -> None:
-    """Print a warning on standard error for each angle of more than a full turn.
+    """Print a warning on standard error for each angle that looks like degrees.
 
     Args:
         settings: The resolved scenario as plain data.
@@ -23,7 +23,10 @@ def warn_of_angles(settings: Mapping[str, Any]) -> None:
 
 
 def angle_warnings(settings: Mapping[str, Any]) -> list[str]:
-    """Return a warning for each angle of more than a full turn.
+    """Return a warning for each angle of more than a full turn in round numbers.
+
+    Headings can lie beyond a full turn, as 11*pi/5 does for a UAV that turns left; but
+    such values are no multiples of a half, as degrees mostly are.
 
     Example:
         >>> angle_warnings({"heading_rad": 90.0})[0]
@@ -33,7 +36,7 @@ def angle_warnings(settings: Mapping[str, Any]) -> list[str]:
         f"{printable(name)} = {quantity(value)} is more than a full turn; is it in "
         f"degrees? radians({quantity(value)})"
         for name, value in _angles(settings, "", is_angle=False)
-        if abs(value) > 2 * math.pi
+        if abs(value) > 2 * math.pi and (2 * value).is_integer()
     ]
 
 

@@ -460,7 +460,7 @@ def test_an_attack_is_read_as_an_expression_and_never_run(
         ),
         (["--fail-on", "settle_time_s > nan"], "found 'nan' as the number"),
         (["--seed", "-1"], "argument --seed: expected a whole number from 0 to 10^18"),
-        (["--search", "cspo"], "found 'cspo'; did you mean 'cpso'?"),
+        (["--search", "cspo"], "unknown 'cspo'; did you mean 'cpso'?"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )
