@@ -158,9 +158,10 @@ def _constraints(finished: Run) -> str:
     """Return whether path and terminal constraints are kept, else by how much not."""
     measures, status = finished.measures, status_of_plan(finished)
     along = _float(measures.get("constraint_excess"))
-    at_end = _float(measures.get("terminal_excess")) if status is not None else 0.0
+    missed = _float(measures.get("terminal_excess"))
+    at_end = missed if status is not None else 0.0
     if max(along, at_end) <= KEPT:
-        return "All constraints are kept along the simulated path."
+        return f"All constraints are kept along the simulated path{_missed(missed)}."
     if status is not None and not status.is_confirmed:
         broken = finished.flight.answer(finished.trajectory).path.broken
         if broken:
@@ -176,6 +177,16 @@ def _constraints(finished: Run) -> str:
     if is_plan:
         return f"All constraints are kept within the tolerance ({listed})."
     return f"Constraints are broken: {listed}."
+
+
+def _missed(excess: float) -> str:
+    """Return by how much a closed loop that has ended misses its end conditions.
+
+    Each plan meets them at its own end, which lies beyond the end of the run.
+    """
+    if excess <= KEPT:
+        return ""
+    return f"; at its end the end conditions are missed by up to {_amount(excess)}"
 
 
 def _amount(excess: float) -> str:

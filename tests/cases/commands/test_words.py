@@ -40,6 +40,17 @@ measures: {calm: "settling(x, 0, 0.001)", last: x.end}
 """It is pushed to x = 4 * 0.75 / pi * 2 = 1.91 at 0.75 s, and back."""
 CENTIMETRES = 'path=[{expression: "v", upper: 1}]'
 
+FAR = """\
+kind: problem
+states: {x: {start: 0, rate: u}}
+controls: {u: {bounds: [-1, 1]}}
+stage_cost: u**2
+terminal: [{expression: x - 1}]
+prediction: {horizon_s: 2, intervals: 4}
+search: {name: none}
+"""
+"""A plan reaches x = 1 at its end, 2 s ahead; a run of two steps ends before."""
+
 
 def finished(tmp_path: Path, text: str, *assignments: str) -> Run:
     file = tmp_path / "tiny.yaml"
@@ -90,6 +101,14 @@ def test_a_closed_loop_says_how_far_and_when_a_constraint_is_broken(
     assert kept.startswith("Constraints are broken: largest excess 0.9")
     assert " along the path between 0.5 and 1 s, in the unit" in kept
     assert "; a step lasts 500 ms, so every plan is ready in time." in time
+
+
+def test_a_closed_loop_says_by_how_much_it_misses_the_end(tmp_path: Path) -> None:
+    done = finished(tmp_path, FAR, "feedback=receding_horizon", "steps=2")
+    missed = done.measures["terminal_excess"]
+    assert isinstance(missed, float) and missed > 0.1
+    kept = next(line for line in sentences(done) if line.startswith("All constraints"))
+    assert kept.endswith(f"the end conditions are missed by up to {missed:.3g}.")
 
 
 def test_no_time_is_sought_of_an_excess_that_is_undefined(tmp_path: Path) -> None:
