@@ -5,7 +5,8 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from swarmstart.cases.commands.output import say
-from swarmstart.cases.commands.quantities import is_number, quantity
+from swarmstart.cases.commands.quantities import quantity
+from swarmstart.cases.drawing.report.wording import is_number
 from swarmstart.cases.format.document import printable
 
 ENDING = "_rad"

@@ -7,7 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.cases.campaign.run import Run
-from swarmstart.cases.commands.quantities import KEPT, is_number, quantity
+from swarmstart.cases.commands.quantities import KEPT, quantity
+from swarmstart.cases.drawing.report.broken_limits import kept_distance
+from swarmstart.cases.drawing.report.wording import is_number
 from swarmstart.cases.kinds.planar import POSITION, STATES, by_uav, pair_distances
 from swarmstart.ocp import Mode
 
@@ -47,18 +49,7 @@ def closest_time(finished: Run) -> float:
 
 def safe_distance(finished: Run) -> float | None:
     """Return the distance that UAVs must keep [m]; None if the kind has none."""
-    scenario: Any = finished.resolved.scenario
-    for path in (
-        ("avoidance", "safe_distance_m"),
-        ("distances", "safe_m"),
-        ("safe_distance_m",),
-    ):
-        value = scenario
-        for part in path:
-            value = getattr(value, part, None)
-        if is_number(value):
-            return float(value)
-    return None
+    return kept_distance(finished.resolved.scenario.model_dump())
 
 
 def _inside_obstacle(finished: Run) -> list[str]:

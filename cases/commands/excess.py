@@ -3,7 +3,8 @@
 from dataclasses import replace
 
 from swarmstart.cases.campaign.run import Run
-from swarmstart.cases.commands.quantities import is_number, quantity
+from swarmstart.cases.commands.quantities import quantity
+from swarmstart.cases.drawing.report.wording import is_number
 from swarmstart.ocp import Trajectory
 
 

@@ -6,7 +6,8 @@ from typing import Any
 
 from swarmstart.cases.campaign.engine.cells import Outcome
 from swarmstart.cases.commands.measure_list import measures_of_run
-from swarmstart.cases.commands.quantities import is_number, quantity
+from swarmstart.cases.commands.quantities import quantity
+from swarmstart.cases.drawing.report.wording import is_number
 from swarmstart.cases.format.document import printable
 from swarmstart.cases.format.scenario import Resolved
 

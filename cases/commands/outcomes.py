@@ -13,7 +13,8 @@ from swarmstart.cases.commands.collisions import (
     safe_distance,
 )
 from swarmstart.cases.commands.excess import time_of_excess
-from swarmstart.cases.commands.quantities import KEPT, is_number, quantity
+from swarmstart.cases.commands.quantities import KEPT, quantity
+from swarmstart.cases.drawing.report.wording import is_number
 from swarmstart.cases.format.document import printable
 from swarmstart.ocp import SolutionStatus
 

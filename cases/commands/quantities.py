@@ -45,12 +45,3 @@ def plural(count: int, thing: str) -> str:
         ('1 step', '48 steps')
     """
     return f"{count} {thing}{'' if count == 1 else 's'}"
-
-
-def is_number(value: object) -> bool:
-    """Return whether this is a finite number."""
-    return (
-        isinstance(value, int | float)
-        and not isinstance(value, bool)
-        and math.isfinite(value)
-    )

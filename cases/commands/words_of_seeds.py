@@ -8,11 +8,11 @@ from typing import Any, NamedTuple
 from swarmstart.cases.commands.quantities import (
     KEPT,
     duration,
-    is_number,
     plural,
     quantity,
 )
 from swarmstart.cases.commands.words import heading, method, picture
+from swarmstart.cases.drawing.report.wording import is_number
 
 
 class Told(NamedTuple):

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Iterator
 from typing import Any
 
 import pytest
 
+from swarmstart.tests.browser import chromium
 from swarmstart.tests.docs.conftest import Site
 
 PAGES = (
@@ -73,16 +73,8 @@ TOO_WIDE = """() => [...document.querySelectorAll("[role=main] *")].filter(e => 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
     """Yield one Chromium for all tests."""
-    program = shutil.which("chromium") or shutil.which("google-chrome")
-    if program is None:
-        pytest.skip("no Chromium on the path: the site is not opened in a browser")
-    api = pytest.importorskip("playwright.sync_api", reason="playwright not installed")
-    with api.sync_playwright() as playwright:
-        opened = playwright.chromium.launch(
-            executable_path=program, args=["--no-sandbox"]
-        )
+    with chromium() as opened:
         yield opened
-        opened.close()
 
 
 @pytest.mark.parametrize("name", PAGES)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import shutil
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +13,7 @@ import pytest
 from swarmstart.cases.commands.cli import main
 from swarmstart.cases.commands.replicate import markdown
 from swarmstart.cases.drawing.report.pictures import PAGE_BYTES
+from swarmstart.tests.browser import chromium
 
 if TYPE_CHECKING:
     from swarmstart.tests.system.conftest import Command
@@ -115,22 +115,10 @@ def test_the_page_holds_every_claim_and_every_figure(folder: Path) -> None:
     assert len(page.encode()) < PAGE_BYTES and "left out" not in page
 
 
-def browser() -> str:
-    found = shutil.which("chromium") or shutil.which("google-chrome")
-    if found is None:
-        pytest.skip("no Chromium on the path: the page is not opened in a browser")
-    return found
-
-
 def test_the_page_opens_without_an_error_and_without_a_network(folder: Path) -> None:
-    program = browser()
-    api = pytest.importorskip("playwright.sync_api", reason="playwright not installed")
     said: list[str] = []
     asked: list[str] = []
-    with api.sync_playwright() as playwright:
-        opened = playwright.chromium.launch(
-            executable_path=program, args=["--no-sandbox"]
-        )
+    with chromium() as opened:
         page = opened.new_page()
         page.on("console", lambda message: said.append(message.text))
         page.on("pageerror", lambda error: said.append(str(error)))
@@ -138,7 +126,6 @@ def test_the_page_opens_without_an_error_and_without_a_network(folder: Path) -> 
         page.goto((folder / "replication.html").as_uri())
         assert page.locator("section.claim").count() == CLAIMS
         widths = page.eval_on_selector_all("img", "all => all.map(i => i.naturalWidth)")
-        opened.close()
     assert all(width > 100 for width in widths) and len(widths) > 40
     assert said == []
     assert [url for url in asked if not url.startswith(("file:", "data:"))] == []

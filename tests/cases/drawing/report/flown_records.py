@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import contextlib
-import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 
 from swarmstart.cases.commands.cli import main
 from swarmstart.cases.drawing.report.surroundings import Disc, Surroundings
 from swarmstart.cases.drawing.report.tracks import Plane, Series, Tracks
+from swarmstart.tests.browser import chromium
 
 POINT = """\
 kind: problem
@@ -121,14 +120,7 @@ class Opened:
 @contextlib.contextmanager
 def browser() -> Iterator[Opened]:
     """Open a browser, whose clock is the test's; skip without one."""
-    program = shutil.which("chromium") or shutil.which("google-chrome")
-    if program is None:
-        pytest.skip("no Chromium on the path: the page is not opened in a browser")
-    api = pytest.importorskip("playwright.sync_api", reason="playwright not installed")
-    with api.sync_playwright() as playwright:
-        started = playwright.chromium.launch(
-            executable_path=program, args=["--no-sandbox"]
-        )
+    with chromium() as started:
         opened = Opened(started.new_page())
         opened.page.clock.install(time=0)
         opened.page.clock.pause_at(1)  # From now on it runs when the test says so.
@@ -136,4 +128,3 @@ def browser() -> Iterator[Opened]:
         opened.page.on("pageerror", lambda error: opened.said.append(str(error)))
         opened.page.on("request", lambda request: opened.asked.append(request.url))
         yield opened
-        started.close()

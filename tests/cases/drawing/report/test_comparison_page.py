@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -10,6 +9,7 @@ from typing import Any
 import pytest
 
 from swarmstart.cases.drawing.report.comparison_page import comparison_page
+from swarmstart.tests.browser import chromium
 from swarmstart.tests.cases.drawing.report import contents
 
 KINDS: dict[str, dict[str, Any]] = {
@@ -54,16 +54,8 @@ FAULTS = """() => {
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
     """One Chromium for all."""
-    program = shutil.which("chromium") or shutil.which("google-chrome")
-    if program is None:
-        pytest.skip("no Chromium on the path: the page is not opened in a browser")
-    api = pytest.importorskip("playwright.sync_api", reason="playwright not installed")
-    with api.sync_playwright() as playwright:
-        opened = playwright.chromium.launch(
-            executable_path=program, args=["--no-sandbox"]
-        )
+    with chromium() as opened:
         yield opened
-        opened.close()
 
 
 @pytest.fixture
