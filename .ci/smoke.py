@@ -1,7 +1,7 @@
 """A short use of each part of the installed package, with answers that are known.
 
 A pendulum is swung up, in machine code and not by CasADi's map; a table is looked up in
-a model; two steps of a flight are run, drawn and judged.
+a model; python-control designs a gain; two steps of a flight are run, drawn and judged.
 """
 
 import pathlib
@@ -13,6 +13,7 @@ import numpy as np
 
 import swarmstart as ss
 from swarmstart.cases.commands.cli import main
+from swarmstart.terminal_set import continuous_terminal_set
 
 
 def expect(name: str, expected: object, *, found: object, ok: bool) -> None:
@@ -39,6 +40,13 @@ table = ca.interpolant("table", "linear", [[0.0, 1.0, 2.0]], [0.0, 1.0, 4.0])
 y = ca.SX.sym("y")
 looked_up = ss.Model(states=y, controls=u, ode=table(y) + u)
 expect("a table", "a model", found=looked_up, ok=looked_up.nx == 1)
+
+cart = ca.Function("cart", [x, u], [ca.vertcat(x[1], u)])
+rest = ss.Reference(x_ref=[0, 0], u_ref=[0], u_lower=[-1], u_upper=[1])
+weights = {"Q": np.eye(2), "R": np.eye(1)}
+gain = continuous_terminal_set(cart, rest, **weights).K
+ok = np.allclose(gain, [[1.0, np.sqrt(3.0)]], rtol=1e-9)
+expect("a gain of python-control", "(1, sqrt 3)", found=gain, ok=ok)
 
 with tempfile.TemporaryDirectory() as folder:
     out = pathlib.Path(folder, "out")

@@ -5,7 +5,7 @@
 
 Along e' = F e the function e'Pe changes at the rate e'(F'P + PF)e, so the first is the
 equation to solve. With F = A - B K and Q* = Q + K'RK of an LQR, it gives the Riccati
-matrix back.
+matrix back. python-control solves both equations (method="scipy", as in lqr.py).
 """
 
 from __future__ import annotations
@@ -43,9 +43,9 @@ def continuous_lyapunov(F: ArrayLike, Q: ArrayLike) -> Array:
     F = square_matrix("F", F)
     Q = positive_semidefinite("Q", Q, len(F))
     require_stable(F, CONTINUOUS)
-    from scipy import linalg
+    import control
 
-    P = np.asarray(linalg.solve_continuous_lyapunov(F.T, -Q), dtype=np.float64)
+    P = np.asarray(control.lyap(F.T, Q, method="scipy"), dtype=np.float64)
     return reliable_solution("continuous Lyapunov", P, F.T @ P + P @ F + Q)
 
 
@@ -70,7 +70,7 @@ def sampled_lyapunov(F: ArrayLike, Q: ArrayLike) -> Array:
     F = square_matrix("F", F)
     Q = positive_semidefinite("Q", Q, len(F))
     require_stable(F, SAMPLED)
-    from scipy import linalg
+    import control
 
-    P = np.asarray(linalg.solve_discrete_lyapunov(F.T, Q), dtype=np.float64)
+    P = np.asarray(control.dlyap(F.T, Q, method="scipy"), dtype=np.float64)
     return reliable_solution("sampled Lyapunov", P, F.T @ P @ F - P + Q)

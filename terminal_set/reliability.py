@@ -1,6 +1,6 @@
 """Checks of the solutions of matrix equations.
 
-SciPy's solvers return a matrix even if no useful one exists: for a unicycle at rest a
+The solvers return a matrix even if no useful one exists: for a unicycle at rest a
 "gain" that leaves a mode at modulus 1, for an unstable loop a negative definite P. So
 the residual of every solution is checked.
 """

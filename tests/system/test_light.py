@@ -149,16 +149,31 @@ def test_the_schema_of_an_unknown_kind_is_refused(command: Command) -> None:
     ) in said.err
 
 
-def test_a_flight_without_figures_imports_no_drawing_and_no_control(
-    tmp_path: Path,
-) -> None:
-    flight = "run formation_v --no-figures --set steps=1 --out".split()
+def modules_of(arguments: list[str]) -> set[str]:
+    """Return the top-level modules that a command has imported."""
     done = subprocess.run(
-        [sys.executable, "-c", PROBE, *flight, str(tmp_path / "out")],
+        [sys.executable, "-c", PROBE, *arguments],
         capture_output=True,
         text=True,
         check=True,
     )
-    modules = set(done.stderr.split("\n")[-2].split())
-    assert "casadi" in modules
-    assert not modules & {"matplotlib", "control", "jinja2", "pebble"}
+    return set(done.stderr.split("\n")[-2].split())
+
+
+def test_a_run_that_designs_nothing_imports_no_drawing_and_no_control(
+    tmp_path: Path,
+) -> None:
+    out = ["--no-figures", "--out", str(tmp_path / "out")]
+    for arguments in (
+        ["run", "double_integrator", *out],
+        ["run", "formation_v", "--variant", "literal", "--set", "steps=1", *out],
+        ["check", "formation_obstacle_uav3", "pendulum"],
+    ):
+        modules = modules_of(arguments)
+        assert "casadi" in modules
+        assert not modules & {"matplotlib", "control", "jinja2", "pebble"}
+
+
+def test_python_control_designs_the_linear_law_of_a_flight(tmp_path: Path) -> None:
+    flight = "run formation_v --no-figures --set steps=1 --out".split()
+    assert "control" in modules_of([*flight, str(tmp_path / "out")])

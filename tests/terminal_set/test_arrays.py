@@ -89,7 +89,7 @@ def test_an_error_comes_back_whole_from_a_worker(error: SwarmstartError) -> None
 
 
 def test_the_package_is_imported_without_python_control() -> None:
-    # python-control takes seconds to import; only who asks for a gain pays for it.
+    # Its import takes a second, which only a design should cost.
     program = "import sys, swarmstart.terminal_set; sys.exit('control' in sys.modules)"
     environment = {"PYTHONPATH": ":".join(path for path in sys.path if path)}
     completed = subprocess.run(

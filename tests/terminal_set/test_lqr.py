@@ -7,6 +7,7 @@ import control
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import solve, solve_continuous_are, solve_discrete_are
 
 from swarmstart.terminal_set import (
     AsymmetricMatrixError,
@@ -176,12 +177,58 @@ def test_weights_that_no_solver_can_handle_are_named_as_such(
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_gains_are_those_of_python_control_bit_for_bit(seed: int) -> None:
+def test_gains_are_those_of_scipy_bit_for_bit(seed: int) -> None:
     rng = np.random.default_rng(seed)
     A, B = rng.normal(size=(4, 4)), rng.normal(size=(4, 2))
-    peers = (continuous_lqr, control.lqr), (sampled_lqr, control.dlqr)
-    for design, peer in peers:
-        gain = design(A, B, I4, I2)
-        K, P, _ = peer(A, B, I4, I2, method="scipy")
-        np.testing.assert_array_equal(gain.K, K)
-        np.testing.assert_array_equal(gain.P, P)
+    P = solve_continuous_are(A, B, I4, I2)
+    gain = continuous_lqr(A, B, I4, I2)
+    np.testing.assert_array_equal(gain.P, P)
+    np.testing.assert_array_equal(gain.K, np.linalg.solve(I2, B.T @ P))
+    P = solve_discrete_are(A, B, I4, I2)
+    gain = sampled_lqr(A, B, I4, I2)
+    np.testing.assert_array_equal(gain.P, P)
+    np.testing.assert_array_equal(gain.K, solve(B.T @ P @ B + I2, B.T @ P @ A))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_continuous_p_spans_the_stable_space_of_the_hamiltonian(seed: int) -> None:
+    """(I; P) spans the eigenvectors of ((A, -BB'), (-Q, -A')) that decay."""
+    rng = np.random.default_rng(seed)
+    A, B = rng.normal(size=(4, 4)), rng.normal(size=(4, 2))
+    values, vectors = np.linalg.eig(np.block([[A, -B @ B.T], [-I4, -A.T]]))
+    upper, lower = np.split(vectors[:, values.real < 0], 2)
+    P = np.real(lower @ np.linalg.inv(upper))
+    gain = continuous_lqr(A, B, I4, I2)
+    np.testing.assert_allclose(gain.P, P, rtol=1e-8, atol=1e-8)
+    np.testing.assert_allclose(gain.K, B.T @ P, rtol=1e-8, atol=1e-8)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_kleinmans_iteration_ends_at_the_sampled_gain(seed: int) -> None:
+    """Hewer (1971): P of the loop by its series, K of P, again, from a stable start."""
+    rng = np.random.default_rng(seed)
+    A, B = rng.normal(size=(4, 4)), rng.normal(size=(4, 2))
+    A *= 0.9 / np.abs(np.linalg.eigvals(A)).max()  # so that K = 0 is a stable start
+    K = np.zeros((2, 4))
+    for _ in range(20):
+        power, P = A - B @ K, I4 + K.T @ K
+        for _ in range(12):  # 2^12 terms of the series of the loop's cost
+            P, power = P + power.T @ P @ power, power @ power
+        K = np.linalg.solve(I2 + B.T @ P @ B, B.T @ P @ A)
+    gain = sampled_lqr(A, B, I4, I2)
+    np.testing.assert_allclose(gain.K, K, rtol=1e-10, atol=1e-10)
+    np.testing.assert_allclose(gain.P, P, rtol=1e-10, atol=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("design", "name"), [(continuous_lqr, "lqr"), (sampled_lqr, "dlqr")]
+)
+def test_python_control_designs_the_gain(
+    design: Design, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise RuntimeError(f"{name} was called")
+
+    monkeypatch.setattr(control, name, refuse)
+    with pytest.raises(RuntimeError, match=f"{name} was called"):
+        design(0.5 * I2, I2, I2, I2)

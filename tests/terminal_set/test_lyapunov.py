@@ -1,9 +1,11 @@
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import control
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.terminal_set import (
     IndefiniteMatrixError,
@@ -69,13 +71,30 @@ def test_arrays_of_the_wrong_kind_are_refused() -> None:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_matrices_are_those_of_python_control_made_symmetric(seed: int) -> None:
+def test_matrices_solve_their_equations_as_linear_systems(seed: int) -> None:
+    """vec(P) solves a linear system made of Kronecker products."""
     F = np.random.default_rng(seed).normal(size=(4, 4))
     decaying = F - (1.0 + np.abs(np.linalg.eigvals(F)).max()) * I4
-    P = control.lyap(decaying.T, I4, method="scipy")
-    P = 0.5 * (P + P.T)
-    np.testing.assert_allclose(continuous_lyapunov(decaying, I4), P, rtol=1e-14)
+    system = np.kron(I4, decaying.T) + np.kron(decaying.T, I4)
+    P = np.linalg.solve(system, -I4.ravel()).reshape(4, 4)
+    np.testing.assert_allclose(continuous_lyapunov(decaying, I4), P, rtol=1e-12)
     contracting = F / (1.1 * np.abs(np.linalg.eigvals(F)).max())
-    P = control.dlyap(contracting.T, I4, method="scipy")
-    P = 0.5 * (P + P.T)
-    np.testing.assert_allclose(sampled_lyapunov(contracting, I4), P, rtol=1e-14)
+    system = np.eye(16) - np.kron(contracting.T, contracting.T)
+    P = np.linalg.solve(system, I4.ravel()).reshape(4, 4)
+    np.testing.assert_allclose(sampled_lyapunov(contracting, I4), P, rtol=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("solve", "name"), [(continuous_lyapunov, "lyap"), (sampled_lyapunov, "dlyap")]
+)
+def test_python_control_solves_the_equation(
+    solve: Callable[[ArrayLike, ArrayLike], object],
+    name: str,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise RuntimeError(f"{name} was called")
+
+    monkeypatch.setattr(control, name, refuse)
+    with pytest.raises(RuntimeError, match=f"{name} was called"):
+        solve(-0.5 * I2, I2)

@@ -48,8 +48,7 @@ class PosedFormation(Posed):
     Attributes:
         names: Names of the UAVs.
         slots: (times (n,)) -> slot states of all UAVs, shape (uavs, 4, n).
-        designed_set: The terminal set, the same for every UAV; None if the dual mode is
-            off and no set can be designed.
+        designed_set: The terminal set, the same for every UAV; None without dual mode.
         reference: Reference of the set, with the bounds.
         dynamics: f(x, u) of one UAV.
     """
@@ -68,7 +67,7 @@ class PosedFormation(Posed):
             NoTerminalSetError: If no terminal set exists.
         """
         if self.designed_set is None:
-            raise NoTerminalSetError("the dual mode is off, and no set can be designed")
+            raise NoTerminalSetError("the dual mode is off: no set is designed")
         return self.designed_set
 
 
@@ -84,7 +83,8 @@ def pose(scenario: FormationScenario) -> PosedFormation:
     model, uavs = unicycle(), range(len(scenario.uavs))
     dynamics, reference = dynamics_of(model), reference_of(scenario)
     terminal_cost = terminal_cost_of(scenario, dynamics, reference)
-    designed_set = _designed_set(scenario, reference)
+    enabled = scenario.dual_mode.enabled
+    designed_set = terminal_set_of(scenario, reference) if enabled else None
     certificate = None if designed_set is None else designed_set.certificate
     order = scenario.order_of_planning()
     slots = [partial(slot_states, scenario, number) for number in uavs]
@@ -121,21 +121,10 @@ def flaws(scenario: FormationScenario) -> Iterator[LocatedFlaw]:
         part = "weights"
         terminal_cost_of(scenario, dynamics, reference)
         part = "dual_mode"
-        _designed_set(scenario, reference)
+        if scenario.dual_mode.enabled:
+            terminal_set_of(scenario, reference)
     except SwarmstartError as error:
         yield (part,), f"expected a linear law that can be designed: {error}"
-
-
-def _designed_set(
-    scenario: FormationScenario, reference: Reference
-) -> TerminalSet | None:
-    """Return the terminal set; None if it cannot be designed and is not needed."""
-    try:
-        return terminal_set_of(scenario, reference)
-    except SwarmstartError:
-        if scenario.dual_mode.enabled:
-            raise
-        return None
 
 
 def leader_positions(scenario: FormationScenario, times: Array) -> Array:
@@ -150,7 +139,7 @@ def _linear_laws(
     scenario: FormationScenario, designed_set: TerminalSet | None
 ) -> LinearLaws | None:
     dual, uavs = scenario.dual_mode, range(len(scenario.uavs))
-    if not dual.enabled or designed_set is None:
+    if designed_set is None:
         return None
     return LinearLaws(
         sets=[designed_set] * len(uavs),

@@ -111,32 +111,28 @@ def test_the_corrected_terminal_set_is_the_published_one(
     )
 
 
-def test_the_literal_terminal_set_is_as_printed(literal: FormationFlight) -> None:
-    assert literal.posed.terminal_set.alpha == pytest.approx(0.0170, abs=5e-5)
-    assert literal.posed.terminal_set.P[2, 2] == 0.0129
-    assert (
-        literal.posed.terminal_set.P[0, 2]
-        == literal.posed.terminal_set.P[1, 3]
-        == -0.0063
-    )
+def test_the_literal_terminal_set_is_as_printed(make: Make) -> None:
+    on = make("formation_v", "dual_mode.enabled=true", variant="literal")
+    terminal_set = build(on).posed.terminal_set
+    assert terminal_set.alpha == pytest.approx(0.0170, abs=5e-5)
+    assert terminal_set.P[2, 2] == 0.0129
+    assert terminal_set.P[0, 2] == terminal_set.P[1, 3] == -0.0063
 
 
-OFF = (
-    "dual_mode.enabled=false",
-    "prediction.horizon_s=8e-9",
-    "terminal_cost.design=given",
-)
-
-
-def test_a_set_that_is_switched_off_need_not_exist(make: Make) -> None:
-    P = "terminal_cost.P=[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]"
-    off = build(make("formation_v", *OFF, P))
+def test_a_flight_without_dual_mode_designs_no_set(make: Make) -> None:
+    off = build(make("formation_v", "dual_mode.enabled=false"))
     assert off.posed.designed_set is None and not off.documents
     assert isinstance(off.controller, Team)
     with pytest.raises(NoTerminalSetError, match="the dual mode is off"):
         _ = off.posed.terminal_set
+
+
+def test_only_a_set_that_takes_over_must_exist(make: Make) -> None:
+    P = "terminal_cost.P=[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]"
+    short = ("prediction.horizon_s=8e-9", "terminal_cost.design=given", P)
+    make("formation_v", *short, "dual_mode.enabled=false")
     with pytest.raises(InvalidScenarioError, match="law that can be designed"):
-        make("formation_v", *OFF, P, "dual_mode.enabled=true")
+        make("formation_v", *short, "dual_mode.enabled=true")
 
 
 def test_dual_mode_is_on_as_corrected_and_off_as_printed(
