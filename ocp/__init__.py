@@ -12,6 +12,7 @@ from swarmstart.ocp.constraints import (
     Rows,
     TerminalConstraint,
 )
+from swarmstart.ocp.control_systems import InvalidSystemError, NonMinimalWarning
 from swarmstart.ocp.controller import (
     Controller,
     Decision,
@@ -37,7 +38,7 @@ from swarmstart.ocp.lane_settings import (
 from swarmstart.ocp.local_team import LocalAgent, LocalTeam
 from swarmstart.ocp.lower_bound.answer import BoundKind, LowerBound
 from swarmstart.ocp.lower_bound.bounding import lower_bound
-from swarmstart.ocp.model import Model, right_hand_side, stack_models
+from swarmstart.ocp.model import Model, right_hand_side
 from swarmstart.ocp.multipliers import Multipliers
 from swarmstart.ocp.multistart import multistart
 from swarmstart.ocp.opti import warm_start
@@ -56,6 +57,7 @@ from swarmstart.ocp.search_space import Start, TrajectoryFamily
 from swarmstart.ocp.separation import Connection, Separation, disc
 from swarmstart.ocp.solution import Solution, verified
 from swarmstart.ocp.solving import SolveInterrupted, solve
+from swarmstart.ocp.stacked_models import stack_models
 from swarmstart.ocp.status import SolutionStatus
 from swarmstart.ocp.tables import Table, table
 from swarmstart.ocp.team import Agent, Team
@@ -86,6 +88,7 @@ __all__ = [
     "Free",
     "Integrator",
     "InvalidProblemError",
+    "InvalidSystemError",
     "IpoptOptions",
     "Known",
     "LocalAgent",
@@ -97,6 +100,7 @@ __all__ = [
     "Multipliers",
     "Multistart",
     "NlpOptions",
+    "NonMinimalWarning",
     "OpenLoop",
     "OptimalControlProblem",
     "OptimalityGap",

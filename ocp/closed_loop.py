@@ -7,7 +7,7 @@ finished step; `simulate` collects the steps.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +20,7 @@ from swarmstart.ocp.expressions import shortened
 from swarmstart.ocp.limits import numbers_of
 from swarmstart.ocp.plant import AnyPlant, Plant, SteppedPlant, plant_of
 from swarmstart.ocp.presentation import Presented
+from swarmstart.ocp.profile import piece_at, rows_at
 from swarmstart.ocp.progress import ProgressCallback, tell_nothing
 
 Array = NDArray[np.float64]
@@ -69,6 +70,9 @@ class Trajectory(Presented):
             compiling machine code.
         state_names: The model's names of the states; numbers if it has none.
         control_names: The model's names of the controls; numbers if it has none.
+        outputs: Outputs of the plant at its steps, with the control from there on (the
+            last with that before), shape (ny, T * m + 1).
+        output_names: Names of the outputs.
     """
 
     times: Array
@@ -80,6 +84,26 @@ class Trajectory(Presented):
     step_seconds: Array
     state_names: tuple[str, ...] = ()
     control_names: tuple[str, ...] = ()
+    outputs: Array = field(default_factory=lambda: np.empty((0, 0)))
+    output_names: tuple[str, ...] = ()
+
+    def at(self, time: float) -> tuple[Array, Array]:
+        """Return states (nx,) and controls (nu,) at a time, for `Model.linearised`.
+
+        States are linear between the plant's steps. At a control instant the new
+        control counts.
+
+        Args:
+            time: Time within the run [s].
+
+        Raises:
+            InvalidProblemError: If the time is outside of the run.
+        """
+        number = piece_at(time, self.times)
+        control, profile = self.controls[:, number], self.decisions[number].profile
+        if profile is not None:
+            control = profile.at(np.array([time - self.times[number]]))[:, 0]
+        return rows_at(time, self.dense_times, self.dense_states), control
 
     def __post_init__(self) -> None:
         """Number the states and controls that have no names."""
@@ -115,7 +139,8 @@ def fly(  # noqa: PLR0913 - a closed loop and where to begin in it
     """Run a controller on a plant in closed loop; yield each finished control interval.
 
     Args:
-        plant: A `Plant`, or any object with `step(x, u, dt)`.
+        plant: A `Plant`, a system of python-control with states, or any object with
+            `step(x, u, dt)`.
         controller: The controller, with the same control interval as the plant.
         x0: State at the start of the first interval of this run, shape (nx,).
         steps: Total number of control intervals, including the `done` ones. The run
@@ -194,7 +219,8 @@ def _checked(
         )
     plant = plant_of(plant, controller.dt)
     state = numbers_of("x0", x0)
-    nx = plant.model.nx if isinstance(plant, Plant) else state.size
+    known = plant.model.nx if isinstance(plant, Plant) else plant.nx
+    nx = state.size if known is None else known
     if state.shape == (nx, 1):
         state = state[:, 0]
     if state.shape != (nx,):
@@ -242,8 +268,10 @@ def simulate(  # noqa: PLR0913 - a closed loop in one call
     """Simulate the closed loop over `steps` control intervals.
 
     Args:
-        plant: A `Plant`, or any object with `step(x, u, dt)`, which returns the state
-            after dt seconds. Such an object has no path between the control instants.
+        plant: A `Plant`; a `control.InputOutputSystem` with states, continuous or
+            sampled with the controller's dt; or any object with `step(x, u, dt)`, which
+            returns the state after dt seconds. The last two have no path between the
+            control instants.
         controller: The controller.
         x0: State at the start, shape (nx,).
         steps: Number of control intervals.
@@ -314,9 +342,40 @@ def collected(plant: Plant | SteppedPlant, steps: Sequence[Step]) -> Trajectory:
         dense_states=dense,
         decisions=tuple(s.decision for s in steps),
         step_seconds=np.array([s.seconds for s in steps]),
+        outputs=_outputs(plant, steps, dense_times, dense),
+        output_names=plant.output_names,
         state_names=plant.state_names,
         control_names=plant.control_names,
     )
+
+
+def _outputs(
+    plant: Plant | SteppedPlant, steps: Sequence[Step], times: Array, states: Array
+) -> Array:
+    """Return the outputs at the plant's steps, shape (ny, T * m + 1)."""
+    if not plant.output_names:
+        return np.empty((0, times.size))
+    m, found = plant.substeps, []
+    for step in steps:
+        own = plant if step.dt is None else plant.with_interval(step.dt)
+        if step.decision.decided and isinstance(own, Plant):
+            own = own.with_decided(step.decision.decided)
+        first = step.number * m
+        last = first + m + (step is steps[-1])
+        u = _begins(step.decision, own.dt, m)[:, : last - first]
+        found.append(own.outputs(states[:, first:last], u, times[first:last]))
+    return np.hstack(found)
+
+
+def _begins(decision: Decision, dt: float, m: int) -> Array:
+    """Return the controls from each of m steps on, and the last again, (nu, m + 1)."""
+    profile = decision.profile
+    if profile is None:
+        return np.repeat(decision.control[:, None], m + 1, axis=1)
+    if not profile.is_held:
+        return profile.ends(dt, m)
+    means = profile.means(dt, m)
+    return np.hstack([means, means[:, -1:]])
 
 
 def _times(plant: Plant | SteppedPlant, steps: Sequence[Step]) -> tuple[Array, Array]:

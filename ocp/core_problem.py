@@ -192,6 +192,7 @@ def _core_model(stated: OptimalControlProblem, added: _Added, timed: _Timed) -> 
             *symbol_names(ca.vertcat(knots.states, added.accrued, added.epigraph)),
         ),
         control_names=model.control_names,
+        outputs={name: timed(output) for name, output in model.outputs.items()},
         elimination=model.elimination.rewritten(timed),
     )
 

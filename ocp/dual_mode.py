@@ -13,6 +13,7 @@ receding horizon control of constrained nonlinear systems.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
@@ -25,6 +26,9 @@ from swarmstart.ocp.plan import Plan, Source
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.team import Agent, Team, first_controls
 from swarmstart.terminal_set import TerminalSet, input_excess
+
+if TYPE_CHECKING:
+    import control
 
 Array = NDArray[np.float64]
 Target = Callable[[float], Array]
@@ -137,6 +141,21 @@ class DualMode:
         """
         errors = self.errors(time, state)
         return all(bool(s.contains(e)) for s, e in zip(self.sets, errors, strict=True))
+
+    def linear_law(self, agent: int = 0) -> control.StateSpace:
+        """Return the linear law of an agent as a system of python-control.
+
+        Args:
+            agent: Number of the agent.
+
+        Returns:
+            du = -K e with the names of the agent's states and controls; see
+            `TerminalSet.linear_law`.
+        """
+        model = self._problems[agent].model
+        return self.sets[agent].linear_law(
+            states=model.state_names, controls=model.control_names
+        )
 
     def decide(
         self,

@@ -217,6 +217,11 @@ def _of(
         control_names=model.control_names
         if risk.robust_horizon is None
         else tuple(one.named(name) for one in copies for name in model.control_names),
+        outputs={
+            one.named(name): one.of(output)
+            for one in copies
+            for name, output in model.outputs.items()
+        },
         elimination=joined(
             [model.elimination.rewritten(one.of, one.number) for one in copies]
         ),

@@ -27,6 +27,7 @@ from swarmstart.ocp.compiled.casadi_map import CasadiMap
 from swarmstart.ocp.compiled.simd import Ticking, compile_rollout
 from swarmstart.ocp.compiled.vector_ir import Precision
 from swarmstart.ocp.errors import InvalidProblemError
+from swarmstart.ocp.expressions import symbol_names
 from swarmstart.ocp.limits import numbers_of, require_count
 from swarmstart.ocp.lowering import Lowered
 from swarmstart.ocp.problem import OptimalControlProblem
@@ -463,6 +464,28 @@ def core_known(lowered: Lowered, known: Known) -> Known:
         lowered.parameters(known.parameters, known.time),
         lowered.signals(known.signals),
     )
+
+
+def stated_known(
+    lowered: Lowered, x0: Array, parameters: Array, signals: Array
+) -> Known:
+    """Return the known data of a stated problem, with the parameters it decides.
+
+    Args:
+        lowered: The problem with its core.
+        x0: Initial state of the core.
+        parameters: Parameters of the core.
+        signals: Signals of the core at the nodes.
+    """
+    model, given = lowered.stated.model, lowered.known_parameters
+    decided = lowered.decided_parameters(x0)
+    names = symbol_names(model.parameters)
+    values = np.array([decided.get(name, np.nan) for name in names])
+    values[given] = parameters[: len(given)]
+    if not model.time.numel():
+        return Known(values, signals)
+    without_tau = np.delete(signals, model.ns, axis=0)
+    return Known(values, without_tau, time=float(parameters[-1]))
 
 
 def at_nodes(problem: OptimalControlProblem, flat: Array) -> Array:

@@ -10,10 +10,16 @@ interval to interval: a state that remembers the last control, a rocket stage th
 dropped.
 """
 
-from collections.abc import Sequence
+from __future__ import annotations
+
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
 
 from swarmstart.ocp.algebraic import (
     AlgebraicEquations,
@@ -22,17 +28,27 @@ from swarmstart.ocp.algebraic import (
     in_model,
     require_algebraic,
 )
+from swarmstart.ocp.control_systems import (
+    InvalidSystemError,
+    equations_of,
+    state_space,
+)
 from swarmstart.ocp.errors import InvalidProblemError
 from swarmstart.ocp.expressions import (
+    as_column,
     require_known,
     require_symbols,
+    shortened,
     symbol_names,
 )
+from swarmstart.ocp.limits import numbers_of
 from swarmstart.ocp.model_forms import symbolic_rows
 from swarmstart.ocp.symbol_map import SymbolMap
 
-_ROLES = ("states", "controls", "parameters", "signals")
-_COLUMNS = (*_ROLES, "time")
+if TYPE_CHECKING:
+    import control
+
+_COLUMNS = ("states", "controls", "parameters", "signals", "time")
 CHANGES = ("ode", "next_state")
 """Forms in which the equations of the states may be given."""
 
@@ -61,6 +77,11 @@ class Model:
         time: Symbol of the time [s], shape (1, 1); left out if nothing depends on it.
         state_names: A name for each state; if empty, those of the symbols.
         control_names: A name for each control; if empty, those of the symbols.
+        outputs: Quantities to look at by name, such as {"height": x[1]}: expressions of
+            the same symbols as the ode. Solutions, runs, records and figures have their
+            values; `linearised` has them as the outputs.
+        dt: Length of a step [s] of a discrete-time model that is known for one sampling
+            time only; a problem with other intervals is refused. None: any length.
         algebraic: Equations that determine further variables of the ode
             (docs/library.md, "Algebraic equations"); None: no such equations.
         signature: A letter for each argument of a function given as ode, such as
@@ -97,6 +118,8 @@ class Model:
     time: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
     state_names: tuple[str, ...] = ()
     control_names: tuple[str, ...] = ()
+    outputs: Mapping[str, ca.SX] = field(default_factory=dict)
+    dt: float | None = None
     algebraic: AlgebraicEquations | None = None
     signature: str = ""
     symbol_map: SymbolMap = field(default_factory=SymbolMap)
@@ -124,6 +147,8 @@ class Model:
         for role, rows in given.items():
             object.__setattr__(self, role, self._checked(role, rows))
         self._fill_names()
+        object.__setattr__(self, "outputs", MappingProxyType(self._sx_outputs()))
+        self._check_dt()
 
     def _fill_names(self) -> None:
         """Take names from the symbols if names are not given."""
@@ -173,6 +198,170 @@ class Model:
         require_known(role, rows, self.symbols())
         return rows
 
+    def _sx_outputs(self) -> dict[str, ca.SX]:
+        """Return the outputs by name, each a scalar in the model's SX symbols."""
+        if not isinstance(self.outputs, Mapping):
+            raise InvalidProblemError(
+                "outputs must be a mapping from names to expressions, such as "
+                f'{{"height": x[0]}}, got {shortened(self.outputs)}'
+            )
+        found = {}
+        named = dict(zip(self.state_names, ca.vertsplit(self.states), strict=True))
+        if self.nu:
+            controls = ca.vertsplit(self.controls)
+            named |= dict(zip(self.control_names, controls, strict=True))
+        for name, given in self.outputs.items():
+            role = f"output {name!r}"
+            rows = as_column(role, self.sx(role, given))
+            if rows.numel() != 1:
+                raise InvalidProblemError(
+                    f"{role} must be one expression, got {rows.numel()} rows"
+                )
+            require_known(role, rows, self.symbols())
+            if name in named and not ca.is_equal(rows, named[name], 1):
+                raise InvalidProblemError(
+                    f"{role} has the name of a state or a control and another value"
+                )
+            found[name] = rows
+        return found
+
+    def _check_dt(self) -> None:
+        """Raise if the sampling time is no length of a step of a discrete model."""
+        if self.dt is None:
+            return
+        if not (np.isfinite(self.dt) and self.dt > 0):
+            raise InvalidProblemError(f"dt must be positive and finite, got {self.dt}")
+        if not self.is_discrete:
+            raise InvalidProblemError(
+                "dt is the step of a discrete-time model: leave it out of a model with "
+                "an ode"
+            )
+
+    def require_step(self, dt: float) -> None:
+        """Raise if intervals have another length than the model's steps.
+
+        Args:
+            dt: Length of the intervals [s].
+
+        Raises:
+            InvalidProblemError: If the model is sampled with another time.
+        """
+        if self.dt is not None and not np.isclose(dt, self.dt, rtol=1e-9, atol=0.0):
+            raise InvalidProblemError(
+                f"the model is sampled with dt = {self.dt:g} s, the intervals are "
+                f"{dt:g} s long: make them equal, or sample the continuous system with "
+                f"dt = {dt:g} s"
+            )
+
+    @classmethod
+    def from_system(cls, system: object) -> Model:
+        """Return the model of a system of python-control.
+
+        Args:
+            system: A `control.StateSpace`, a `TransferFunction` (realised by `tf2ss`;
+                with several channels one by one, which may give more states than are
+                needed), or a `NonlinearIOSystem` whose functions work on CasADi
+                symbols; its `params` are used as numbers.
+
+        Returns:
+            A model with the names of the states, inputs and outputs of the system;
+            discrete-time with its dt if it is sampled.
+
+        Raises:
+            InvalidSystemError: If it has no states, no known dt, an improper transfer
+                function, or functions that do not work on symbols.
+
+        Example:
+            >>> import control, swarmstart as ss
+            >>> system = control.ss(
+            ...     [[0, 1], [0, -0.5]], [[0], [2]], [[1, 0]], 0,
+            ...     states=["position", "speed"], inputs=["force"], outputs=["place"],
+            ... )
+            >>> model = ss.Model.from_system(system)
+            >>> model.state_names, model.control_names, model.output_names
+            (('position', 'speed'), ('force',), ('place',))
+        """
+        found = equations_of(system)
+        none = ca.SX(0, 1)
+        return cls(
+            states=found.states,
+            controls=found.controls,
+            time=found.time,
+            outputs=found.outputs,
+            dt=found.dt,
+            ode=none if found.dt else found.change,
+            next_state=found.change if found.dt else none,
+        )
+
+    def linearised(
+        self,
+        x: ArrayLike,
+        u: ArrayLike,
+        *,
+        parameters: ArrayLike = (),
+        signals: ArrayLike = (),
+        time: float = 0.0,
+    ) -> control.StateSpace:
+        """Return the linear system near a point, for python-control.
+
+        Its states, inputs and outputs are deviations from the point. Without outputs of
+        the model, they are the states.
+
+        Args:
+            x: States, shape (nx,).
+            u: Controls, shape (nu,).
+            parameters: Parameters, shape (np,).
+            signals: Signals, shape (ns,).
+            time: Time [s].
+
+        Returns:
+            A system with the names of the model: continuous, or sampled with its dt
+            (dt=True if that is not given).
+
+        Raises:
+            InvalidProblemError: If a shape is not the model's.
+            InvalidSystemError: If the model has an ode and jumps as well, or a
+                derivative is not finite.
+
+        Example:
+            >>> import casadi as ca
+            >>> import swarmstart as ss
+            >>> x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+            >>> pendulum = ss.Model(states=x, controls=u, ode=[x[1], u - ca.sin(x[0])])
+            >>> pendulum.linearised([0, 0], [0]).A.tolist()
+            [[0.0, 1.0], [-1.0, 0.0]]
+        """
+        if self.jumps and not self.is_discrete:
+            raise InvalidSystemError(
+                "a model with an ode and jumps is neither continuous nor sampled, so "
+                "it has no StateSpace"
+            )
+        sizes = {"x": self.nx, "u": self.nu, "parameters": self.np, "signals": self.ns}
+        point = []
+        for (name, size), values in zip(
+            sizes.items(), (x, u, parameters, signals), strict=True
+        ):
+            numbers = numbers_of(name, values).ravel()
+            if numbers.size != size:
+                raise InvalidProblemError(
+                    f"{name} must be {size} numbers, got {numbers.size}"
+                )
+            point.append(numbers)
+        if self.time.numel():
+            point[3] = np.append(point[3], time)
+        change = jump_of(self) if self.is_discrete else rate_of(self)
+        outputs = outputs_of(self) if self.outputs else _states_of(self)
+        return state_space(
+            (change, outputs),
+            point,
+            (
+                self.state_names,
+                self.control_names,
+                self.output_names or self.state_names,
+            ),
+            (self.dt or True) if self.is_discrete else 0,
+        )
+
     def symbols(self) -> dict[str, ca.SX]:
         """Return the columns of symbols that expressions may use, by role.
 
@@ -220,6 +409,11 @@ class Model:
         return int(self.signals.numel())
 
     @property
+    def output_names(self) -> tuple[str, ...]:
+        """Names of the outputs."""
+        return tuple(self.outputs)
+
+    @property
     def varying(self) -> ca.SX:
         """Symbols of the known functions of time: the signals, then the time."""
         return ca.vertcat(self.signals, self.time)
@@ -245,14 +439,15 @@ class Model:
         return self.jumps and bool(self.ode.is_zero())
 
     def __repr__(self) -> str:
-        """Return the names of states, controls and parameters."""
-        names = (self.state_names, self.control_names, symbol_names(self.parameters))
-        parts = [
-            f"{role}: {', '.join(found) or 'none'}"
-            for role, found in zip(
-                ("states", "controls", "parameters"), names, strict=True
-            )
-        ]
+        """Return the names of states, controls, parameters and, if any, outputs."""
+        named = {
+            "states": self.state_names,
+            "controls": self.control_names,
+            "parameters": symbol_names(self.parameters),
+        }
+        if self.outputs:
+            named["outputs"] = self.output_names
+        parts = [f"{role}: {', '.join(n) or 'none'}" for role, n in named.items()]
         return f"Model with {'; '.join(parts)}"
 
 
@@ -291,79 +486,16 @@ def unsolved_of(model: Model) -> ca.Function:
     return _function_of(model, "unsolved", model.elimination.unsolved)
 
 
+def outputs_of(model: Model) -> ca.Function:
+    """Return g(x, u, p, s) -> y, the outputs, shape (ny, 1)."""
+    rows = ca.vertcat(ca.SX(0, 1), *model.outputs.values())
+    return _function_of(model, "outputs", rows)
+
+
+def _states_of(model: Model) -> ca.Function:
+    return _function_of(model, "states", model.states)
+
+
 def _function_of(model: Model, name: str, rows: ca.SX) -> ca.Function:
     arguments = [model.states, model.controls, model.parameters, model.varying]
     return ca.Function(name, arguments, [rows])
-
-
-def stack_models(models: Sequence[Model]) -> Model:
-    """Stack models side by side into one model, states and controls in order.
-
-    Args:
-        models: At least one model; none is changed, one may occur several times.
-
-    Returns:
-        The combined model; parameters and signals are stacked as well.
-
-    Raises:
-        InvalidProblemError: If there is no model, or one has nonlinear algebraic
-            equations.
-
-    Example:
-        >>> import casadi as ca
-        >>> import swarmstart as ss
-        >>> x, u = ca.SX.sym("x"), ca.SX.sym("u")
-        >>> cart = ss.Model(states=x, controls=u, ode=u)
-        >>> two = ss.stack_models([cart, cart])
-        >>> two.nx, two.nu
-        (2, 2)
-    """
-    if not models:
-        raise InvalidProblemError("stack_models needs at least one model, got none")
-    if any(model.elimination.unsolved.numel() for model in models):
-        raise InvalidProblemError(
-            "stack_models needs models without nonlinear algebraic equations: the path "
-            "constraint that these are solved would be lost"
-        )
-    columns = {role: ca.vertcat(*c) for role, c in _side_by_side(models).items()}
-    return Model(
-        states=columns["states"],
-        controls=columns["controls"],
-        ode=columns["ode"],
-        next_state=columns.get("next_state", ca.SX(0, 1)),
-        parameters=columns["parameters"],
-        signals=columns["signals"],
-        time=_one_time(models),
-        state_names=tuple(
-            f"{name}_{i}" for i, m in enumerate(models) for name in m.state_names
-        ),
-        control_names=tuple(
-            f"{name}_{i}" for i, m in enumerate(models) for name in m.control_names
-        ),
-    )
-
-
-def _side_by_side(models: Sequence[Model]) -> dict[str, list[ca.SX]]:
-    """Return the symbols and equations of copies of the models, by their roles."""
-    found: dict[str, list[ca.SX]] = {}
-    jumping = any(model.jumps for model in models)
-    time = _one_time(models)
-    for number, model in enumerate(models):
-        copies = {
-            role: ca.SX.sym(f"{letter}{number}", getattr(model, role).numel())
-            for role, letter in zip(_ROLES, "xups", strict=True)
-        }
-        s = ca.vertcat(copies["signals"], time if model.time.numel() else ca.SX(0, 1))
-        arguments = [*[*copies.values()][:3], s]
-        copies["ode"] = rate_of(model)(*arguments)
-        if jumping:
-            copies["next_state"] = jump_of(model)(*arguments)
-        for role, rows in copies.items():
-            found.setdefault(role, [ca.SX(0, 1)]).append(rows)
-    return found
-
-
-def _one_time(models: Sequence[Model]) -> ca.SX:
-    """Return one symbol of the time for all models; empty if they have none."""
-    times = [model.time for model in models if model.time.numel()]
-    return times[0] if times else ca.SX(0, 1)

@@ -38,6 +38,8 @@ class Path:
         times: Times of the fine steps, shape (n,) [s].
         states: States there, shape (nx, n).
         controls: Controls held from each time to the next, shape (nu, n - 1).
+        outputs: Outputs of the model there, with the control held from each time on,
+            shape (ny, n).
         cost: Cost along the path; multiplied by -1 if it is maximised.
         magnitude: Integral of |stage cost| plus |terminal cost|.
         outside: Constraints that the start breaks.
@@ -50,6 +52,7 @@ class Path:
     times: Array
     states: Array
     controls: Array
+    outputs: Array
     cost: float
     magnitude: float
     outside: tuple[Excess, ...]
@@ -94,6 +97,8 @@ class Tracer:
             "path", self._at_once
         )
         names = [*problem.symbols().values()]
+        outputs = ca.vertcat(ca.SX(0, 1), *problem.model.outputs.values())
+        self._outputs = ca.Function("outputs", names, [outputs])
         self._stage_cost = ca.Function("stage_cost", names, [problem.stage_cost])
         self._step_cost = ca.Function("step_cost", names, [problem.step_cost])
         ends = [names[0], names[2], names[3]]
@@ -156,6 +161,7 @@ class Tracer:
             times=times,
             states=states,
             controls=u,
+            outputs=self._output_values(states, u, p, s),
             cost=float(sums[0] + single.sum()),
             magnitude=float(sums[1] + np.abs(single).sum()),
             outside=tuple(outside),
@@ -204,6 +210,15 @@ class Tracer:
                 y[:nx] = both[:nx, -1] = np.array(jumped).ravel()
             found.append(both[:nx])
         return np.hstack(found), np.hstack(before), y[nx : nx + 2]
+
+    def _output_values(self, states: Array, u: Array, p: Array, s: Array) -> Array:
+        """Return the outputs along the path, shape (ny, n)."""
+        n = states.shape[1]
+        if not self.problem.model.outputs:
+            return np.empty((0, n))
+        held = np.hstack([u, u[:, -1:]])
+        many = np.tile(p[:, None], (1, n))
+        return np.array(self._outputs(states, held, many, s))
 
     def _softened(
         self,

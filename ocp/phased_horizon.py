@@ -30,7 +30,7 @@ from swarmstart.ocp.expressions import symbol_names, symbol_of
 from swarmstart.ocp.fitness import Known
 from swarmstart.ocp.free import Free
 from swarmstart.ocp.model import Model
-from swarmstart.ocp.phases import CLOCK, Linkage, Phases, phases
+from swarmstart.ocp.phases import CLOCK, Linkage, Phases, phases, shared_outputs
 from swarmstart.ocp.plan import Plan
 from swarmstart.ocp.planner import Planner
 from swarmstart.ocp.plant import Plant
@@ -408,6 +408,18 @@ def _plant_model(
         parameters=ca.vertcat(*parameters.values(), ends),
         state_names=(*states, CLOCK, PHASE, SINCE),
         control_names=tuple(controls),
+        outputs={
+            name: _selected(
+                phase,
+                [
+                    _joined(one.model, (states, controls, parameters), time)(
+                        one.model.outputs[name]
+                    )
+                    for one in stated
+                ],
+            )
+            for name in shared_outputs(stated)
+        },
     )
 
 

@@ -150,6 +150,12 @@ def phases(
         parameters=ca.vertcat(ca.SX(0, 1), *union.parameters.values()),
         state_names=(*union.states, CLOCK, COUNTER, *symbol_names(exits.symbols)),
         control_names=tuple(union.controls),
+        outputs={
+            name: union.selected(
+                [one.joined(one.phase.model.outputs[name]) for one in joined]
+            )
+            for name in shared_outputs(stated)
+        },
     )
     last = joined[-1]
     problem = OptimalControlProblem(
@@ -187,6 +193,12 @@ def _largest(stated: Sequence[OptimalControlProblem]) -> dict[str, float]:
         for name, size in phase.scales.items():
             found[name] = max(size, found.get(name, 0.0))
     return found
+
+
+def shared_outputs(stated: Sequence[OptimalControlProblem]) -> list[str]:
+    """Return the names of the outputs that the models of all phases have."""
+    first, *others = (phase.model.outputs for phase in stated)
+    return [name for name in first if all(name in other for other in others)]
 
 
 class _Union:

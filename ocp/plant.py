@@ -1,9 +1,10 @@
-"""Plants: a model integrated finely, or any object that makes a step.
+"""Plants: a model integrated finely, a system, or any object that makes a step.
 
 A `Plant` is integrated by the classical Runge-Kutta method, or, if it is stiff, by
 RODAS4 with each step divided into eight parts, since its parameters may jump between
-steps. An object with `step(x, u, dt)` is known at the control instants only, so nothing
-is checked, interpolated or measured between them.
+steps. An object with `step(x, u, dt)`, as a system of python-control (system_steps.py),
+is known at the control instants only, so nothing is checked, interpolated or measured
+between them.
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ from swarmstart.ocp.errors import DivergedError, InvalidProblemError
 from swarmstart.ocp.expressions import shortened, symbol_names
 from swarmstart.ocp.integrators import MORE_PARTS, held_step, linear_step
 from swarmstart.ocp.limits import numbers_of, require_count
-from swarmstart.ocp.model import Model, jump_of, unsolved_of
+from swarmstart.ocp.model import Model, jump_of, outputs_of, unsolved_of
+from swarmstart.ocp.system_steps import SystemSteps, is_system
 
 Array = NDArray[np.float64]
 NOTHING_DECIDED: Mapping[str, float] = MappingProxyType({})
@@ -107,6 +109,7 @@ class Plant:
         require_count("substeps", substeps)
         if not dt > 0:
             raise InvalidProblemError(f"dt must be positive, got {dt}")
+        model.require_step(dt)
         self.model, self.dt, self.substeps = model, dt, substeps
         # Signals that only costs and constraints use are not the model's.
         self._parameters, self._signals = parameters, signals if model.ns else None
@@ -280,6 +283,22 @@ class Plant:
         rows += [times[None, :]] if self.model.time.numel() else []
         return np.vstack([np.empty((0, times.size)), *rows])
 
+    def outputs(self, states: Array, controls: Array, times: Array) -> Array:
+        """Return the outputs of the model, shape (ny, n).
+
+        Args:
+            states: Shape (nx, n).
+            controls: Shape (nu, n).
+            times: Shape (n,) [s].
+        """
+        known = self.parameters(times), self.varying(times)
+        return np.array(outputs_of(self.model)(states, controls, *known))
+
+    @property
+    def output_names(self) -> tuple[str, ...]:
+        """The model's names of the outputs."""
+        return self.model.output_names
+
     @property
     def state_names(self) -> tuple[str, ...]:
         """The model's names of the states."""
@@ -337,6 +356,7 @@ class SteppedPlant:
         substeps: Always 1.
         state_names: The object's names of the states, if it has any.
         control_names: The object's names of the controls, if it has any.
+        output_names: Names of the outputs, of a system of python-control; else empty.
 
     Example:
         >>> import numpy as np
@@ -361,6 +381,8 @@ class SteppedPlant:
         self.dt, self._steps = dt, steps
         self.state_names: tuple[str, ...] = tuple(getattr(steps, "state_names", ()))
         self.control_names: tuple[str, ...] = tuple(getattr(steps, "control_names", ()))
+        self._system = steps if isinstance(steps, SystemSteps) else None
+        self.output_names = () if self._system is None else self._system.output_names
 
     def with_interval(self, dt: float) -> SteppedPlant:
         """Return the same plant with control intervals of another length [s]."""
@@ -368,8 +390,10 @@ class SteppedPlant:
 
     def __call__(self, state: Array, control: Array, time: float = 0.0) -> Array:
         """Return the state after the interval, shape (nx, 1); see Plant."""
-        del time
-        after = self._steps.step(state.copy(), control.copy(), self.dt)
+        if self._system is not None:
+            after: ArrayLike = self._system.step(state, control, self.dt, time)
+        else:
+            after = self._steps.step(state.copy(), control.copy(), self.dt)
         after = numbers_of("the state that step() returns", after)
         if after.size != state.size:
             raise InvalidProblemError(
@@ -378,21 +402,43 @@ class SteppedPlant:
             )
         return after.reshape(-1, 1)
 
+    @property
+    def nx(self) -> int | None:
+        """Number of states, of a system of python-control; else None: not known."""
+        return None if self._system is None else len(self.state_names)
+
+    def outputs(self, states: Array, controls: Array, times: Array) -> Array:
+        """Return the outputs of a system of python-control, shape (ny, n); see Plant.
+
+        Of any other object there are none.
+        """
+        if self._system is None:
+            return np.empty((0, times.size))
+        return self._system.outputs(states, controls, times)
+
 
 AnyPlant = Plant | SteppedPlant | Steps
 
 
-def plant_of(plant: AnyPlant, dt: float) -> Plant | SteppedPlant:
+def plant_of(plant: object, dt: float) -> Plant | SteppedPlant:
     """Return a plant in the form that a closed loop uses.
 
+    Args:
+        plant: A `Plant`, an object with `step(x, u, dt)`, or a system of
+            python-control.
+        dt: Length of a control interval [s].
+
     Raises:
-        InvalidProblemError: If it is not a plant.
+        InvalidProblemError: If it is not a plant, or a system of python-control that
+            has no states or another sampling time.
     """
     if isinstance(plant, Plant | SteppedPlant):
         return plant
+    if is_system(plant):
+        return SteppedPlant(SystemSteps(plant, dt=dt), dt=dt)
     if isinstance(plant, Steps):
         return SteppedPlant(plant, dt=dt)
     raise InvalidProblemError(
-        "plant must be a swarmstart.Plant, or have step(x, u, dt), "
-        f"got {shortened(plant)}"
+        "plant must be a swarmstart.Plant, a system of python-control, or have "
+        f"step(x, u, dt), got {shortened(plant)}"
     )

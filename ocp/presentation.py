@@ -18,6 +18,8 @@ PRESENTATIONS = {
     ("Trajectory", "save"): f"{_RECORD}.results:save_trajectory",
     ("Solution", "to_dataframe"): f"{_RECORD}.tables:dataframe_of",
     ("Trajectory", "to_dataframe"): f"{_RECORD}.tables:dataframe_of",
+    ("Solution", "to_time_response"): f"{_RECORD}.tables:time_response_of",
+    ("Trajectory", "to_time_response"): f"{_RECORD}.tables:time_response_of",
 }
 """(class, verb) -> "module:function"; the function takes the result first."""
 
@@ -53,13 +55,23 @@ class Presented:
     def to_dataframe(self) -> Any:
         """Return a pandas DataFrame: one row per node, one column per state or control.
 
-        Algebraic variables of a Solution come last. The index is the time [s]. Controls
-        are held from one row to the next, so the last row has none (NaN).
+        Algebraic variables of a Solution and outputs of the model come last. The index
+        is the time [s]. Controls are held from one row to the next, so the last row has
+        none (NaN).
 
         Raises:
             MissingPackageError: If pandas is not installed.
         """
         return self._presented("to_dataframe")
+
+    def to_time_response(self) -> Any:
+        """Return a `control.TimeResponseData`, with python-control's plots and tables.
+
+        Its times are those of the finer path of a Solution, or of the plant's steps of
+        a Trajectory. Its outputs are those of the model, or the states if it has none.
+        Controls are held from each time to the next.
+        """
+        return self._presented("to_time_response")
 
     def _repr_html_(self) -> str:
         """Return the summary and the figure, for a notebook."""

@@ -229,6 +229,7 @@ class OptimalControlProblem:
                 f"maximize must be True or False, got {shortened(self.maximize)}"
             )
         self._check_grid()
+        self._check_step()
         self._bring_symbols_to_sx()
         require_symbols("signals", self.signals)
         require_symbols("previous", self.previous)
@@ -316,6 +317,16 @@ class OptimalControlProblem:
                 raise InvalidProblemError(
                     f"{role} must be at least 0, got {getattr(self, role)}"
                 )
+
+    def _check_step(self) -> None:
+        """Raise if the intervals are not the steps of a sampled model."""
+        if not isinstance(self.horizon, Free):
+            self.model.require_step(self.dt)
+        elif self.model.dt is not None:
+            raise InvalidProblemError(
+                f"the model is sampled with dt = {self.model.dt:g} s, so its horizon "
+                "must be a number"
+            )
 
     def _check_integrator_tolerance(self) -> None:
         if self.integrator_tolerance is None:

@@ -5,7 +5,32 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.ocp.errors import InvalidProblemError
+
 Array = NDArray[np.float64]
+
+
+def piece_at(time: float, instants: Array) -> int:
+    """Return the number of the interval that holds at a time.
+
+    Args:
+        time: Between the first and the last instant [s].
+        instants: Ends of the intervals, shape (N + 1,) [s].
+
+    Raises:
+        InvalidProblemError: If the time is before the first or after the last instant.
+    """
+    if not instants[0] <= time <= instants[-1]:
+        raise InvalidProblemError(
+            f"time must be from {instants[0]:g} to {instants[-1]:g} s, got {time}"
+        )
+    after = int(np.searchsorted(instants, time, side="right"))
+    return min(after, instants.size - 1) - 1
+
+
+def rows_at(time: float, times: Array, rows: Array) -> Array:
+    """Return the values of rows (m, n) at a time, linear between times (n,), (m,)."""
+    return np.array([np.interp(time, times, row) for row in rows])
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

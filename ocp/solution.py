@@ -19,12 +19,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from swarmstart.ocp.fitness import NOTHING, Known, at_nodes, shared_arguments
+from swarmstart.ocp.fitness import (
+    NOTHING,
+    Known,
+    at_nodes,
+    shared_arguments,
+    stated_known,
+)
 from swarmstart.ocp.lanes.optima import Optimum
 from swarmstart.ocp.lower_bound.answer import LowerBound
 from swarmstart.ocp.member_costs import member_costs
@@ -37,12 +44,16 @@ from swarmstart.ocp.polish import SAME_COST
 from swarmstart.ocp.polish_options import PolishStatus
 from swarmstart.ocp.presentation import Presented
 from swarmstart.ocp.problem import OptimalControlProblem
+from swarmstart.ocp.profile import piece_at, rows_at
 from swarmstart.ocp.scaling import Sizes
 from swarmstart.ocp.search_space import Start
 from swarmstart.ocp.shooting import Shooting
 from swarmstart.ocp.status import Found, SolutionStatus, advice_for
 from swarmstart.ocp.stiffness import fastest_mode
 from swarmstart.ocp.travelling import guess_of
+
+if TYPE_CHECKING:
+    import control
 
 Array = NDArray[np.float64]
 TOLERANCE = 1e-3
@@ -66,6 +77,8 @@ class Solution(Presented):
         times: Times of the nodes, shape (nodes,) [s].
         states: States at the nodes, finely integrated, shape (nx, nodes).
         controls: Controls, shape (nu, N); linear controls by their knots, (nu, N + 1).
+        known: Parameters of the model (those that were decided too), signals at the
+            nodes, and time at the start.
         decided: Decisions besides controls and start: parameters by their names, a free
             end time as "end time" [s].
         cost: Cost on the problem's own grid, with the sign as the problem states it.
@@ -91,6 +104,7 @@ class Solution(Presented):
     times: Array
     states: Array
     controls: Array
+    known: Known
     decided: Mapping[str, float]
     cost: float
     violation: float
@@ -193,6 +207,58 @@ class Solution(Presented):
         return self.problem.model.control_names
 
     @property
+    def outputs(self) -> Array:
+        """Outputs of the model at the nodes, shape (ny, nodes).
+
+        With the control of the following interval; the last with that before.
+        """
+        every = (self.path.times.size - 1) // (self.times.size - 1)
+        return self.path.outputs[:, ::every]
+
+    @property
+    def output_names(self) -> tuple[str, ...]:
+        """The model's names of the outputs."""
+        return self.problem.model.output_names
+
+    def linearised(self, time: float) -> control.StateSpace:
+        """Return the linear system near the answer at a time, for python-control.
+
+        Args:
+            time: Time after the start [s]; states and controls are those of the finer
+                path there.
+
+        Raises:
+            InvalidProblemError: If the time is outside of the horizon.
+            InvalidSystemError: As `Model.linearised`.
+
+        Example:
+            >>> import casadi as ca, swarmstart as ss
+            >>> x, u = ca.SX.sym("x"), ca.SX.sym("u")
+            >>> problem = ss.OptimalControlProblem(
+            ...     ss.Model(states=x, controls=u, ode=u - x**3), horizon=2.0,
+            ...     intervals=4, terminal=[(x, 1)], stage_cost=u**2,
+            ...     bounds=ss.Bounds(controls=(-2, 2)),
+            ... )
+            >>> found = ss.solve(problem, [0.0], search=None, lanes=0, seed=0)
+            >>> found.linearised(2.0).A.round(3).tolist()  # -3 x^2 at x = 1
+            [[-3.0]]
+        """
+        problem, model = self.problem, self.problem.model
+        instants = self.times[:: problem.checks]
+        interval = piece_at(time, instants)
+        u = self.controls[:, interval]
+        if problem.has_knots:
+            u = rows_at(time, instants, self.controls)
+        signals = np.asarray(self.known.signals)
+        return model.linearised(
+            rows_at(time, self.path.times, self.path.states[: model.nx]),
+            u,
+            parameters=self.known.parameters,
+            signals=rows_at(time, self.times, signals[: model.ns]),
+            time=self.known.time + time,
+        )
+
+    @property
     def algebraic_names(self) -> tuple[str, ...]:
         """Names of the model's algebraic variables."""
         return self.problem.model.elimination.names
@@ -217,6 +283,8 @@ class Solution(Presented):
         if self.algebraic.size:
             shown = _ranges(self.algebraic_names, self.algebraic)
             lines.append(f"  algebraic   {shown}")
+        if self.output_names:
+            lines.append(f"  outputs     {_ranges(self.output_names, self.outputs)}")
         if self.decided:
             values = [f"{name} {value:.9g}" for name, value in self.decided.items()]
             lines.insert(7, f"  decided     {', '.join(values)}")
@@ -319,6 +387,7 @@ def verified(  # noqa: PLR0913 - a plan and how it is judged
         times=path.times[::every],
         states=path.states[: stated.model.nx, ::every],
         controls=trace.shooting.lowered.knots(plan.controls, state),
+        known=stated_known(trace.shooting.lowered, state, parameters, signals),
         decided=trace.shooting.lowered.decided(state),
         cost=sense * plan.cost,
         violation=plan.violation,

@@ -23,7 +23,9 @@ horizon nonlinear model predictive control scheme with guaranteed stability, Aut
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
@@ -48,6 +50,9 @@ from swarmstart.terminal_set.lqr import continuous_lqr, sampled_lqr
 from swarmstart.terminal_set.lyapunov import continuous_lyapunov, sampled_lyapunov
 from swarmstart.terminal_set.reference import Reference
 from swarmstart.terminal_set.stability import CONTINUOUS, SAMPLED, growth
+
+if TYPE_CHECKING:
+    import control
 
 
 @dataclass(eq=False)
@@ -197,6 +202,42 @@ class TerminalSet:
             InvalidShapeError: If e has another number of rows.
         """
         return self.ellipsoid.contains(e)
+
+    def linear_law(
+        self, *, states: Sequence[str] = (), controls: Sequence[str] = ()
+    ) -> control.StateSpace:
+        """Return the law du = -K e as a system of python-control without states.
+
+        Put behind the plant in deviations from the reference, it closes the loop with
+        the sign it has: `control.feedback(plant, law, sign=1)`. The loop transfer
+        function, of which `control.margin` wants the opposite sign, is -law * plant.
+
+        Args:
+            states: Names of the states, which are its inputs; empty: numbered.
+            controls: Names of the controls, which are its outputs; empty: numbered.
+
+        Returns:
+            The law, sampled with dt if its input is held.
+
+        Example:
+            >>> import control, numpy as np
+            >>> import swarmstart as ss
+            >>> near = ss.TerminalSet(
+            ...     K=[[1.0, 2.0]], P=np.eye(2), alpha=1.0, x_ref=[0, 0], u_ref=[0],
+            ...     dt=None, design="my own",
+            ... )
+            >>> law = near.linear_law(states=["x", "v"], controls=["u"])
+            >>> cart = control.ss([[0, 1], [0, 0]], [[0], [1]], np.eye(2), 0)
+            >>> control.feedback(cart, law, sign=1).poles().real.tolist()
+            [-1.0, -1.0]
+        """
+        import control
+
+        return control.StateSpace(
+            [], [], [], -self.K, 0 if self.dt is None else self.dt,
+            inputs=list(states) or None, outputs=list(controls) or None,
+            name="linear_law",
+        )  # fmt: skip
 
 
 def sampled_terminal_set(

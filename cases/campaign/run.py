@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import yaml
@@ -71,7 +71,11 @@ from swarmstart.ocp.account import StartsAccount
 from swarmstart.ocp.bounded import BoundInterrupted
 from swarmstart.ocp.limits import require_seconds
 from swarmstart.ocp.multipliers import Multipliers, multipliers_of
+from swarmstart.ocp.profile import piece_at
 from swarmstart.ocp.progress import ProgressCallback, tell_nothing
+
+if TYPE_CHECKING:
+    import control
 
 logger = logging.getLogger(__name__)
 
@@ -188,6 +192,29 @@ class Run:
             "documents": [*self.flight.documents, *self._certificates()],
             "out": str(self.folder) if self.folder else None,
         }
+
+    def to_time_response(self) -> Any:
+        """Return the trajectory as a `control.TimeResponseData`; see there."""
+        return self.trajectory.to_time_response()
+
+    def linearised(self, time: float) -> control.StateSpace:
+        """Return the linear system of the plant near a point of the run.
+
+        Args:
+            time: Time within the run [s].
+
+        Raises:
+            InvalidProblemError: If the time is outside of the run.
+            InvalidSystemError: As `Model.linearised`.
+        """
+        plant, at = self.flight.plant, np.array([time])
+        x, u = self.trajectory.at(time)
+        number = piece_at(time, self.trajectory.times)
+        plant = plant.with_decided(self.trajectory.decisions[number].decided)
+        signals = plant.varying(at)[: plant.model.ns, 0]
+        return plant.model.linearised(
+            x, u, parameters=plant.parameters(at)[:, 0], signals=signals, time=time
+        )
 
     @property
     def starts(self) -> StartsAccount | None:

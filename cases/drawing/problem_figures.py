@@ -136,6 +136,9 @@ def _figures(
     searches = searches_figure(flown) if flown.fresh.size > 1 else None
     if searches is not None:
         yield "f_searches", searches
+    outputs = _outputs(flown.trajectory, flown.labels)
+    if outputs:
+        yield "h_outputs", panels_figure({"outputs": outputs}, flown.labels)
 
 
 def _whole(
@@ -165,6 +168,16 @@ def _controls(flown: Flown) -> list[Panel]:
     _, limits = stacked_limits(flown.problems)
     held = held_controls(flown.trajectory)
     return panels_of(flown.labels.controls, flown.labels, *held, limits)
+
+
+def _outputs(trajectory: Trajectory, labels: Labels) -> list[Panel]:
+    """Return the panels of outputs of the plant, named for all vehicles together."""
+    return panels_of(
+        trajectory.output_names,
+        replace(labels, vehicles=("",)),
+        trajectory.dense_times,
+        trajectory.outputs,
+    )
 
 
 def _plane_part(
@@ -297,7 +310,7 @@ def _within(row: Slack, labels: Labels, steps: int) -> Slack:
 def draw_solution(
     solution: Solution, *, units: Mapping[str, str] | None = None
 ) -> "Figure":
-    """Return states along the verified path, and controls, with their bounds.
+    """Return states along the verified path, controls, with their bounds, and outputs.
 
     Args:
         solution: The solution.
@@ -319,6 +332,7 @@ def draw_solution(
         "controls": panels_of(
             labels.controls, labels, instants, solution.controls, on_controls
         ),
+        "outputs": panels_of(solution.output_names, labels, path.times, path.outputs),
     }
     return panels_figure(blocks, labels)
 
@@ -326,7 +340,7 @@ def draw_solution(
 def draw_trajectory(
     trajectory: Trajectory, *, labels: Labels | None = None
 ) -> "Figure":
-    """Return states and held controls of a run.
+    """Return states, held controls and outputs of a run.
 
     Args:
         trajectory: The run.
@@ -345,6 +359,7 @@ def draw_trajectory(
     blocks = {
         "states": panels_of(labels.states, labels, times, states),
         "controls": panels_of(labels.controls, labels, *held_controls(trajectory)),
+        "outputs": _outputs(trajectory, labels),
     }
     return panels_figure(blocks, labels)
 

@@ -45,7 +45,11 @@ from swarmstart.cases.record.record import (
     OccupiedFolderError,
     versions,
 )
-from swarmstart.cases.record.trajectory_arrays import trajectory_arrays, trajectory_of
+from swarmstart.cases.record.trajectory_arrays import (
+    output_arrays,
+    trajectory_arrays,
+    trajectory_of,
+)
 from swarmstart.ocp import Solution, Trajectory
 from swarmstart.ocp.multipliers import Multipliers
 
@@ -98,6 +102,7 @@ def save_solution(solution: Solution, folder: Path, *, force: bool) -> Path:
     }
     if solution.problem.has_knots:
         arrays["knots"] = np.array(True)
+    arrays |= output_arrays(solution.output_names, path.outputs)
     if solution.algebraic_names:
         arrays["algebraic"] = solution.algebraic
         arrays["algebraic_names"] = np.array(solution.algebraic_names)

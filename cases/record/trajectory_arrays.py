@@ -53,7 +53,13 @@ def trajectory_arrays(trajectory: Trajectory) -> dict[str, Array]:
         **_ends_of_lines(decisions),
         "state_names": np.array(trajectory.state_names),
         "control_names": np.array(trajectory.control_names),
+        **output_arrays(trajectory.output_names, trajectory.outputs),
     }
+
+
+def output_arrays(names: Sequence[str], outputs: Array) -> dict[str, NDArray[Any]]:
+    """Return the arrays of the outputs of a model; empty without outputs."""
+    return {"outputs": outputs, "output_names": np.array(names)} if names else {}
 
 
 def trajectory_of(arrays: Mapping[str, NDArray[Any]]) -> Trajectory:
@@ -70,6 +76,8 @@ def trajectory_of(arrays: Mapping[str, NDArray[Any]]) -> Trajectory:
         step_seconds=arrays["step_seconds"],
         state_names=tuple(map(str, arrays.get("state_names", ()))),
         control_names=tuple(map(str, arrays.get("control_names", ()))),
+        outputs=arrays.get("outputs", np.empty((0, pieces + 1))),
+        output_names=tuple(map(str, arrays.get("output_names", ()))),
     )
 
 

@@ -209,12 +209,12 @@ def test_kleinmans_iteration_ends_at_the_sampled_gain(seed: int) -> None:
     rng = np.random.default_rng(seed)
     A, B = rng.normal(size=(4, 4)), rng.normal(size=(4, 2))
     A *= 0.9 / np.abs(np.linalg.eigvals(A)).max()  # so that K = 0 is a stable start
-    K = np.zeros((2, 4))
+    K: NDArray[np.float64] = np.zeros((2, 4))
     for _ in range(20):
         power, P = A - B @ K, I4 + K.T @ K
         for _ in range(12):  # 2^12 terms of the series of the loop's cost
             P, power = P + power.T @ P @ power, power @ power
-        K = np.linalg.solve(I2 + B.T @ P @ B, B.T @ P @ A)
+        K = np.asarray(np.linalg.solve(I2 + B.T @ P @ B, B.T @ P @ A), np.float64)
     gain = sampled_lqr(A, B, I4, I2)
     np.testing.assert_allclose(gain.K, K, rtol=1e-10, atol=1e-10)
     np.testing.assert_allclose(gain.P, P, rtol=1e-10, atol=1e-10)
