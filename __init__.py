@@ -102,6 +102,7 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         Fitness as Fitness,
         Free as Free,
         InvalidProblemError as InvalidProblemError,
+        InvalidSystemError as InvalidSystemError,
         IpoptOptions as IpoptOptions,
         Known as Known,
         LocalAgent as LocalAgent,
@@ -112,6 +113,7 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         Model as Model,
         Multistart as Multistart,
         NlpOptions as NlpOptions,
+        NonMinimalWarning as NonMinimalWarning,
         OpenLoop as OpenLoop,
         OptimalControlProblem as OptimalControlProblem,
         OptimalityGap as OptimalityGap,
@@ -226,9 +228,9 @@ _NAMES = {
     "swarmstart.ocp": """
         Agent AlgebraicEquations BackendWarning BoundKind Bounds Connection Decision
         DivergedError DualMode Fitness
-        Free InvalidProblemError IpoptOptions Known LocalAgent LocalTeam LowerBound
-        Memetic
-        Mode Model Multistart NlpOptions OpenLoop OptimalControlProblem OptimalityGap
+        Free InvalidProblemError InvalidSystemError IpoptOptions Known LocalAgent
+        LocalTeam LowerBound Memetic Mode Model Multistart NlpOptions NonMinimalWarning
+        OpenLoop OptimalControlProblem OptimalityGap
         PathConstraint PhasedHorizon Phases
         Plan Planner PlanningInterrupted Plant PolishStatus Radau RecedingHorizon
         SearchReport

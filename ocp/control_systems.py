@@ -103,7 +103,7 @@ def in_state_space(system: Any) -> control.NonlinearIOSystem:
         system: A system of python-control; a transfer function is realised.
 
     Raises:
-        InvalidSystemError: If it is none, has no states or no known time base.
+        InvalidSystemError: If it is something else, or lacks states or a known dt.
     """
     import control
 
@@ -113,7 +113,6 @@ def in_state_space(system: Any) -> control.NonlinearIOSystem:
             f"NonlinearIOSystem, got {shortened(system)}"
         )
     if isinstance(system, control.TransferFunction):
-        _require_time_base(system)
         system = _realised(system)
     if not isinstance(system, control.NonlinearIOSystem) or not system.nstates:
         raise InvalidSystemError(
@@ -239,7 +238,8 @@ def _not_symbolic(system: control.NonlinearIOSystem, why: str) -> InvalidSystemE
     return InvalidSystemError(
         f"the functions of system {system.name!r} do not work on CasADi symbols: "
         f"{why}; write numpy.sin for math.sin, numpy.clip for min and max, "
-        "numpy.where for if, or use the system as the plant of `simulate`, which needs no symbols"
+        "numpy.where for if, or use the system as the plant of `simulate`, which needs "
+        "no symbols"
     )
 
 
