@@ -152,7 +152,7 @@ def _planned(
 
 def _flies(solver: Solver) -> bool:
     """Return whether a controller can plan with a solver."""
-    return solver.family != "peer" and solver.plugin in ("", IPOPT)
+    return not solver.peer and solver.plugin in ("", IPOPT)
 
 
 def _polish(solver: Solver) -> str:

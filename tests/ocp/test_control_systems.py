@@ -175,12 +175,12 @@ def test_a_system_that_is_no_model_is_refused_with_its_name(
 def test_intervals_of_another_length_than_the_sampling_time_are_refused() -> None:
     model = ss.Model.from_system(control.ss(0.9, 1, 1, 0, 0.1))
     with pytest.raises(
-        ss.InvalidProblemError, match="sampled with dt = 0.1 s, the int"
+        ss.InvalidProblemError, match=r"sampled with dt = 0\.1 s, the int"
     ):
         ss.OptimalControlProblem(model, horizon=1.0, intervals=5)
     with pytest.raises(ss.InvalidProblemError, match="horizon must be a number"):
         ss.OptimalControlProblem(model, horizon=ss.Free(1, 2), intervals=5)
-    with pytest.raises(ss.InvalidProblemError, match="sampled with dt = 0.1 s"):
+    with pytest.raises(ss.InvalidProblemError, match=r"sampled with dt = 0\.1 s"):
         ss.Plant(model, dt=0.2, substeps=1)
     assert ss.OptimalControlProblem(model, horizon=0.7, intervals=7).dt < 0.11
 
@@ -208,7 +208,7 @@ def test_a_model_with_an_ode_and_jumps_is_no_linear_system() -> None:
     with pytest.raises(ss.InvalidSystemError, match="an ode and jumps"):
         model.linearised([0], [0])
     root = ss.Model(states=x, controls=u, ode=ca.sqrt(x) + u)
-    with pytest.raises(ss.InvalidSystemError, match="derivatives .* must be finite"):
+    with pytest.raises(ss.InvalidSystemError, match=r"derivatives .* must be finite"):
         root.linearised([0], [0])
     with pytest.raises(ss.InvalidProblemError, match="x must be 1 numbers, got 2"):
         root.linearised([1, 2], [0])

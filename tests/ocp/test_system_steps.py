@@ -113,7 +113,7 @@ def test_a_plant_that_does_not_fit_is_refused() -> None:
     with pytest.raises(ss.InvalidProblemError, match=r"x0 must have shape \(2,\)"):
         ss.simulate(cart(0.2), loop, [1.0], steps=1, seed=0)
     data = control.frd(control.tf([1], [1, 1]), np.array([1.0, 2.0]), name="data")
-    with pytest.raises(ss.InvalidSystemError, match="'data' .* has no states"):
+    with pytest.raises(ss.InvalidSystemError, match=r"'data' .* has no states"):
         flown(data, loop)
 
 

@@ -104,7 +104,7 @@ def built(posed: PlanningProblem, trial: Trial) -> Built:
         if fewer is not None:
             planner = _planner(posed, trial, relay, fewer)
         planner = planner.with_budget(Budget(**share_of(planner, trial)))
-        if solver.peer:
+        if solver.family == "peer":
             space = space_of(planner.fitness, posed.family)
         _warm_up(planner, posed, trial)
     return Built(

@@ -1,21 +1,23 @@
-"""Searches of other packages that `compare` knows by name; peers.py runs them."""
+"""Solvers of other packages that `compare` knows by name."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 
 class Peer(NamedTuple):
-    """A search of another package.
+    """A solver of another package.
 
     Attributes:
         title: Description in a few words.
-        minimize: "module:function" that runs it, as in peers.py.
+        minimize: "module:function" that runs it: a search as in peers.py, a solver of
+            optimal-control problems as in python_control.py.
         package: Package to import.
         pip: Name of the package for `pip install`.
         options: Its options with their defaults, by the package's own names; None means
             the package's default.
+        family: "peer" for a search; "control" for a solver of whole problems.
     """
 
     title: str
@@ -23,6 +25,7 @@ class Peer(NamedTuple):
     package: str
     pip: str
     options: Mapping[str, Any]
+    family: Literal["peer", "control"] = "peer"
 
 
 _PEERS = "swarmstart.cases.campaign.trials.peers:"
@@ -72,5 +75,13 @@ PEERS = {
         "cmaes",
         {"size": None, "sigma": 0.3},
     ),
+    "python-control": Peer(
+        "control.optimal.solve_ocp, shooting with SLSQP from zero controls",
+        "swarmstart.cases.campaign.trials.python_control:solve_ocp",
+        "control",
+        "control",
+        {"method": "SLSQP", "maxiter": None},
+        family="control",
+    ),
 }  # fmt: skip
-"""Searches of other packages by name."""
+"""Solvers of other packages by name."""

@@ -4,6 +4,7 @@ search, nlp   the planner's search, its NLP solver, or one after the other
 multistart    the NLP solver from random points until the meter stops it
 solve         all steps of `swarmstart.solve`
 peer          a search of another package, and the NLP solver after it if asked for
+control       python-control's solver of optimal-control problems
 """
 
 from __future__ import annotations
@@ -177,11 +178,31 @@ class _Asked:
         return penalised(*values, self._weight)
 
 
+def _controlled(
+    made: Built, trial: Trial, meter: Meter, rng: np.random.Generator
+) -> Found:
+    """Return the best iterate of python-control's solver."""
+    del rng
+    name = trial.solver.peer
+    ended = resolve_name(PEERS[name].minimize)(made, trial, meter)
+    if meter.best is None:
+        raise NotSolvedError(f"{name} met no point that is a number")
+    controls, start = meter.best
+    _, known, _ = made.planner.posed(made.posed.x0, made.posed.known)
+    spent = round(meter.evaluations)
+    plan = made.planner.evaluated(
+        controls, start, known=known, source=Source.POLISH, evaluations=spent
+    )
+    meter.ended = "" if ended else meter.stopped
+    return Found(plan, has_ended=ended)
+
+
 ROUTES: Mapping[str, Callable[..., Found]] = {
     "search": _searched,
     "nlp": _searched,
     "multistart": _many_starts,
     "solve": _solved,
     "peer": _peered,
+    "control": _controlled,
 }
 """Family of a solver -> function that runs it: (built, trial, meter, rng) -> Found."""

@@ -13,6 +13,7 @@
                                   CasADi has, after a + too
     solve                         `swarmstart.solve` with its defaults
     scipy-de, pygmo-de, cmaes     searches of other packages (PEERS), each with options
+    python-control                its solve_ocp on the same grid, from zero controls
 
 A name is read into its canonical form, with sorted options and values as JSON, so that
 two spellings are one solver. Nothing heavy is imported before an option is read.
@@ -38,7 +39,7 @@ IPOPT, SOLVE, MULTISTART = "ipopt", "solve", "multistart-ipopt"
 NULL_HYPOTHESIS = MULTISTART
 """Solver that a global search has to beat."""
 SEARCHED = tuple(name for name in SEARCHES if name != "none")
-Family = Literal["search", "peer", "nlp", "multistart", "solve"]
+Family = Literal["search", "peer", "control", "nlp", "multistart", "solve"]
 _MANY = "multistart-"
 _NAME = re.compile(r"[A-Za-z0-9_-]+")
 _OPTION = re.compile(r"[A-Za-z][A-Za-z0-9_.-]*")
@@ -89,7 +90,7 @@ class Solver:
     @property
     def is_deterministic(self) -> bool:
         """Return whether every seed gives the same answer."""
-        return self.family == "nlp"
+        return self.family in ("nlp", "control")
 
 
 @functools.lru_cache(maxsize=256)
@@ -201,7 +202,7 @@ def _first(name: str, options: Mapping[str, str], text: str) -> Solver:
         return Solver(
             name=_canonical(name, given),
             title=title,
-            family="peer",
+            family=PEERS[name].family,
             peer=name,
             polished=True,
             options=given,
@@ -293,7 +294,7 @@ def _require_like(key: str, value: Any, default: Any, text: str) -> None:
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     if isinstance(default, str):
         ok, what = isinstance(value, str), "text"
-    elif isinstance(default, int) or key == "size":
+    elif isinstance(default, int) or key in ("size", "maxiter"):
         ok = isinstance(value, int) and is_number and 1 <= value < 2**31
         what = "an integer of at least 1"
     else:
