@@ -72,8 +72,9 @@ def equations_of(system: object) -> Equations:
         system: A `control.StateSpace`, `TransferFunction` or `NonlinearIOSystem`.
 
     Raises:
-        InvalidSystemError: If it has no states, no known time base, an improper
-            transfer function, or functions that do not work on CasADi symbols.
+        InvalidSystemError: If it has no states, no known time base, numbers that are
+            not finite, an improper transfer function, or functions that do not work on
+            CasADi symbols.
     """
     import control
 
@@ -81,8 +82,19 @@ def equations_of(system: object) -> Equations:
     x, u = (_symbols(labels) for labels in (found.state_labels, found.input_labels))
     t = ca.SX.sym("t")
     if isinstance(found, control.StateSpace):
+        if not all(np.isfinite(m).all() for m in control.ssdata(found)):
+            raise InvalidSystemError(
+                f"the matrices of system {found.name!r} must be finite, a number in "
+                "them is NaN or infinite"
+            )
         change, y = ca.SX(found.A) @ x, ca.SX(found.C) @ x
         change, y = change + ca.SX(found.B) @ u, y + ca.SX(found.D) @ u
+    elif isinstance(found, control.InterconnectedSystem):
+        raise InvalidSystemError(
+            f"system {found.name!r} is an interconnection of nonlinear systems, which "
+            "python-control evaluates with numbers only: write it as one "
+            "NonlinearIOSystem, or use it as the plant of `simulate`"
+        )
     else:
         change, y = _called(found, t, x, u)
     is_timed = ca.depends_on(ca.vertcat(change, y), t)

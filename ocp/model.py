@@ -220,7 +220,8 @@ class Model:
             require_known(role, rows, self.symbols())
             if name in named and not ca.is_equal(rows, named[name], 1):
                 raise InvalidProblemError(
-                    f"{role} has the name of a state or a control and another value"
+                    f"{role} has the name of a state or a control and another value: "
+                    "give it another name"
                 )
             found[name] = rows
         return found
@@ -268,8 +269,9 @@ class Model:
             discrete-time with its dt if it is sampled.
 
         Raises:
-            InvalidSystemError: If it has no states, no known dt, an improper transfer
-                function, or functions that do not work on symbols.
+            InvalidSystemError: If it has no states, no known dt, numbers that are not
+                finite, an improper transfer function, or functions that do not work on
+                symbols.
 
         Example:
             >>> import control, swarmstart as ss
@@ -320,8 +322,8 @@ class Model:
 
         Raises:
             InvalidProblemError: If a shape is not the model's.
-            InvalidSystemError: If the model has an ode and jumps as well, or a
-                derivative is not finite.
+            InvalidSystemError: If the model has no controls, or both an ode and jumps,
+                or a derivative is not finite.
 
         Example:
             >>> import casadi as ca
@@ -335,6 +337,11 @@ class Model:
             raise InvalidSystemError(
                 "a model with an ode and jumps is neither continuous nor sampled, so "
                 "it has no StateSpace"
+            )
+        if not self.nu:
+            raise InvalidSystemError(
+                "a model without controls has no StateSpace: python-control wants at "
+                "least one input"
             )
         sizes = {"x": self.nx, "u": self.nu, "parameters": self.np, "signals": self.ns}
         point = []

@@ -76,9 +76,15 @@ class SystemSteps:
             time: Time at its start [s].
 
         Raises:
+            InvalidSystemError: If the system has another number of inputs.
             DivergedError: If the integration does not reach its end.
         """
         system = self._system
+        if u.size != system.ninputs:
+            raise InvalidSystemError(
+                f"system {system.name!r} has {system.ninputs} inputs, the controller "
+                f"gives {u.size} controls"
+            )
         if system.dt:
             return np.asarray(system.dynamics(time, x, u), dtype=np.float64)
         return _integrated(system, x, u, (time, time + dt))
@@ -113,16 +119,27 @@ def _integrated(system: Any, x: Array, u: Array, span: tuple[float, float]) -> A
             raise _TooManyCalls
         return np.asarray(system.dynamics(t, state, u), dtype=np.float64)
 
+    def finite_rate(t: float, state: Array) -> Array:
+        found = rate(t, state)
+        if not np.isfinite(found).all():
+            raise _diverged(system, span, f"its rates are not finite at {t:g} s")
+        return found
+
     # A state at zero has no size of its own: it gets that of its motion.
-    size = np.maximum(np.abs(x), (span[1] - span[0]) * np.abs(rate(span[0], x)))
-    atol = np.maximum(_SMALLEST * RTOL * size, np.finfo(np.float64).tiny)
-    try:
+    moved = (span[1] - span[0]) * np.abs(finite_rate(span[0], x))
+    atol = _SMALLEST * RTOL * np.maximum(np.abs(x), moved)
+    atol = np.maximum(atol, np.finfo(np.float64).tiny)
+    try:  # DOP853 tries shorter steps where a rate is not finite; Radau cannot.
         found = solve_ivp(rate, span, x, method="DOP853", rtol=RTOL, atol=atol)
     except _TooManyCalls:
-        found = solve_ivp(rate, span, x, method="Radau", rtol=RTOL, atol=atol)
+        found = solve_ivp(finite_rate, span, x, method="Radau", rtol=RTOL, atol=atol)
     if not found.success:
-        raise DivergedError(
-            f"system {system.name!r} could not be integrated from {span[0]:g} s to "
-            f"{span[1]:g} s: {found.message}"
-        )
+        raise _diverged(system, span, found.message)
     return np.asarray(found.y[:, -1], dtype=np.float64)
+
+
+def _diverged(system: Any, span: tuple[float, float], why: str) -> DivergedError:
+    return DivergedError(
+        f"system {system.name!r} could not be integrated from {span[0]:g} s to "
+        f"{span[1]:g} s: {why}"
+    )

@@ -16,7 +16,7 @@ import swarmstart as ss
 from swarmstart.terminal_set import sampled_lqr
 
 Array = NDArray[np.float64]
-EXACT = {"rtol": 1e-12, "atol": 1e-12}
+EXACT = 1e-12
 
 
 def matrices(seed: int, nx: int, nu: int, ny: int) -> tuple[Array, ...]:
@@ -59,7 +59,7 @@ def test_a_linear_system_comes_back_equal(
     rng = np.random.default_rng(seed)
     back = model.linearised(rng.normal(size=nx), rng.normal(size=nu))
     for old, new in zip(control.ssdata(system), control.ssdata(back), strict=True):
-        np.testing.assert_allclose(new, old, **EXACT)
+        np.testing.assert_allclose(new, old, rtol=EXACT, atol=EXACT)
     assert back.dt == system.dt == (model.dt or 0)
     for labels in ("state_labels", "input_labels", "output_labels"):
         assert getattr(back, labels) == getattr(system, labels)
@@ -95,7 +95,7 @@ def test_a_nonlinear_system_has_the_equations_of_its_functions() -> None:
     f = ss.ocp.right_hand_side(model)
     for x, u in [([1.0, 2.0, 0.4], [3.0, 0.2]), ([0.0, 0.0, -2.0], [5.0, 0.9])]:
         mine = np.array(f(x, u, [])).ravel()
-        np.testing.assert_allclose(mine, system.dynamics(0.0, x, u), **EXACT)
+        np.testing.assert_allclose(mine, system.dynamics(0.0, x, u), rtol=EXACT)
     own = control.linearize(system, [0, 0, 0.4], [10, 0.1])
     np.testing.assert_allclose(
         model.linearised([0, 0, 0.4], [10, 0.1]).A, own.A, atol=1e-5
@@ -161,6 +161,7 @@ def test_functions_that_need_numbers_are_refused_as_a_model(
          "'rate' is improper from u.0. to y.0.: its numerator has degree 2, its"),
         (control.tf([1], [1, 0.5], True, name="z"), "dt=True .*lacks a sampling time"),
         (control.ss(1, 1, 1, 0, None, name="s"), "dt=None .*lacks a time base"),
+        (control.ss([[np.nan]], 1, 1, 0, name="n"), "matrices of system 'n' must be f"),
         (np.eye(2), "a system must be a control.StateSpace"),
     ],
     ids=lambda value: value if isinstance(value, str) else getattr(value, "name", ""),
@@ -202,6 +203,21 @@ def test_a_sampled_linear_problem_costs_what_dlqr_says() -> None:
     np.testing.assert_allclose(found.controls[:, 0], -K @ x0, rtol=1e-6)
 
 
+def test_an_interconnection_of_nonlinear_systems_can_be_a_plant_only() -> None:
+    arm = nonlinear(lambda t, x, u, p: -np.sin(x) + u, states=["a"], outputs=["a"])
+    gain = control.StateSpace([], [], [], [[-1.0]], 0, inputs="a", outputs="u[0]")
+    both = control.interconnect([arm, gain], inplist=["u[0]"], outlist=["a"], name="b")
+    with pytest.raises(ss.InvalidSystemError, match="'b' is an interconnection of non"):
+        ss.Model.from_system(both)
+
+
+def test_a_model_without_controls_has_no_state_space() -> None:
+    x = ca.SX.sym("x")
+    alone = ss.Model(states=x, controls=ca.SX(0, 1), ode=-x)
+    with pytest.raises(ss.InvalidSystemError, match="without controls has no StateSp"):
+        alone.linearised([0], [])
+
+
 def test_a_model_with_an_ode_and_jumps_is_no_linear_system() -> None:
     x, u = ca.SX.sym("x"), ca.SX.sym("u")
     model = ss.Model(states=x, controls=u, ode=u, next_state=x / 2)
@@ -230,7 +246,13 @@ def test_the_law_of_a_terminal_set_closes_the_loop_of_its_design() -> None:
     sampled = control.sample_system(control.ss(A, B, np.eye(2), 0), 0.1)
     gain = sampled_lqr(sampled.A, sampled.B, np.eye(2), np.eye(1))
     near = ss.TerminalSet(
-        K=gain.K, P=gain.P, alpha=1.0, x_ref=[0, 0], u_ref=[0], dt=0.1, design="sampled"
+        K=gain.K,
+        P=gain.P,
+        alpha=1.0,
+        x_ref=np.zeros(2),
+        u_ref=np.zeros(1),
+        dt=0.1,
+        design="sampled",
     )
     law = near.linear_law(states=["angle", "rate"], controls=["torque"])
     assert law.dt == 0.1 and law.input_labels == ["angle", "rate"]

@@ -20,8 +20,8 @@ def swinging(**options: object) -> ss.OptimalControlProblem:
     x, u, c = ca.SX.sym("x", 2), ca.SX.sym("u"), ca.SX.sym("c")
     t = ca.SX.sym("t")
     model = ss.Model(
-        states=x, controls=u, ode=[x[1], u - ca.sin(x[0]) - c * x[1]], parameters=c,
-        state_names=("angle", "rate"), time=t,
+        states=x, controls=u, ode=ca.vertcat(x[1], u - ca.sin(x[0]) - c * x[1]),
+        parameters=c, state_names=("angle", "rate"), time=t,
         outputs={"height": -ca.cos(x[0]), "power": u * x[1], "late": t * c},
     )  # fmt: skip
     settings: dict[str, object] = {

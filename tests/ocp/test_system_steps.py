@@ -87,8 +87,8 @@ def test_a_plant_needs_no_symbols_and_knows_the_time() -> None:
     system = control.NonlinearIOSystem(by_math, None, states=2, inputs=1, name="arm")
     x, u, t = ca.SX.sym("x", 2), ca.SX.sym("u"), ca.SX.sym("t")
     shaken = -ca.sin(x[0]) + u + 0.3 * ca.cos(2.0 * t)
-    real = ss.Model(states=x, controls=u, ode=[x[1], shaken], time=t)
-    still = ss.Model(states=x, controls=u, ode=[x[1], u - ca.sin(x[0])])
+    real = ss.Model(states=x, controls=u, ode=ca.vertcat(x[1], shaken), time=t)
+    still = ss.Model(states=x, controls=u, ode=ca.vertcat(x[1], u - ca.sin(x[0])))
     loop = loop_of(still, 0.1)
     theirs, ours = flown(system, loop), flown(ss.Plant(real, dt=0.1, substeps=50), loop)
     np.testing.assert_allclose(theirs.states, ours.states, atol=1e-7)
@@ -115,6 +115,18 @@ def test_a_plant_that_does_not_fit_is_refused() -> None:
     data = control.frd(control.tf([1], [1, 1]), np.array([1.0, 2.0]), name="data")
     with pytest.raises(ss.InvalidSystemError, match=r"'data' .* has no states"):
         flown(data, loop)
+
+
+def test_a_plant_with_other_inputs_or_rates_that_are_no_numbers_is_refused() -> None:
+    loop = loop_of(ss.Model.from_system(cart()), 0.2)
+    two = control.ss(-np.eye(2), np.eye(2), np.eye(2), 0, name="two")
+    with pytest.raises(ss.InvalidSystemError, match="'two' has 2 inputs, the controll"):
+        flown(two, loop)
+    broken = control.nlsys(
+        lambda t, x, u, p: np.full(2, np.nan), None, states=2, inputs=1, name="broken"
+    )
+    with pytest.raises(ss.DivergedError, match=r"'broken' .* rates are not finite"):
+        flown(broken, loop)
 
 
 def test_a_plant_that_escapes_is_told_by_its_time() -> None:

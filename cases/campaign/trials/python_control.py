@@ -202,9 +202,8 @@ class _Posed:
         """Return the states at the checks, cost and violation of an interval."""
         # A simulation may ask for one interval beyond the last.
         k = min(round(x[-1]), self._problem.intervals - 1)
-        found: Sequence[ca.DM] = self._shooting.stage(
-            x[:-1], u, self._p, self._within(k)
-        )
+        arguments = [x[:-1], u, self._p, self._within(k)]
+        found: Sequence[ca.DM] = self._shooting.stage.call(arguments)
         return found
 
     def _within(self, k: int) -> Array:

@@ -31,7 +31,11 @@ X, U, T, P = ca.SX.sym("x", 2), ca.SX.sym("u"), ca.SX.sym("t"), ca.SX.sym("p")
 def posed(**options: Any) -> PlanningProblem:
     """A cart that must not be too fast, in a wind that changes with time."""
     model = Model(
-        states=X, controls=U, ode=[X[1], P * U + 0.2 * ca.cos(T)], time=T, parameters=P
+        states=X,
+        controls=U,
+        ode=ca.vertcat(X[1], P * U + 0.2 * ca.cos(T)),
+        time=T,
+        parameters=P,
     )
     settings: dict[str, Any] = {
         "horizon": 2.0, "intervals": 6, "stage_cost": U**2 + 0.1 * X[1] ** 2,
