@@ -48,8 +48,8 @@ python-control and the status of swarmstart. Costs and end errors are those of a
 independent integration of the controls that each returned (DOP853, rtol 1e-10).
 
 python-control discretises a continuous system by the trapezoidal rule between its time
-points, so that its states are those of the grid and not of the system, and SLSQP ends at
-a change of 1e-6. Its options are those of its examples; `minimize_method` and more time
+points, so that its states are those of the grid and not of the system. SLSQP ends at a
+change of 1e-6. Its options are those of its examples; `minimize_method` and more time
 points may serve it better. swarmstart has its own defaults.
 
 """
@@ -60,7 +60,7 @@ class Example:
     """A problem as python-control states one; quadratic costs about x_end and u_end.
 
     Attributes:
-        title: Where it comes from.
+        title: Name and origin.
         system: The system.
         times: Time points [s].
         x0: Initial state.
@@ -101,7 +101,7 @@ def car() -> Any:
 def lane_change(title: str, points: int, **weights: Any) -> Example:
     """Four metres to the side on 100 m, in 10 s at 10 m/s."""
     return Example(
-        title=title, system=car(), times=10.0 * np.arange(points) / (points - 1),
+        title=title, system=car(), times=np.arange(points, dtype=np.float64) * (10 / (points - 1)),
         x0=np.array([0.0, -2, 0]), x_end=np.array([100.0, 2, 0]),
         u_end=np.array([10.0, 0]), limits=([8, -0.1], [12, 0.1]), **weights,
     )  # fmt: skip
@@ -117,7 +117,7 @@ def aircraft() -> Example:
     u_end = np.array([0.8, -0.3])
     return Example(
         title="aircraft, `mpc_aircraft.ipynb`, first plan (sampled)",
-        system=control.ss(A, B, C, 0, 0.2), times=0.2 * np.arange(6), x0=np.zeros(5),
+        system=control.ss(A, B, C, 0, 0.2), times=0.2 * np.arange(6, dtype=np.float64), x0=np.zeros(5),
         x_end=np.linalg.solve(np.eye(5) - A, B @ u_end), u_end=u_end,
         Q=10 * C.T @ C, R=np.diag([3.0, 2]), P=None, limits=([-5, -6], [5, 6]),
     )  # fmt: skip

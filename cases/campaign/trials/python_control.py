@@ -158,8 +158,8 @@ class _Posed:
         several = zip(firsts, self._shooting.rows_with_controls, strict=False)
         driven = [int(first) + row for first, own in several for row in own]
         np_ = problem.model.np
-        # python-control asks for the rows at the last time point as well, where no
-        # interval begins: any value within the limits will do there.
+        # python-control asks for the rows at the last time point as well, although
+        # no interval begins there: any value within the limits will do.
         inside = np.where(np.isfinite(lower), lower, upper)
         blocks = problem.checks
         ends = np.tile(inside, blocks), np.tile(inside[driven], blocks)
