@@ -101,7 +101,8 @@ def car() -> Any:
 def lane_change(title: str, points: int, **weights: Any) -> Example:
     """Four metres to the side on 100 m, in 10 s at 10 m/s."""
     return Example(
-        title=title, system=car(), times=np.arange(points, dtype=np.float64) * (10 / (points - 1)),
+        title=title, system=car(),
+        times=np.arange(points, dtype=np.float64) * (10 / (points - 1)),
         x0=np.array([0.0, -2, 0]), x_end=np.array([100.0, 2, 0]),
         u_end=np.array([10.0, 0]), limits=([8, -0.1], [12, 0.1]), **weights,
     )  # fmt: skip
@@ -117,7 +118,8 @@ def aircraft() -> Example:
     u_end = np.array([0.8, -0.3])
     return Example(
         title="aircraft, `mpc_aircraft.ipynb`, first plan (sampled)",
-        system=control.ss(A, B, C, 0, 0.2), times=0.2 * np.arange(6, dtype=np.float64), x0=np.zeros(5),
+        system=control.ss(A, B, C, 0, 0.2),
+        times=0.2 * np.arange(6, dtype=np.float64), x0=np.zeros(5),
         x_end=np.linalg.solve(np.eye(5) - A, B @ u_end), u_end=u_end,
         Q=10 * C.T @ C, R=np.diag([3.0, 2]), P=None, limits=([-5, -6], [5, 6]),
     )  # fmt: skip
