@@ -53,11 +53,12 @@ from swarmstart.ocp.polish_options import IpoptOptions, NlpOptions, PolishStatus
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.radau import Radau
 from swarmstart.ocp.search_settings import SearchSettings, WarmStart, When
-from swarmstart.ocp.search_space import Start, TrajectoryFamily
+from swarmstart.ocp.search_space import TrajectoryFamily
 from swarmstart.ocp.separation import Connection, Separation, disc
 from swarmstart.ocp.solution import Solution, verified
 from swarmstart.ocp.solving import SolveInterrupted, solve
 from swarmstart.ocp.stacked_models import stack_models
+from swarmstart.ocp.start import Start
 from swarmstart.ocp.status import SolutionStatus
 from swarmstart.ocp.tables import Table, table
 from swarmstart.ocp.team import Agent, Team

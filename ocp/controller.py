@@ -35,7 +35,7 @@ from swarmstart.ocp.planner import Planner
 from swarmstart.ocp.polish import is_better
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.profile import Profile
-from swarmstart.ocp.search_space import Start
+from swarmstart.ocp.start import Start
 
 Array = NDArray[np.float64]
 ReferenceSignals = Callable[[Array], Array]

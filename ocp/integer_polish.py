@@ -20,7 +20,7 @@ from swarmstart.ocp.fitness import Fitness, Known
 from swarmstart.ocp.polish import Polished, Polisher, is_better, polish_basins
 from swarmstart.ocp.polish_options import PolishOptions, PolishStatus
 from swarmstart.ocp.problem import OptimalControlProblem
-from swarmstart.ocp.search_space import Start
+from swarmstart.ocp.start import Start
 from swarmstart.ocp.watching import UNWATCHED, Watch, WorkAlone
 from swarmstart.ocp.whole_numbers import neighbours, sum_up_rounded, whole
 

@@ -23,12 +23,8 @@ from swarmstart.ocp.lanes.answers import LaneAnswers
 from swarmstart.ocp.lanes.optima import Optimum, distinct_optima, unseen_share
 from swarmstart.ocp.lanes.solver import LaneSolver, random_starts
 from swarmstart.ocp.polish import Polisher, is_better
-from swarmstart.ocp.search_space import (
-    ControlSpace,
-    SearchSpace,
-    Start,
-    side_by_side,
-)
+from swarmstart.ocp.search_space import ControlSpace, SearchSpace, side_by_side
+from swarmstart.ocp.start import Start
 
 Array = NDArray[np.float64]
 Told = Callable[[int], None] | None

@@ -31,7 +31,8 @@ from swarmstart.ocp.lanes.optima import distinct_optima, unseen_share
 from swarmstart.ocp.lanes.solver import LaneSolver, NoLanesError, random_starts
 from swarmstart.ocp.polish import SAME_COST, Polished, Polisher, is_better
 from swarmstart.ocp.polish_options import PolishStatus
-from swarmstart.ocp.search_space import Start, side_by_side
+from swarmstart.ocp.search_space import side_by_side
+from swarmstart.ocp.start import Start
 from swarmstart.ocp.state_guesses import state_guesses
 
 Array = NDArray[np.float64]

@@ -68,14 +68,9 @@ from swarmstart.ocp.search_settings import (
     search_settings,
     traded_order,
 )
-from swarmstart.ocp.search_space import (
-    SearchSpace,
-    Start,
-    TrajectoryFamily,
-    points,
-    space_of,
-)
+from swarmstart.ocp.search_space import SearchSpace, TrajectoryFamily, points, space_of
 from swarmstart.ocp.shooting import Shooting
+from swarmstart.ocp.start import Start
 from swarmstart.ocp.state_guesses import straight_states
 from swarmstart.ocp.warm_steps import begins_warm, better_plan, is_enough
 from swarmstart.ocp.watching import UNWATCHED, Answer, Watch

@@ -46,7 +46,7 @@ from swarmstart.ocp.polish_options import (
 )
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.scaling import Sizes
-from swarmstart.ocp.search_space import Start
+from swarmstart.ocp.start import Start
 from swarmstart.ocp.transcription import Given, Limits, NonlinearProgram
 from swarmstart.ocp.watching import (
     UNWATCHED,

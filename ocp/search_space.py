@@ -26,10 +26,9 @@ systems, International Journal of Control 61.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import casadi as ca
 import numpy as np
@@ -42,7 +41,6 @@ from swarmstart.heuristics import (
 )
 from swarmstart.heuristics.algorithm import first_size_of
 from swarmstart.ocp.blocks import first_of, variables_of
-from swarmstart.ocp.carried import Carried
 from swarmstart.ocp.compiled.casadi_map import CasadiMap
 from swarmstart.ocp.control_shape import control_of
 from swarmstart.ocp.errors import InvalidProblemError
@@ -60,6 +58,7 @@ from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.search_settings import SearchSettings
 from swarmstart.ocp.shooting import Shooting
 from swarmstart.ocp.soft import SoftRows
+from swarmstart.ocp.start import Start
 from swarmstart.ocp.violation import (
     infinite_unless_finite,
     path_violation,
@@ -70,45 +69,6 @@ from swarmstart.ocp.whole_numbers import whole, widened
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
-
-
-class Start(NamedTuple):
-    """Start of a polish.
-
-    Attributes:
-        controls: Controls, shape (nu, N).
-        states: States at the nodes, shape (nx, nodes); None: those that the controls
-            lead to.
-        x0: Initial state, including the decisions about it, shape (nx,); None: as
-            given.
-        is_guess: Whether the states give the sizes of unbounded states, by which
-            the NLP is scaled.
-        carried: Multipliers of an earlier answer, from which a polish starts; None
-            without them.
-        decided: Decisions of an earlier answer about the start of the core's states, by
-            their names: a free end time, parameters.
-
-    Example:
-        >>> import casadi as ca, numpy as np
-        >>> import swarmstart as ss
-        >>> x, u = ca.SX.sym("x"), ca.SX.sym("u")
-        >>> problem = ss.OptimalControlProblem(
-        ...     ss.Model(states=x, controls=u, ode=u - x**3), horizon=1.0, intervals=5,
-        ...     stage_cost=x**2 + u**2, bounds=ss.Bounds(controls=(-1, 1)),
-        ... )
-        >>> line = np.linspace(2.0, 0.0, 6)[None, :]
-        >>> guess = ss.Start(controls=np.zeros((1, 5)), states=line)
-        >>> found = ss.solve(problem, [2.0], guess=guess, search=None, lanes=0, seed=0)
-        >>> found.status.name
-        'CONVERGED'
-    """
-
-    controls: Array
-    states: Array | None = None
-    x0: Array | None = None
-    is_guess: bool = False
-    carried: Carried | None = None
-    decided: Mapping[str, float] = MappingProxyType({})
 
 
 def side_by_side(

@@ -46,8 +46,8 @@ from swarmstart.ocp.presentation import Presented
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.profile import piece_at, rows_at
 from swarmstart.ocp.scaling import Sizes
-from swarmstart.ocp.search_space import Start
 from swarmstart.ocp.shooting import Shooting
+from swarmstart.ocp.start import Start
 from swarmstart.ocp.status import Found, SolutionStatus, advice_for
 from swarmstart.ocp.stiffness import fastest_mode
 from swarmstart.ocp.travelling import guess_of

@@ -29,8 +29,8 @@ from swarmstart.ocp.polish_options import (
 from swarmstart.ocp.problem import OptimalControlProblem
 from swarmstart.ocp.progress import ProgressCallback, tell_nothing
 from swarmstart.ocp.search_settings import SearchGiven, search_settings
-from swarmstart.ocp.search_space import Start
 from swarmstart.ocp.solution import Solution, verified
+from swarmstart.ocp.start import Start
 
 Array = NDArray[np.float64]
 StartRule = Literal["must hold", "may violate"]

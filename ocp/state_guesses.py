@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.ocp.fitness import Fitness, Known, at_nodes, shared_arguments
 from swarmstart.ocp.guess import zero_controls
-from swarmstart.ocp.search_space import Start
+from swarmstart.ocp.start import Start
 
 Array = NDArray[np.float64]
 

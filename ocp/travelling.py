@@ -22,7 +22,7 @@ from swarmstart.ocp.free import Free
 from swarmstart.ocp.lowering import Lowered, lowered
 from swarmstart.ocp.plan import Plan
 from swarmstart.ocp.problem import OptimalControlProblem
-from swarmstart.ocp.search_space import Start
+from swarmstart.ocp.start import Start
 
 Array = NDArray[np.float64]
 

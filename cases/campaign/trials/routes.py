@@ -33,7 +33,7 @@ from swarmstart.ocp import Planner, Solution, multistart
 from swarmstart.ocp.fitness import Known, Objective
 from swarmstart.ocp.improving import improved
 from swarmstart.ocp.plan import Plan, Source
-from swarmstart.ocp.search_space import Start
+from swarmstart.ocp.start import Start
 from swarmstart.ocp.watching import Answer
 
 Array = NDArray[np.float64]

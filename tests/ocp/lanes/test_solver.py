@@ -26,7 +26,7 @@ from swarmstart.ocp.lanes import solver as module
 from swarmstart.ocp.lanes.answers import LaneAnswers
 from swarmstart.ocp.lanes.optima import FEASIBLE, distinct_optima
 from swarmstart.ocp.lanes.solver import LaneSolver, NoLanesError, random_starts
-from swarmstart.ocp.search_space import Start
+from swarmstart.ocp.start import Start
 from swarmstart.tests.ocp.lanes.problems import (
     bryson_denham,
     cart,
