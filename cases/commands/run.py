@@ -17,11 +17,11 @@ from swarmstart.cases.commands.conditions import (
     condition_of,
     met_conditions,
 )
+from swarmstart.cases.commands.figure_formats import figure_formats
 from swarmstart.cases.commands.measure_lines import measure_lines
 from swarmstart.cases.commands.outcomes import breaks_constraint
 from swarmstart.cases.commands.output import DONE, GATE, INFEASIBLE, answer, say
 from swarmstart.cases.commands.progress import Progress
-from swarmstart.cases.commands.run_options import figure_formats
 from swarmstart.cases.commands.seeds import run_seeds
 from swarmstart.cases.commands.words import extras, sentences
 from swarmstart.cases.format.document import printable

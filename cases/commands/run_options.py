@@ -5,7 +5,7 @@ import os
 
 from swarmstart.cases.commands.parsing import count, seed, share
 from swarmstart.cases.format.registry import POLISHES, SEARCHES
-from swarmstart.cases.record.record import FIGURE_FORMATS, PNG
+from swarmstart.cases.record.record import FIGURE_FORMATS
 
 SOLVERS = "cpso,de,ga,lshade+ipopt,multistart-ipopt,ipopt"
 """Solvers that are compared by default."""
@@ -83,11 +83,6 @@ def add_run(run: argparse.ArgumentParser) -> None:
         "--print-config", action="store_true",
         help="print the scenario with all defaults as YAML, and exit without running",
     )  # fmt: skip
-
-
-def figure_formats(options: argparse.Namespace) -> tuple[str, ...]:
-    """Return the formats of the figures of `run`, each once."""
-    return tuple(dict.fromkeys(options.formats)) or PNG
 
 
 def add_replicate(replicate: argparse.ArgumentParser) -> None:

@@ -15,6 +15,7 @@ from swarmstart.cases.campaign.seeds import SEEDS, seeds_content, spread_of
 from swarmstart.cases.campaign.trials.flight_trial import flight_cell
 from swarmstart.cases.commands.conditions import Condition, met_conditions
 from swarmstart.cases.commands.failing_seeds import failing_lines, failing_seeds
+from swarmstart.cases.commands.figure_formats import figure_formats
 from swarmstart.cases.commands.measure_lines import measure_table
 from swarmstart.cases.commands.output import (
     DONE,
@@ -26,7 +27,6 @@ from swarmstart.cases.commands.output import (
 )
 from swarmstart.cases.commands.progress import Progress
 from swarmstart.cases.commands.quantities import plural
-from swarmstart.cases.commands.run_options import figure_formats
 from swarmstart.cases.commands.words_of_seeds import sentences_of_seeds
 from swarmstart.cases.drawing.drawing import write_figures
 from swarmstart.cases.drawing.seed_figures import seed_figures
