@@ -11,11 +11,11 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
     from swarmstart.cases.campaign.judging.comparison import (
         Row as Row,
     )
-    from swarmstart.cases.campaign.library import (
+    from swarmstart.cases.campaign.studies.library import (
         compare as compare,
         run as run,
     )
-    from swarmstart.cases.campaign.run import (
+    from swarmstart.cases.campaign.running.run import (
         Interrupted as Interrupted,
         Run as Run,
     )
@@ -23,7 +23,7 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         InvalidBudgetTextError as InvalidBudgetTextError,
         UnknownSolverError as UnknownSolverError,
     )
-    from swarmstart.cases.commands.progress import (
+    from swarmstart.cases.commands.terminal.progress import (
         Progress as Progress,
     )
     from swarmstart.cases.format.document import (
@@ -201,12 +201,12 @@ __version__ = "0.2.0"
 
 _NAMES = {
     "swarmstart.cases.campaign.judging.comparison": "Row",
-    "swarmstart.cases.campaign.library": "compare run",
-    "swarmstart.cases.campaign.run": "Interrupted Run",
+    "swarmstart.cases.campaign.studies.library": "compare run",
+    "swarmstart.cases.campaign.running.run": "Interrupted Run",
     "swarmstart.cases.campaign.trials.solvers": (
         "InvalidBudgetTextError UnknownSolverError"
     ),
-    "swarmstart.cases.commands.progress": "Progress",
+    "swarmstart.cases.commands.terminal.progress": "Progress",
     "swarmstart.cases.format.document": "UnreadableFileError YamlError",
     "swarmstart.cases.format.kind": "CodeNotAllowedError SeveralPlansError",
     "swarmstart.cases.format.scenario": "InvalidScenarioError UnknownScenarioError",

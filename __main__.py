@@ -7,7 +7,7 @@ import sys
 def program() -> int:
     """Run the command of sys.argv; return its exit code, 130 if it is interrupted."""
     try:
-        cli = importlib.import_module("swarmstart.cases.commands.cli")
+        cli = importlib.import_module("swarmstart.cases.commands.front.cli")
     except KeyboardInterrupt:  # Nothing handles signals before it is imported.
         return 130
     return int(cli.program())

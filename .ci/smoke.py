@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 
 import swarmstart as ss
-from swarmstart.cases.commands.cli import main
+from swarmstart.cases.commands.front.cli import main
 from swarmstart.terminal_set import continuous_terminal_set
 
 

@@ -29,9 +29,9 @@ from swarmstart.ocp import (
     Start,
     solve,
 )
-from swarmstart.ocp.fitness import started
-from swarmstart.ocp.guess import middle_controls
 from swarmstart.ocp.lanes.solver import random_starts
+from swarmstart.ocp.rollout.fitness import started
+from swarmstart.ocp.statement.guess import middle_controls
 
 Array = NDArray[np.float64]
 T = TypeVar("T")

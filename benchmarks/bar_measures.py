@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from swarmstart.cases.campaign.run import Run, run
+from swarmstart.cases.campaign.running.run import Run, run
 from swarmstart.cases.format.kind import Measure
 from swarmstart.cases.format.scenario import read_document, resolve, resolved_again
 from swarmstart.cases.kinds.close_formation.measures import deviations
 from swarmstart.cases.kinds.close_formation.scenario import CloseFormationScenario
 from swarmstart.ocp import Source
-from swarmstart.ocp.polish import is_better
+from swarmstart.ocp.nlp.polish import is_better
 
 FEASIBLE = 1e-6
 """Largest violation that counts as feasible: the problems' tolerance."""

@@ -11,16 +11,16 @@ from pathlib import Path
 
 from swarmstart.benchmarks.tables import head, page_options, publish, row
 from swarmstart.cases.campaign.engine.cells import carried_out
-from swarmstart.cases.campaign.replication import (
+from swarmstart.cases.campaign.studies.replication import (
     JudgedClaim,
     cells_of,
     claims_in,
     judged,
     planned,
 )
-from swarmstart.cases.campaign.verdicts import Verdict
-from swarmstart.cases.commands.progress import Progress
-from swarmstart.cases.commands.replicate import recorded
+from swarmstart.cases.campaign.studies.verdicts import Verdict
+from swarmstart.cases.commands.actions.replicate import recorded
+from swarmstart.cases.commands.terminal.progress import Progress
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -25,7 +25,7 @@ from swarmstart.heuristics import (
     SearchResult,
     SelfAdaptiveDE,
 )
-from swarmstart.heuristics.minimize import values_of
+from swarmstart.heuristics.running.minimize import values_of
 
 # BBOB, 10-D: instances 1-15, two seeds each, 40,000 evaluations.
 

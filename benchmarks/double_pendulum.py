@@ -15,7 +15,7 @@ from swarmstart.benchmarks.tables import (
     publish,
     row,
 )
-from swarmstart.cases.campaign.library import run
+from swarmstart.cases.campaign.studies.library import run
 
 START, PEER = 105.126, 101.379
 """Costs of claims 1 and 2: Opti's from do-mpc's start, and do-mpc's."""

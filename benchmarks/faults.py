@@ -60,8 +60,8 @@ FILES = {
 }  # fmt: skip
 """Patterns of the files that faults are drawn from, by what they make sound."""
 MORE_TESTS: Mapping[str, str] = {
-    "ocp/constraints.py": "tests/ocp/test_problem.py",
-    "terminal_set/certification.py": "tests/terminal_set/test_drift.py",
+    "ocp/system/constraints.py": "tests/ocp/statement/test_problem.py",
+    "terminal_set/proving/certification.py": "tests/terminal_set/proving/test_drift.py",
     "terminal_set/checker/deadline.py": "tests/terminal_set/checker/test_motion.py",
     "terminal_set/checker/findings.py": "tests/terminal_set/test_check.py",
     "terminal_set/checker/statements.py": "tests/terminal_set/test_check.py",

@@ -25,12 +25,12 @@ from swarmstart.heuristics import (
     Pointers,
     SelfAdaptiveDE,
 )
-from swarmstart.heuristics.compiled_loop import Work, call_kernel, new_work
-from swarmstart.heuristics.jde import TAU_1, TAU_2
-from swarmstart.heuristics.search import Search
-from swarmstart.heuristics.stopping import UNLIMITED, Limits
-from swarmstart.heuristics.success_history import FIRST_MEMORY, SPREAD
-from swarmstart.kernel import kernel
+from swarmstart.heuristics.running.compiled_loop import Work, call_kernel, new_work
+from swarmstart.heuristics.running.search import Search
+from swarmstart.heuristics.running.stopping import UNLIMITED, Limits
+from swarmstart.heuristics.searches.jde import TAU_1, TAU_2
+from swarmstart.heuristics.searches.success_history import FIRST_MEMORY, SPREAD
+from swarmstart.machine_code.kernel import kernel
 
 Array = NDArray[np.float64]
 

@@ -23,10 +23,10 @@ from swarmstart.cases.format.kind import PlanningProblem
 from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.cases.kinds.flight import first_problem
 from swarmstart.ocp import IpoptOptions, Known, OptimalControlProblem, Planner
-from swarmstart.ocp.checking import Excess
-from swarmstart.ocp.plan import start_of
-from swarmstart.ocp.repair import place_of, tightened, with_more_checks
-from swarmstart.ocp.solution import Solution, verified
+from swarmstart.ocp.answer.plan import start_of
+from swarmstart.ocp.answer.repair import place_of, tightened, with_more_checks
+from swarmstart.ocp.answer.solution import Solution, verified
+from swarmstart.ocp.rollout.checking import Excess
 
 PROBLEMS = (
     "pendulum",

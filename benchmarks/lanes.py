@@ -25,7 +25,7 @@ from swarmstart.benchmarks.tables import head, page_options, publish, row
 from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.cases.kinds.flight import first_problem
 from swarmstart.cases.kinds.problem.pose import pose
-from swarmstart.cases.kinds.problem.scenario import ProblemScenario
+from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario
 from swarmstart.ocp import (
     InvalidProblemError,
     IpoptOptions,
@@ -33,10 +33,10 @@ from swarmstart.ocp import (
     OptimalControlProblem,
     Planner,
 )
-from swarmstart.ocp.fitness import started
 from swarmstart.ocp.lanes.answers import LaneAnswers
 from swarmstart.ocp.lanes.optima import FEASIBLE, distinct_optima, unseen_share
 from swarmstart.ocp.lanes.solver import LaneSolver, NoLanesError, random_starts
+from swarmstart.ocp.rollout.fitness import started
 
 Array = NDArray[np.float64]
 SAME = 1e-4

@@ -31,8 +31,8 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-from swarmstart.cases.commands.cli import main
-from swarmstart.cases.commands.output import (
+from swarmstart.cases.commands.front.cli import main
+from swarmstart.cases.commands.terminal.output import (
     DONE,
     FILE,
     GATE,

@@ -20,8 +20,8 @@ from collections.abc import Callable
 for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_threads, "1")
 
-from swarmstart.ocp.opti import warm_start  # noqa: E402 - threads are set before
-from swarmstart.tests.ocp.test_opti import (  # noqa: E402
+from swarmstart.ocp.foreign_nlp.opti import warm_start  # noqa: E402 - threads are set before
+from swarmstart.tests.ocp.foreign_nlp.test_opti import (  # noqa: E402
     QUIET,
     Made,
     four_discs,

@@ -35,7 +35,7 @@ from swarmstart.heuristics import (
     minimize,
     static_penalty,
 )
-from swarmstart.kernel import Array
+from swarmstart.machine_code.kernel import Array
 
 INEQUALITIES: Mapping[int, float] = {
     1: -15.0,

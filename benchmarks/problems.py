@@ -36,7 +36,7 @@ from swarmstart.ocp import (
     disc,
     stack_models,
 )
-from swarmstart.ocp.fitness import Known
+from swarmstart.ocp.rollout.fitness import Known
 from swarmstart.terminal_set import hold, linearise, sampled_lqr
 
 Array = NDArray[np.float64]

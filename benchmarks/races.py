@@ -16,8 +16,8 @@ from swarmstart.benchmarks.problems import Instance
 from swarmstart.benchmarks.rivals import Contestant
 from swarmstart.benchmarks.timing import Timing, timings
 from swarmstart.ocp.compiled.engine import SIGNATURE
-from swarmstart.ocp.compiled.vector_ir import Precision
-from swarmstart.ocp.fitness import Fitness
+from swarmstart.ocp.compiled.vectors.vector_ir import Precision
+from swarmstart.ocp.rollout.fitness import Fitness
 
 Array = NDArray[np.float64]
 

@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.benchmarks.problems import DISTANCE, SLOTS, SPEED, STEPS, UAVS, Instance
-from swarmstart.ocp.fitness import shared_arguments
-from swarmstart.ocp.shooting import Shooting
+from swarmstart.ocp.rollout.fitness import shared_arguments
+from swarmstart.ocp.rollout.shooting import Shooting
 
 Array = NDArray[np.float64]
 

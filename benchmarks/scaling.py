@@ -25,7 +25,7 @@ from swarmstart.benchmarks.problems import (
 from swarmstart.benchmarks.rivals import Contestant
 from swarmstart.benchmarks.timing import Timing, timings
 from swarmstart.ocp.compiled.simd import compile_rollout
-from swarmstart.ocp.shooting import Shooting
+from swarmstart.ocp.rollout.shooting import Shooting
 
 SIZES = (20, 50, 100, 300, 1000, 3000, 10000, 30000, 100000)
 HORIZONS = (10, 30, 100, 300, 1000)

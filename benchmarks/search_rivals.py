@@ -16,8 +16,8 @@ from scipy.optimize import differential_evolution
 
 from swarmstart.benchmarks.problems import Instance
 from swarmstart.heuristics import DifferentialEvolution
-from swarmstart.ocp.fitness import Objective, shared_arguments
-from swarmstart.ocp.shooting import Shooting
+from swarmstart.ocp.rollout.fitness import Objective, shared_arguments
+from swarmstart.ocp.rollout.shooting import Shooting
 
 Array = NDArray[np.float64]
 

@@ -43,8 +43,8 @@ from swarmstart.heuristics import (
     static_penalty,
 )
 from swarmstart.ocp import Plan, Planner, SearchSettings
-from swarmstart.ocp.fitness import Fitness, Known, Objective
-from swarmstart.ocp.polish_options import IpoptOptions, PolishStatus
+from swarmstart.ocp.nlp.polish_options import IpoptOptions, PolishStatus
+from swarmstart.ocp.rollout.fitness import Fitness, Known, Objective
 
 Array = NDArray[np.float64]
 

@@ -25,9 +25,9 @@ from swarmstart.benchmarks.tables import (
     publish,
     row,
 )
-from swarmstart.cases.campaign.library import run
+from swarmstart.cases.campaign.studies.library import run
 from swarmstart.cases.format.scenario import read_document, resolve
-from swarmstart.cases.kinds.problem.scenario import ProblemScenario
+from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario
 
 WHOLE = "lotka_volterra_whole"
 """Problem with an integer control: no optimum is known, and its bar was written down

@@ -49,7 +49,7 @@ from swarmstart.ocp import (
     RecedingHorizon,
     ensemble,
 )
-from swarmstart.ocp.closed_loop import Step, fly
+from swarmstart.ocp.loop.closed_loop import Step, fly
 
 Array = NDArray[np.float64]
 PEER_COST = 0.0143020

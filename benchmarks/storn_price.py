@@ -23,7 +23,7 @@ from swarmstart.heuristics import (
     Objective,
     minimize,
 )
-from swarmstart.heuristics.minimize import values_of
+from swarmstart.heuristics.running.minimize import values_of
 
 
 class StornPrice(NamedTuple):

@@ -24,8 +24,8 @@ from swarmstart.cases.kinds.planar import POSITION
 from swarmstart.cases.kinds.transfer.pose import TransferFlight, pose
 from swarmstart.cases.kinds.transfer.scenario import TransferScenario
 from swarmstart.ocp import Fitness, IpoptOptions, Known, Polisher, zero_controls
-from swarmstart.ocp.search_space import FamilySpace
-from swarmstart.ocp.start import Start
+from swarmstart.ocp.nlp.start import Start
+from swarmstart.ocp.search.search_space import FamilySpace
 
 Array = NDArray[np.float64]
 NOISES_M = (1e-3, 1.0)

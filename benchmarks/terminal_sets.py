@@ -25,7 +25,7 @@ from swarmstart.terminal_set import (
     certify,
     continuous_terminal_set,
 )
-from swarmstart.terminal_set.tape import tape_of
+from swarmstart.terminal_set.interval_arithmetic.tape import tape_of
 
 Array = NDArray[np.float64]
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import swarmstart as ss
-from swarmstart.ocp.polish import Polisher
+from swarmstart.ocp.nlp.polish import Polisher
 
 Array = NDArray[np.float64]
 Grid = dict[str, Any]

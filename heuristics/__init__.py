@@ -3,47 +3,32 @@
 A population is a float64 array of shape (dim, size): a column is an individual.
 """
 
-from swarmstart.heuristics.algorithm import (
+from swarmstart.heuristics.laws.algorithm import (
     Algorithm,
     InvalidSettingsError,
     Kernels,
     State,
 )
-from swarmstart.heuristics.arguments import (
-    ALGORITHMS,
-    algorithm_of,
-    box_of,
-    generator_of,
-)
-from swarmstart.heuristics.box import Box, InvalidBoxError, InvalidPointsError
-from swarmstart.heuristics.budget import Budget, InvalidBudgetError, budget_of
-from swarmstart.heuristics.chaotic_pso import ChaoticPSO
-from swarmstart.heuristics.cma import CMAES
-from swarmstart.heuristics.compiled_loop import CompiledObjective, Pointers
-from swarmstart.heuristics.de import DifferentialEvolution
-from swarmstart.heuristics.default import default_algorithm, default_order
-from swarmstart.heuristics.genetic import GeneticAlgorithm
-from swarmstart.heuristics.initial import Initial
-from swarmstart.heuristics.jde import SelfAdaptiveDE
-from swarmstart.heuristics.lshade import LSHADE
-from swarmstart.heuristics.minimize import Objective, minimize, run
-from swarmstart.heuristics.order import (
+from swarmstart.heuristics.laws.box import Box, InvalidBoxError, InvalidPointsError
+from swarmstart.heuristics.laws.initial import Initial
+from swarmstart.heuristics.laws.order import (
     InvalidOrderError,
     Order,
     epsilon_level,
     feasibility_first,
     static_penalty,
 )
-from swarmstart.heuristics.pso import ParticleSwarm
-from swarmstart.heuristics.random_search import RandomSearch
-from swarmstart.heuristics.result import (
+from swarmstart.heuristics.laws.sampling import Sampling
+from swarmstart.heuristics.running.budget import Budget, InvalidBudgetError, budget_of
+from swarmstart.heuristics.running.compiled_loop import CompiledObjective, Pointers
+from swarmstart.heuristics.running.minimize import Objective, minimize, run
+from swarmstart.heuristics.running.result import (
     GenerationEvent,
     SearchInterrupted,
     SearchResult,
     StopReason,
 )
-from swarmstart.heuristics.sampling import Sampling
-from swarmstart.heuristics.search import (
+from swarmstart.heuristics.running.search import (
     AskTellError,
     Individual,
     InvalidEvaluationError,
@@ -51,6 +36,21 @@ from swarmstart.heuristics.search import (
     Search,
     Snapshot,
 )
+from swarmstart.heuristics.searches.arguments import (
+    ALGORITHMS,
+    algorithm_of,
+    box_of,
+    generator_of,
+)
+from swarmstart.heuristics.searches.chaotic_pso import ChaoticPSO
+from swarmstart.heuristics.searches.cma import CMAES
+from swarmstart.heuristics.searches.de import DifferentialEvolution
+from swarmstart.heuristics.searches.default import default_algorithm, default_order
+from swarmstart.heuristics.searches.genetic import GeneticAlgorithm
+from swarmstart.heuristics.searches.jde import SelfAdaptiveDE
+from swarmstart.heuristics.searches.lshade import LSHADE
+from swarmstart.heuristics.searches.pso import ParticleSwarm
+from swarmstart.heuristics.searches.random_search import RandomSearch
 
 __all__ = [
     "ALGORITHMS",

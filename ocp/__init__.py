@@ -1,73 +1,73 @@
 """Optimal-control problems: statement, solution, verification and closed loop."""
 
-from swarmstart.ocp.algebraic import AlgebraicEquations
-from swarmstart.ocp.closed_loop import Step, Trajectory, collected, fly, simulate
+from swarmstart.ocp.answer.multistart import multistart
+from swarmstart.ocp.answer.optimality_gap import OptimalityGap
+from swarmstart.ocp.answer.plan import Plan, PlanningInterrupted, SearchReport, Source
+from swarmstart.ocp.answer.planner import Planner
+from swarmstart.ocp.answer.solution import Solution, verified
+from swarmstart.ocp.answer.solving import SolveInterrupted, solve
+from swarmstart.ocp.common.errors import DivergedError, InvalidProblemError, SolveError
 from swarmstart.ocp.compiled.backend import Backend, BackendWarning, chosen_backend
 from swarmstart.ocp.compiled.batch import BatchFunction, compile_batch
 from swarmstart.ocp.compiled.simd import Prepared
-from swarmstart.ocp.constraints import (
-    Bounds,
-    Constraint,
-    PathConstraint,
-    Rows,
-    TerminalConstraint,
+from swarmstart.ocp.foreign_nlp.opti import warm_start
+from swarmstart.ocp.foreign_nlp.warm_started import (
+    StartOutcome,
+    WarmStartedSolver,
+    WarmStartReport,
 )
-from swarmstart.ocp.control_systems import InvalidSystemError, NonMinimalWarning
-from swarmstart.ocp.controller import (
+from swarmstart.ocp.integration.integrators import INTEGRATORS, Integrator, held_step
+from swarmstart.ocp.integration.radau import Radau
+from swarmstart.ocp.interpolation.tables import Table, table
+from swarmstart.ocp.loop.closed_loop import Step, Trajectory, collected, fly, simulate
+from swarmstart.ocp.loop.controller import (
     Controller,
     Decision,
     Mode,
     OpenLoop,
     RecedingHorizon,
 )
-from swarmstart.ocp.dense_output import DenseOutput, interpolate
-from swarmstart.ocp.distances import largest_distance, smallest_distance
-from swarmstart.ocp.dual_mode import DualMode, UncertifiedSetError
-from swarmstart.ocp.ensemble import ensemble
-from swarmstart.ocp.errors import DivergedError, InvalidProblemError, SolveError
-from swarmstart.ocp.fitness import Fitness, Known
-from swarmstart.ocp.free import Free
-from swarmstart.ocp.guess import shifted_controls, zero_controls
-from swarmstart.ocp.integrators import INTEGRATORS, Integrator, held_step
-from swarmstart.ocp.lane_settings import (
+from swarmstart.ocp.loop.dense_output import DenseOutput, interpolate
+from swarmstart.ocp.loop.distances import largest_distance, smallest_distance
+from swarmstart.ocp.loop.dual_mode import DualMode, UncertifiedSetError
+from swarmstart.ocp.loop.local_team import LocalAgent, LocalTeam
+from swarmstart.ocp.loop.phased_horizon import PhasedHorizon, phased_horizon
+from swarmstart.ocp.loop.plant import Plant, SteppedPlant, Steps
+from swarmstart.ocp.loop.team import Agent, Team
+from swarmstart.ocp.lower_bound.answer import BoundKind, LowerBound
+from swarmstart.ocp.lower_bound.bounding import lower_bound
+from swarmstart.ocp.nlp.multipliers import Multipliers
+from swarmstart.ocp.nlp.polish import Polished, Polisher
+from swarmstart.ocp.nlp.polish_options import IpoptOptions, NlpOptions, PolishStatus
+from swarmstart.ocp.nlp.start import Start
+from swarmstart.ocp.rollout.fitness import Fitness, Known
+from swarmstart.ocp.rollout.status import SolutionStatus
+from swarmstart.ocp.search.lane_settings import (
     Memetic,
     Multistart,
     SearchAlgorithm,
     population_of,
 )
-from swarmstart.ocp.local_team import LocalAgent, LocalTeam
-from swarmstart.ocp.lower_bound.answer import BoundKind, LowerBound
-from swarmstart.ocp.lower_bound.bounding import lower_bound
-from swarmstart.ocp.model import Model, right_hand_side
-from swarmstart.ocp.multipliers import Multipliers
-from swarmstart.ocp.multistart import multistart
-from swarmstart.ocp.opti import warm_start
-from swarmstart.ocp.optimality_gap import OptimalityGap
-from swarmstart.ocp.phased_horizon import PhasedHorizon, phased_horizon
-from swarmstart.ocp.phases import Phases, phases
-from swarmstart.ocp.plan import Plan, PlanningInterrupted, SearchReport, Source
-from swarmstart.ocp.planner import Planner
-from swarmstart.ocp.plant import Plant, SteppedPlant, Steps
-from swarmstart.ocp.polish import Polished, Polisher
-from swarmstart.ocp.polish_options import IpoptOptions, NlpOptions, PolishStatus
-from swarmstart.ocp.problem import OptimalControlProblem
-from swarmstart.ocp.radau import Radau
-from swarmstart.ocp.search_settings import SearchSettings, WarmStart, When
-from swarmstart.ocp.search_space import TrajectoryFamily
-from swarmstart.ocp.separation import Connection, Separation, disc
-from swarmstart.ocp.solution import Solution, verified
-from swarmstart.ocp.solving import SolveInterrupted, solve
-from swarmstart.ocp.stacked_models import stack_models
-from swarmstart.ocp.start import Start
-from swarmstart.ocp.status import SolutionStatus
-from swarmstart.ocp.tables import Table, table
-from swarmstart.ocp.team import Agent, Team
-from swarmstart.ocp.terminal import terminal_set_of
-from swarmstart.ocp.warm_started import (
-    StartOutcome,
-    WarmStartedSolver,
-    WarmStartReport,
+from swarmstart.ocp.search.search_settings import SearchSettings, WarmStart, When
+from swarmstart.ocp.search.search_space import TrajectoryFamily
+from swarmstart.ocp.statement.ensemble import ensemble
+from swarmstart.ocp.statement.free import Free
+from swarmstart.ocp.statement.guess import shifted_controls, zero_controls
+from swarmstart.ocp.statement.phases import Phases, phases
+from swarmstart.ocp.statement.problem import OptimalControlProblem
+from swarmstart.ocp.statement.terminal import terminal_set_of
+from swarmstart.ocp.system.algebraic import AlgebraicEquations
+from swarmstart.ocp.system.constraints import (
+    Bounds,
+    Constraint,
+    PathConstraint,
+    Rows,
+    TerminalConstraint,
 )
+from swarmstart.ocp.system.control_systems import InvalidSystemError, NonMinimalWarning
+from swarmstart.ocp.system.model import Model, right_hand_side
+from swarmstart.ocp.system.separation import Connection, Separation, disc
+from swarmstart.ocp.system.stacked_models import stack_models
 
 __all__ = [
     "INTEGRATORS",

@@ -6,89 +6,89 @@ bounds and e'Pe decreases. `certified_terminal_set` takes all steps; each step h
 module: linearisation, lqr, lyapunov, level, refutation, proof.
 """
 
-from swarmstart.terminal_set.arrays import (
-    AsymmetricMatrixError,
-    IndefiniteMatrixError,
-    InvalidShapeError,
-    NotFiniteError,
-    NotPositiveError,
-)
-from swarmstart.terminal_set.certificate import (
+from swarmstart.terminal_set.certificates.certificate import (
     Certificate,
     HeldMargins,
     Weights,
     certificate_text,
 )
-from swarmstart.terminal_set.certification import (
-    ProofOptions,
-    certified_terminal_set,
-    certify,
-)
-from swarmstart.terminal_set.choice import (
-    Candidate,
-    NoProvenSetError,
-    largest_proven_set,
-    log_volume,
-)
-from swarmstart.terminal_set.decrease import (
-    Change,
-    MovingCentreError,
-    continuous_change,
-    held_change,
-)
-from swarmstart.terminal_set.design import (
+from swarmstart.terminal_set.certificates.design import (
     ForeignCertificateError,
     InvalidReserveError,
     TerminalSet,
     continuous_terminal_set,
     sampled_terminal_set,
 )
-from swarmstart.terminal_set.drift import NotAnEquilibriumError
-from swarmstart.terminal_set.ellipsoid import Ellipsoid, InvalidPlaneError
-from swarmstart.terminal_set.evidence import (
+from swarmstart.terminal_set.certificates.evidence import (
     CoarseHoldError,
     Proof,
     Refutation,
     UnprovenSetError,
 )
-from swarmstart.terminal_set.intervals import (
+from swarmstart.terminal_set.interval_arithmetic.intervals import (
     IntervalEvaluation,
     UnknownIntervalOperationError,
     interval_function,
 )
-from swarmstart.terminal_set.level import (
+from swarmstart.terminal_set.interval_arithmetic.smoothness import NotSmoothError
+from swarmstart.terminal_set.linear.arrays import (
+    AsymmetricMatrixError,
+    IndefiniteMatrixError,
+    InvalidShapeError,
+    NotFiniteError,
+    NotPositiveError,
+)
+from swarmstart.terminal_set.linear.ellipsoid import Ellipsoid, InvalidPlaneError
+from swarmstart.terminal_set.linear.level import (
     SaturatedReferenceError,
     input_excess,
     level_from_inputs,
     level_from_states,
     smaller_side,
 )
-from swarmstart.terminal_set.level_search import ProvenLevel, proven_level
-from swarmstart.terminal_set.linearisation import (
+from swarmstart.terminal_set.linear.linearisation import (
     InvalidDynamicsError,
     held_spectral_radius,
     hold,
     linearise,
 )
-from swarmstart.terminal_set.lqr import Gain, continuous_lqr, sampled_lqr
-from swarmstart.terminal_set.lyapunov import (
+from swarmstart.terminal_set.linear.lqr import Gain, continuous_lqr, sampled_lqr
+from swarmstart.terminal_set.linear.lyapunov import (
     continuous_lyapunov,
     sampled_lyapunov,
 )
-from swarmstart.terminal_set.prerequisites import (
-    HeldTooLongError,
-    TooFewSubstepsError,
-)
-from swarmstart.terminal_set.proof import prove_level
-from swarmstart.terminal_set.reference import Reference
-from swarmstart.terminal_set.refutation import refuted_level
-from swarmstart.terminal_set.reliability import UnreliableSolutionError
-from swarmstart.terminal_set.smoothness import NotSmoothError
-from swarmstart.terminal_set.stability import (
+from swarmstart.terminal_set.linear.reference import Reference
+from swarmstart.terminal_set.linear.reliability import UnreliableSolutionError
+from swarmstart.terminal_set.linear.stability import (
     NotStabilisableError,
     UnstableLoopError,
     UnweightedModeError,
 )
+from swarmstart.terminal_set.proving.certification import (
+    ProofOptions,
+    certified_terminal_set,
+    certify,
+)
+from swarmstart.terminal_set.proving.choice import (
+    Candidate,
+    NoProvenSetError,
+    largest_proven_set,
+    log_volume,
+)
+from swarmstart.terminal_set.proving.decrease import (
+    Change,
+    MovingCentreError,
+    continuous_change,
+    held_change,
+)
+from swarmstart.terminal_set.proving.drift import NotAnEquilibriumError
+from swarmstart.terminal_set.proving.level_search import ProvenLevel, proven_level
+from swarmstart.terminal_set.proving.prerequisites import (
+    HeldTooLongError,
+    TooFewSubstepsError,
+)
+from swarmstart.terminal_set.proving.proof import prove_level
+from swarmstart.terminal_set.proving.refutation import refuted_level
 
 __all__ = [
     "AsymmetricMatrixError",

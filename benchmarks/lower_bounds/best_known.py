@@ -16,7 +16,7 @@ from dataclasses import replace
 from swarmstart.benchmarks.lower_bounds.problems import NAMED, Named
 from swarmstart.benchmarks.tables import head, row
 from swarmstart.ocp import OptimalControlProblem, Solution, solve
-from swarmstart.ocp.control_shape import ControlShape
+from swarmstart.ocp.statement.control_shape import ControlShape
 
 GRIDS = (50, 100, 200, 400)
 STEPS = 4000

@@ -23,7 +23,7 @@ from swarmstart.ocp import (
     OptimalControlProblem,
     disc,
 )
-from swarmstart.ocp.fitness import NOTHING
+from swarmstart.ocp.rollout.fitness import NOTHING
 
 Array = NDArray[np.float64]
 GOAL = (1.5, 1.0)

@@ -22,6 +22,7 @@ from swarmstart.cases.drawing.convergence import (
 from swarmstart.cases.drawing.drawing import (
     new_figure,
 )
+from swarmstart.cases.drawing.naming.surroundings import directions_of
 from swarmstart.cases.drawing.panels import (
     Labels,
     Panel,
@@ -41,7 +42,6 @@ from swarmstart.cases.drawing.plan_figures import (
     with_plans,
 )
 from swarmstart.cases.drawing.planning import draw_planning
-from swarmstart.cases.drawing.report.surroundings import directions_of
 from swarmstart.cases.drawing.series import HALF, escaped, name_lines
 from swarmstart.cases.drawing.sheet import MOST_IN_PART, Part, panels_part, sheet
 from swarmstart.cases.drawing.slack import Slack, slacks

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from swarmstart.cases.drawing.drawing import COLOURS, Figures, new_figure
-from swarmstart.cases.drawing.report.band_names import band_name
+from swarmstart.cases.drawing.naming.band_names import band_name
 from swarmstart.cases.drawing.series import escaped
 
 if TYPE_CHECKING:

@@ -20,16 +20,16 @@ from swarmstart.cases.record.trajectory_arrays import (
     new_plans,
 )
 from swarmstart.ocp import Constraint, Known, OptimalControlProblem, Plan, Trajectory
-from swarmstart.ocp.checking import ConstraintRows
-from swarmstart.ocp.fitness import (
+from swarmstart.ocp.rollout.checking import ConstraintRows
+from swarmstart.ocp.rollout.fitness import (
     Arguments,
     at_nodes,
     core_known,
     shared_arguments,
 )
-from swarmstart.ocp.lowering import Lowered
-from swarmstart.ocp.path import signals_between
-from swarmstart.ocp.shooting import Shooting
+from swarmstart.ocp.rollout.path import signals_between
+from swarmstart.ocp.rollout.shooting import Shooting
+from swarmstart.ocp.statement.lowering import Lowered
 
 Array = NDArray[np.float64]
 KnownAt = Callable[[int], Known]

@@ -95,11 +95,11 @@ class KindEntry(NamedTuple):
 KINDS = {
     "problem": KindEntry(
         "swarmstart.cases.kinds.problem.kind:KIND",
-        "swarmstart.cases.kinds.problem.names:MEASURES",
+        "swarmstart.cases.kinds.problem.stated.names:MEASURES",
     ),
     "python": KindEntry(
         "swarmstart.cases.kinds.python.kind:KIND",
-        "swarmstart.cases.kinds.problem.names:MEASURES",
+        "swarmstart.cases.kinds.problem.stated.names:MEASURES",
     ),
     "formation_flight": KindEntry(
         "swarmstart.cases.kinds.formation_flight.kind:KIND",

@@ -3,7 +3,7 @@
 import argparse
 from collections.abc import Iterator
 
-from swarmstart.cases.commands.cli import parser
+from swarmstart.cases.commands.front.cli import parser
 
 WIDTH = 78
 EXIT_CODES = "exit codes:"

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.heuristics import Pointers
+from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.compiled.casadi_map import CasadiMap
 from swarmstart.ocp.compiled.engine import NoCompilerError, machine
-from swarmstart.ocp.compiled.vector_ir import FORMATS
-from swarmstart.ocp.errors import InvalidProblemError
+from swarmstart.ocp.compiled.vectors.vector_ir import FORMATS
 from swarmstart.tape import UnknownOperationError
 
 Array = NDArray[np.float64]

@@ -13,6 +13,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from swarmstart.ocp.common.errors import InvalidProblemError
+from swarmstart.ocp.common.limits import require_count
 from swarmstart.ocp.compiled.backend import (
     chosen_backend,
     require_precision,
@@ -20,9 +22,7 @@ from swarmstart.ocp.compiled.backend import (
 )
 from swarmstart.ocp.compiled.engine import NoCompilerError
 from swarmstart.ocp.compiled.simd import Prepared, Shapes, SimdBatch, compile_flat
-from swarmstart.ocp.compiled.vector_ir import Precision
-from swarmstart.ocp.errors import InvalidProblemError
-from swarmstart.ocp.limits import require_count
+from swarmstart.ocp.compiled.vectors.vector_ir import Precision
 from swarmstart.tape import UnknownOperationError, expanded
 
 Array = NDArray[np.float64]

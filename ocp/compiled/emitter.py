@@ -17,10 +17,10 @@ from collections import Counter
 from dataclasses import dataclass
 
 from swarmstart.ocp.compiled.frame import Frame, Target, module_of
-from swarmstart.ocp.compiled.loop import Loop
-from swarmstart.ocp.compiled.operations import Read, emit_operation, emit_tape
 from swarmstart.ocp.compiled.ticks import Ticks, stepped, with_steps
-from swarmstart.ocp.compiled.vector_ir import VectorIR
+from swarmstart.ocp.compiled.vectors.loop import Loop
+from swarmstart.ocp.compiled.vectors.operations import Read, emit_operation, emit_tape
+from swarmstart.ocp.compiled.vectors.vector_ir import VectorIR
 from swarmstart.tape import Node, Tape, TapeBuilder
 
 

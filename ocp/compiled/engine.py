@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-from swarmstart.ocp.compiled.operations import C_FUNCTIONS
+from swarmstart.ocp.compiled.vectors.operations import C_FUNCTIONS
 
 try:
     import llvmlite

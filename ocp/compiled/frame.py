@@ -22,9 +22,9 @@ operations, more vectors only crowd the registers.
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
-from swarmstart.ocp.compiled.elementary import is_unserved
 from swarmstart.ocp.compiled.engine import machine
-from swarmstart.ocp.compiled.vector_ir import (
+from swarmstart.ocp.compiled.vectors.elementary import is_unserved
+from swarmstart.ocp.compiled.vectors.vector_ir import (
     DOUBLE,
     FORMATS,
     Format,

@@ -22,9 +22,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.code_cache import load, store
-from swarmstart.compile_time import compiling
-from swarmstart.fingerprint import sources
+from swarmstart.machine_code.code_cache import load, store
+from swarmstart.machine_code.compile_time import compiling
+from swarmstart.machine_code.fingerprint import sources
 from swarmstart.ocp.compiled.casadi_map import BoundMap, CasadiMap
 from swarmstart.ocp.compiled.engine import (
     Compiled,
@@ -34,9 +34,9 @@ from swarmstart.ocp.compiled.engine import (
     translate,
 )
 from swarmstart.ocp.compiled.frame import Frame, Target, module_of
-from swarmstart.ocp.compiled.operations import constant_power, emit_operation
 from swarmstart.ocp.compiled.simd import addresses
-from swarmstart.ocp.compiled.vector_ir import VectorIR
+from swarmstart.ocp.compiled.vectors.operations import constant_power, emit_operation
+from swarmstart.ocp.compiled.vectors.vector_ir import VectorIR
 from swarmstart.tape import OPERATIONS, UnknownOperationError
 
 Array = NDArray[np.float64]

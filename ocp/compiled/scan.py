@@ -14,20 +14,20 @@ from typing import Literal, get_args
 
 import casadi as ca
 
+from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.compiled.emitter import simplified, with_inverses
 from swarmstart.ocp.compiled.engine import NoCompilerError
 from swarmstart.ocp.compiled.frame import Frame, Target, module_of, target_of
-from swarmstart.ocp.compiled.loop import Loop
-from swarmstart.ocp.compiled.operations import emit_tape
 from swarmstart.ocp.compiled.simd import (
     Shape,
     SimdBatch,
     cached,
     key_of,
 )
-from swarmstart.ocp.compiled.vector_ir import Precision
-from swarmstart.ocp.errors import InvalidProblemError
-from swarmstart.ocp.interpolants import without_interpolants
+from swarmstart.ocp.compiled.vectors.loop import Loop
+from swarmstart.ocp.compiled.vectors.operations import emit_tape
+from swarmstart.ocp.compiled.vectors.vector_ir import Precision
+from swarmstart.ocp.interpolation.interpolants import without_interpolants
 from swarmstart.tape import Tape, read_tape
 
 Role = Literal["carried", "individual", "interval", "both", "shared"]

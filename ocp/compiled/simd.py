@@ -11,10 +11,11 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.code_cache import load, store
-from swarmstart.compile_time import compiling
-from swarmstart.fingerprint import source, sources
 from swarmstart.heuristics import Pointers
+from swarmstart.machine_code.code_cache import load, store
+from swarmstart.machine_code.compile_time import compiling
+from swarmstart.machine_code.fingerprint import source, sources
+from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.compiled.aside import Later, code_of
 from swarmstart.ocp.compiled.emitter import (
     Roll,
@@ -34,9 +35,8 @@ from swarmstart.ocp.compiled.engine import (
 from swarmstart.ocp.compiled.frame import target_of
 from swarmstart.ocp.compiled.threads import in_parts
 from swarmstart.ocp.compiled.ticks import Ticks
-from swarmstart.ocp.compiled.vector_ir import Precision
-from swarmstart.ocp.errors import InvalidProblemError
-from swarmstart.ocp.interpolants import without_interpolants
+from swarmstart.ocp.compiled.vectors.vector_ir import Precision
+from swarmstart.ocp.interpolation.interpolants import without_interpolants
 from swarmstart.tape import read_tape
 
 Array = NDArray[np.float64]
@@ -375,7 +375,7 @@ def compile_flat(
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Ticking:
-    """Steps of adaptive length in an interval; see ocp/adaptive.py.
+    """Steps of adaptive length in an interval; see ocp/integration/adaptive.py.
 
     Attributes:
         tick: (z, u, p, s) -> z after one tick.

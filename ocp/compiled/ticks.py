@@ -1,21 +1,22 @@
 """Steps of adaptive length as LLVM IR: a loop until all individuals are done.
 
-ocp/adaptive.py defines a tick; for an individual that is done it changes nothing.
+ocp/integration/adaptive.py defines a tick; for an individual that is done it changes
+nothing.
 """
 
 import math
 from dataclasses import dataclass
 
 from swarmstart.ocp.compiled.frame import Frame
-from swarmstart.ocp.compiled.loop import Loop
-from swarmstart.ocp.compiled.operations import Read, emit_tape
-from swarmstart.ocp.compiled.vector_ir import VectorIR
+from swarmstart.ocp.compiled.vectors.loop import Loop
+from swarmstart.ocp.compiled.vectors.operations import Read, emit_tape
+from swarmstart.ocp.compiled.vectors.vector_ir import VectorIR
 from swarmstart.tape import Tape
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Ticks:
-    """Steps of adaptive length from check to check; see ocp/adaptive.py.
+    """Steps of adaptive length from check to check; see ocp/integration/adaptive.py.
 
     Attributes:
         tick: (z, u, p, s) -> z after one tick, s flat over both ends of a check; z is

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from swarmstart.ocp.fitness import Arguments, Known, at_nodes, shared_arguments
 from swarmstart.ocp.lanes.stages import KNOWN
-from swarmstart.ocp.nlp_assembly import Part, inputs_of
-from swarmstart.ocp.scaling import Sizes
-from swarmstart.ocp.transcription import NonlinearProgram
+from swarmstart.ocp.nlp.nlp_assembly import Part, inputs_of
+from swarmstart.ocp.nlp.transcription import NonlinearProgram
+from swarmstart.ocp.rollout.fitness import Arguments, Known, at_nodes, shared_arguments
+from swarmstart.ocp.rollout.scaling import Sizes
 
 Array = NDArray[np.float64]
 _Known = tuple[Array, Array, Array, Array]

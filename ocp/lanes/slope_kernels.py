@@ -17,7 +17,7 @@ from swarmstart.ocp.lanes.stages import (
     stages,
     symbols,
 )
-from swarmstart.ocp.transcription import NonlinearProgram
+from swarmstart.ocp.nlp.transcription import NonlinearProgram
 
 
 class Slopes(NamedTuple):

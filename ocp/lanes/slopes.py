@@ -2,7 +2,7 @@
 
 A lane computes the gradient of a rollout by its controls, from the last interval back
 (the adjoint equation), and descends by projected L-BFGS within the bounds
-(heuristics/descent.py). All lanes renew their multipliers after each descent
+(heuristics/laws/descent.py). All lanes renew their multipliers after each descent
 (schedule.py).
 """
 
@@ -11,8 +11,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.heuristics.box import Box
-from swarmstart.heuristics.descent import DescentOptions, descend
+from swarmstart.heuristics.laws.box import Box
+from swarmstart.heuristics.laws.descent import DescentOptions, descend
 from swarmstart.ocp.lanes.answers import LaneAnswers
 from swarmstart.ocp.lanes.posed import Posed
 from swarmstart.ocp.lanes.schedule import LaneOptions, Schedule

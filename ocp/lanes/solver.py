@@ -3,10 +3,9 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.compiled.engine import NoCompilerError
 from swarmstart.ocp.compiled.scan import MOST_INSTRUCTIONS
-from swarmstart.ocp.errors import InvalidProblemError
-from swarmstart.ocp.fitness import NOTHING, Arguments, Known
 from swarmstart.ocp.lanes.answers import LaneAnswers
 from swarmstart.ocp.lanes.ddp import solve_by_sweeps
 from swarmstart.ocp.lanes.posed import Posed, posed
@@ -15,9 +14,10 @@ from swarmstart.ocp.lanes.slope_kernels import Slopes, compile_slopes
 from swarmstart.ocp.lanes.slopes import solve_by_slopes
 from swarmstart.ocp.lanes.stages import stages
 from swarmstart.ocp.lanes.sweep_kernels import Sweeps, compile_sweeps
-from swarmstart.ocp.problem import OptimalControlProblem
-from swarmstart.ocp.shooting import Shooting, shooting_of
-from swarmstart.ocp.transcription import NonlinearProgram, multiple_shooting
+from swarmstart.ocp.nlp.transcription import NonlinearProgram, multiple_shooting
+from swarmstart.ocp.rollout.fitness import NOTHING, Arguments, Known
+from swarmstart.ocp.rollout.shooting import Shooting, shooting_of
+from swarmstart.ocp.statement.problem import OptimalControlProblem
 from swarmstart.tape import UnknownOperationError
 
 Array = NDArray[np.float64]

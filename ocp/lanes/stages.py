@@ -18,9 +18,9 @@ import casadi as ca
 
 from swarmstart.ocp.compiled.scan import Role, compile_scan
 from swarmstart.ocp.compiled.simd import SimdBatch, compile_flat
-from swarmstart.ocp.nlp_assembly import Part, inputs_of
-from swarmstart.ocp.problem import OptimalControlProblem
-from swarmstart.ocp.transcription import NonlinearProgram
+from swarmstart.ocp.nlp.nlp_assembly import Part, inputs_of
+from swarmstart.ocp.nlp.transcription import NonlinearProgram
+from swarmstart.ocp.statement.problem import OptimalControlProblem
 
 _MOST_MULTIPLIER = 1e7
 KNOWN = ("shared", "signals", "lower", "upper")

@@ -35,8 +35,8 @@ from swarmstart.ocp.lanes.stages import (
     triangle,
 )
 from swarmstart.ocp.lanes.verdict import verdict_kernel
-from swarmstart.ocp.problem import OptimalControlProblem
-from swarmstart.ocp.transcription import NonlinearProgram
+from swarmstart.ocp.nlp.transcription import NonlinearProgram
+from swarmstart.ocp.statement.problem import OptimalControlProblem
 
 _AT_BOUND = 1e-9
 """Distance from its bound, relative to its size, at which a control is at the bound."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import Enum
 
-from swarmstart.ocp.lower_bound.evidence import Evidence
+from swarmstart.ocp.lower_bound.stated.evidence import Evidence
 
 
 class BoundKind(Enum):

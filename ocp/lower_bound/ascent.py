@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from swarmstart.ocp.lower_bound.answer import BoundKind, LowerBound
 from swarmstart.ocp.lower_bound.basis import values_of
-from swarmstart.ocp.lower_bound.evidence import Evidence, Pruning, Step, Tube
 from swarmstart.ocp.lower_bound.region import Region
 from swarmstart.ocp.lower_bound.stage import Stage
-from swarmstart.ocp.lower_bound.statement import Statement
-from swarmstart.ocp.lower_bound.stating import affine_form
+from swarmstart.ocp.lower_bound.stated.evidence import Evidence, Pruning, Step, Tube
+from swarmstart.ocp.lower_bound.stated.statement import Statement
+from swarmstart.ocp.lower_bound.stated.stating import affine_form
 from swarmstart.ocp.lower_bound.subsolution import (
     Aim,
     Cuts,

@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.ocp.lower_bound.evidence import Polynomial
+from swarmstart.ocp.lower_bound.stated.evidence import Polynomial
 
 Array = NDArray[np.float64]
 

@@ -21,24 +21,24 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from threadpoolctl import threadpool_limits
 
-from swarmstart.ocp.errors import InvalidProblemError
-from swarmstart.ocp.expressions import shortened
-from swarmstart.ocp.fitness import NOTHING, Known
-from swarmstart.ocp.limits import require_number
+from swarmstart.ocp.common.errors import InvalidProblemError
+from swarmstart.ocp.common.expressions import shortened
+from swarmstart.ocp.common.limits import require_number
+from swarmstart.ocp.common.progress import ProgressCallback, tell_nothing
 from swarmstart.ocp.lower_bound.answer import BoundKind, LowerBound
 from swarmstart.ocp.lower_bound.ascent import Ascent, Best
-from swarmstart.ocp.lower_bound.evidence import Tube
 from swarmstart.ocp.lower_bound.region import Region
-from swarmstart.ocp.lower_bound.statement import Statement
-from swarmstart.ocp.lower_bound.stating import (
+from swarmstart.ocp.lower_bound.stated.evidence import Tube
+from swarmstart.ocp.lower_bound.stated.statement import Statement
+from swarmstart.ocp.lower_bound.stated.stating import (
     NoBoundError,
     statement_of,
 )
 from swarmstart.ocp.lower_bound.tubes.tube import NoTubeError, tube_of
-from swarmstart.ocp.problem import OptimalControlProblem
-from swarmstart.ocp.progress import ProgressCallback, tell_nothing
-from swarmstart.ocp.status import SolutionStatus
-from swarmstart.terminal_set.intervals import (
+from swarmstart.ocp.rollout.fitness import NOTHING, Known
+from swarmstart.ocp.rollout.status import SolutionStatus
+from swarmstart.ocp.statement.problem import OptimalControlProblem
+from swarmstart.terminal_set.interval_arithmetic.intervals import (
     UnknownIntervalOperationError,
     interval_function,
 )
@@ -156,7 +156,7 @@ def _cost_of(
     """
     if answer is None:
         try:  # Duck typing: `Solution` imports this module.
-            solve = resolve_name("swarmstart.ocp.solving:solve")
+            solve = resolve_name("swarmstart.ocp.answer.solving:solve")
             answer = solve(problem, x0, known=known, search=None, seed=seed)
         except InvalidProblemError:
             return math.nan

@@ -9,7 +9,8 @@ with a new digest must still pass the proof.
     ["t", 0]  ["x", 0]  ["u", 0]  ["const", 9.81]  ["mul", 0, 3]
 
 are the instructions of the tape: time, states in their sizes, controls, constants, and
-operations on the values of earlier instructions (`terminal_set/tape.py` lists them).
+operations on the values of earlier instructions (those of
+`terminal_set/interval_arithmetic/tape.py`).
 """
 
 from __future__ import annotations
@@ -17,10 +18,10 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from swarmstart.ocp.lower_bound.evidence import Array, Evidence, Step, Tube
-from swarmstart.ocp.lower_bound.statement import Statement
-from swarmstart.terminal_set.certificate import digest
-from swarmstart.terminal_set.tape import Instruction, tape_of
+from swarmstart.ocp.lower_bound.stated.evidence import Array, Evidence, Step, Tube
+from swarmstart.ocp.lower_bound.stated.statement import Statement
+from swarmstart.terminal_set.certificates.certificate import digest
+from swarmstart.terminal_set.interval_arithmetic.tape import Instruction, tape_of
 
 FORMAT = "swarmstart lower bound certificate"
 VERSION = 1

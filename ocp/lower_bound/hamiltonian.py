@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.ocp.lower_bound.basis import Basis
-from swarmstart.ocp.lower_bound.statement import Affine, Statement
+from swarmstart.ocp.lower_bound.stated.statement import Affine, Statement
 from swarmstart.ocp.lower_bound.taylor_form import (
     PADDING,
     Expansion,

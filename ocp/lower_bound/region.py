@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.ocp.lower_bound.basis import Box, basis_of, packed, values_of
-from swarmstart.ocp.lower_bound.evidence import Polynomial, Pruning, Tube
 from swarmstart.ocp.lower_bound.hamiltonian import Margin
 from swarmstart.ocp.lower_bound.proving import halved
-from swarmstart.ocp.lower_bound.statement import Statement
+from swarmstart.ocp.lower_bound.stated.evidence import Polynomial, Pruning, Tube
+from swarmstart.ocp.lower_bound.stated.statement import Statement
 from swarmstart.ocp.lower_bound.taylor_form import PADDING
 from swarmstart.ocp.lower_bound.tubes import tube_set as tubes
-from swarmstart.terminal_set.intervals import interval_function
+from swarmstart.terminal_set.interval_arithmetic.intervals import interval_function
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

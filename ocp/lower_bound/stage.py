@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.ocp.lower_bound.basis import Basis, Box
-from swarmstart.ocp.lower_bound.statement import Affine, Statement
+from swarmstart.ocp.lower_bound.stated.statement import Affine, Statement
 
 Array = NDArray[np.float64]
 GRID = 9

@@ -21,13 +21,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.ocp.lower_bound.basis import Basis, Box, packed
-from swarmstart.ocp.lower_bound.evidence import Step
 from swarmstart.ocp.lower_bound.hamiltonian import Inequality, Margin
 from swarmstart.ocp.lower_bound.interior_point import maximised
 from swarmstart.ocp.lower_bound.proving import Floor, Limits, proven_floor
 from swarmstart.ocp.lower_bound.region import Region, value_interval
 from swarmstart.ocp.lower_bound.stage import Stage, slopes_of
-from swarmstart.ocp.lower_bound.statement import Affine, Statement
+from swarmstart.ocp.lower_bound.stated.evidence import Step
+from swarmstart.ocp.lower_bound.stated.statement import Affine, Statement
 
 Array = NDArray[np.float64]
 Aim = Literal["start", "come", "go"]

@@ -21,7 +21,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.terminal_set.intervals import IntervalEvaluation, interval_function
+from swarmstart.terminal_set.interval_arithmetic.intervals import (
+    IntervalEvaluation,
+    interval_function,
+)
 
 Array = NDArray[np.float64]
 PADDING = 1e-12

@@ -7,7 +7,7 @@ import pytest
 from swarmstart.benchmarks import bars
 from swarmstart.benchmarks.bar_measures import fly
 from swarmstart.benchmarks.faults import ROOT
-from swarmstart.cases.campaign.replication import cells_of, claims_in, planned
+from swarmstart.cases.campaign.studies.replication import cells_of, claims_in, planned
 
 FILES = sorted((ROOT / "benchmarks" / "claims").glob("*.yaml"))
 SHORT = """

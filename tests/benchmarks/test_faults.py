@@ -53,9 +53,9 @@ def test_same_seed_draws_the_same_faults_of_different_places() -> None:
 def test_proofs_statuses_and_verdicts_are_all_drawn_from() -> None:
     files = soundness_files(ROOT)
     assert {
-        "terminal_set/proof.py",
-        "ocp/solution.py",
-        "cases/campaign/verdicts.py",
+        "terminal_set/proving/proof.py",
+        "ocp/answer/solution.py",
+        "cases/campaign/studies/verdicts.py",
     } < {*files}
     assert any(file.startswith("terminal_set/checker/") for file in files)
     for group in faults.FILES.values():  # A module that has moved leaves no gap.
@@ -112,7 +112,7 @@ def test_copy_has_links_and_new_files_and_nothing_ignored(
 
 
 def test_report_counts_what_was_caught_but_not_what_is_harmless() -> None:
-    (first, *_), *_ = all_faults(ROOT, ["ocp/multistart.py"])
+    (first, *_), *_ = all_faults(ROOT, ["ocp/answer/multistart.py"])
     outcomes = [Outcome.CAUGHT] * 8 + [Outcome.ENDLESS, Outcome.SURVIVED]
     text = report([first] * 11, [*outcomes, Outcome.HARMLESS])
     # Wilson's interval of 9 in 10, from the formula: (0.9 + 1.9207 / 10 +- ...).
@@ -121,11 +121,11 @@ def test_report_counts_what_was_caught_but_not_what_is_harmless() -> None:
 
 
 def test_listed_reason_makes_a_fault_harmless(monkeypatch: pytest.MonkeyPatch) -> None:
-    (one, *_), *_ = all_faults(ROOT, ["ocp/multistart.py"])
+    (one, *_), *_ = all_faults(ROOT, ["ocp/answer/multistart.py"])
     assert not faults.reason_of(one)
     for after, applies in ((one.after, True), ("*", True), ("another", False)):
         listed = ((one.file, one.before, after, "text"),)
         monkeypatch.setattr(faults, "HARMLESS", listed)
         assert (faults.reason_of(one) == "text") is applies
-    elsewhere: Drawn = one._replace(file="ocp/path.py")
+    elsewhere: Drawn = one._replace(file="ocp/rollout/path.py")
     assert not faults.reason_of(elsewhere)

@@ -20,7 +20,7 @@ from swarmstart.benchmarks.shipped_problems import (
     two_values,
     whole_bars,
 )
-from swarmstart.cases.campaign.library import run
+from swarmstart.cases.campaign.studies.library import run
 from swarmstart.cases.format.scenario import shipped
 
 Array = NDArray[np.float64]

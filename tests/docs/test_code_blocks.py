@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from swarmstart.cases.commands.checking import check
-from swarmstart.cases.commands.cli import parser
+from swarmstart.cases.commands.actions.checking import check
+from swarmstart.cases.commands.front.cli import parser
 from swarmstart.tests.docs.blocks import Block, blocks_of
 from swarmstart.tests.docs.comparing import differences
 from swarmstart.tests.docs.conftest import DOCS, ROOT

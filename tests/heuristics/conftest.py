@@ -27,9 +27,12 @@ from swarmstart.heuristics import (
     feasibility_first,
     static_penalty,
 )
-from swarmstart.heuristics.algorithm import take_generation
-from swarmstart.heuristics.order import RunningOrder
-from swarmstart.heuristics.random_search import RandomSearchSettings, RandomSearchState
+from swarmstart.heuristics.laws.algorithm import take_generation
+from swarmstart.heuristics.laws.order import RunningOrder
+from swarmstart.heuristics.searches.random_search import (
+    RandomSearchSettings,
+    RandomSearchState,
+)
 
 Array = NDArray[np.float64]
 Values = Callable[[Array], tuple[Array, Array]]

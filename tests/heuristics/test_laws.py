@@ -27,7 +27,7 @@ from swarmstart.heuristics import (
     minimize,
     run,
 )
-from swarmstart.heuristics.bound_handling import NAMES
+from swarmstart.heuristics.laws.bound_handling import NAMES
 
 Array = NDArray[np.float64]
 Objective = Callable[[Array], tuple[Array, Array]]

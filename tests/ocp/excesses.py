@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.ocp import Constraint
-from swarmstart.ocp.violation import path_violation
+from swarmstart.ocp.rollout.violation import path_violation
 
 Array = NDArray[np.float64]
 A, B = ca.SX.sym("a", 2), ca.SX.sym("b", 2)

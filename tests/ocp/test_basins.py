@@ -12,8 +12,8 @@ from swarmstart.ocp import (
     Planner,
     SearchSettings,
 )
-from swarmstart.ocp.errors import InvalidProblemError
-from swarmstart.ocp.plan import Source
+from swarmstart.ocp.answer.plan import Source
+from swarmstart.ocp.common.errors import InvalidProblemError
 
 Array = NDArray[np.float64]
 X0 = np.zeros(1)

@@ -32,8 +32,8 @@ from swarmstart.ocp import (
     simulate,
     solve,
 )
-from swarmstart.ocp.lowering import lowered
-from swarmstart.ocp.multipliers import Multipliers
+from swarmstart.ocp.nlp.multipliers import Multipliers
+from swarmstart.ocp.statement.lowering import lowered
 from swarmstart.tests.ocp.feature_pairs.comparison import Ours, drawn_point
 from swarmstart.tests.ocp.feature_pairs.features import FEATURES, drawn
 from swarmstart.tests.ocp.feature_pairs.stated import Stated

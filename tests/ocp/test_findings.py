@@ -37,8 +37,8 @@ from swarmstart.ocp import (
     solve,
     verified,
 )
-from swarmstart.ocp.search_settings import search_settings
-from swarmstart.ocp.transcription import multiple_shooting
+from swarmstart.ocp.nlp.transcription import multiple_shooting
+from swarmstart.ocp.search.search_settings import search_settings
 
 Array = NDArray[np.float64]
 BACKENDS = ("llvm", "casadi")

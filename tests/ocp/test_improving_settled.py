@@ -16,12 +16,12 @@ from swarmstart.ocp import (
     Planner,
     SolutionStatus,
     Source,
-    improving,
     solve,
 )
-from swarmstart.ocp.fitness import NOTHING
-from swarmstart.ocp.improving import STARTS, settled
-from swarmstart.ocp.optimality import Curvature, curvature
+from swarmstart.ocp.answer import improving
+from swarmstart.ocp.answer.improving import STARTS, settled
+from swarmstart.ocp.nlp.optimality import Curvature, curvature
+from swarmstart.ocp.rollout.fitness import NOTHING
 
 Array = NDArray[np.float64]
 X, U = ca.SX.sym("x"), ca.SX.sym("u")

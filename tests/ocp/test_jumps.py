@@ -15,10 +15,10 @@ from swarmstart.ocp import (
     stack_models,
     verified,
 )
-from swarmstart.ocp.fitness import Fitness, replay
-from swarmstart.ocp.lowering import lowered
-from swarmstart.ocp.planner import Planner
-from swarmstart.ocp.shooting import Shooting
+from swarmstart.ocp.answer.planner import Planner
+from swarmstart.ocp.rollout.fitness import Fitness, replay
+from swarmstart.ocp.rollout.shooting import Shooting
+from swarmstart.ocp.statement.lowering import lowered
 
 A = np.array([[0.9, 0.3], [-0.2, 1.05]])
 B = np.array([[0.0], [0.5]])

@@ -6,8 +6,8 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from swarmstart.ocp.fitness import Arguments, core_known, replay
-from swarmstart.ocp.shooting import Shooting
+from swarmstart.ocp.rollout.fitness import Arguments, core_known, replay
+from swarmstart.ocp.rollout.shooting import Shooting
 from swarmstart.tests.ocp.feature_pairs.comparison import SAME, drawn_point
 from swarmstart.tests.ocp.feature_pairs.features import FEATURES, drawn, go_together
 from swarmstart.tests.ocp.feature_pairs.lines import with_lines

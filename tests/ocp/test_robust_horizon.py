@@ -24,8 +24,8 @@ from swarmstart.ocp import (
     simulate,
     solve,
 )
-from swarmstart.ocp.optimality import Curvature, curvature
-from swarmstart.ocp.risk import Measure
+from swarmstart.ocp.nlp.optimality import Curvature, curvature
+from swarmstart.ocp.statement.risk import Measure
 
 Array = NDArray[np.float64]
 GAINS, WEIGHTS, LEVEL = [0.5, 1.0, 2.0], [1.0, 2.0, 1.0], 0.6

@@ -17,7 +17,7 @@ from swarmstart.ocp import (
     solve,
     verified,
 )
-from swarmstart.ocp.status import Found, advice_for
+from swarmstart.ocp.rollout.status import Found, advice_for
 
 Array = NDArray[np.float64]
 X, U = ca.SX.sym("x", 2), ca.SX.sym("u")

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from swarmstart.cases.commands import progress
-from swarmstart.cases.commands.cli import main
+from swarmstart.cases.commands.front.cli import main
+from swarmstart.cases.commands.terminal import progress
 from swarmstart.cases.format.scenario import shipped
 
 

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from swarmstart.cases.commands import progress
-from swarmstart.compile_time import announce
-from swarmstart.heuristics.ahead import _IN_HELPER
+from swarmstart.cases.commands.terminal import progress
+from swarmstart.heuristics.running.ahead import _IN_HELPER
+from swarmstart.machine_code.compile_time import announce
 from swarmstart.tests.processes import python
 
 if TYPE_CHECKING:

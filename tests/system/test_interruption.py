@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from swarmstart.cases.campaign import run as run_module
-from swarmstart.cases.commands import listing as listing_module
-from swarmstart.cases.commands.cli import main
-from swarmstart.heuristics.interrupts import SIGNALS
+from swarmstart.cases.campaign.running import run as run_module
+from swarmstart.cases.commands.actions import listing as listing_module
+from swarmstart.cases.commands.front.cli import main
+from swarmstart.heuristics.running.interrupts import SIGNALS
 from swarmstart.ocp import Step, fly
 
 if TYPE_CHECKING:
@@ -276,7 +276,7 @@ sys.exit(cli.program())
 INSIDE_IPOPT = """
 import os, signal, sys, time
 from swarmstart.cases.commands import cli
-from swarmstart.ocp.polish import Polisher
+from swarmstart.ocp.nlp.polish import Polisher
 solve, calls = Polisher._solve, []
 def signalled(self, *arguments, **options):
     calls.append(self)

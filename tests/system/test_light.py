@@ -25,7 +25,7 @@ HEAVY = {
 
 PROBE = """
 import sys
-from swarmstart.cases.commands.cli import main
+from swarmstart.cases.commands.front.cli import main
 try:
     main(sys.argv[1:])
 except SystemExit:

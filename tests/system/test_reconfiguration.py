@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from swarmstart.cases.campaign import run as run_module
+from swarmstart.cases.campaign.running import run as run_module
 from swarmstart.cases.kinds.reconfiguration.names import MEASURES
 from swarmstart.ocp import Step, fly
 

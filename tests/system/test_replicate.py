@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from swarmstart.cases.commands.cli import main
-from swarmstart.cases.commands.replicate import markdown
+from swarmstart.cases.commands.actions.replicate import markdown
+from swarmstart.cases.commands.front.cli import main
 from swarmstart.cases.drawing.report.pictures import PAGE_BYTES
 from swarmstart.tests.browser import chromium
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from swarmstart.cases.commands.progress import AT_WORK
+from swarmstart.cases.commands.terminal.progress import AT_WORK
 
 if TYPE_CHECKING:
     from swarmstart.tests.system.conftest import Command, Said

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from swarmstart.cases.campaign.engine.cells import Cell
-from swarmstart.cases.campaign.run import Run, run
+from swarmstart.cases.campaign.running.run import Run, run
 from swarmstart.cases.campaign.trials.seeding import seeded
 from swarmstart.cases.format.scenario import Resolved, resolved_again
 

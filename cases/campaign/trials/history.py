@@ -1,7 +1,7 @@
 """History of a solver: its best answer after how much work, and its stop in time.
 
-A meter watches the solver (ocp/watching.py). It counts the work so far in evaluations
-of one rollout, the time without compiling, and whether a budget is spent. It keeps the
+A meter watches the solver (watching.py). It counts the work so far in evaluations of
+one rollout, the time without compiling, and whether a budget is spent. It keeps the
 best answer so far: feasible before infeasible, then by cost, both at the checks of the
 problem.
 
@@ -22,12 +22,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.compile_time import Stopwatch
 from swarmstart.heuristics import SearchResult
-from swarmstart.heuristics.result import StopReason
-from swarmstart.heuristics.search import Individual
-from swarmstart.ocp.polish import is_better
-from swarmstart.ocp.watching import UNWATCHED, Answer, Ratios, Watch, Work
+from swarmstart.heuristics.running.result import StopReason
+from swarmstart.heuristics.running.search import Individual
+from swarmstart.machine_code.compile_time import Stopwatch
+from swarmstart.ocp.nlp.polish import is_better
+from swarmstart.ocp.nlp.watching import UNWATCHED, Answer, Ratios, Watch, Work
 
 Array = NDArray[np.float64]
 PER_DECADE = 10

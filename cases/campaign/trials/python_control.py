@@ -2,7 +2,7 @@
 
 python-control integrates continuous systems with inputs that are linear between its
 time points. So that it solves the very problem of the other solvers, with held
-controls, it is given the sampled system of the core (ocp/core_problem.py):
+controls, it is given the sampled system of the core (ocp/statement/core_problem.py):
 
     (x, k)+ = (F(x, u), k + 1)     F integrates over interval k
     min sum L(x_k, u_k) + V(x_N)   L is the cost of interval k
@@ -26,9 +26,9 @@ from swarmstart.cases.campaign.trials.building import Built, Trial
 from swarmstart.cases.campaign.trials.history import Meter
 from swarmstart.cases.campaign.trials.peers import BudgetSpent, PeerError
 from swarmstart.ocp import zero_controls
-from swarmstart.ocp.constraints import Rows
-from swarmstart.ocp.fitness import at_nodes
-from swarmstart.ocp.shooting import Shooting
+from swarmstart.ocp.rollout.fitness import at_nodes
+from swarmstart.ocp.rollout.shooting import Shooting
+from swarmstart.ocp.system.constraints import Rows
 
 Array = NDArray[np.float64]
 Numbers = Callable[[Array, Array], Any]

@@ -28,13 +28,13 @@ from swarmstart.cases.campaign.trials.peers import (
 )
 from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics import Budget
-from swarmstart.heuristics.order import STATIC_PENALTY
+from swarmstart.heuristics.laws.order import STATIC_PENALTY
 from swarmstart.ocp import Planner, Solution, multistart
-from swarmstart.ocp.fitness import Known, Objective
-from swarmstart.ocp.improving import improved
-from swarmstart.ocp.plan import Plan, Source
-from swarmstart.ocp.start import Start
-from swarmstart.ocp.watching import Answer
+from swarmstart.ocp.answer.improving import improved
+from swarmstart.ocp.answer.plan import Plan, Source
+from swarmstart.ocp.nlp.start import Start
+from swarmstart.ocp.nlp.watching import Answer
+from swarmstart.ocp.rollout.fitness import Known, Objective
 
 Array = NDArray[np.float64]
 

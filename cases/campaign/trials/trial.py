@@ -5,7 +5,7 @@
     answered       a trial: the solver's clock runs from the end of building and
                    compiling to its answer; then one reference judges the answer
 
-A budget of evaluations counts an NLP solver's work in rollouts (ocp/watching.py) and
+A budget of evaluations counts an NLP solver's work in rollouts (watching.py) and
 stops it after the iteration that spends the budget. A budget of seconds is kept by
 searches, lanes and NLP solvers themselves, between two generations, batches or
 iterations. A solver that still runs after LATE times the budget and a moment is ended
@@ -36,10 +36,10 @@ from swarmstart.cases.campaign.trials.silence import silenced
 from swarmstart.cases.campaign.trials.solver_names import IPOPT
 from swarmstart.cases.format.kind import PlanningProblem
 from swarmstart.cases.record.files import replacing, to_json
-from swarmstart.compile_time import stopwatch
+from swarmstart.machine_code.compile_time import stopwatch
 from swarmstart.ocp import Planner, Solution, verified
-from swarmstart.ocp.improving import repaired
-from swarmstart.ocp.plan import Source
+from swarmstart.ocp.answer.improving import repaired
+from swarmstart.ocp.answer.plan import Source
 
 LATE, MOMENT_S = 1.1, 0.25
 """The hard limit: a factor of the budget, and a constant [s]."""

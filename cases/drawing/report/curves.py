@@ -4,10 +4,7 @@ import bisect
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from swarmstart.cases.drawing.report import svg
-from swarmstart.cases.drawing.report.figure import Figure
-from swarmstart.cases.drawing.report.svg import Axis
-from swarmstart.cases.drawing.report.wording import (
+from swarmstart.cases.drawing.naming.wording import (
     is_number,
     listed,
     number,
@@ -15,6 +12,9 @@ from swarmstart.cases.drawing.report.wording import (
     shortened,
     shown,
 )
+from swarmstart.cases.drawing.report import svg
+from swarmstart.cases.drawing.report.figure import Figure
+from swarmstart.cases.drawing.report.svg import Axis
 
 LEFT, RIGHT, TOP, BOTTOM = 64.0, 586.0, 30.0, 280.0
 FLOOR = 1e-6  # The least gap that is drawn; IPOPT's own tolerance is 1e-8.

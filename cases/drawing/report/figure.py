@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from swarmstart.cases.drawing.naming.wording import shortened
 from swarmstart.cases.drawing.page import cleaned
 from swarmstart.cases.drawing.report import svg
 from swarmstart.cases.drawing.report.svg import Axis, text_of
-from swarmstart.cases.drawing.report.wording import shortened
 
 _NARROW = 600  # Wider ones scroll on a small screen, or their text is too small.
 _NAME = 40  # Letters of a solver's name in a legend.

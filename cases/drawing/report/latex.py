@@ -5,10 +5,10 @@ import unicodedata
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from swarmstart.cases.drawing.naming.wording import percent, shortened
 from swarmstart.cases.drawing.page import cleaned
 from swarmstart.cases.drawing.report import rows
 from swarmstart.cases.drawing.report.rows import Cell
-from swarmstart.cases.drawing.report.wording import percent, shortened
 
 _SPECIAL = {
     "\\": r"\textbackslash{}", "{": r"\{", "}": r"\}", "$": r"\$", "&": r"\&",

@@ -4,10 +4,10 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from swarmstart.cases.drawing.naming.wording import number, percent, shortened
 from swarmstart.cases.drawing.page import cleaned
 from swarmstart.cases.drawing.report import rows
 from swarmstart.cases.drawing.report.rows import Cell
-from swarmstart.cases.drawing.report.wording import number, percent, shortened
 
 _SPECIAL = re.compile(r"([\\`*_{}\[\]()#+!|<>~@$&])")
 

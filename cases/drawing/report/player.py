@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.cases.drawing.naming.wording import counted
 from swarmstart.cases.drawing.page import rendered
 from swarmstart.cases.drawing.report.panels_over_time import (
     LEFT,
@@ -26,7 +27,6 @@ from swarmstart.cases.drawing.report.panels_over_time import (
     ticks,
 )
 from swarmstart.cases.drawing.report.tracks import Plane, Tracks
-from swarmstart.cases.drawing.report.wording import counted
 
 if TYPE_CHECKING:
     from markupsafe import Markup

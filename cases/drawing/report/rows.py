@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from swarmstart.cases.drawing.report.wording import (
+from swarmstart.cases.drawing.naming.wording import (
     NEVER,
     NOT_FEASIBLE,
     NOT_MEASURED,

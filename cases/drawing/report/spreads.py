@@ -3,11 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from swarmstart.cases.drawing.report import svg
-from swarmstart.cases.drawing.report.curves import BOTTOM, FLOOR, RIGHT, TOP
-from swarmstart.cases.drawing.report.figure import Figure
-from swarmstart.cases.drawing.report.svg import Axis
-from swarmstart.cases.drawing.report.wording import (
+from swarmstart.cases.drawing.naming.wording import (
     NOT_FEASIBLE,
     NOT_MEASURED,
     interval,
@@ -19,6 +15,10 @@ from swarmstart.cases.drawing.report.wording import (
     shortened,
     shown,
 )
+from swarmstart.cases.drawing.report import svg
+from swarmstart.cases.drawing.report.curves import BOTTOM, FLOOR, RIGHT, TOP
+from swarmstart.cases.drawing.report.figure import Figure
+from swarmstart.cases.drawing.report.svg import Axis
 
 _NAMES = 180.0  # Where rows begin, right of the solvers' names.
 _ROW = 26.0

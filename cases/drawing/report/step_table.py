@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from swarmstart.cases.drawing.naming.units import shown
 from swarmstart.cases.drawing.report.figure import csv_of
 from swarmstart.cases.drawing.report.tracks import Tracks
-from swarmstart.cases.drawing.report.units import shown
 
 HEADS = ("step", "begins [s]", "length [s]", "solver's time [s]", "plan")
 MOST_SHOWN, MOST_SAVED = 200, 5000

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from swarmstart.cases.drawing.naming.wording import is_number
 from swarmstart.cases.drawing.page import rendered
 from swarmstart.cases.drawing.report.panels_over_time import number
-from swarmstart.cases.drawing.report.wording import is_number
 
 if TYPE_CHECKING:
     from markupsafe import Markup

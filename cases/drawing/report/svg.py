@@ -12,9 +12,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from swarmstart.cases.drawing.naming.wording import is_number, number, shortened
 from swarmstart.cases.drawing.page import cleaned
 from swarmstart.cases.drawing.palette import MARKS
-from swarmstart.cases.drawing.report.wording import is_number, number, shortened
 
 SERIES = len(MARKS)
 _HUGE = 1e300  # Beyond it differences overflow.

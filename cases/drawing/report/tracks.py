@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.cases.drawing.report.outlook import Outlook, outlook_of
-from swarmstart.cases.drawing.report.surroundings import (
+from swarmstart.cases.drawing.naming.surroundings import (
     Disc,
     Surroundings,
     directions_of,
@@ -23,13 +22,14 @@ from swarmstart.cases.drawing.report.surroundings import (
     position_of,
     surroundings_of,
 )
-from swarmstart.cases.drawing.report.units import label_of
-from swarmstart.cases.drawing.report.vehicle_rows import (
+from swarmstart.cases.drawing.naming.units import label_of
+from swarmstart.cases.drawing.naming.vehicle_rows import (
     PLANAR,
     RELATIVE,
     VehicleRows,
     rows_of,
 )
+from swarmstart.cases.drawing.report.outlook import Outlook, outlook_of
 from swarmstart.cases.record.files import RecordError
 from swarmstart.cases.record.results import Record
 from swarmstart.cases.record.trajectory_arrays import held_controls

@@ -3,9 +3,9 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from swarmstart.cases.drawing.naming.wording import is_number, number, shortened
 from swarmstart.cases.drawing.report import svg
 from swarmstart.cases.drawing.report.figure import Figure
-from swarmstart.cases.drawing.report.wording import is_number, number, shortened
 
 _COLUMNS = 3
 _WIDE, _HIGH = 300.0, 150.0

@@ -16,7 +16,7 @@ from swarmstart.cases.kinds.close_formation.pose import CloseFormationFlight
 from swarmstart.cases.kinds.close_formation.scenario import CloseFormationScenario
 from swarmstart.cases.kinds.models.close_formation import POSITION
 from swarmstart.cases.kinds.models.horseshoe_vortex import drag_saving
-from swarmstart.cases.kinds.problem.flown_path import flown_values
+from swarmstart.cases.kinds.problem.measuring.flown_path import flown_values
 from swarmstart.cases.record.trajectory_arrays import effort, plan_costs
 from swarmstart.ocp import (
     IpoptOptions,
@@ -25,7 +25,7 @@ from swarmstart.ocp import (
     shifted_controls,
     smallest_distance,
 )
-from swarmstart.ocp.polish import Polisher
+from swarmstart.ocp.nlp.polish import Polisher
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ The first is the Lyapunov equation of the transposed loop: the ellipsoid of its 
 need not be invariant for the loop itself. The two sides of the second do not conform;
 read as alpha K P K' they do, but P stands in the place of its inverse, and no input is
 bounded. `terminal_set.input_excess` returns the excess over the bounds. The correct
-formulas are in the heads of `terminal_set/lyapunov.py` and `terminal_set/level.py`.
+formulas are in the heads of `lyapunov.py` and `level.py` in `terminal_set/linear`.
 """
 
 import casadi as ca
@@ -21,7 +21,11 @@ from swarmstart.terminal_set import (
     continuous_lyapunov,
     linearise,
 )
-from swarmstart.terminal_set.arrays import bound_array, finite_array, positive_definite
+from swarmstart.terminal_set.linear.arrays import (
+    bound_array,
+    finite_array,
+    positive_definite,
+)
 
 Array = NDArray[np.float64]
 

@@ -6,27 +6,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.cases.drawing.drawing import Figures, into_folder
-from swarmstart.cases.drawing.panels import Labels
-from swarmstart.cases.drawing.problem_figures import Place, figures_of
-from swarmstart.cases.drawing.report.surroundings import (
+from swarmstart.cases.drawing.naming.surroundings import (
     discs_of_problem,
     position_of,
 )
+from swarmstart.cases.drawing.panels import Labels
+from swarmstart.cases.drawing.problem_figures import Place, figures_of
 from swarmstart.cases.format.kind import Flight, PosedAgent
 from swarmstart.cases.kinds.problem.member_figures import (
     member_figures,
     of_one_member,
 )
-from swarmstart.cases.kinds.problem.model import planning_problem
-from swarmstart.cases.kinds.problem.phases import (
+from swarmstart.cases.kinds.problem.stated.model import planning_problem
+from swarmstart.cases.kinds.problem.stated.phases import (
     in_phase,
     interval_ends,
     phase_names,
     whole_scenario,
 )
-from swarmstart.cases.kinds.problem.posed import ProblemPosed
-from swarmstart.cases.kinds.problem.scenario import ProblemScenario
-from swarmstart.cases.kinds.problem.symbols import (
+from swarmstart.cases.kinds.problem.stated.posed import ProblemPosed
+from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario
+from swarmstart.cases.kinds.problem.stated.symbols import (
     TIMING_S,
     constants_of,
     known_parameters,
@@ -34,8 +34,8 @@ from swarmstart.cases.kinds.problem.symbols import (
 )
 from swarmstart.cases.record.trajectory_arrays import held_controls
 from swarmstart.ocp import Known, Trajectory
-from swarmstart.ocp.controller import known_at
-from swarmstart.ocp.fitness import replay
+from swarmstart.ocp.loop.controller import known_at
+from swarmstart.ocp.rollout.fitness import replay
 
 Array = NDArray[np.float64]
 

@@ -1,12 +1,16 @@
 """The kind of scenario "problem": a problem of the user's own."""
 
 from swarmstart.cases.format.kind import Kind
-from swarmstart.cases.kinds.problem.flaws import flaws
-from swarmstart.cases.kinds.problem.meanings import own_meanings
-from swarmstart.cases.kinds.problem.measures import measure, own_measures, whole_run
-from swarmstart.cases.kinds.problem.names import MEASURES, UNDEFINED
+from swarmstart.cases.kinds.problem.checks.flaws import flaws
+from swarmstart.cases.kinds.problem.measuring.meanings import own_meanings
+from swarmstart.cases.kinds.problem.measuring.measures import (
+    measure,
+    own_measures,
+    whole_run,
+)
 from swarmstart.cases.kinds.problem.pose import pose
-from swarmstart.cases.kinds.problem.scenario import ProblemScenario
+from swarmstart.cases.kinds.problem.stated.names import MEASURES, UNDEFINED
+from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario
 
 KIND = Kind(
     scenario=ProblemScenario,

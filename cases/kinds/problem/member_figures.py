@@ -19,10 +19,10 @@ from swarmstart.cases.drawing.panels import (
 )
 from swarmstart.cases.drawing.plan_figures import PlanPath, with_plans
 from swarmstart.cases.format.kind import Flight
-from swarmstart.cases.kinds.problem.posed import ProblemPosed
+from swarmstart.cases.kinds.problem.stated.posed import ProblemPosed
 from swarmstart.ocp import OptimalControlProblem, Plan, Trajectory
-from swarmstart.ocp.core_problem import END_TIME
-from swarmstart.ocp.lowering import Lowered, lowered
+from swarmstart.ocp.statement.core_problem import END_TIME
+from swarmstart.ocp.statement.lowering import Lowered, lowered
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

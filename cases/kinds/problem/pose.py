@@ -7,24 +7,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.cases.format.kind import LinearLaws, PosedAgent, PosedPlant
-from swarmstart.cases.kinds.problem.members import (
+from swarmstart.cases.kinds.problem.checks.uncertain import (
+    planned_parameters,
+    with_members,
+)
+from swarmstart.cases.kinds.problem.pose_phases import pose_phases
+from swarmstart.cases.kinds.problem.stated.members import (
     Member,
     candidate_scopes,
     members_of,
     shared_of,
 )
-from swarmstart.cases.kinds.problem.model import (
+from swarmstart.cases.kinds.problem.stated.model import (
     horizon_of,
     model_of,
     planning_problem,
     positions_of,
     previous_controls,
 )
-from swarmstart.cases.kinds.problem.parts import DualMode, Noise
-from swarmstart.cases.kinds.problem.pose_phases import pose_phases
-from swarmstart.cases.kinds.problem.posed import ProblemPosed
-from swarmstart.cases.kinds.problem.scenario import ProblemScenario
-from swarmstart.cases.kinds.problem.symbols import (
+from swarmstart.cases.kinds.problem.stated.parts import DualMode, Noise
+from swarmstart.cases.kinds.problem.stated.posed import ProblemPosed
+from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario
+from swarmstart.cases.kinds.problem.stated.symbols import (
     Signal,
     constants_of,
     decided_parameters,
@@ -34,8 +38,7 @@ from swarmstart.cases.kinds.problem.symbols import (
     rows_over_time,
     stacked,
 )
-from swarmstart.cases.kinds.problem.uncertain import planned_parameters, with_members
-from swarmstart.cases.kinds.problem.values import OverTime
+from swarmstart.cases.kinds.problem.stated.values import OverTime
 from swarmstart.ocp import (
     Free,
     OptimalControlProblem,

@@ -10,28 +10,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.cases.format.kind import PosedAgent, PosedPlant
-from swarmstart.cases.kinds.problem.members import (
+from swarmstart.cases.kinds.problem.stated.members import (
     candidate_scopes,
     members_of,
     shared_of,
 )
-from swarmstart.cases.kinds.problem.phases import (
+from swarmstart.cases.kinds.problem.stated.phases import (
     expected_ends,
     interval_ends,
     joined,
     whole_scenario,
 )
-from swarmstart.cases.kinds.problem.posed import ProblemPosed
-from swarmstart.cases.kinds.problem.scenario import ProblemScenario
-from swarmstart.cases.kinds.problem.symbols import (
+from swarmstart.cases.kinds.problem.stated.posed import ProblemPosed
+from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario
+from swarmstart.cases.kinds.problem.stated.symbols import (
     constants_of,
     known_parameters,
     over_time,
     rows_over_time,
 )
-from swarmstart.cases.kinds.problem.values import OverTime
+from swarmstart.cases.kinds.problem.stated.values import OverTime
 from swarmstart.ocp import OptimalControlProblem, Start, zero_controls
-from swarmstart.ocp.phases import CLOCK, COUNTER
+from swarmstart.ocp.statement.phases import CLOCK, COUNTER
 
 Array = NDArray[np.float64]
 

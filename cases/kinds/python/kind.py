@@ -5,9 +5,9 @@ from collections.abc import Iterator, Mapping
 from swarmstart.cases.format.expressions import CONSTANTS, parse
 from swarmstart.cases.format.kind import Flight, Kind, Measure, Posed
 from swarmstart.cases.format.settings import LocatedFlaw
-from swarmstart.cases.kinds.problem.flown_path import rows_of
-from swarmstart.cases.kinds.problem.meanings import own_meanings
-from swarmstart.cases.kinds.problem.measures import (
+from swarmstart.cases.kinds.problem.measuring.flown_path import rows_of
+from swarmstart.cases.kinds.problem.measuring.meanings import own_meanings
+from swarmstart.cases.kinds.problem.measuring.measures import (
     PATH,
     measured,
     own_measures,
@@ -15,7 +15,7 @@ from swarmstart.cases.kinds.problem.measures import (
     whole_run,
     wrong_measures,
 )
-from swarmstart.cases.kinds.problem.names import MEASURES, UNDEFINED
+from swarmstart.cases.kinds.problem.stated.names import MEASURES, UNDEFINED
 from swarmstart.cases.kinds.python.pose import names_of, pose
 from swarmstart.cases.kinds.python.scenario import PythonScenario
 from swarmstart.ocp import Trajectory

@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 
 from swarmstart.cases.format.document import printable
 from swarmstart.cases.format.kind import Posed, PosedAgent, PosedPlant
-from swarmstart.cases.kinds.problem.measures import PATH, wrong_measures
-from swarmstart.cases.kinds.problem.symbols import TIME
+from swarmstart.cases.kinds.problem.measuring.measures import PATH, wrong_measures
+from swarmstart.cases.kinds.problem.stated.symbols import TIME
 from swarmstart.cases.kinds.python.code import UserCodeError, returned
 from swarmstart.cases.kinds.python.scenario import PythonScenario
 from swarmstart.ocp import Known, Model, OptimalControlProblem
-from swarmstart.ocp.controller import ReferenceSignals
+from swarmstart.ocp.loop.controller import ReferenceSignals
 
 Array = NDArray[np.float64]
 MOST_INTERVALS = 10_000

@@ -15,8 +15,8 @@ from pydantic import (
 )
 
 from swarmstart.cases.format.settings import Part
-from swarmstart.cases.kinds.problem.scenario import UserScenario
-from swarmstart.cases.kinds.problem.values import Names
+from swarmstart.cases.kinds.problem.stated.scenario import UserScenario
+from swarmstart.cases.kinds.problem.stated.values import Names
 from swarmstart.cases.kinds.python.code import Code, read_code
 
 

@@ -13,7 +13,7 @@ from swarmstart.cases.kinds.planar import (
     largest_pair_distance,
     smallest_pair_distance,
 )
-from swarmstart.cases.kinds.problem.flown_path import flown_values
+from swarmstart.cases.kinds.problem.measuring.flown_path import flown_values
 from swarmstart.cases.kinds.reconfiguration.names import MEASURES
 from swarmstart.cases.kinds.reconfiguration.pose import ReconfigurationFlight
 from swarmstart.cases.kinds.reconfiguration.reference import gaps

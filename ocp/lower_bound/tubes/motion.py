@@ -17,7 +17,7 @@ cell's size. Both take f as weighted sums of terms, some of which may cancel in 
 (`terms.py`).
 
 f must be continuous. If it has a jump that its derivatives do not show (atan2 at its
-cut), the second bound is left out, see `terminal_set/smoothness.py`.
+cut), the second bound is left out, see `smoothness.py` of the intervals.
 
 Source: Moore, Kearfott and Cloud (2009), Introduction to Interval Analysis,
 section 6.2.
@@ -32,11 +32,14 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.ocp.lower_bound.statement import Statement
+from swarmstart.ocp.lower_bound.stated.statement import Statement
 from swarmstart.ocp.lower_bound.tubes.support import PAD
 from swarmstart.ocp.lower_bound.tubes.terms import terms_of
-from swarmstart.terminal_set.intervals import IntervalEvaluation, interval_function
-from swarmstart.terminal_set.smoothness import Kinks
+from swarmstart.terminal_set.interval_arithmetic.intervals import (
+    IntervalEvaluation,
+    interval_function,
+)
+from swarmstart.terminal_set.interval_arithmetic.smoothness import Kinks
 
 Array = NDArray[np.float64]
 

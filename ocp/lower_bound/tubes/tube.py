@@ -29,12 +29,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.errors import SwarmstartError
-from swarmstart.ocp.lower_bound.evidence import Tube
-from swarmstart.ocp.lower_bound.statement import Statement
+from swarmstart.ocp.lower_bound.stated.evidence import Tube
+from swarmstart.ocp.lower_bound.stated.statement import Statement
 from swarmstart.ocp.lower_bound.tubes.faces import Template, rates_at_faces, template_of
 from swarmstart.ocp.lower_bound.tubes.motion import Motion, motion_of
 from swarmstart.ocp.lower_bound.tubes.support import PAD
-from swarmstart.terminal_set.intervals import UnknownIntervalOperationError
+from swarmstart.terminal_set.interval_arithmetic.intervals import (
+    UnknownIntervalOperationError,
+)
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
-from swarmstart.ocp.lower_bound.evidence import Tube
+from swarmstart.ocp.lower_bound.stated.evidence import Tube
 from swarmstart.ocp.lower_bound.tubes.support import PAD
 from swarmstart.ocp.lower_bound.tubes.tube_kernel import mark_outside
 

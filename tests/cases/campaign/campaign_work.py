@@ -18,9 +18,9 @@ import numpy as np
 from swarmstart.cases.campaign.engine.cell_work import Beginning, cell_content, commit
 from swarmstart.cases.campaign.engine.wall_limit import hard_limit
 from swarmstart.cases.record.files import to_json
-from swarmstart.compile_time import compiling
 from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics import Budget
+from swarmstart.machine_code.compile_time import compiling
 
 
 def square(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:

@@ -26,13 +26,13 @@ from swarmstart.cases.chapter.markov_chain import (
     spectral_radius,
 )
 from swarmstart.heuristics import Box, DifferentialEvolution, InvalidSettingsError
-from swarmstart.heuristics.de import (
+from swarmstart.heuristics.laws.order import feasibility_first
+from swarmstart.heuristics.searches.de import (
     DifferentialEvolutionSettings,
     DifferentialEvolutionState,
     accept,
     propose,
 )
-from swarmstart.heuristics.order import feasibility_first
 
 Array = NDArray[np.float64]
 Row = tuple[list[int], float, GridBoundHandling, int, int, float, float]

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 import swarmstart
-from swarmstart.cases.campaign.run import Run, run
+from swarmstart.cases.campaign.running.run import Run, run
 from swarmstart.cases.chapter.stability import (
     lateral_eigenvalues,
     longitudinal_eigenvalues,
 )
-from swarmstart.cases.commands.cli import parser
+from swarmstart.cases.commands.front.cli import parser
 from swarmstart.cases.format.scenario import Resolved, read_document, resolve
 from swarmstart.cases.kinds.planar import by_uav
 from swarmstart.cases.kinds.reconfiguration.pose import ReconfigurationFlight

@@ -41,8 +41,8 @@ from swarmstart.ocp import (
     stack_models,
     verified,
 )
-from swarmstart.ocp.account import Lanes, StartsAccount
 from swarmstart.ocp.lanes.optima import Optimum
+from swarmstart.ocp.search.account import Lanes, StartsAccount
 from swarmstart.tests.cases.drawing.reading import (
     bounds,
     curves,

@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from swarmstart.cases.campaign.seeds import seeds_content
-from swarmstart.cases.drawing.report.seeds_page import seeds_page
+from swarmstart.cases.campaign.running.seeds import seeds_content
+from swarmstart.cases.drawing.report.pages.seeds_page import seeds_page
 from swarmstart.cases.drawing.seed_figures import seed_figures
 from swarmstart.cases.format.scenario import read_document, resolve
 

@@ -21,7 +21,7 @@ from swarmstart.cases.format.scenario import (
 )
 from swarmstart.cases.format.settings import GridPart
 from swarmstart.cases.format.yaml_reader import parse_yaml
-from swarmstart.cases.kinds.problem.parts import Prediction
+from swarmstart.cases.kinds.problem.stated.parts import Prediction
 from swarmstart.cases.record.record import run_key
 
 VARIANTS = ("literal", "corrected")

@@ -32,7 +32,7 @@ from swarmstart.ocp import (
     TrajectoryFamily,
     simulate,
 )
-from swarmstart.ocp.fitness import replay
+from swarmstart.ocp.rollout.fitness import replay
 from swarmstart.tests.cases.kinds.flights import build
 
 ONE_EACH = [

@@ -17,7 +17,7 @@ from swarmstart.ocp import (
     Trajectory,
     simulate,
 )
-from swarmstart.ocp.duals import duals_of
+from swarmstart.ocp.nlp.duals import duals_of
 
 
 @pytest.fixture(scope="module")

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import swarmstart.cases.campaign.run as campaign
-from swarmstart.cases.campaign.run import Interrupted, run
+import swarmstart.cases.campaign.running.run as campaign
+from swarmstart.cases.campaign.running.run import Interrupted, run
 from swarmstart.cases.record.files import read_arrays
 from swarmstart.cases.record.multiplier_arrays import (
     multiplier_arrays,

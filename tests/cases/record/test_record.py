@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from swarmstart.cases.campaign.run import key_of
+from swarmstart.cases.campaign.running.run import key_of
 from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.cases.record import record as record_module
 from swarmstart.cases.record.files import RecordError
@@ -56,7 +56,7 @@ def test_the_key_depends_on_the_code_that_makes_the_numbers(
     file.touch()
     monkeypatch.setattr(record_module, "__file__", str(file))
     keys = {before}
-    for name in ("ocp/a.py", "ocp/b.py", "kernel.py"):
+    for name in ("ocp/a.py", "ocp/b.py", "machine_code/kernel.py"):
         for content in ("x = 1", "x = 2"):
             (tmp_path / name).write_text(content)
             record_module.environment.cache_clear()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from swarmstart.cases.campaign.run import run
+from swarmstart.cases.campaign.running.run import run
 from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.cases.record.files import RecordError
 from swarmstart.cases.record.record import OccupiedFolderError, Recording

@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from swarmstart.ocp.compiled.simd import compile_flat
-from swarmstart.ocp.compiled.vector_ir import Precision
+from swarmstart.ocp.compiled.vectors.vector_ir import Precision
 
 Array = NDArray[np.float64]
 Evaluate = Callable[..., tuple[Array, ...]]

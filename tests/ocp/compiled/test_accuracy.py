@@ -8,8 +8,8 @@ import pytest
 from numpy.typing import NDArray
 
 from swarmstart.ocp.compiled.emitter import simplified
-from swarmstart.ocp.compiled.operations import fused_products
 from swarmstart.ocp.compiled.simd import compile_flat
+from swarmstart.ocp.compiled.vectors.operations import fused_products
 from swarmstart.tape import OPERATIONS, Tape, read_tape
 
 Array = NDArray[np.float64]

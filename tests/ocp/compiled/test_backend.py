@@ -7,7 +7,8 @@ import llvmlite.binding as llvm
 import numpy as np
 import pytest
 
-from swarmstart.ocp.compiled import engine, operations
+from swarmstart.ocp.common.errors import InvalidProblemError
+from swarmstart.ocp.compiled import engine
 from swarmstart.ocp.compiled.backend import (
     VARIABLE,
     BackendWarning,
@@ -18,7 +19,7 @@ from swarmstart.ocp.compiled.backend import (
 from swarmstart.ocp.compiled.casadi_map import CasadiMap
 from swarmstart.ocp.compiled.engine import machine
 from swarmstart.ocp.compiled.simd import compile_flat
-from swarmstart.ocp.errors import InvalidProblemError
+from swarmstart.ocp.compiled.vectors import operations
 
 pytestmark = pytest.mark.usefixtures("compiler")
 VALUES = np.linspace(-1, 1, 9)[None]

@@ -3,8 +3,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.compiled.batch import compile_batch
-from swarmstart.ocp.errors import InvalidProblemError
 
 Array = NDArray[np.float64]
 pytestmark = pytest.mark.usefixtures("compiler")

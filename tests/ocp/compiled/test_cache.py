@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-import swarmstart.code_cache as cache
-from swarmstart import fingerprint
+import swarmstart.machine_code.code_cache as cache
+from swarmstart.machine_code import fingerprint
 from swarmstart.ocp.compiled import simd
 from swarmstart.ocp.compiled.engine import machine, translate
 from swarmstart.ocp.compiled.simd import compile_flat, compile_rollout

@@ -21,7 +21,7 @@ from swarmstart.ocp.compiled.engine import (
 )
 from swarmstart.ocp.compiled.frame import Target
 from swarmstart.ocp.compiled.simd import Shape, SimdBatch, compile_flat
-from swarmstart.ocp.compiled.vector_ir import FORMATS, Precision
+from swarmstart.ocp.compiled.vectors.vector_ir import FORMATS, Precision
 from swarmstart.tape import OPERATIONS, read_tape
 
 Array = NDArray[np.float64]

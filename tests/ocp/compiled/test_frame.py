@@ -9,7 +9,7 @@ from swarmstart.ocp.compiled.emitter import emit_flat
 from swarmstart.ocp.compiled.engine import link, machine, translate
 from swarmstart.ocp.compiled.frame import Target, side_by_side
 from swarmstart.ocp.compiled.simd import Shape, SimdBatch
-from swarmstart.ocp.compiled.vector_ir import Precision
+from swarmstart.ocp.compiled.vectors.vector_ir import Precision
 from swarmstart.tape import Tape, read_tape
 
 Array = NDArray[np.float64]

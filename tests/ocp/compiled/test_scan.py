@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.compiled.scan import Role, compile_scan
-from swarmstart.ocp.errors import InvalidProblemError
 
 Array = NDArray[np.float64]
 N, SIZE = 5, 37

@@ -14,6 +14,7 @@ from swarmstart.cases.kinds.formation_flight.pose import pose
 from swarmstart.cases.kinds.formation_flight.scenario import FormationScenario
 from swarmstart.heuristics import Pointers
 from swarmstart.ocp import Bounds, Model, OptimalControlProblem, PathConstraint
+from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.compiled import simd
 from swarmstart.ocp.compiled.casadi_map import CasadiMap
 from swarmstart.ocp.compiled.emitter import (
@@ -25,9 +26,8 @@ from swarmstart.ocp.compiled.emitter import (
 from swarmstart.ocp.compiled.engine import machine, translate
 from swarmstart.ocp.compiled.frame import Target
 from swarmstart.ocp.compiled.simd import SimdBatch, compile_flat, compile_rollout, split
-from swarmstart.ocp.compiled.vector_ir import Precision
-from swarmstart.ocp.errors import InvalidProblemError
-from swarmstart.ocp.shooting import Shooting
+from swarmstart.ocp.compiled.vectors.vector_ir import Precision
+from swarmstart.ocp.rollout.shooting import Shooting
 from swarmstart.tape import read_tape
 
 Array = NDArray[np.float64]

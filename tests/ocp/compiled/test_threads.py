@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from swarmstart.benchmarks.problems import bicycle
+from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.compiled.batch import compile_batch
 from swarmstart.ocp.compiled.threads import LEAST, in_parts, parts_of
-from swarmstart.ocp.errors import InvalidProblemError
-from swarmstart.ocp.fitness import Fitness
+from swarmstart.ocp.rollout.fitness import Fitness
 
 
 @pytest.fixture

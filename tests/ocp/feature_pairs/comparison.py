@@ -7,9 +7,9 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from swarmstart.ocp import Fitness, IpoptOptions, Known, Planner, Start
-from swarmstart.ocp.fitness import at_nodes, replay, shared_arguments
-from swarmstart.ocp.polish_options import PolishStatus
-from swarmstart.ocp.shooting import Shooting
+from swarmstart.ocp.nlp.polish_options import PolishStatus
+from swarmstart.ocp.rollout.fitness import at_nodes, replay, shared_arguments
+from swarmstart.ocp.rollout.shooting import Shooting
 from swarmstart.tests.ocp.feature_pairs.exact import exact
 from swarmstart.tests.ocp.feature_pairs.opti import solved_by_opti
 from swarmstart.tests.ocp.feature_pairs.peer import Peer, Point

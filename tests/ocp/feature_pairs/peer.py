@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.ocp.rosenbrock import GAMMA, IN_TIME, TIMES, A, C
+from swarmstart.ocp.integration.rosenbrock import GAMMA, IN_TIME, TIMES, A, C
 from swarmstart.tests.ocp.feature_pairs.stated import Limited, Stated
 
 Array = NDArray[np.float64]

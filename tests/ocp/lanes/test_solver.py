@@ -17,16 +17,16 @@ from swarmstart.ocp import (
     PathConstraint,
     Planner,
 )
+from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.compiled import scan
 from swarmstart.ocp.compiled.engine import NoCompilerError
-from swarmstart.ocp.errors import InvalidProblemError
-from swarmstart.ocp.fitness import Fitness
 from swarmstart.ocp.lanes import ddp
 from swarmstart.ocp.lanes import solver as module
 from swarmstart.ocp.lanes.answers import LaneAnswers
 from swarmstart.ocp.lanes.optima import FEASIBLE, distinct_optima
 from swarmstart.ocp.lanes.solver import LaneSolver, NoLanesError, random_starts
-from swarmstart.ocp.start import Start
+from swarmstart.ocp.nlp.start import Start
+from swarmstart.ocp.rollout.fitness import Fitness
 from swarmstart.tests.ocp.lanes.problems import (
     bryson_denham,
     cart,

@@ -8,8 +8,8 @@ from swarmstart.ocp.lanes.schedule import LaneOptions
 from swarmstart.ocp.lanes.solver import LaneSolver
 from swarmstart.ocp.lanes.stages import Kernel, stages
 from swarmstart.ocp.lanes.verdict import STEPS, verdict_kernel
-from swarmstart.ocp.shooting import shooting_of
-from swarmstart.ocp.transcription import multiple_shooting
+from swarmstart.ocp.nlp.transcription import multiple_shooting
+from swarmstart.ocp.rollout.shooting import shooting_of
 from swarmstart.tests.ocp.lanes.problems import cart
 
 pytestmark = pytest.mark.usefixtures("compiler")

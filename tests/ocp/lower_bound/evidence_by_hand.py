@@ -10,14 +10,14 @@ import casadi as ca
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from swarmstart.ocp.lower_bound.evidence import (
+from swarmstart.ocp.lower_bound.stated.evidence import (
     Evidence,
     Polynomial,
     Pruning,
     Step,
     Tube,
 )
-from swarmstart.ocp.lower_bound.statement import Statement
+from swarmstart.ocp.lower_bound.stated.statement import Statement
 
 TINY = 1e-6
 Powers = Mapping[tuple[int, int], float] | Mapping[tuple[int, int, int], float]

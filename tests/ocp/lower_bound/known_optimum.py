@@ -15,9 +15,9 @@ from swarmstart.ocp import (
     OptimalControlProblem,
     TerminalConstraint,
 )
-from swarmstart.ocp.constraints import Constraint
-from swarmstart.ocp.fitness import NOTHING
-from swarmstart.ocp.limits import Limit
+from swarmstart.ocp.common.limits import Limit
+from swarmstart.ocp.rollout.fitness import NOTHING
+from swarmstart.ocp.system.constraints import Constraint
 
 Array = NDArray[np.float64]
 Limits = tuple[Limit, Limit]

@@ -18,7 +18,7 @@ from swarmstart.ocp import (
     OptimalControlProblem,
     PathConstraint,
 )
-from swarmstart.ocp.constraints import Constraint, TerminalConstraint
+from swarmstart.ocp.system.constraints import Constraint, TerminalConstraint
 from swarmstart.tests.ocp.lower_bound import (
     constrained_optima,
     inverse_optima,

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from swarmstart.ocp.lower_bound.statement import Statement
+from swarmstart.ocp.lower_bound.stated.statement import Statement
 
 Array = NDArray[np.float64]
 Rate = Callable[[ca.SX, ca.SX, ca.SX], Sequence[ca.SX | float]]

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from swarmstart.ocp import Free, PathConstraint, solve
-from swarmstart.ocp.fitness import NOTHING
 from swarmstart.ocp.lower_bound import subsolution
 from swarmstart.ocp.lower_bound.answer import BoundKind
 from swarmstart.ocp.lower_bound.bounding import _trivial, lower_bound
@@ -17,10 +16,11 @@ from swarmstart.ocp.lower_bound.certificate import certificate_content
 from swarmstart.ocp.lower_bound.check import main
 from swarmstart.ocp.lower_bound.region import Region
 from swarmstart.ocp.lower_bound.stage import Stage
-from swarmstart.ocp.lower_bound.stating import affine_form, statement_of
+from swarmstart.ocp.lower_bound.stated.stating import affine_form, statement_of
 from swarmstart.ocp.lower_bound.subsolution import Forms, Search, Setting, worth
 from swarmstart.ocp.lower_bound.tubes.tube import tube_of
-from swarmstart.ocp.separation import disc
+from swarmstart.ocp.rollout.fitness import NOTHING
+from swarmstart.ocp.system.separation import disc
 from swarmstart.tests.ocp.lower_bound import evidence_by_hand as by_hand
 from swarmstart.tests.ocp.lower_bound.known_optimum import Symbols, stated
 from swarmstart.tests.ocp.lower_bound.scalar_optima import regulator

@@ -16,9 +16,11 @@ import pytest
 from swarmstart.ocp.lower_bound import check
 from swarmstart.ocp.lower_bound.certificate import certificate_content
 from swarmstart.ocp.lower_bound.checker.claims import expected_claims
-from swarmstart.ocp.lower_bound.evidence import Evidence
+from swarmstart.ocp.lower_bound.stated.evidence import Evidence
 from swarmstart.terminal_set.checker.file_content import digest
-from swarmstart.terminal_set.intervals import UnknownIntervalOperationError
+from swarmstart.terminal_set.interval_arithmetic.intervals import (
+    UnknownIntervalOperationError,
+)
 from swarmstart.tests.ocp.lower_bound import evidence_by_hand as by_hand
 
 

@@ -20,9 +20,11 @@ from swarmstart.ocp.lower_bound.hamiltonian import (
     Quadratic,
     settled,
 )
-from swarmstart.ocp.lower_bound.statement import Statement
-from swarmstart.ocp.lower_bound.stating import affine_form
-from swarmstart.terminal_set.intervals import UnknownIntervalOperationError
+from swarmstart.ocp.lower_bound.stated.statement import Statement
+from swarmstart.ocp.lower_bound.stated.stating import affine_form
+from swarmstart.terminal_set.interval_arithmetic.intervals import (
+    UnknownIntervalOperationError,
+)
 from swarmstart.tests.ocp.lower_bound.statements import Rate, stated
 
 Array = NDArray[np.float64]

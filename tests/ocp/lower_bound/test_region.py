@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from swarmstart.ocp.lower_bound.basis import Basis
 from swarmstart.ocp.lower_bound.bounding import lower_bound
-from swarmstart.ocp.lower_bound.evidence import Polynomial, Pruning, Step
 from swarmstart.ocp.lower_bound.region import EndSet, Region, value_interval
-from swarmstart.ocp.lower_bound.statement import Statement
+from swarmstart.ocp.lower_bound.stated.evidence import Polynomial, Pruning, Step
+from swarmstart.ocp.lower_bound.stated.statement import Statement
 from swarmstart.ocp.lower_bound.tubes.tube import tube_of
 from swarmstart.tests.ocp.lower_bound import evidence_by_hand as by_hand
 from swarmstart.tests.ocp.lower_bound.known_optimum import Symbols, stated

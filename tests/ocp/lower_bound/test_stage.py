@@ -8,8 +8,8 @@ import pytest
 from numpy.typing import NDArray
 
 from swarmstart.ocp.lower_bound.stage import Stage
-from swarmstart.ocp.lower_bound.statement import Statement
-from swarmstart.ocp.lower_bound.stating import affine_form
+from swarmstart.ocp.lower_bound.stated.statement import Statement
+from swarmstart.ocp.lower_bound.stated.stating import affine_form
 from swarmstart.tests.ocp.lower_bound.evidence_by_hand import scalar
 
 Array = NDArray[np.float64]

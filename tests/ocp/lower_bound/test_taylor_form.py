@@ -12,7 +12,9 @@ from swarmstart.ocp.lower_bound.taylor_form import (
     TaylorForm,
     least_quadratic,
 )
-from swarmstart.terminal_set.intervals import UnknownIntervalOperationError
+from swarmstart.terminal_set.interval_arithmetic.intervals import (
+    UnknownIntervalOperationError,
+)
 
 Array = NDArray[np.float64]
 

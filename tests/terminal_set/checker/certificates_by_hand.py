@@ -15,7 +15,7 @@ import numpy as np
 import scipy.linalg
 
 from swarmstart.terminal_set.checker.certificate_file import Certificate
-from swarmstart.terminal_set.tape import tape_of
+from swarmstart.terminal_set.interval_arithmetic.tape import tape_of
 
 Content = dict[str, Any]
 CHEN_REFUTED = 0.95108  # the smallest level with a point where V does not fall

@@ -17,7 +17,7 @@ from swarmstart.terminal_set.checker.deadline import (
     Deadline,
     TimeIsUpError,
 )
-from swarmstart.terminal_set.lqr import continuous_lqr
+from swarmstart.terminal_set.linear.lqr import continuous_lqr
 from swarmstart.tests.terminal_set.checker.certificates_by_hand import certificate_of
 
 flint = pytest.importorskip("flint")

@@ -6,15 +6,15 @@ from collections.abc import Iterator
 
 import pytest
 
-from swarmstart import fingerprint
 from swarmstart.cases.campaign.engine import cell_keys
 from swarmstart.cases.campaign.engine.cell_keys import key_of, modules_of_settings
-from swarmstart.cases.campaign.run_cell import run_cell
+from swarmstart.cases.campaign.running.run_cell import run_cell
 from swarmstart.cases.chapter import computations
 from swarmstart.cases.format.registry import KINDS
 from swarmstart.cases.format.scenario import read_document, resolve
+from swarmstart.machine_code import fingerprint
 
-RUN = "swarmstart.cases.campaign.flown:fly"
+RUN = "swarmstart.cases.campaign.running.flown:fly"
 SOLVE = "swarmstart.cases.campaign.trials.solvers:solve_cell"
 JOB = {
     "settings": {"kind": "transfer", "search": {"name": "de"}},
@@ -57,14 +57,14 @@ def changes(
 @pytest.mark.parametrize(
     "module",
     [
-        "swarmstart.cases.commands.compare",
-        "swarmstart.cases.commands.cli",
+        "swarmstart.cases.commands.actions.compare",
+        "swarmstart.cases.commands.front.cli",
         "swarmstart.cases.drawing.drawing",
         "swarmstart.cases.drawing.problem_figures",
         "swarmstart.cases.campaign.judging.statistics",
         "swarmstart.cases.campaign.judging.comparison",
         "swarmstart.cases.campaign.engine.cells",
-        "swarmstart.cases.campaign.run_cell",
+        "swarmstart.cases.campaign.running.run_cell",
         "swarmstart.cases.kinds.transfer.figures",
         "swarmstart.cases.kinds.formation_flight.kind",
         "swarmstart.cases.kinds.problem.kind",
@@ -81,9 +81,9 @@ def test_an_edit_of_what_no_result_depends_on_leaves_the_key(
 @pytest.mark.parametrize(
     "module",
     [
-        "swarmstart.ocp.planner",
-        "swarmstart.heuristics.de",
-        "swarmstart.kernel",
+        "swarmstart.ocp.answer.planner",
+        "swarmstart.heuristics.searches.de",
+        "swarmstart.machine_code.kernel",
         "swarmstart.cases.kinds.transfer.kind",
         "swarmstart.cases.kinds.transfer.pose",
         "swarmstart.cases.kinds.flight",

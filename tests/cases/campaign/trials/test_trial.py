@@ -30,7 +30,7 @@ from swarmstart.cases.format.kind import PlanningProblem
 from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.heuristics import Budget
 from swarmstart.ocp import Bounds, Known, Model, OptimalControlProblem
-from swarmstart.ocp.search_settings import search_settings
+from swarmstart.ocp.search.search_settings import search_settings
 
 KEYS = {
     "of", "sense", "claimed_cost", "claimed_violation", "claimed_feasible",
@@ -229,7 +229,7 @@ def test_the_plan_is_the_verified_path_at_the_grid(tmp_path: Path) -> None:
 
 def test_modules_are_those_that_names_of_the_job_stand_for() -> None:
     job = job_of("double_integrator", "lshade+ipopt")
-    assert "swarmstart.heuristics.lshade" in modules_of(job)
+    assert "swarmstart.heuristics.searches.lshade" in modules_of(job)
     peer = modules_of(job_of("double_integrator", "scipy-de"))
     assert "swarmstart.cases.campaign.trials.peers" in peer
     assert any(module.startswith("swarmstart.cases.kinds") for module in peer)

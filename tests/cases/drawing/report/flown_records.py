@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from swarmstart.cases.commands.cli import main
-from swarmstart.cases.drawing.report.surroundings import Disc, Surroundings
+from swarmstart.cases.commands.front.cli import main
+from swarmstart.cases.drawing.naming.surroundings import Disc, Surroundings
 from swarmstart.cases.drawing.report.tracks import Plane, Series, Tracks
 from swarmstart.tests.browser import chromium
 

@@ -11,7 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from swarmstart.cases.drawing.naming.surroundings import discs_of_problem
 from swarmstart.cases.drawing.report.outlook import outlook_of
+from swarmstart.cases.drawing.report.pages.run_content import RunContent, run_content
+from swarmstart.cases.drawing.report.pages.run_page import page_of
 from swarmstart.cases.drawing.report.panels_over_time import (
     number,
     reduced,
@@ -19,9 +22,6 @@ from swarmstart.cases.drawing.report.panels_over_time import (
     ticks,
 )
 from swarmstart.cases.drawing.report.player import caption, player
-from swarmstart.cases.drawing.report.run_content import RunContent, run_content
-from swarmstart.cases.drawing.report.run_page import page_of
-from swarmstart.cases.drawing.report.surroundings import discs_of_problem
 from swarmstart.cases.drawing.report.tracks import Tracks, tracks_of
 from swarmstart.cases.record.results import Record, load
 from swarmstart.tests.cases.drawing.report.flown_records import (

@@ -20,7 +20,7 @@ from swarmstart.cases.kinds.models.bank_to_turn import (
     bank_to_turn,
 )
 from swarmstart.ocp import InvalidProblemError, Model, right_hand_side
-from swarmstart.ocp.integrators import held_step
+from swarmstart.ocp.integration.integrators import held_step
 
 Array = NDArray[np.float64]
 

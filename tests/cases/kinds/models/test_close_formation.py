@@ -20,8 +20,8 @@ from swarmstart.cases.kinds.models.horseshoe_vortex import (
     InvalidAircraftError,
 )
 from swarmstart.ocp import InvalidProblemError, Model
-from swarmstart.ocp.integrators import held_step
-from swarmstart.ocp.model import right_hand_side
+from swarmstart.ocp.integration.integrators import held_step
+from swarmstart.ocp.system.model import right_hand_side
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from swarmstart.cases.format.scenario import (
 )
 from swarmstart.cases.format.yaml_reader import parse_yaml
 from swarmstart.cases.kinds.flight import flight_of
-from swarmstart.cases.kinds.problem.scenario import ProblemScenario
+from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario
 from swarmstart.ocp import Trajectory, simulate
 
 PENDULUM = """\

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from swarmstart.cases.campaign.run import run
+from swarmstart.cases.campaign.running.run import run
 from swarmstart.cases.format.scenario import InvalidScenarioError
 from swarmstart.cases.kinds.problem.pose import pose
 from swarmstart.cases.record.record import Recording

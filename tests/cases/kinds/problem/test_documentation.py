@@ -13,8 +13,8 @@ from pydantic_core import PydanticUndefined
 import swarmstart
 from swarmstart.cases.format.scenario import InvalidScenarioError, shipped
 from swarmstart.cases.format.settings import Scenario
-from swarmstart.cases.kinds.problem.scenario import ProblemScenario
-from swarmstart.cases.kinds.problem.values import Table
+from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario
+from swarmstart.cases.kinds.problem.stated.values import Table
 from swarmstart.tests.cases.kinds.problem.conftest import simulated, stated
 
 ROOT = Path(swarmstart.__file__).parent

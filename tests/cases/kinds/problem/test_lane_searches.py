@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from swarmstart.cases.campaign.library import compare
-from swarmstart.cases.campaign.run import run
+from swarmstart.cases.campaign.running.run import run
+from swarmstart.cases.campaign.studies.library import compare
 from swarmstart.cases.campaign.trials.solvers import solver_of
-from swarmstart.cases.commands.cli import main
+from swarmstart.cases.commands.front.cli import main
 from swarmstart.tests.cases.kinds.problem.conftest import scenario_of, stated
 from swarmstart.tests.ocp.lanes.problems import cart
 

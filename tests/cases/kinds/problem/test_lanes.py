@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from swarmstart.cases.campaign.run import run
-from swarmstart.cases.commands.cli import main
+from swarmstart.cases.campaign.running.run import run
+from swarmstart.cases.commands.front.cli import main
 from swarmstart.tests.cases.kinds.problem.conftest import scenario_of, stated
 
 SWING = """\

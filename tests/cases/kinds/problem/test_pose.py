@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from swarmstart.cases.campaign.run import run
+from swarmstart.cases.campaign.running.run import run
 from swarmstart.cases.kinds.problem.pose import pose
-from swarmstart.cases.kinds.problem.posed import ProblemPosed
+from swarmstart.cases.kinds.problem.stated.posed import ProblemPosed
 from swarmstart.ocp import Start
 from swarmstart.tests.cases.kinds.problem.conftest import (
     PENDULUM,

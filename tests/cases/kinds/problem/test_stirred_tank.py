@@ -2,7 +2,7 @@
 
 import pytest
 
-from swarmstart.cases.campaign.library import run
+from swarmstart.cases.campaign.studies.library import run
 from swarmstart.cases.format.scenario import shipped
 
 

@@ -6,7 +6,7 @@ import pytest
 from swarmstart.cases.format.document import shown
 from swarmstart.cases.format.scenario import InvalidScenarioError
 from swarmstart.ocp import Bounds, Model, OptimalControlProblem, Radau, solve
-from swarmstart.ocp.radau import Transcription
+from swarmstart.ocp.integration.radau import Transcription
 from swarmstart.tests.cases.kinds.problem.conftest import stated
 from swarmstart.tests.cases.kinds.problem.test_same_in_python import assert_same
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from swarmstart.cases.campaign.run import key_of, run
+from swarmstart.cases.campaign.running.run import key_of, run
 from swarmstart.cases.format.kind import CodeNotAllowedError, Posed
 from swarmstart.cases.format.scenario import InvalidScenarioError, resolved_again
 from swarmstart.cases.kinds.python.code import UserCodeError
 from swarmstart.ocp import InvalidProblemError
-from swarmstart.ocp.controller import known_at
+from swarmstart.ocp.loop.controller import known_at
 from swarmstart.tests.cases.kinds.problem.conftest import PENDULUM, stated
 from swarmstart.tests.cases.kinds.python.conftest import MODEL, Project, allowed
 

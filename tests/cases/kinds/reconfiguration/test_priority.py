@@ -21,7 +21,7 @@ from swarmstart.cases.kinds.reconfiguration.priority import (
 )
 from swarmstart.cases.kinds.reconfiguration.scenario import ReconfigurationScenario
 from swarmstart.ocp import Fitness, Known, LocalTeam, Trajectory, simulate
-from swarmstart.ocp.local_team import FAR
+from swarmstart.ocp.loop.local_team import FAR
 from swarmstart.tests.cases.kinds.flights import build
 from swarmstart.tests.cases.kinds.reconfiguration.scenarios import (
     horizon,

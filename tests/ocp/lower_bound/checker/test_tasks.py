@@ -17,7 +17,7 @@ from swarmstart.ocp.lower_bound.checker.least import lowest
 from swarmstart.ocp.lower_bound.checker.regions import Region, pruned_by
 from swarmstart.ocp.lower_bound.checker.tasks import EndTask, FaceTask, StepTask
 from swarmstart.ocp.lower_bound.checker.tube import stated_tube
-from swarmstart.ocp.lower_bound.evidence import (
+from swarmstart.ocp.lower_bound.stated.evidence import (
     Evidence,
     Polynomial,
     Pruning,

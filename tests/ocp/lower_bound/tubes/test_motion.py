@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from swarmstart.ocp.lower_bound.statement import Statement
+from swarmstart.ocp.lower_bound.stated.statement import Statement
 from swarmstart.ocp.lower_bound.tubes.faces import template_of
 from swarmstart.ocp.lower_bound.tubes.motion import Cells, motion_of, rates_over
 from swarmstart.ocp.lower_bound.tubes.tube import _directions

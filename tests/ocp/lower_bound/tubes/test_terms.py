@@ -5,7 +5,9 @@ import numpy as np
 import pytest
 
 from swarmstart.ocp.lower_bound.tubes.terms import terms_of
-from swarmstart.terminal_set.intervals import UnknownIntervalOperationError
+from swarmstart.terminal_set.interval_arithmetic.intervals import (
+    UnknownIntervalOperationError,
+)
 
 x = ca.SX.sym("x", 3)
 

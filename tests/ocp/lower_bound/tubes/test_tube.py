@@ -11,8 +11,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, HalfspaceIntersection
 
-from swarmstart.ocp.lower_bound.evidence import Tube
-from swarmstart.ocp.lower_bound.statement import Statement
+from swarmstart.ocp.lower_bound.stated.evidence import Tube
+from swarmstart.ocp.lower_bound.stated.statement import Statement
 from swarmstart.ocp.lower_bound.tubes.tube import NoTubeError, tube_of
 from swarmstart.ocp.lower_bound.tubes.tube_set import inside
 from swarmstart.tests.ocp.lower_bound.statements import (

@@ -1,0 +1,581 @@
+"""Run of one scenario: simulate, measure, judge its claims, draw and record.
+
+An interrupted run keeps its finished steps in its folder. The same run again continues
+from there, with the same bits as without the interruption.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import time as clock
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from swarmstart.cases.campaign.running.claims import judged
+from swarmstart.cases.campaign.running.planned_once import bound_of, planned_once
+from swarmstart.cases.campaign.running.run_status import status_of
+from swarmstart.cases.format.kind import Flight, Measure, Posed, SeveralPlansError
+from swarmstart.cases.format.scenario import Resolved
+from swarmstart.cases.kinds.flight import flight_of
+from swarmstart.cases.record.bound_content import (
+    CERTIFICATE,
+    bound_content,
+    compared_anew,
+    kept_bound,
+    write_certificate,
+)
+from swarmstart.cases.record.files import locked, write_arrays, write_json, write_text
+from swarmstart.cases.record.multiplier_arrays import (
+    multiplier_arrays,
+    multipliers_from,
+    told,
+)
+from swarmstart.cases.record.partial import load_partial, remove_partial, save_partial
+from swarmstart.cases.record.record import (
+    FIGURES,
+    MARK,
+    SCENARIO,
+    TRAJECTORY,
+    OccupiedFolderError,
+    Recording,
+    kept_figures,
+    require_own,
+    run_key,
+    versions,
+    withdraw,
+)
+from swarmstart.cases.record.step_table import STEPS, step_table
+from swarmstart.cases.record.trajectory_arrays import trajectory_arrays
+from swarmstart.heuristics.running.interrupts import heeded, put_off
+from swarmstart.machine_code.compile_time import Stopwatch, stopwatch
+from swarmstart.ocp import (
+    DivergedError,
+    LowerBound,
+    SearchReport,
+    Solution,
+    Step,
+    Trajectory,
+    chosen_backend,
+    collected,
+    fly,
+)
+from swarmstart.ocp.answer.bounded import BoundInterrupted
+from swarmstart.ocp.common.limits import require_seconds
+from swarmstart.ocp.common.profile import piece_at
+from swarmstart.ocp.common.progress import ProgressCallback, tell_nothing
+from swarmstart.ocp.nlp.multipliers import Multipliers, multipliers_of
+from swarmstart.ocp.search.account import StartsAccount
+
+if TYPE_CHECKING:
+    import control
+
+logger = logging.getLogger(__name__)
+
+# Work of this duration is kept even if no interrupt is handled, in seconds.
+CHECKPOINT_S = 15.0
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C during a run, whose finished steps are in its folder.
+
+    Attributes:
+        folder: The run's folder; None if the run is not recorded.
+        finished: Number of finished steps.
+        run: The finished run if only the search for its bound was interrupted, with the
+            best bound until then if there is one; else None.
+    """
+
+    def __init__(
+        self, folder: Path | None, finished: int, *, run: Run | None = None
+    ) -> None:
+        """Keep the finished steps and their folder."""
+        super().__init__(
+            f"{finished} finished steps are kept in {folder}; the same command again "
+            "goes on from there"
+            if run is None
+            else _without_bound(run)
+        )
+        self.folder = folder
+        self.finished = finished
+        self.run = run
+
+
+def _without_bound(run: Run) -> str:
+    """Return the message for a run whose bound was interrupted."""
+    kept = "" if run.folder is None else f" and kept in {run.folder}"
+    best = "no bound was proven yet" if run.bound is None else "the best one is kept"
+    return f"the run is finished{kept}; its bound was interrupted: {best}"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Run:
+    """A finished run.
+
+    Attributes:
+        resolved: The scenario as it was run.
+        seed: The seed.
+        flight: The closed loop that was run.
+        trajectory: The simulated trajectory.
+        measures: Values of the measures, by name.
+        claims: All claims of the scenario, judged if this run can judge them.
+        status: One sentence on how it ended.
+        feasible: Whether at least one planned step found a feasible plan.
+        wall_s: Wall time of building, simulating and measuring, without that of
+            compiling and of an earlier, interrupted run [s].
+        compile_s: Wall time of loading and compiling machine code [s].
+        folder: Folder of the record; None without a record.
+        figures: The figures drawn.
+        resumed: Number of steps that an earlier, interrupted run had finished.
+        multipliers: Multipliers of the first plan, if one agent plans and a solver
+            converged.
+        bound: Lower bound of the cost of any plan, if it was asked for.
+        bound_content: The bound as in run.json; that of an earlier, equal run if no
+            bound was asked for and the record has one; else None.
+    """
+
+    resolved: Resolved
+    seed: int
+    flight: Flight[Posed]
+    trajectory: Trajectory
+    measures: Mapping[str, Measure]
+    claims: list[dict[str, Any]]
+    status: str
+    feasible: bool
+    wall_s: float = 0.0
+    compile_s: float = 0.0
+    folder: Path | None = None
+    figures: tuple[Path, ...] = ()
+    resumed: int = 0
+    multipliers: Multipliers | None = None
+    bound: LowerBound | None = None
+    bound_content: Mapping[str, Any] | None = None
+
+    def __repr__(self) -> str:
+        """Return scenario, seed and how it ended in one line."""
+        name = self.resolved.scenario.name
+        return f"Run of {name}, seed {self.seed}: {self.status}"
+
+    def summary(self) -> dict[str, Any]:
+        """Return the data that `--json` prints and run.json contains."""
+        settings = self.resolved.settings
+        return {
+            "schema": 1,
+            "scenario": settings["name"],
+            "kind": settings["kind"],
+            "variant": self.resolved.variant,
+            "seed": self.seed,
+            "key": key_of(self.resolved, self.seed),
+            "search": settings["search"]["name"],
+            "polish": settings["polish"],
+            "status": self.status,
+            "measures": dict(self.measures),
+            "multipliers": told(self.multipliers),
+            "starts": self._starts(),
+            "search_lanes": self._search_lanes(),
+            "bound": None if self.bound_content is None else dict(self.bound_content),
+            "claims": self.claims,
+            "evaluations": self.measures.get("evaluations"),
+            "wall_s": self.wall_s,
+            "compile_seconds": self.compile_s,
+            "backend": backend_of(self.resolved),
+            "resumed_steps": self.resumed,
+            "versions": versions(),
+            "figures": [file.name for file in self.figures],
+            "documents": [*self.flight.documents, *self._certificates()],
+            "out": str(self.folder) if self.folder else None,
+        }
+
+    def to_time_response(self) -> Any:
+        """Return the trajectory as a `control.TimeResponseData`; see there."""
+        return self.trajectory.to_time_response()
+
+    def linearised(self, time: float) -> control.StateSpace:
+        """Return the linear system of the plant near a point of the run.
+
+        Args:
+            time: Time within the run [s].
+
+        Raises:
+            InvalidProblemError: If the time is outside of the run.
+            InvalidSystemError: As `Model.linearised`.
+        """
+        plant, at = self.flight.plant, np.array([time])
+        x, u = self.trajectory.at(time)
+        number = piece_at(time, self.trajectory.times)
+        plant = plant.with_decided(self.trajectory.decisions[number].decided)
+        signals = plant.varying(at)[: plant.model.ns, 0]
+        return plant.model.linearised(
+            x, u, parameters=plant.parameters(at)[:, 0], signals=signals, time=time
+        )
+
+    @property
+    def starts(self) -> StartsAccount | None:
+        """Results of the starts of the first plan; None if it had one start."""
+        decisions = self.trajectory.decisions
+        return decisions[0].plans[0].starts if decisions else None
+
+    @property
+    def search_report(self) -> SearchReport:
+        """Report of the search of the first plan."""
+        decisions = self.trajectory.decisions
+        return decisions[0].plans[0].search if decisions else SearchReport()
+
+    def _certificates(self) -> list[str]:
+        return [CERTIFICATE] if (self.bound_content or {}).get("certificate") else []
+
+    def _starts(self) -> dict[str, Any] | None:
+        agent = self.flight.posed.agents[0]
+        return None if self.starts is None else self.starts.told(agent.problem.sense)
+
+    def _search_lanes(self) -> dict[str, Any] | None:
+        return self.search_report.told(self.flight.posed.agents[0].problem.sense)
+
+
+def default_folder(resolved: Resolved, seed: int, root: Path) -> Path:
+    """Return root/<scenario>/<key>, the default folder of a run's record."""
+    return root / resolved.scenario.name / key_of(resolved, seed)
+
+
+def key_of(resolved: Resolved, seed: int) -> str:
+    """Return the hash of all that determines a run's result."""
+    settings = dict(resolved.settings)
+    for told_only in ("claims", "title", "source", "backend"):
+        settings.pop(told_only)
+    return run_key(settings, seed, backend_of(resolved))
+
+
+def backend_of(resolved: Resolved) -> str:
+    """Return the name of the evaluator of populations in a run."""
+    return chosen_backend(resolved.scenario.backend)
+
+
+def run(
+    resolved: Resolved,
+    *,
+    seed: int,
+    recording: Recording | None = None,
+    bound_s: float | None = None,
+    progress: ProgressCallback = tell_nothing,
+) -> Run:
+    """Simulate a scenario, measure and record it.
+
+    Args:
+        resolved: The scenario.
+        seed: The seed of all randomness.
+        recording: Folder and options of the record; None means no record and no
+            figures.
+        bound_s: Time for a lower bound of the one plan, after all other work [s]; None
+            means no bound. It changes no other result and no key.
+        progress: Callback after each step.
+
+    Raises:
+        InvalidProblemError: If that time is not a positive number.
+        SeveralPlansError: If a bound is asked for and there is more than one plan.
+        Interrupted: On Ctrl-C; the finished steps are in the folder.
+        DivergedError: If states of the plant become infinite or NaN; the finished steps
+            are in the folder.
+        OccupiedFolderError: If the folder holds anything but a record of this run.
+        CodeNotAllowedError: If the scenario runs a user's file, which is not allowed.
+        FolderInUseError: If another command writes to the folder.
+        RecordError: If a file cannot be written.
+        SwarmstartError: If the animation cannot be made on this machine.
+    """
+    require_seconds("bound", bound_s)
+    if bound_s is not None:
+        planned_once(resolved.posed(), resolved.scenario.steps)  # Else raises now.
+    if recording is None:
+        return _bounded(_run(resolved, seed, None, progress), bound_s, progress)
+    with locked(recording.folder):  # Tried before the simulation, not after it.
+        if recording.force:
+            _keep_original(resolved, recording.folder)
+        else:
+            key = key_of(resolved, seed)
+            require_own(recording.folder, key, _scenario_text(resolved))
+        finished = _run(resolved, seed, recording, progress)
+        return _bounded(finished, bound_s, progress)
+
+
+def _keep_original(resolved: Resolved, folder: Path) -> None:
+    """Raise if the folder contains the file to run, which its copy would replace."""
+    code = resolved.code
+    if code is not None and code.parent.resolve() == folder.resolve():
+        raise OccupiedFolderError(
+            folder,
+            f"{code.name} itself",
+            expected="another folder than that of the file to be run",
+            way="choose another --out",
+        )
+
+
+def _run(
+    resolved: Resolved,
+    seed: int,
+    recording: Recording | None,
+    progress: ProgressCallback,
+) -> Run:
+    """Return the run, in a folder that is locked and the run's own."""
+    with stopwatch() as watch:
+        return _timed(resolved, seed, recording, progress, watch)
+
+
+def _timed(
+    resolved: Resolved,
+    seed: int,
+    recording: Recording | None,
+    progress: ProgressCallback,
+    watch: Stopwatch,
+) -> Run:
+    """Return the run, timed by a running stopwatch."""
+    kind, scenario = resolved.kind, resolved.scenario
+    if recording is not None and recording.animation:
+        kind.check_animation(recording.animation)
+    progress(0, scenario.steps, "building")
+    with heeded():
+        flight = flight_of(resolved.posed(), scenario)
+    logger.debug("built after %.2f s", watch.seconds)
+    folder = recording.folder if recording else None
+    steps, resumed, multipliers = _flown(resolved, flight, seed, folder, progress)
+    logger.debug("simulated after %.2f s", watch.seconds)
+    try:
+        with heeded():
+            finished = _measured(resolved, flight, collected(flight.plant, steps), seed)
+            finished = replace(
+                finished,
+                wall_s=watch.seconds,
+                compile_s=watch.compile_seconds,
+                resumed=resumed,
+                multipliers=multipliers,
+            )
+            if recording is None:
+                return finished
+            drawn = _recorded(finished, recording, progress)
+            logger.debug("drawn after %.2f s", watch.seconds)
+    except KeyboardInterrupt:
+        if folder is None:
+            raise
+        raise Interrupted(folder, len(steps)) from None
+    finished = replace(
+        finished,
+        folder=recording.folder,
+        figures=tuple(drawn),
+        bound_content=_kept_bound(finished, recording.folder),
+    )
+    with put_off():
+        write_json(
+            recording.folder / MARK, finished.summary()
+        )  # Last: it marks a complete record.
+        remove_partial(recording.folder)
+    return finished
+
+
+def _kept_bound(finished: Run, folder: Path) -> Mapping[str, Any] | None:
+    """Return the bound in the record of an earlier, equal run, if it has one.
+
+    Earlier figures are kept in the same way.
+    """
+    kept = kept_bound(folder, key_of(finished.resolved, finished.seed))
+    if kept is None:
+        return None
+    try:  # A user's record can claim a bound of several plans.
+        planned_once(finished.flight.posed, finished.resolved.scenario.steps)
+    except SeveralPlansError:
+        return None
+    return compared_anew(kept, finished.flight.answer(finished.trajectory))
+
+
+def _bounded(finished: Run, seconds: float | None, progress: ProgressCallback) -> Run:
+    """Return a finished run with its bound, and add the bound to its record."""
+    if seconds is None:
+        return finished
+    flight, scenario = finished.flight, finished.resolved.scenario
+    answer, is_interrupted = flight.answer(finished.trajectory), False
+    try:
+        bound: LowerBound | None = bound_of(
+            flight.posed, scenario.steps, answer, seconds=seconds, progress=progress
+        )
+    except BoundInterrupted as stopped:
+        bound, is_interrupted = stopped.partial, True
+    if bound is not None:
+        finished = _with_bound(finished, bound, answer)
+    if is_interrupted:
+        steps = len(finished.trajectory.decisions)
+        raise Interrupted(finished.folder, steps, run=finished)
+    return finished
+
+
+def _with_bound(finished: Run, bound: LowerBound, answer: Solution) -> Run:
+    """Return a run with its bound, and write the bound to its record."""
+    folder, beside = finished.folder, answer.beside(bound)
+    with put_off():
+        file = None if folder is None else write_certificate(folder, bound)
+        content = bound_content(bound, beside, certificate=file)
+        finished = replace(finished, bound=bound, bound_content=content)
+        if folder is not None:
+            write_json(folder / MARK, finished.summary())
+    return finished
+
+
+def _measured(
+    resolved: Resolved, flight: Flight[Posed], trajectory: Trajectory, seed: int
+) -> Run:
+    """Return a run with its measures and judged claims."""
+    scenario = resolved.scenario
+    measures = resolved.kind.measure(scenario, flight, trajectory)
+    status, feasible = status_of(flight, trajectory)
+    return Run(
+        resolved=resolved,
+        seed=seed,
+        flight=flight,
+        trajectory=trajectory,
+        measures=measures,
+        claims=judged(
+            scenario.claims,
+            resolved.settings,
+            measures,
+            variant=resolved.variant,
+            undefined=resolved.kind.undefined_of(scenario),
+        ),
+        status=status,
+        feasible=feasible,
+    )
+
+
+def _flown(
+    resolved: Resolved,
+    flight: Flight[Posed],
+    seed: int,
+    folder: Path | None,
+    progress: ProgressCallback,
+) -> tuple[list[Step], int, Multipliers | None]:
+    """Return all steps, the number kept from an interrupted run, and multipliers.
+
+    The multipliers are those of the first plan.
+    """
+    key = key_of(resolved, seed)
+    kept, rng, multipliers = _kept(flight, seed, folder, key)
+    # A step and the generator's state after it are in one list, since an interrupt can
+    # come between any two statements.
+    flown = [(step, rng.bit_generator.state) for step in kept]
+    last = kept[-1] if kept else None
+    save = partial(_save, folder, key, flight, flown, multipliers)
+    saved = clock.perf_counter()
+    try:
+        with heeded() as asked_to_stop:
+            for step in fly(
+                flight.plant,
+                flight.controller,
+                flight.x0 if last is None else last.dense_states[:, -1],
+                steps=resolved.scenario.steps,
+                rng=rng,
+                done=len(kept),
+                previous=None if last is None else last.decision,
+            ):
+                if asked_to_stop():
+                    raise KeyboardInterrupt
+                flown.append((step, rng.bit_generator.state))
+                progress(len(flown), resolved.scenario.steps, "simulating")
+                if clock.perf_counter() - saved > CHECKPOINT_S:
+                    save()
+                    saved = clock.perf_counter()
+        save()  # The code below can fail or be interrupted.
+    except DivergedError:
+        save()
+        raise
+    except KeyboardInterrupt:
+        if folder is None or not flown:
+            raise
+        with contextlib.suppress(KeyboardInterrupt):  # The message follows below.
+            save()
+        raise Interrupted(folder, len(flown)) from None
+    steps = [step for step, _ in flown]
+    return steps, len(kept), multipliers if kept else _multipliers(flight, steps)
+
+
+def _multipliers(flight: Flight[Posed], steps: Sequence[Step]) -> Multipliers | None:
+    """Return the multipliers of the first plan; None if several agents plan."""
+    first, agents = steps[0].decision.plans, flight.posed.agents
+    if len(agents) != 1 or first[0].point is None:
+        return None
+    return multipliers_of(first[0].point, agents[0].problem)
+
+
+def _save(
+    folder: Path | None,
+    key: str,
+    flight: Flight[Posed],
+    flown: list[tuple[Step, Any]],
+    kept: Multipliers | None,
+) -> None:
+    """Write the finished steps, if there are any and the run has a folder."""
+    if folder is not None and flown:
+        steps, (*_, state) = zip(*flown, strict=True)
+        with put_off():
+            first = kept or _multipliers(flight, steps)
+            arrays = multiplier_arrays(first)
+            save_partial(folder, key, collected(flight.plant, steps), state, arrays)
+
+
+def _kept(
+    flight: Flight[Posed], seed: int, folder: Path | None, key: str
+) -> tuple[list[Step], np.random.Generator, Multipliers | None]:
+    """Return steps, generator and multipliers of an interrupted run.
+
+    The multipliers are those of the first plan.
+    """
+    rng = np.random.default_rng(seed)
+    kept = load_partial(folder, key, flight.plant.substeps) if folder else None
+    if kept is None:
+        return [], rng, None
+    steps, rng.bit_generator.state, arrays = kept
+    return steps, rng, multipliers_from(arrays)
+
+
+def _recorded(
+    finished: Run, recording: Recording, progress: ProgressCallback
+) -> list[Path]:
+    """Write all files but the mark, which is written last; return the figures."""
+    resolved, flight, folder = finished.resolved, finished.flight, recording.folder
+    kind, scenario = resolved.kind, resolved.scenario
+    figures = kept_figures(folder, key_of(resolved, finished.seed))
+    if figures is None:
+        withdraw(folder)
+    write_text(folder / SCENARIO, _scenario_text(resolved))
+    arrays: dict[str, NDArray[Any]] = trajectory_arrays(finished.trajectory)
+    arrays |= multiplier_arrays(finished.multipliers)
+    costs = finished.measures.get("member_costs")
+    if isinstance(costs, list):
+        arrays["member_costs"] = np.array(costs, dtype=np.float64)
+    write_arrays(folder / TRAJECTORY, arrays)
+    write_text(folder / STEPS, step_table(finished.trajectory))
+    for name, content in flight.documents.items():
+        write_text(folder / name, content)
+    drawn: list[Path] = []
+    if recording.figures:
+        progress(0, 0, "drawing")
+        drawn = kind.figures(
+            scenario,
+            flight,
+            finished.trajectory,
+            folder / FIGURES,
+            formats=recording.figure_formats,
+            progress=progress,
+        )
+    if recording.animation:
+        progress(0, 0, "animating")
+        file = folder / FIGURES / f"flight.{recording.animation}"
+        kind.animate(scenario, flight, finished.trajectory, file, progress=progress)
+        drawn.append(file)
+    return [*drawn, *(file for file in figures or () if file not in drawn)]
+
+
+def _scenario_text(resolved: Resolved) -> str:
+    """Return the resolved scenario as it is recorded."""
+    return yaml.safe_dump(dict(resolved.settings), sort_keys=False, allow_unicode=True)

@@ -1,0 +1,1 @@
+"""Studies of many runs: comparisons of solvers, the replication, bounds compared."""

@@ -1,0 +1,219 @@
+"""The cells of a comparison: every solver on every scenario, seed by seed.
+
+A scenario is compared by its one planning problem, or by whole runs in closed loop. A
+run in closed loop needs a solver that a controller can use: a search of this package,
+IPOPT, or IPOPT from random starts. Other solvers are left out and listed as such.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from swarmstart.cases.campaign.engine.cells import Cell
+from swarmstart.cases.campaign.judging.entry import Entry, entry_of
+from swarmstart.cases.campaign.studies.comparison_plan import Chosen, ComparisonPlan, Of
+from swarmstart.cases.campaign.trials.flight_trial import flight_cell
+from swarmstart.cases.campaign.trials.seeding import seed_keys
+from swarmstart.cases.campaign.trials.solver_names import IPOPT, MULTISTART, Solver
+from swarmstart.cases.campaign.trials.solvers import search_share
+from swarmstart.cases.format.document import Document
+from swarmstart.cases.format.kind import SeveralPlansError
+from swarmstart.cases.format.scenario import Resolved, resolve
+from swarmstart.cases.kinds.flight import first_problem
+from swarmstart.cases.record.files import to_json
+from swarmstart.ocp.search.many_starts import LANES
+
+Allow = Callable[[Resolved], Resolved]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Contest:
+    """A scenario with the solvers compared on it.
+
+    Attributes:
+        name: Name of the scenario, with a number if several share it.
+        resolved: The scenario, without the settings of the solvers.
+        of: "plan" or "flight".
+        entries: Cells of each solver, in the order of the solvers.
+        left_out: Names of solvers that cannot plan in its closed loop.
+    """
+
+    name: str
+    resolved: Resolved
+    of: str
+    entries: tuple[Entry, ...]
+    left_out: tuple[str, ...] = ()
+
+    @property
+    def is_seeded(self) -> bool:
+        """True if each seed is a problem of its own, with its own disturbances."""
+        return self.of == "flight" and bool(seed_keys(self.resolved.settings))
+
+
+def contest_of(
+    chosen: Chosen,
+    document: Document,
+    solvers: Sequence[Solver],
+    plan: ComparisonPlan,
+    budget: Mapping[str, float | int],
+    allow: Allow,
+) -> Contest:
+    """Return a scenario with its cells; raise if anything is invalid.
+
+    Args:
+        chosen: The scenario.
+        document: Its file.
+        solvers: The solvers.
+        plan: The plan of the comparison.
+        budget: Budget of one planning problem, as arguments of `heuristics.Budget`.
+        allow: Function that gives a scenario the permissions of the command.
+
+    Raises:
+        InvalidScenarioError: If a setting does not fit.
+        SeveralPlansError: If it is to be compared by one plan and has several.
+        CodeNotAllowedError: If it runs a user's file, which is not allowed.
+    """
+
+    def resolved(
+        assignments: Sequence[str] = (),
+        search: str | None = None,
+        polish: str | None = None,
+    ) -> Resolved:
+        return allow(
+            resolve(
+                document,
+                variant=chosen.variant,
+                search=search,
+                polish=polish,
+                assignments=[*chosen.assignments, *assignments],
+            )
+        )
+
+    base = resolved()
+    of = _of(base, chosen.of)
+    if of == "plan":
+        entries = []
+        for solver in solvers:
+            share = [f"budget={to_json(search_share(solver, budget))}"]
+            searched = share if solver.search != "none" else []
+            one = resolved(searched, search=solver.search, polish=_polish(solver))
+            entries.append(_planned(one, solver, plan, budget))
+        return Contest(
+            name=base.scenario.name, resolved=base, of=of, entries=tuple(entries)
+        )
+    flying = [solver for solver in solvers if _flies(solver)]
+    entries = []
+    for solver in flying:
+        search, assignments = _flown_by(solver, budget)
+        one = resolved(assignments, search=search, polish=_polish(solver))
+        entries.append(_flown(one, solver, plan))
+    left_out = tuple(solver.name for solver in solvers if not _flies(solver))
+    return Contest(
+        name=base.scenario.name,
+        resolved=base,
+        of=of,
+        entries=tuple(entries),
+        left_out=left_out,
+    )
+
+
+def _of(resolved: Resolved, asked: Of) -> str:
+    """Return "plan" if a scenario makes one plan only, else "flight"."""
+    posed = resolved.posed()  # Raises if it cannot be posed.
+    if asked == "flight":
+        return "flight"
+    if asked == "auto" and not posed.open_loop and resolved.scenario.steps > 1:
+        return "flight"
+    try:
+        first_problem(posed)
+    except SeveralPlansError:
+        if asked == "plan":
+            raise
+        return "flight"
+    return "plan"
+
+
+def _planned(
+    resolved: Resolved,
+    solver: Solver,
+    plan: ComparisonPlan,
+    budget: Mapping[str, float | int],
+) -> Entry:
+    return entry_of(
+        resolved,
+        solver,
+        seeds=plan.seeds,
+        budget=budget,
+        timeout_s=plan.timeout_s,
+        repair=plan.repair,
+    )
+
+
+def _flies(solver: Solver) -> bool:
+    """Return whether a controller can plan with a solver."""
+    return not solver.peer and solver.plugin in ("", IPOPT)
+
+
+def _polish(solver: Solver) -> str:
+    return "ipopt" if solver.polished else "none"
+
+
+def _flown_by(
+    solver: Solver, budget: Mapping[str, float | int]
+) -> tuple[str, list[str]]:
+    """Return the search of a run's plans, and its settings as texts for --set."""
+    share = [f"budget={to_json(search_share(solver, budget))}"]
+    polish = [f"ipopt.{key}={to_json(value)}" for key, value in solver.polish_options]
+    lanes = [f"lanes={LANES if solver.family == 'solve' else 0}"]
+    if solver.family == "solve":
+        return "default", [*lanes, *share]
+    if solver.name == MULTISTART or solver.family == "multistart":
+        return "multistart", ["search.lanes=false", *lanes, *share, *polish]
+    if solver.family == "nlp":
+        return "none", [*lanes, *polish]
+    own = [f"search.{key}={to_json(value)}" for key, value in solver.options]
+    return solver.search, [*own, *lanes, *share, *polish]
+
+
+def _flown(resolved: Resolved, solver: Solver, plan: ComparisonPlan) -> Entry:
+    """Return the cells of closed-loop runs; a seed is also that of disturbances."""
+    alone = solver.is_deterministic and not seed_keys(resolved.settings)
+    cells = [
+        flight_cell(resolved, seed, timeout_s=plan.timeout_s, by=solver.name)
+        for seed in range(1 if alone else plan.seeds)
+    ]
+    return Entry(scenario=resolved.scenario.name, solver=solver, cells=tuple(cells))
+
+
+def interleaved(contests: Sequence[Contest]) -> list[Cell]:
+    """Return all cells, scenario after scenario, and seed after seed in each.
+
+    So other load of the machine affects all solvers of a scenario alike.
+    """
+    cells = []
+    for contest in contests:
+        most = max((len(entry.cells) for entry in contest.entries), default=0)
+        cells += [
+            entry.cells[seed]
+            for seed in range(most)
+            for entry in contest.entries
+            if seed < len(entry.cells)
+        ]
+    return cells
+
+
+def with_distinct_names(contests: Sequence[Contest]) -> list[Contest]:
+    """Return the contests with distinct names if scenarios share one."""
+    seen: dict[str, int] = {}
+    named = []
+    for contest in contests:
+        seen[contest.name] = seen.get(contest.name, 0) + 1
+        count = seen[contest.name]
+        if count == 1:
+            named.append(contest)
+            continue
+        name = f"{contest.name} ({count})"
+        entries = tuple(replace(entry, scenario=name) for entry in contest.entries)
+        named.append(replace(contest, name=name, entries=entries))
+    return named

@@ -1,0 +1,326 @@
+"""Functions of the library that do what the commands `run` and `compare` do."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import cache, partial
+from pathlib import Path
+from pkgutil import resolve_name
+from types import MappingProxyType
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from swarmstart.cases.campaign.engine.cells import Cell, Outcome
+from swarmstart.cases.campaign.judging.comparison import Entry, Row, rows_of
+from swarmstart.cases.campaign.running.run import Run
+from swarmstart.cases.campaign.running.run import run as run_resolved
+from swarmstart.cases.campaign.studies.comparing import Contest, contest_of
+from swarmstart.cases.campaign.studies.comparison_plan import Chosen, ComparisonPlan
+from swarmstart.cases.campaign.trials.building import Trial, built
+from swarmstart.cases.campaign.trials.solvers import (
+    Solver,
+    budget_of,
+    search_share,
+    solvers_of,
+)
+from swarmstart.cases.campaign.trials.trial import answer_of
+from swarmstart.cases.format.kind import PlanningProblem
+from swarmstart.cases.format.scenario import Resolved, read_document, resolve
+from swarmstart.cases.record.files import to_json
+from swarmstart.cases.record.record import PNG, Recording
+from swarmstart.errors import SwarmstartError
+from swarmstart.heuristics import Budget
+from swarmstart.ocp import Known, OptimalControlProblem
+from swarmstart.ocp.common.progress import ProgressCallback, tell_nothing
+from swarmstart.ocp.search.search_settings import search_settings
+
+Scenario = str | Path
+Compared = Scenario | tuple[OptimalControlProblem, ArrayLike, *tuple[Known, ...]]
+"""A scenario; or a problem, its initial state and, if it has any, what is known."""
+NEVER_S = 10**9
+"""Time limit of a solver: as good as none [s]."""
+NO_SETTINGS: Mapping[str, Any] = MappingProxyType({})
+
+
+def run(  # noqa: PLR0913 - the options of a command
+    scenario: Scenario,
+    *,
+    seed: int,
+    out: str | Path | None = None,
+    variant: str | None = None,
+    search: str | None = None,
+    polish: str | None = None,
+    figures: bool = True,
+    figure_formats: Sequence[str] = PNG,
+    force: bool = False,
+    allow_python: bool = False,
+    bound: float | None = None,
+    settings: Mapping[str, Any] = NO_SETTINGS,
+    progress: ProgressCallback = tell_nothing,
+) -> Run:
+    """Run a scenario, measure it and judge its claims, as `swarmstart run` does.
+
+    Args:
+        scenario: Name of a shipped scenario, or path of a scenario file.
+        seed: Seed of all random numbers.
+        out: Folder of the record; None means that nothing is written or drawn.
+        variant: Variant of the scenario, as --variant; None means the default one.
+        search: Name of the search, as --search; None means that of the scenario.
+        polish: Name of the polish, as --polish; None means that of the scenario.
+        figures: Whether figures are drawn into the record.
+        figure_formats: Formats of each figure, of "png", "svg" and "pdf".
+        force: Whether files with the names of the record's are replaced, as --force.
+        allow_python: Whether a scenario of kind python may run the file that it names,
+            as --allow-python.
+        bound: Time for a lower bound of the cost of the one plan, as --bound [s]; None
+            means that no bound is sought.
+        settings: Keys and values as for --set, such as
+            {"steps": 2, "budget.evaluations": 600}.
+        progress: Callback with (finished steps, all steps, current work).
+
+    Returns:
+        The finished run: measures, claims, trajectory and settings.
+
+    Raises:
+        InvalidScenarioError: If the scenario can be read but not run.
+        UnknownScenarioError: If no scenario has that name.
+        UnreadableFileError: If its file cannot be read.
+        YamlError: If its file is not the format.
+        OccupiedFolderError: If the folder holds anything but a record of this run.
+        RecordError: If a file cannot be written.
+        CodeNotAllowedError: If the scenario runs a file and `allow_python` is false.
+        UserCodeError: If that file does not return a problem.
+        InvalidProblemError: If `bound` is not a positive number.
+        SeveralPlansError: If `bound` is given and the run makes more than one plan.
+        UnknownFormatError: If `figure_formats` has an unknown format.
+
+    Example:
+        >>> import swarmstart as ss
+        >>> finished = ss.run("double_integrator", seed=0, search="none")
+        >>> finished.status
+        'simulated to the end; the plan is a local optimum, confirmed on the finer grid'
+        >>> round(finished.measures["cost"], 3)
+        12.03
+        >>> finished.trajectory.states.shape
+        (2, 21)
+    """
+    resolved = _resolved(
+        scenario, settings, variant=variant, search=search, polish=polish
+    )
+    resolved = replace(resolved, allow_python=allow_python)
+    recording = None
+    if out is not None:
+        recording = Recording(
+            folder=Path(out),
+            figures=figures,
+            force=force,
+            figure_formats=tuple(figure_formats),
+        )
+    return run_resolved(
+        resolved, seed=seed, recording=recording, bound_s=bound, progress=progress
+    )
+
+
+def compare(  # noqa: PLR0913 - the options of a command
+    problems: Compared | Sequence[Compared] | Mapping[str, Compared],
+    solvers: str | Sequence[str],
+    *,
+    seeds: int = 10,
+    budget: str | int = "4000evals",
+    repair: bool = True,
+    allow_python: bool = False,
+    settings: Mapping[str, Any] = NO_SETTINGS,
+    progress: ProgressCallback = tell_nothing,
+) -> list[Row]:
+    """Solve problems by several solvers and seeds under equal budgets, side by side.
+
+    A scenario in closed loop, or with several agents that plan, is compared by whole
+    runs, with those of the solvers that can plan in a closed loop.
+
+    The solvers run in this process, one after another, and no result is kept. In
+    contrast, `swarmstart compare` uses several processes and continues an interrupted
+    comparison. The same seeds give the same answers in both.
+
+    Args:
+        problems: Scenarios, (problem, x0) or (problem, x0, known): one, a list, or a
+            mapping from names.
+        solvers: Names as for `swarmstart compare --solvers`, such as
+            "lshade[size=60]+ipopt", "multistart-ipopt", "solve" or "scipy-de"; one text
+            can hold several with commas between. The first is what the others are
+            compared with.
+        seeds: Number of seeds: 0, 1, ...
+        budget: Budget of one planning problem: "4000evals", "5s" or a number of
+            evaluations.
+        repair: Whether an answer that breaks a constraint between the checks is solved
+            again with a margin.
+        allow_python: As in `run`.
+        settings: Settings of the scenarios, as in `run`.
+        progress: Callback with (finished cells, all cells, name of the next one).
+
+    Returns:
+        A row for each problem and solver, in this order.
+
+    Raises:
+        UnknownSolverError: If a solver is unknown.
+        InvalidBudgetTextError: If the budget is invalid.
+        CodeNotAllowedError: If a scenario runs a file and `allow_python` is false.
+        UserCodeError: If that file does not return a problem.
+
+    Example:
+        >>> import swarmstart as ss
+        >>> rows = ss.compare("double_integrator", "ipopt, solve", seeds=1, budget=400)
+        >>> for row in rows:
+        ...     print(row.solver, row.feasible, f"{row.costs[0]:.4f}")
+        ipopt 1 12.0301
+        solve 1 12.0301
+    """
+    given = [solvers] if isinstance(solvers, str) else solvers
+    listed = [one for text in given for one in solvers_of(text)]
+    chosen = list({solver.name: solver for solver in listed}.values())
+    share = budget_of(f"{budget}evals" if isinstance(budget, int) else budget)
+    plan = ComparisonPlan(
+        scenarios=(), solvers=(), seeds=seeds, timeout_s=NEVER_S, repair=repair
+    )
+    entries, work = [], {}  # Invalid input is refused here, before anything is solved.
+    for name, problem in _named(problems).items():
+        if isinstance(problem, tuple):
+            each = [_entry(name, solver, seeds) for solver in chosen]
+            for entry in each:
+                first = _trial(problem, entry.solver, share, repair=repair)
+                work[name, entry.solver.name] = _solving(*first)
+        else:
+            contest = _contest(problem, chosen, plan, share, settings, allow_python)
+            each = [replace(entry, scenario=name) for entry in contest.entries]
+        entries.append(each)
+    every = [entry for each in entries for entry in each]
+    count = sum(len(entry.cells) for entry in every)
+    outcomes: dict[str, Outcome] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for entry in every:
+            one = work.get((entry.scenario, entry.solver.name), _carried_out)
+            for cell in entry.cells:
+                progress(len(outcomes), count, cell.label)
+                outcomes[cell.key] = _outcome(partial(one, cell, Path(folder)))
+    return [row for each in entries for row in rows_of(each, outcomes, seeds=seeds)]
+
+
+def _contest(
+    scenario: Scenario,
+    solvers: Sequence[Solver],
+    plan: ComparisonPlan,
+    budget: Mapping[str, float | int],
+    settings: Mapping[str, Any],
+    allow_python: bool,
+) -> Contest:
+    """Return the cells of a scenario."""
+    chosen = Chosen(source=str(scenario), assignments=tuple(_assignments(settings)))
+    return contest_of(
+        chosen,
+        read_document(chosen.source),
+        solvers,
+        plan,
+        budget,
+        lambda resolved: replace(resolved, allow_python=allow_python),
+    )
+
+
+def _carried_out(cell: Cell, folder: Path) -> dict[str, Any]:
+    """Return the result of a scenario's cell, computed in this process."""
+    work: Callable[..., dict[str, Any]] = resolve_name(cell.work)
+    return work(dict(cell.job), folder, **cell.permissions)
+
+
+def _resolved(
+    scenario: Scenario, settings: Mapping[str, Any], **given: Any
+) -> Resolved:
+    """Return a scenario with settings laid over it; values may be NumPy arrays."""
+    document = read_document(str(scenario))
+    return resolve(document, assignments=_assignments(settings), **given)
+
+
+def _assignments(settings: Mapping[str, Any]) -> list[str]:
+    """Return settings as texts for --set."""
+    plain = {
+        key: value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+        for key, value in settings.items()
+    }
+    return [f"{key}={to_json(value)}" for key, value in plain.items()]
+
+
+def _named(
+    problems: Compared | Sequence[Compared] | Mapping[str, Compared],
+) -> Mapping[str, Compared]:
+    """Return problems by name: that of the scenario, or "problem" and a number."""
+    if isinstance(problems, Mapping):
+        return problems
+    is_one = isinstance(problems, str | Path) or (
+        isinstance(problems, tuple) and isinstance(problems[0], OptimalControlProblem)
+    )
+    several = cast(Sequence[Compared], [problems] if is_one else problems)
+    return {
+        f"problem {number}" if isinstance(one, tuple) else str(one): one
+        for number, one in enumerate(several, 1)
+    }
+
+
+def _trial(
+    problem: tuple[Any, ...],
+    solver: Solver,
+    budget: Mapping[str, float | int],
+    *,
+    repair: bool,
+) -> tuple[PlanningProblem, Trial]:
+    """Return the planning problem, and the solver's trial with seed 0."""
+    ocp, x0, *known = problem
+    posed = PlanningProblem(
+        problem=ocp,
+        x0=np.asarray(x0, dtype=np.float64),
+        known=known[0] if known else Known(),
+    )
+    share, search = Budget(**search_share(solver, budget)), None
+    if solver.search != "none":
+        search = search_settings(solver.search, share)
+    return posed, Trial(
+        solver=solver, budget=budget, seed=0, search=search, repair=repair
+    )
+
+
+def _solving(
+    posed: PlanningProblem, first: Trial
+) -> Callable[[Cell, Path], dict[str, Any]]:
+    """Return a function that solves a problem with a cell's seed and builds it once."""
+    made = cache(partial(built, posed, first))
+
+    def solve(cell: Cell, folder: Path) -> dict[str, Any]:
+        del folder
+        return answer_of(made(), replace(first, seed=cell.job["seed"]))
+
+    return solve
+
+
+def _entry(name: str, solver: Solver, seeds: int) -> Entry:
+    """Return the cells of a solver on a problem, which are not kept."""
+    cells = [
+        Cell(
+            work="swarmstart.cases.campaign.studies.library:compare",
+            job={"problem": name, "solver": solver.name, "seed": seed},
+            label=f"{name}, {solver.name}, seed {seed}",
+        )
+        for seed in range(1 if solver.is_deterministic else seeds)
+    ]
+    return Entry(scenario=name, solver=solver, cells=tuple(cells))
+
+
+def _outcome(work: Callable[[], dict[str, Any]]) -> Outcome:
+    """Return the answer of a solver, or the reason why it failed."""
+    result, failure = None, ""
+    try:
+        result = work()
+    except SwarmstartError as error:
+        failure = str(error)
+    seconds = result["seconds"] if result else 0.0
+    return Outcome(result=result, failure=failure, seconds=seconds, folder=Path())

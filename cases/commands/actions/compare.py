@@ -1,0 +1,379 @@
+"""`swarmstart compare`: solvers side by side, same budget, paired seeds."""
+
+from __future__ import annotations
+
+import argparse
+import functools
+import json
+import shlex
+import statistics
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from swarmstart.cases.campaign.engine.cells import (
+    LOCAL,
+    Cell,
+    Outcome,
+    carried_out,
+    finished,
+)
+from swarmstart.cases.campaign.judging.comparison_file import read_comparison
+from swarmstart.cases.campaign.judging.comparison_table import report_text
+from swarmstart.cases.campaign.judging.content import content_of
+from swarmstart.cases.campaign.judging.limits import listed
+from swarmstart.cases.campaign.judging.parquet import (
+    pyarrow_module,
+    write_curves,
+    write_parquet,
+)
+from swarmstart.cases.campaign.judging.regression import regression
+from swarmstart.cases.campaign.judging.results_table import (
+    append_runs,
+    require_table,
+    tabled_runs,
+)
+from swarmstart.cases.campaign.judging.runs import About, Asked
+from swarmstart.cases.campaign.studies.bounds_compared import bounds_of
+from swarmstart.cases.campaign.studies.comparing import (
+    Contest,
+    contest_of,
+    interleaved,
+    with_distinct_names,
+)
+from swarmstart.cases.campaign.studies.comparison_plan import (
+    Chosen,
+    ComparePart,
+    ComparisonPlan,
+    chosen_of,
+    is_plan,
+    plan_in,
+)
+from swarmstart.cases.campaign.trials.solver_names import (
+    NULL_HYPOTHESIS,
+    Solver,
+    solvers_of,
+)
+from swarmstart.cases.campaign.trials.solvers import budget_of
+from swarmstart.cases.commands.options.allowing import allowing
+from swarmstart.cases.commands.terminal.output import (
+    DONE,
+    GATE,
+    INFEASIBLE,
+    answer,
+    say,
+    table_lines,
+)
+from swarmstart.cases.commands.terminal.progress import Progress
+from swarmstart.cases.commands.wording.few_seeds import too_few_seeds
+from swarmstart.cases.format.document import Document
+from swarmstart.cases.format.duration import seconds_of
+from swarmstart.cases.format.scenario import read_document
+from swarmstart.cases.record.files import (
+    is_record,
+    locked,
+    require_ours,
+    to_json,
+    write_json,
+)
+from swarmstart.errors import SwarmstartError
+
+RESULTS = Path("results") / "compare"
+TABLE, CONTENT, CELLS = "results.csv", "comparison.json", "cells"
+TYPICAL_S = 2.5
+"""Estimated time of a cell that has never been run, without a time budget [s]."""
+
+
+class SeveralPlansGivenError(SwarmstartError, ValueError):
+    """More than one plan was given."""
+
+
+class MissingOptionError(SwarmstartError, ValueError):
+    """An option has no effect without another one."""
+
+
+def compare_command(options: argparse.Namespace) -> int:
+    """Compare the solvers that the options choose; return the exit code."""
+    if (options.engine == "dask") != bool(options.scheduler):
+        raise MissingOptionError(
+            "expected --engine dask and --scheduler ADDRESS together"
+        )
+    if options.parquet:
+        pyarrow_module()  # Raise now if it is missing, not at the end.
+    plan, documents = _asked(options)
+    baseline = _baseline(options)
+    solvers = with_null_hypothesis(solvers_of(",".join(plan.solvers)))
+    budget = budget_of(plan.budget)
+    said_once = functools.cache(say)
+    contests = with_distinct_names([
+        contest_of(
+            chosen,
+            document,
+            solvers,
+            plan,
+            budget,
+            functools.partial(allowing, options=options, told=said_once),
+        )
+        for chosen, document in zip(plan.scenarios, documents, strict=True)
+    ])  # fmt: skip
+    root = Path(options.out) if options.out else RESULTS
+    require_table(root / TABLE)
+    require_ours(
+        root / CONTENT, functools.partial(is_record, name="comparison"), "a comparison"
+    )
+    cells = interleaved(contests)
+    few = too_few_seeds(contests, plan.seeds)
+    if few and not options.quiet:
+        say(few)
+    if options.dry_run:
+        answer(_dry_run(cells, root / CELLS, options.workers, budget))
+        if plan.bound_s is not None:
+            count = sum(contest.of == "plan" for contest in contests)
+            answer(f"then {count} lower bounds, {plan.bound_s:g} s each")
+        return DONE
+    with Progress("compare", quiet=options.quiet) as progress:
+        work = functools.partial(
+            carried_out,
+            root=root / CELLS,
+            workers=options.workers,
+            told=progress.update,
+            engine=options.scheduler or LOCAL,
+        )
+        outcomes = work(cells)
+        by_key = {cell.key: one for cell, one in zip(cells, outcomes, strict=True)}
+        bounds = bounds_of(contests, by_key, plan.bound_s, work)
+    content = _content(contests, by_key, bounds, plan, budget, options)
+    if baseline is not None:
+        old, path = baseline
+        content["regression"] = regression(
+            old, content, margin=options.margin, against=path
+        )
+    table = _write(root, content, contests, by_key, parquet=options.parquet)
+    _say_what_is_left_out(contests, plan)
+    answer(
+        to_json(content)
+        if options.json
+        else _report(content, table, times=options.times)
+    )
+    return _exit_code(content, options)
+
+
+def _asked(options: argparse.Namespace) -> tuple[ComparisonPlan, list[Document]]:
+    """Return the plan that the options and a plan among the scenarios make together."""
+    names = list(dict.fromkeys(options.scenarios))
+    read = {name: read_document(name) for name in names}
+    plans = [name for name in names if is_plan(read[name])]
+    if len(plans) > 1:
+        raise SeveralPlansGivenError(
+            f"expected at most one plan, found {len(plans)}: {', '.join(plans)}"
+        )
+    part = plan_in(read[plans[0]]) if plans else ComparePart(scenarios=["-"])
+    scenarios = chosen_of(part, options.assignments) if plans else []
+    scenarios += [
+        Chosen(
+            source=name,
+            of=options.of or part.of or "auto",
+            variant=options.variant or part.variant,
+            assignments=tuple(options.assignments),
+        )
+        for name in names
+        if name not in plans
+    ]
+    default = ComparisonPlan(scenarios=(), solvers=(options.default_solvers,))
+    plan = ComparisonPlan(
+        scenarios=tuple(scenarios),
+        solvers=(options.solvers,) if options.solvers
+        else tuple(part.solvers or default.solvers),
+        seeds=options.seeds or part.seeds or default.seeds,
+        budget=options.budget or part.budget or default.budget,
+        timeout_s=options.timeout or part.timeout_s or default.timeout_s,
+        repair=next(
+            one for one in (options.repair, part.repair, default.repair)
+            if one is not None
+        ),
+        known=part.known,
+        bound_s=_bound_s(part.bound if options.bound is None else options.bound),
+    )  # fmt: skip
+    documents = [
+        read[one.source] if one.source in read else read_document(one.source)
+        for one in scenarios
+    ]
+    return plan, documents
+
+
+def _bound_s(given: str | float | None) -> float | None:
+    return None if given is None else seconds_of(str(given))
+
+
+def with_null_hypothesis(solvers: Sequence[Solver]) -> list[Solver]:
+    """Return the solvers with IPOPT from random starts among them, at the end if new.
+
+    A search is worth its time only if it is better than that.
+    """
+    if any(solver.name.startswith(NULL_HYPOTHESIS) for solver in solvers):
+        return list(solvers)
+    return [*solvers, *solvers_of(NULL_HYPOTHESIS)]
+
+
+def _baseline(options: argparse.Namespace) -> tuple[Mapping[str, Any], str] | None:
+    """Return the earlier comparison and its path; None if there is no --baseline."""
+    if options.baseline is None:
+        if options.fail_on:
+            raise MissingOptionError(
+                "expected --baseline with --fail-on regression: an earlier comparison"
+            )
+        return None
+    path = Path(options.baseline)
+    file = path / CONTENT if path.is_dir() else path
+    return read_comparison(file), str(options.baseline)
+
+
+def _dry_run(
+    cells: Sequence[Cell], root: Path, workers: int, budget: Mapping[str, float | int]
+) -> str:
+    """Return the number of runs, of those kept from before, and the estimated time."""
+    distinct = {cell.key: cell for cell in cells}
+    kept = [finished(cell, root) for cell in distinct.values()]
+    seconds = [outcome.seconds for outcome in kept if outcome is not None]
+    missing = len(kept) - len(seconds)
+    each = statistics.median(seconds) if seconds else budget.get("seconds", TYPICAL_S)
+    left = missing * each / workers
+    time = f"{left / 60:.0f} min" if left >= 120 else f"{left:.0f} s"  # noqa: PLR2004
+    lines = [f"{len(kept)} runs: {len(seconds)} kept, {missing} to be done"]
+    lines.append(f"about {time} with {workers} processes")
+    return "\n".join(lines)
+
+
+def _content(
+    contests: Sequence[Contest],
+    outcomes: Mapping[str, Outcome],
+    bounds: Mapping[str, Mapping[str, Any]],
+    plan: ComparisonPlan,
+    budget: Mapping[str, float | int],
+    options: argparse.Namespace,
+) -> dict[str, Any]:
+    asked = Asked(
+        seeds=tuple(range(plan.seeds)),
+        budget=budget,
+        budget_text=plan.budget,
+        command=shlex.join(["swarmstart", *options.words]),
+    )
+    about = {
+        contest.name: About(
+            title=contest.resolved.scenario.title,
+            kind=contest.resolved.scenario.kind,
+            variant=contest.resolved.variant,
+            of=contest.of,
+            known_cost=_known(contest, plan, outcomes),
+            bound=bounds.get(contest.name),
+            is_seeded=contest.is_seeded,
+        )
+        for contest in contests
+    }
+    content = content_of([c.entries for c in contests], outcomes, asked, about)
+    content["limits"] += [
+        f"{contest.name}: {', '.join(contest.left_out)} solve single planning problems "
+        "only, and are left out of its flights"
+        for contest in contests
+        if contest.left_out
+    ]
+    content["limits"] += _unbounded(contests, plan)
+    return content
+
+
+def _unbounded(contests: Sequence[Contest], plan: ComparisonPlan) -> list[str]:
+    """Return a sentence for scenarios that get no bound although one was asked for."""
+    flown = [one.name for one in contests if one.of == "flight"]
+    if plan.bound_s is None or not flown:
+        return []
+    return [f"A lower bound is of one plan; whole flights have none: {listed(flown)}."]
+
+
+def _known(
+    contest: Contest, plan: ComparisonPlan, outcomes: Mapping[str, Outcome]
+) -> float | None:
+    """Return the known cost of the plan, with the sign of a cost to be minimised."""
+    known = plan.known.get(contest.name)
+    if known is None:
+        return None
+    results = [outcomes[c.key].result for e in contest.entries for c in e.cells]
+    sense = next((one["sense"] for one in results if one is not None), 1)
+    return float(sense * known)
+
+
+def _write(
+    root: Path,
+    content: Mapping[str, Any],
+    contests: Sequence[Contest],
+    outcomes: Mapping[str, Outcome],
+    *,
+    parquet: bool,
+) -> Path:
+    """Append the runs to the table; return its path. Keep an earlier comparison."""
+    entries = [entry for contest in contests for entry in contest.entries]
+    runs = list(tabled_runs(entries, outcomes))
+    with locked(root):
+        table = append_runs(root / TABLE, runs)
+        _put_aside(root / CONTENT, content)
+        write_json(root / CONTENT, content)
+        if parquet:
+            write_parquet(table, root / "results.parquet")
+            write_curves(runs, root / "curves.parquet")
+    return table
+
+
+def _put_aside(file: Path, content: Mapping[str, Any]) -> None:
+    """Rename an earlier comparison by another command after its date."""
+    try:
+        earlier = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return
+    if earlier.get("command") == content["command"]:
+        return
+    stamp = "".join(c for c in str(earlier.get("date")) if c.isalnum())
+    aside, number = file.with_name(f"comparison-{stamp}.json"), 2
+    while aside.exists():  # Two within a second.
+        aside = file.with_name(f"comparison-{stamp}-{number}.json")
+        number += 1
+    file.rename(aside)
+
+
+def _say_what_is_left_out(contests: Sequence[Contest], plan: ComparisonPlan) -> None:
+    for sentence in _unbounded(contests, plan):
+        say(sentence)
+    for contest in contests:
+        if contest.left_out:
+            say(
+                f"{contest.name} is compared by whole flights; left out, since they "
+                f"solve single planning problems only: {', '.join(contest.left_out)}"
+            )
+
+
+def _report(content: Mapping[str, Any], table: Path, *, times: bool) -> str:
+    """Return the result as text; without wall times it is the same on every run."""
+    lines = [report_text(content, times=times), ""]
+    found = content["regression"]
+    if found is not None:
+        lines += [f"against {found['against']}"]
+        lines += [*table_lines([_change(row) for row in found["rows"]]), ""]
+    lines += [f"results  {table}"]
+    lines += [f"page     swarmstart report {shlex.quote(str(table.parent))}"]
+    return "\n".join(lines)
+
+
+def _change(row: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the change of a quantity as a row of a table."""
+    names = (row["scenario"], row["solver"], row["quantity"], row["verdict"])
+    return (*names, row["words"])
+
+
+def _exit_code(content: Mapping[str, Any], options: argparse.Namespace) -> int:
+    found = content["regression"]
+    if options.fail_on and found is not None and found["is_regression"]:
+        worse = sum(row["verdict"] == "worse" for row in found["rows"])
+        say(f"gate failed: regression in {worse} of {len(found['rows'])} comparisons")
+        return GATE
+    unsolved = any(
+        not any(row["feasible"] for row in one["rows"]) for one in content["scenarios"]
+    )
+    return INFEASIBLE if unsolved else DONE

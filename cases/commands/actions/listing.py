@@ -1,0 +1,268 @@
+"""`swarmstart list`: scenarios, searches, polishes, measures and kinds.
+
+Imports nothing heavy: scenarios are not parsed, their first keys are found in the text.
+"""
+
+import argparse
+import json
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from swarmstart.cases.commands.options.topics import TOPICS
+from swarmstart.cases.commands.terminal.output import DONE, answer, wrapped_table
+from swarmstart.cases.commands.wording.measure_list import (
+    measures_of_kinds,
+    measures_of_one,
+)
+from swarmstart.cases.commands.wording.run_times import RUN_TIMES_S, rough
+from swarmstart.cases.format.document import meant, shown
+from swarmstart.cases.format.registry import KINDS, POLISHES, SEARCHES
+from swarmstart.cases.format.scenario import shipped
+from swarmstart.errors import SwarmstartError
+
+SCHEMA = 2
+"""Version of what --json prints."""
+KIND_TITLES = {
+    "problem": "any system, written in YAML: one plan or a closed loop",
+    "python": "any system, built by a function in a Python file of your own",
+    "formation_flight": "UAVs that take their slots in a formation behind a leader",
+    "close_formation": "a wingman in the vortex of its leader",
+    "reconfiguration": "UAVs that change the shape of their formation",
+    "transfer": "UAVs that change places without a collision",
+}
+"""Kinds of scenario in a few words."""
+_TITLE = re.compile(r"^title: *[\"']?(.*?)[\"']? *$", re.MULTILINE)
+_KIND = re.compile(r"^kind: *(\w+)", re.MULTILINE)
+_VARIANTS = re.compile(r"^variants: *\n((?:(?: +.*)?\n)*)", re.MULTILINE)
+_VARIANT = re.compile(r"^  (\w+):", re.MULTILINE)
+
+Entry = dict[str, Any]
+"""Facts about a scenario, a search, a measure or a kind."""
+
+
+class NothingListedError(SwarmstartError, LookupError):
+    """Nothing in the list contains the text asked for."""
+
+
+class Asked(NamedTuple):
+    """A request to the list.
+
+    Attributes:
+        topic: One of TOPICS; empty: all of them.
+        text: Only entries that contain it; empty: all.
+        kind: Only scenarios and measures of this kind; None: of all.
+    """
+
+    topic: str
+    text: str
+    kind: str | None = None
+
+    @property
+    def is_overview(self) -> bool:
+        """True if no topic, text or kind is asked for."""
+        return not self.topic and not self.text and self.kind is None
+
+
+def list_command(options: argparse.Namespace) -> int:
+    """List what the options ask for; return the exit code.
+
+    Raises:
+        NothingListedError: If nothing fits.
+    """
+    asked = _asked(options)
+    found = listing(asked)
+    if options.json:
+        answer(json.dumps({"schema": SCHEMA, **found}))
+    elif asked.is_overview:
+        answer(_overview(found))
+    else:
+        answer("\n\n".join(_sections(found)))
+    return DONE
+
+
+def _asked(options: argparse.Namespace) -> Asked:
+    """Return the request; a first word that is no topic is searched for everywhere."""
+    topic, text = options.topic, options.text
+    if topic not in TOPICS:
+        topic, text = "", " ".join(filter(None, (topic, text)))
+    return Asked(topic, text, options.kind)
+
+
+def listing(asked: Asked) -> dict[str, dict[str, Any]]:
+    """Return the entries asked for: topic -> name -> entry; measures by kind.
+
+    Raises:
+        NothingListedError: If there is none.
+    """
+    makers: dict[str, Callable[[Asked], dict[str, Any]]] = {
+        "scenarios": _scenarios,
+        "searches": _searches,
+        "polishes": _polishes,
+        "measures": _measures,
+        "kinds": _kinds,
+    }
+    topics = [asked.topic] if asked.topic else [*makers]
+    if asked.kind is not None and not asked.topic:
+        topics = ["scenarios", "measures"]
+    found = {topic: makers[topic](asked) for topic in topics}
+    if not any(found.values()):
+        raise NothingListedError(_nothing(asked))
+    return found
+
+
+def scenario_entry(path: Path) -> Entry:
+    """Return title, kind, variants and run time of a shipped scenario.
+
+    Args:
+        path: Its file, of which only some lines are looked at.
+    """
+    text = path.read_text(encoding="utf-8")
+    title, kind = _TITLE.search(text), _KIND.search(text)
+    variants = _VARIANTS.search(text)
+    return {
+        "title": title[1] if title else "",
+        "kind": kind[1] if kind else "",
+        "variants": _VARIANT.findall(variants[1]) if variants else [],
+        "run_time_s": RUN_TIMES_S.get(path.stem),
+    }
+
+
+def _scenarios(asked: Asked) -> dict[str, Entry]:
+    entries = {name: scenario_entry(path) for name, path in shipped().items()}
+    return {
+        name: entry
+        for name, entry in entries.items()
+        if asked.kind in (None, entry["kind"])
+        and _contains(asked.text, "scenarios", name, entry["title"], entry["kind"])
+    }
+
+
+def _searches(asked: Asked) -> dict[str, Entry]:
+    return _titled({name: entry.title for name, entry in SEARCHES.items()}, asked)
+
+
+def _polishes(asked: Asked) -> dict[str, Entry]:
+    return _titled(POLISHES, asked)
+
+
+def _titled(entries: Mapping[str, str], asked: Asked) -> dict[str, Entry]:
+    return {
+        name: {"title": title}
+        for name, title in entries.items()
+        if _contains(asked.text, name, title)
+    }
+
+
+def _measures(asked: Asked) -> dict[str, dict[str, Entry]]:
+    """Return measures by kind; of a scenario or a file, its own ones are among them."""
+    kinds = [asked.kind] if asked.kind else [*KINDS]
+    every = measures_of_kinds(kinds)
+    if asked.topic and asked.text in every:
+        return {asked.text: every[asked.text]}
+    if asked.topic and (asked.text in shipped() or asked.text.endswith(".yaml")):
+        return measures_of_one(asked.text)
+    found = {
+        kind: {
+            name: entry
+            for name, entry in measures.items()
+            if _contains(asked.text, f"measures of {kind}", name, entry["meaning"])
+        }
+        for kind, measures in every.items()
+    }
+    return {kind: measures for kind, measures in found.items() if measures}
+
+
+def _kinds(asked: Asked) -> dict[str, Entry]:
+    kinds = [scenario_entry(path)["kind"] for path in shipped().values()]
+    return {
+        kind: {"title": KIND_TITLES[kind], "scenarios": kinds.count(kind)}
+        for kind in KINDS
+        if _contains(asked.text, "kinds", kind, KIND_TITLES[kind])
+        and asked.kind in (None, kind)
+    }
+
+
+def _contains(text: str, *parts: str) -> bool:
+    return text.casefold() in "\n".join(parts).casefold()
+
+
+def _nothing(asked: Asked) -> str:
+    """Return the message if nothing fits."""
+    known = [*TOPICS, *shipped(), *SEARCHES, *POLISHES, *KINDS]
+    topic = f" {asked.topic}" if asked.topic else ""
+    hint = meant(asked.text, known, otherwise=f"see swarmstart list{topic}")
+    of_kind = "" if asked.kind is None else f" of kind {asked.kind}"
+    place = f"the list of {asked.topic}{of_kind}" if asked.topic else "the list"
+    return f"expected a text that {place} contains, found {shown(asked.text)}; {hint}"
+
+
+def _overview(found: Mapping[str, Any]) -> str:
+    """Return how many entries each topic has, and how to go on."""
+    measures = {name for of_kind in found["measures"].values() for name in of_kind}
+    counts = {topic: len(found[topic]) for topic in TOPICS} | {
+        "measures": len(measures)
+    }
+    commands = [
+        ("swarmstart list scenarios", f"{counts['scenarios']} scenarios, to run"),
+        ("swarmstart list searches", f"{counts['searches']} search algorithms"),
+        ("swarmstart list polishes", f"{counts['polishes']} choices of a local solver"),
+        ("swarmstart list measures", f"{counts['measures']} measures of results"),
+        ("swarmstart list kinds", f"{counts['kinds']} kinds of scenario"),
+        ("swarmstart list TEXT", "all entries that contain a text"),
+        ("swarmstart run pendulum", "run a scenario, here pendulum"),
+        ("swarmstart new NAME", "write a scenario of your own"),
+    ]
+    width = max(len(command) for command, _ in commands)
+    return "\n".join(f"{command.ljust(width)}   {what}" for command, what in commands)
+
+
+def _sections(found: Mapping[str, Any]) -> Iterable[str]:
+    """Yield the entries topic by topic; scenarios and measures by kind."""
+    for topic, entries in found.items():
+        if topic == "scenarios":
+            yield from _scenario_sections(entries)
+        elif topic == "measures":
+            for kind, measures in entries.items():
+                rows = [(name, _told(entry)) for name, entry in measures.items()]
+                yield _section(f"measures of {kind}", rows)
+        elif entries:
+            rows = [(name, _title(entry)) for name, entry in entries.items()]
+            yield _section(topic, rows)
+
+
+def _scenario_sections(entries: Mapping[str, Entry]) -> Iterable[str]:
+    for kind in KINDS:
+        rows = [
+            (name, rough(entry["run_time_s"]), _title(entry))
+            for name, entry in entries.items()
+            if entry["kind"] == kind
+        ]
+        if rows:
+            yield _section(f"scenarios of kind {kind} (name, run time, title)", rows)
+
+
+def _title(entry: Entry) -> str:
+    """Return a title, with the variants or the number of scenarios."""
+    said = str(entry["title"])
+    if entry.get("variants"):
+        said += f" (variants: {', '.join(entry['variants'])})"
+    if entry.get("scenarios"):
+        said += f" ({entry['scenarios']} scenarios)"
+    return said
+
+
+def _told(entry: Entry) -> str:
+    """Return what a measure means, with its unit."""
+    return f"{entry['meaning']}{unit_text(entry['unit'])}"
+
+
+def unit_text(unit: str) -> str:
+    """Return a unit in brackets after a space; empty without one."""
+    return f" [{unit}]" if unit else ""
+
+
+def _section(heading: str, rows: Sequence[tuple[str, ...]]) -> str:
+    """Return a heading and its rows."""
+    return "\n".join([heading, *wrapped_table(rows)])

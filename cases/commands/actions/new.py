@@ -1,0 +1,121 @@
+"""`swarmstart new`: a commented scenario to start from."""
+
+import argparse
+import importlib.resources
+import re
+import shlex
+from collections.abc import Mapping
+from pathlib import Path
+
+from swarmstart.cases.commands.terminal.output import DONE, answer
+from swarmstart.cases.format.document import printable, shown
+from swarmstart.cases.format.scenario import LONGEST_NAME, shipped
+from swarmstart.cases.record.files import RecordError, write_text
+from swarmstart.errors import SwarmstartError
+
+ENDINGS = (".yaml", ".yml")
+_NAME = re.compile(rf"[A-Za-z0-9_][A-Za-z0-9_-]{{0,{LONGEST_NAME - 1}}}")
+_FILES = {
+    "problem": {"problem.yaml": ""},
+    "python": {"python.yaml": "", "python.py.txt": ".py"},
+    "formation_flight": {"formation_flight.yaml": ""},
+}
+"""Kind -> template -> ending of the file; empty: that of the scenario."""
+_BEGINNINGS = {
+    "close_formation": "close_formation",
+    "reconfiguration": "reconfiguration",
+    "transfer": "swap_5",
+}
+"""Kind without a template -> shipped scenario to start from."""
+
+
+class NoTemplateError(SwarmstartError, ValueError):
+    """A kind for which there is no scenario to start from."""
+
+
+class InvalidNameError(SwarmstartError, ValueError):
+    """A name that no new scenario can have."""
+
+
+class ExistingFileError(RecordError):
+    """A file that would be replaced."""
+
+
+def new_command(options: argparse.Namespace) -> int:
+    """Write the files, and print them with the next two commands; return the exit code.
+
+    Raises:
+        InvalidNameError: If the name has other characters than letters, digits, "_" and
+            "-", or is that of a shipped scenario.
+        NoTemplateError: If the kind has no template.
+        RecordError: If a file exists, and --force is not given, or cannot be written.
+    """
+    texts = new_files(options.name, kind=options.kind)
+    present = [file for file in texts if file.exists() or file.is_symlink()]
+    if present and not options.force:
+        raise ExistingFileError(
+            f"{present[0]}: expected a new file, found one; choose another name, or "
+            "replace it with --force"
+        )
+    for file, text in texts.items():
+        _write(file, text)
+    file = next(iter(texts))
+    written = " and ".join(printable(str(name)) for name in texts)
+    typed = shlex.quote(str(file))
+    run = f"{typed} --allow-python" if options.kind == "python" else typed
+    answer(
+        f"Wrote {written}. Next:\n  swarmstart check {typed}\n  swarmstart run {run}"
+    )
+    return DONE
+
+
+def new_files(name: str, *, kind: str) -> Mapping[Path, str]:
+    """Return the files of a new scenario, the scenario itself first: file -> text.
+
+    Args:
+        name: The name of the scenario, or the path of its file.
+        kind: A kind of scenario.
+
+    Raises:
+        InvalidNameError: As of `new_command`.
+        NoTemplateError: As of `new_command`.
+    """
+    if kind not in _FILES:
+        raise NoTemplateError(
+            f"expected --kind {', '.join(_FILES)}; found {kind}, without a template; "
+            f"start from: swarmstart run {_BEGINNINGS[kind]} --print-config > NAME.yaml"
+        )
+    file = Path(name)
+    if file.suffix not in ENDINGS:
+        file = file.with_name(f"{file.name}.yaml") if file.name else file
+    stem = file.stem
+    if not _NAME.fullmatch(stem) or name.endswith(("/", "\\")):
+        raise InvalidNameError(
+            "expected NAME of letters, digits, _ and -, at most "
+            f"{LONGEST_NAME} characters, perhaps after a folder; found {shown(name)}"
+        )
+    if stem in shipped():
+        raise InvalidNameError(
+            f"expected a NAME that no shipped scenario has, found {shown(stem)}; "
+            "swarmstart list scenarios shows them"
+        )
+    templates = importlib.resources.files("swarmstart.cases.commands") / "templates"
+    return {
+        file.with_suffix(ending) if ending else file: (templates / template)
+        .read_text(encoding="utf-8")
+        .replace("NAME", stem)
+        for template, ending in _FILES[kind].items()
+    }
+
+
+def _write(file: Path, text: str) -> None:
+    """Write a file into a folder that exists.
+
+    Raises:
+        RecordError: If that is not possible.
+    """
+    if not file.parent.is_dir():
+        raise RecordError(
+            f"{file.parent}: expected a folder to write to; there is no such folder"
+        )
+    write_text(file, text)

@@ -1,0 +1,390 @@
+"""The parser of the whole command line; imports nothing heavy.
+
+`parser()` returns it without running anything, for the reference and for completion.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable
+from typing import NamedTuple, NoReturn
+
+from swarmstart.cases.commands.front import invocations
+from swarmstart.cases.commands.front.parsing import (
+    HelpFormatter,
+    Parser,
+    subcommands_of,
+)
+from swarmstart.cases.commands.front.run_options import (
+    add_compare,
+    add_replicate,
+    add_run,
+)
+from swarmstart.cases.commands.options.topics import SHELLS, TOPICS
+from swarmstart.cases.commands.terminal.output import DONE, answer
+from swarmstart.cases.format.registry import KINDS
+
+RESULTS = "results"
+"""Folder of all records by default."""
+
+EXIT_CODES = """\
+exit codes:
+    0  done
+    1  internal error
+    2  wrong usage or invalid input
+    3  finished, but a gate failed: a claim with `gate: true`, or --fail-on
+    4  no feasible or no confirmed solution
+    5  a file could not be read or written
+  130  interrupted; finished work is kept"""
+
+_TOP = f"""\
+examples:
+  swarmstart list scenarios             what can be run at once
+  swarmstart run pendulum               solve it; figures and a record on disk
+  swarmstart open results               look at the newest figures
+  swarmstart new mine                   write mine.yaml, a problem to start from
+  swarmstart COMMAND --help             options of a command, with examples
+
+{EXIT_CODES}"""
+
+_RUN = """\
+examples:
+  swarmstart run pendulum
+  swarmstart run formation_obstacle --variant literal --search ga --seed 3
+  swarmstart run mine.yaml --set prediction.intervals=80 --out my_run
+  swarmstart run two_drones --seeds 20 --measures
+  swarmstart run pendulum --json --no-figures --fail-on 'cost > 37'
+
+A run that was interrupted continues if you give the same command again.
+Exit code 3: a gate failed; 4: no feasible or no confirmed solution."""
+
+_REPLICATE = """\
+examples:
+  swarmstart replicate --quick
+  swarmstart replicate --seeds 10 --workers 4
+  swarmstart replicate --only 9
+
+Finished runs are kept: the same command again does only the missing ones.
+Exit code 3: a verdict differs from the expected one, or a run failed."""
+
+_COMPARE = """\
+examples:
+  swarmstart compare passing_side --solvers lshade+ipopt,ipopt
+  swarmstart compare pendulum mine.yaml --seeds 20 --budget 2s
+  swarmstart compare my_plan.yaml --dry-run
+
+Finished runs are kept: the same command again does only the missing ones.
+Exit code 3: a regression against --baseline; 4: no solver has solved one of
+the scenarios."""
+
+_REPORT = """\
+examples:
+  swarmstart report results/pendulum/916ba650e7ef81b6
+  swarmstart report results/compare --format html --out pages"""
+
+_LIST = """\
+examples:
+  swarmstart list
+  swarmstart list scenarios --kind problem
+  swarmstart list scenarios drone
+  swarmstart list measures formation_flight
+  swarmstart list measures pendulum
+  swarmstart list shade"""
+
+_CHECK = """\
+examples:
+  swarmstart check mine.yaml
+  swarmstart check formation_v close_formation
+
+Exit code 2: a scenario is invalid; 5: a file could not be read."""
+
+_SCHEMA = """\
+examples:
+  swarmstart schema > problem.schema.json
+  swarmstart schema formation_flight
+
+With it an editor completes keys and marks wrong ones while you type."""
+
+_CACHE = """\
+examples:
+  swarmstart cache
+  swarmstart cache --clear"""
+
+_NEW = """\
+examples:
+  swarmstart new mine                   writes mine.yaml
+  swarmstart new mine --kind python     writes mine.yaml and mine.py
+  swarmstart new mine --kind formation_flight
+
+Then: swarmstart check mine.yaml, and swarmstart run mine.yaml."""
+
+_OPEN = """\
+examples:
+  swarmstart open results               the newest record
+  swarmstart open results/pendulum/916ba650e7ef81b6
+
+The page that `swarmstart report` wrote is opened if there is one, otherwise
+the first figure. The path is always printed; without a display nothing else
+happens, and the exit code is 0. Exit code 5: there is nothing to open."""
+
+_COMPLETION = """\
+to install it:
+  bash   swarmstart completion bash >> ~/.bash_completion
+  zsh    swarmstart completion zsh > ~/.zfunc/_swarmstart
+         with these lines in ~/.zshrc:
+           fpath=(~/.zfunc $fpath)
+           autoload -U compinit && compinit
+  tcsh   swarmstart completion tcsh > ~/.swarmstart.tcsh
+         with this line in ~/.tcshrc:
+           source ~/.swarmstart.tcsh
+
+Then open a new terminal. It needs the package shtab:
+  pip install 'swarmstart[completion]' (in a clone: pip install '.[completion]')"""
+
+
+class Subcommand(NamedTuple):
+    """A command: its texts, its options, and the function that carries it out.
+
+    Attributes:
+        help: One line, for the list of commands.
+        about: What it does, in full sentences.
+        epilog: Examples and exit codes.
+        add: Adds its options to a parser.
+        command: Options -> exit code.
+    """
+
+    help: str
+    about: str
+    epilog: str
+    add: Callable[[argparse.ArgumentParser], None]
+    command: Callable[[argparse.Namespace], int]
+
+
+def parser() -> Parser:
+    """Return the parser of the whole command line."""
+    top = Parser(
+        prog="swarmstart",
+        description="Solve nonlinear optimal-control problems: a population search "
+        "finds the start, IPOPT polishes it, a finer integration checks the answer.",
+        epilog=_TOP,
+        formatter_class=HelpFormatter,
+    )
+    top.add_argument(
+        "--version", action=_Version, nargs=0,
+        help="print the versions of swarmstart and of the packages it rests on",
+    )  # fmt: skip
+    common = Parser(add_help=False)
+    common.add_argument(
+        "--debug", action="store_true", help="show tracebacks and timings of the parts"
+    )
+    commands = top.add_subparsers(required=True, metavar="COMMAND", title="commands")
+    for name, one in SUBCOMMANDS.items():
+        made = commands.add_parser(
+            name,
+            help=one.help,
+            description=one.about,
+            epilog=one.epilog,
+            formatter_class=HelpFormatter,
+            parents=[common],
+        )
+        one.add(made)
+        made.set_defaults(command=one.command, parser=made, top=top)
+    return top
+
+
+def subcommands() -> dict[str, argparse.ArgumentParser]:
+    """Return the parser of each command by its name, in the order of the help."""
+    return subcommands_of(parser())
+
+
+def _add_report(report: argparse.ArgumentParser) -> None:
+    report.add_argument(
+        "folders", nargs="+", metavar="DIR",
+        help="folder that run, compare or replicate wrote (their --out); of a folder "
+        "of records, the newest is taken",
+    )  # fmt: skip
+    report.add_argument(
+        "--format", choices=["html", "md", "latex"], action="append", default=[],
+        dest="formats",
+        help="format of the page; repeatable (default: html and md)",
+    )  # fmt: skip
+    report.add_argument(
+        "--out", metavar="DIR",
+        help="folder to write the files to (default: each record's own folder)",
+    )  # fmt: skip
+
+
+def _add_list(listing: argparse.ArgumentParser) -> None:
+    listing.add_argument(
+        "topic", nargs="?", default="", metavar="TOPIC",
+        help="; ".join(f"{name}: {what}" for name, what in TOPICS.items())
+        + "; any other word is searched for everywhere (default: an overview)",
+    )  # fmt: skip
+    listing.add_argument(
+        "text", nargs="?", default="", metavar="TEXT",
+        help="show only entries that contain this text; of measures, the name of a "
+        "kind or a scenario, or a path, selects its measures (default: all entries)",
+    )  # fmt: skip
+    listing.add_argument(
+        "--kind", choices=[*KINDS], metavar="KIND",
+        help=f"show only scenarios and measures of this kind: {', '.join(KINDS)} "
+        "(default: all kinds)",
+    )  # fmt: skip
+    listing.add_argument("--json", action="store_true", help="print one JSON object")
+
+
+def _add_check(check: argparse.ArgumentParser) -> None:
+    check.add_argument(
+        "scenarios", nargs="+", metavar="SCENARIO",
+        help="name of a scenario (swarmstart list scenarios), or path of a YAML file",
+    )  # fmt: skip
+
+
+def _add_schema(schema: argparse.ArgumentParser) -> None:
+    schema.add_argument(
+        "kind", nargs="?", default="problem", metavar="KIND", choices=[*KINDS],
+        help=f"kind of scenario: {', '.join(KINDS)} (default: problem)",
+    )  # fmt: skip
+
+
+def _add_cache(cache: argparse.ArgumentParser) -> None:
+    cache.add_argument(
+        "--clear", action="store_true", help="remove all files of the cache"
+    )
+    cache.add_argument("--json", action="store_true", help="print one JSON object")
+
+
+def _add_new(new: argparse.ArgumentParser) -> None:
+    new.add_argument(
+        "name", metavar="NAME",
+        help="name of the scenario, or path of the file; .yaml is appended if missing",
+    )  # fmt: skip
+    new.add_argument(
+        "--kind", choices=[*KINDS], default="problem", metavar="KIND",
+        help="problem: everything in the YAML file; python: the problem is a function "
+        "in NAME.py; formation_flight: UAVs that form a V past an obstacle; of the "
+        "other kinds the command says where to start (default: problem)",
+    )  # fmt: skip
+    new.add_argument(
+        "--force", action="store_true", help="replace the files if they exist"
+    )
+
+
+def _add_open(opening: argparse.ArgumentParser) -> None:
+    opening.add_argument(
+        "folder", nargs="?", default=RESULTS, metavar="DIR",
+        help="folder of a record; of a folder of records, the newest is opened "
+        f"(default: {RESULTS})",
+    )  # fmt: skip
+
+
+def _add_completion(completion: argparse.ArgumentParser) -> None:
+    completion.add_argument("shell", choices=SHELLS, help="the shell to complete in")
+
+
+class _Version(argparse.Action):
+    """Print the versions that matter and exit."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        """Print them."""
+        from swarmstart.cases.record.record import versions
+
+        others = versions()
+        ours = others.pop("swarmstart")
+        listed = ", ".join(f"{name} {version}" for name, version in others.items())
+        python = ".".join(map(str, sys.version_info[:3]))
+        answer(f"swarmstart {ours} (Python {python}, {listed})")
+        parser.exit(DONE)
+
+
+SUBCOMMANDS = {
+    "run": Subcommand(
+        "solve or simulate one scenario; draw and record it",
+        "Solve or simulate one scenario. Five lines say in words what came out (one "
+        "more for each collision); the figures and the record are in a folder, whose "
+        "path is the last line.",
+        _RUN,
+        add_run,
+        invocations.run,
+    ),
+    "replicate": Subcommand(
+        "judge every claim of the book chapter by running it",
+        "Run all scenarios of the book chapter, and print for each published claim "
+        "what was measured and whether it holds.",
+        _REPLICATE,
+        add_replicate,
+        invocations.replicate,
+    ),
+    "compare": Subcommand(
+        "compare solvers under equal budgets, with paired seeds",
+        "Solve scenarios with several solvers, under equal budgets and with the same "
+        "seeds, and print which solver is better, with statistics.",
+        _COMPARE,
+        add_compare,
+        invocations.compare,
+    ),
+    "report": Subcommand(
+        "write a page from what run, compare or replicate recorded",
+        "Write one self-contained page (HTML, Markdown or LaTeX) from what run, "
+        "compare or replicate recorded. It needs no network.",
+        _REPORT,
+        _add_report,
+        invocations.report,
+    ),
+    "open": Subcommand(
+        "show the figures or the page of a record",
+        "Open the page or the figures of a record with the program that the system "
+        "uses for such files.",
+        _OPEN,
+        _add_open,
+        invocations.open_record,
+    ),
+    "new": Subcommand(
+        "write a commented scenario to start from",
+        "Write a small scenario that runs as it is, with a comment on every key; "
+        "optional keys are commented out. Existing files are never replaced without "
+        "--force.",
+        _NEW,
+        _add_new,
+        invocations.new,
+    ),
+    "list": Subcommand(
+        "list scenarios, searches, measures and kinds",
+        "List what there is: scenarios with kind, variants and run time; searches and "
+        "polishes; measures with unit and meaning; kinds of scenario.",
+        _LIST,
+        _add_list,
+        invocations.listing,
+    ),
+    "check": Subcommand(
+        "check scenarios and print every error at once",
+        "Check scenarios in all their variants without running them, and print every "
+        "error at once, each with line and column.",
+        _CHECK,
+        _add_check,
+        invocations.check,
+    ),
+    "schema": Subcommand(
+        "print the JSON Schema of a kind of scenario, for editors",
+        "Print the JSON Schema of the scenario format, for editors.",
+        _SCHEMA,
+        _add_schema,
+        invocations.schema,
+    ),
+    "cache": Subcommand(
+        "show the cache of machine code, or clear it",
+        "Show where compiled machine code is kept and how large it is, or remove it.",
+        _CACHE,
+        _add_cache,
+        invocations.cache,
+    ),
+    "completion": Subcommand(
+        "print a script that completes commands in your shell",
+        "Print a script with which your shell completes commands, options and the "
+        "names of scenarios and searches.",
+        _COMPLETION,
+        _add_completion,
+        invocations.completion,
+    ),
+}

@@ -1,0 +1,1 @@
+"""Words for what a command has found: outcomes, measures, excesses, failures."""

@@ -1,0 +1,148 @@
+"""Lines in words on a finished run: what `swarmstart run` prints first.
+
+What was run, what came out, whether constraints are kept, the time it took, and where
+the picture is. A broken constraint comes before what came out.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from swarmstart.cases.campaign.running.run import Run
+from swarmstart.cases.commands.wording.collisions import collisions
+from swarmstart.cases.commands.wording.outcomes import (
+    breaks_constraint,
+    kept_constraints,
+    outcome,
+)
+from swarmstart.cases.commands.wording.quantities import duration, plural, quantity
+from swarmstart.cases.format.document import printable
+
+FLIGHTS = ("formation_flight", "close_formation", "reconfiguration", "transfer")
+"""Kinds whose scenarios are flights of aircraft."""
+SHEET = "a_sheet"
+"""Stem of the figure that shows a run on one sheet."""
+LONGEST_TITLE = 100
+
+
+def sentences(finished: Run) -> list[str]:
+    """Return five lines on a finished run, and one more for each collision.
+
+    Collisions of a flight, and broken constraints of another closed loop, are told
+    before the result.
+    """
+    said = [outcome(finished), kept_constraints(finished)]
+    broken = collisions(finished)
+    if not broken and breaks_constraint(finished):
+        said.reverse()
+    return [
+        _task(finished),
+        *broken,
+        *said,
+        _times(finished),
+        picture(finished.figures),
+    ]
+
+
+def heading(title: str, name: str) -> str:
+    """Return the title of a scenario and its name in brackets."""
+    shown = printable(title or name)
+    if len(shown) > LONGEST_TITLE:
+        shown = shown[:LONGEST_TITLE] + "..."
+    return f"{shown} ({printable(name)})"
+
+
+def method(search: str, polish: str, variant: str) -> str:
+    """Return how plans are made, in words."""
+    parts = ["no search" if search == "none" else f"search {search}"]
+    parts.append({"none": "no polish", "ipopt": "polish IPOPT"}.get(polish, polish))
+    if variant:
+        parts.append(f"variant {printable(variant)}")
+    return ", ".join(parts)
+
+
+def _task(finished: Run) -> str:
+    """Return what was run, with which solver and seed."""
+    resolved, settings = finished.resolved, finished.resolved.settings
+    head = heading(resolved.scenario.title, resolved.scenario.name)
+    how = method(settings["search"]["name"], settings["polish"], resolved.variant)
+    return f"{head}: {_what(finished)}; {how}, seed {finished.seed}."
+
+
+def _what(finished: Run) -> str:
+    """Return what was solved or simulated, and for how long."""
+    flight, trajectory = finished.flight, finished.trajectory
+    steps, end = len(trajectory.decisions), float(trajectory.times[-1])
+    length = f"{quantity(end)} s"
+    if finished.resolved.scenario.kind in FLIGHTS:
+        return f"flight of {_aircraft(finished)} for {length}, {_plans(finished)}"
+    if flight.posed.open_loop:
+        intervals = plural(flight.posed.agents[0].problem.intervals, "interval")
+        return f"one plan of {length} in {intervals}"
+    count = _vehicles(finished)
+    who = "" if count == 1 else f"{plural(count, 'vehicle')} in "
+    return f"{who}closed loop for {length} in {plural(steps, 'step')}"
+
+
+def _vehicles(finished: Run) -> int:
+    """Return the number of vehicles, whether one plan is made for all or several."""
+    vehicles: Any = getattr(finished.resolved.scenario, "vehicles", None)
+    return finished.flight.agents if vehicles is None else len(vehicles.members)
+
+
+def _aircraft(finished: Run) -> str:
+    """Return which aircraft take part."""
+    if finished.resolved.scenario.kind == "close_formation":
+        return "a wingman behind its leader"
+    uavs = getattr(finished.resolved.scenario, "uavs", ())
+    return f"{plural(len(uavs) or finished.flight.agents, 'UAV')}"
+
+
+def _plans(finished: Run) -> str:
+    """Return how often plans are made in a flight."""
+    steps = len(finished.trajectory.decisions)
+    if finished.flight.posed.open_loop or steps == 1:
+        return "one plan"
+    return f"a new plan every {quantity(finished.flight.controller.dt)} s"
+
+
+def _times(finished: Run) -> str:
+    """Return how long the solver took, and whether that is fast enough."""
+    seconds = np.asarray(finished.trajectory.step_seconds)
+    if finished.flight.posed.open_loop or seconds.size == 1:
+        return f"Solved in {duration(float(np.nansum(seconds)))}."
+    lengths = np.diff(finished.trajectory.times)
+    late = int((seconds > lengths).sum())
+    middle, most = float(np.median(seconds)), float(seconds.max())
+    said = (
+        f"Time per step: median {duration(middle)}, worst {duration(most)}; a step "
+        f"lasts {duration(float(np.median(lengths)))}"
+    )
+    if not late:
+        return f"{said}, so every plan is ready in time."
+    return f"{said}, so {late} of {plural(seconds.size, 'step')} took too long."
+
+
+def picture(figures: Sequence[Path]) -> str:
+    """Return where the figures are, the one to begin with first."""
+    if not figures:
+        return "No figures were drawn."
+    first = next((file for file in figures if file.stem == SHEET), figures[0])
+    more = len(figures) - 1
+    beside = f" ({plural(more, 'more figure')} beside it)" if more else ""
+    return f"Picture: {first}{beside}"
+
+
+def extras(finished: Run) -> list[str]:
+    """Return lines on what only some runs have: a continuation, a bound."""
+    lines = []
+    if finished.resumed:
+        lines.append(
+            f"Continued after step {finished.resumed}, where an earlier run stopped."
+        )
+    bound: Any = finished.bound_content
+    if bound is not None:
+        lines.append(f"Bound: {printable(bound['words'])}")
+    return lines

@@ -1,0 +1,1 @@
+"""Names and units of what is drawn, vehicles among them, and their surroundings."""

@@ -1,0 +1,233 @@
+"""The page of one scenario run with many seeds: spread of the measures, bands.
+
+Content, as `run --seeds` records it:
+
+    {"schema": 1, "record": "seeds", "scenario", "seeds": [...], "command",
+     "measures": {name: [a value a seed]}, and where known "title", "kind", "variant",
+     "vehicles": [name of each UAV], "status": [...], "versions",
+     "own_measures": {name: expression}, "failures": [...], "feasible": [...],
+     "bands": {"time": [...], "states": {name: {"low", "median", "high", "unit"}}}}
+"""
+
+import statistics
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pkgutil import resolve_name
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.cases.drawing.naming.band_names import band_name
+from swarmstart.cases.drawing.naming.units import shown, unit_of_measure
+from swarmstart.cases.drawing.naming.wording import is_number
+from swarmstart.cases.drawing.page import rendered
+from swarmstart.cases.drawing.report.pages.broken_limits import broken_seeds
+from swarmstart.cases.drawing.report.pages.run_content import MOST_ROWS
+from swarmstart.cases.drawing.report.panels_over_time import BandDrawn, band_panel
+from swarmstart.cases.drawing.report.strips import strip
+from swarmstart.cases.drawing.report.text_tables import (
+    latex_table,
+    latex_text,
+    markdown_table,
+    markdown_text,
+)
+from swarmstart.cases.format.registry import KINDS
+from swarmstart.cases.record.files import RecordError
+
+Array = NDArray[np.float64]
+HEADS = ("measure", "lowest", "median", "highest", "unit", "not defined", "meaning")
+MOST_BANDS = 24
+_RUN = 3
+"""Seeds, one after another, from which on the first and the last are told."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SpreadRow:
+    """A measure of many runs.
+
+    Attributes:
+        name: As in run.json.
+        values: One for each seed.
+        known: The values that are numbers.
+        unit: Its unit; may be empty.
+        meaning: Its definition in a sentence.
+    """
+
+    name: str
+    values: Sequence[Any]
+    known: Sequence[float]
+    unit: str
+    meaning: str
+
+    @property
+    def ends(self) -> tuple[float | None, float | None, float | None]:
+        """Return lowest, median and highest; None if nothing is known."""
+        if not self.known:
+            return None, None, None
+        return min(self.known), statistics.median(self.known), max(self.known)
+
+    @property
+    def undefined(self) -> str:
+        """Return how many values are missing; empty if all are numbers."""
+        missing = len(self.values) - len(self.known)
+        return f"{missing} of {len(self.values)}" if missing else ""
+
+
+def seeds_page(content: Mapping[str, Any]) -> str:
+    """Return the page of a scenario run with many seeds.
+
+    Args:
+        content: As at the head of this module.
+
+    Raises:
+        RecordError: If it is something else.
+    """
+    title, rows, bands = _read(content)
+    return rendered(
+        "seeds_page.html.j2",
+        {
+            "title": title,
+            "headline": _headline(content, rows),
+            "is_broken": bool(broken_seeds(content)),
+            "rows": [
+                (row, [shown(v) for v in row.ends], strip(row.values)) for row in rows
+            ],
+            "bands": bands,
+            "seeds": [str(seed) for seed in content["seeds"]],
+            "command": str(content.get("command") or ""),
+            "facts": _facts(content),
+            "failures": [str(text) for text in content.get("failures") or [] if text],
+        },
+    )
+
+
+def seeds_markdown(content: Mapping[str, Any]) -> str:
+    """Return the spread of the measures as Markdown; raises as `seeds_page`."""
+    title, rows, _ = _read(content)
+    return (
+        "\n\n".join(
+            [
+                f"# {markdown_text(title)}",
+                markdown_text(_headline(content, rows)),
+                markdown_table(HEADS, [_cells(row) for row in rows]),
+                f"    {content.get('command', '')}",
+            ]
+        )
+        + "\n"
+    )
+
+
+def seeds_latex(content: Mapping[str, Any]) -> str:
+    """Return the spread of the measures as LaTeX; raises as `seeds_page`."""
+    title, rows, _ = _read(content)
+    table = latex_table(
+        HEADS, [_cells(row) for row in rows], columns="lrrrllp{5cm}", title=title
+    )
+    return f"{latex_text(_headline(content, rows))}\n\n{table}\n"
+
+
+def _read(
+    content: Mapping[str, Any],
+) -> tuple[str, list[SpreadRow], list[BandDrawn]]:
+    """Return title, rows and bands; raises RecordError for what does not fit."""
+    try:
+        if content["record"] != "seeds" or content["schema"] != 1:
+            raise ValueError(f"record {content['record']!r}")
+        seeds = list(content["seeds"])
+        rows = _rows(content, len(seeds))
+        bands = _bands(content)
+        broken_seeds(content)
+    except (LookupError, TypeError, ValueError, AttributeError) as error:
+        raise RecordError(
+            "expected the content of `run --seeds` (schema 1), found: "
+            f"{type(error).__name__}: {str(error)[:200]}"
+        ) from error
+    return str(content.get("title") or content.get("scenario") or "Runs"), rows, bands
+
+
+def _rows(content: Mapping[str, Any], count: int) -> list[SpreadRow]:
+    kind = str(content.get("kind") or "")
+    known = dict(resolve_name(KINDS[kind].measures)) if kind in KINDS else {}
+    meanings = {**known, **dict(content.get("own_measures") or {})}
+    rows = []
+    for name, values in list(content["measures"].items())[:MOST_ROWS]:
+        if not isinstance(values, list) or len(values) != count:
+            raise ValueError(f"{name}: {count} values expected, one a seed")
+        if any(isinstance(value, list) for value in values):
+            continue  # A list a seed has no lowest and highest.
+        meaning = str(meanings.get(name, ""))
+        rows.append(
+            SpreadRow(
+                name=str(name),
+                values=values,
+                known=[float(v) for v in values if is_number(v)],
+                unit=unit_of_measure(str(name), meaning) if name in known else "",
+                meaning=meaning,
+            )
+        )
+    return rows
+
+
+def _bands(content: Mapping[str, Any]) -> list[BandDrawn]:
+    given = content.get("bands")
+    if not given:
+        return []
+    times = np.array(given["time"], dtype=float)
+    drawn = []
+    for name, band in list(given["states"].items())[:MOST_BANDS]:
+        low, median, high = (
+            np.array(band[side], dtype=float) for side in ("low", "median", "high")
+        )
+        if not times.size == low.size == median.size == high.size:
+            raise ValueError(f"{name}: {times.size} values expected in each band")
+        if times.size and np.isfinite(times).all():
+            label, unit = band_name(str(name), content)
+            unit = str(band.get("unit") or unit)
+            drawn.append(band_panel(label, unit, times, (low, median, high)))
+    return drawn
+
+
+def _headline(content: Mapping[str, Any], rows: Sequence[SpreadRow]) -> str:
+    """Return how many runs, and the spread of the measure that matters most."""
+    count = len(content["seeds"])
+    said = [f"{count} run{'' if count == 1 else 's'} with the seeds {_seeds(content)}"]
+    said += broken_seeds(content)
+    first = ("verified_cost", "closed_loop_cost", "flown_cost", "cost", "cost_max",
+             "position_error_m")  # fmt: skip
+    by_name = {row.name: row for row in rows}
+    for name in ("settle_time_s", "x_settle_s"):
+        if name in by_name:
+            row = by_name[name]
+            said.append(f"settled in {len(row.known)} of {count}")
+            break
+    chosen = next(
+        (by_name[n] for n in first if n in by_name and by_name[n].known), None
+    )
+    if chosen is not None:
+        low, median, high = (shown(value) for value in chosen.ends)
+        said.append(f"{chosen.name}: lowest {low}, median {median}, highest {high}")
+    return "; ".join(said) + "."
+
+
+def _seeds(content: Mapping[str, Any]) -> str:
+    seeds = list(content["seeds"])
+    if len(seeds) >= _RUN and seeds == list(range(seeds[0], seeds[0] + len(seeds))):
+        return f"{seeds[0]} to {seeds[-1]}"
+    return ", ".join(map(str, seeds))
+
+
+def _facts(content: Mapping[str, Any]) -> list[tuple[str, str]]:
+    versions = content.get("versions") or {}
+    facts = [
+        ("scenario", content.get("scenario")),
+        ("kind", content.get("kind")),
+        ("variant", content.get("variant")),
+        ("seeds", _seeds(content)),
+        ("versions", ", ".join(f"{k} {v}" for k, v in dict(versions).items())),
+    ]
+    return [(name, str(words)) for name, words in facts if words]
+
+
+def _cells(row: SpreadRow) -> tuple[str, ...]:
+    return (row.name, *map(shown, row.ends), row.unit, row.undefined, row.meaning)

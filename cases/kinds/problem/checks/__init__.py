@@ -1,0 +1,1 @@
+"""Errors of a problem in YAML, each with its place."""

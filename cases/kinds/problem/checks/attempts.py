@@ -1,0 +1,261 @@
+"""Evaluation of all expressions of a problem, one by one, to find errors.
+
+An attempt is a place in the scenario and a call that raises the error there.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
+
+from swarmstart.cases.format.settings import LocatedFlaw
+from swarmstart.cases.kinds.problem.stated.constraints import (
+    path_constraint,
+    terminal_constraint,
+)
+from swarmstart.cases.kinds.problem.stated.members import (
+    Member,
+    candidate_scopes,
+    members_of,
+    shared_of,
+)
+from swarmstart.cases.kinds.problem.stated.model import COSTS
+from swarmstart.cases.kinds.problem.stated.parts import Constraint, Distance, Noise
+from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario
+from swarmstart.cases.kinds.problem.stated.symbols import (
+    constants_of,
+    free,
+    known_parameters,
+    number,
+    over_time,
+    positive,
+)
+from swarmstart.cases.kinds.problem.stated.values import Decided, OverTime
+from swarmstart.errors import SwarmstartError
+
+Place = tuple[str | int, ...]
+Attempt = tuple[Place, Callable[[], object]]
+Members = tuple[Member, ...]
+
+
+def tried(attempts: Iterable[Attempt]) -> Iterator[LocatedFlaw]:
+    """Yield the error of each attempt that fails; of a whole only if no part fails."""
+    failed: set[Place] = set()
+    for place, attempt in attempts:
+        try:
+            attempt()
+        except SwarmstartError as error:
+            if not any(one[: len(place)] == place for one in failed):
+                yield place, error
+            failed.add(place)
+
+
+def constants(scenario: ProblemScenario) -> Iterator[Attempt]:
+    """Yield attempts to evaluate each constant from those before it."""
+    known: dict[str, float] = {}
+    for name, text in scenario.constants.items():
+        yield ("constants", name), partial(_add, name, text, known)
+    members = scenario.vehicles.members if scenario.vehicles else []
+    for index, vehicle in enumerate(members):
+        own, place = dict(known), ("vehicles", "members", index, "constants")
+        for name, text in vehicle.constants.items():
+            yield (*place, name), partial(_add, name, text, own)
+        yield place, partial(constants_of, scenario, vehicle.constants)
+
+
+def _add(name: str, text: str, known: dict[str, float]) -> None:
+    known[name] = number(text, known)
+
+
+def quantity(place: Place, text: str, names: Mapping[str, float]) -> Attempt:
+    """Return an attempt to evaluate a number."""
+    return place, partial(number, text, names)
+
+
+def definitions(scenario: ProblemScenario) -> Iterator[Attempt]:
+    """Yield attempts to evaluate the definitions, with one more in each attempt."""
+    names, shared = list(scenario.definitions), shared_of(scenario)
+    for count in range(len(names) + 1):
+        some = {name: scenario.definitions[name] for name in names[:count]}
+        part = scenario.model_copy(update={"definitions": some})
+        place: Place = ("definitions", names[count - 1]) if count else ()
+        yield place, partial(members_of, part, shared)
+
+
+def starts(scenario: ProblemScenario) -> Iterator[Attempt]:
+    """Yield attempts to evaluate starts and bounds and guesses of decided numbers."""
+    fixed = constants_of(scenario)
+    vehicles = scenario.vehicles.members if scenario.vehicles else []
+    owned = [constants_of(scenario, one.constants) for one in vehicles]
+    places: list[tuple[Place, object, Mapping[str, float]]] = [
+        (("prediction", "horizon_s"), scenario.prediction.horizon_s, fixed),
+        *((("parameters", n), one, fixed) for n, one in scenario.parameters.items()),
+    ]
+    for name, state in scenario.states.items():
+        pairs = zip(vehicles, owned, strict=True)
+        users = [own for one, own in pairs if name not in one.start]
+        place: Place = ("states", name, "start")
+        places += [
+            (place, state.start, own) for own in (users if vehicles else [fixed])
+        ]
+    for index, (one, own) in enumerate(zip(vehicles, owned, strict=True)):
+        place = ("vehicles", "members", index, "start")
+        places += [((*place, n), given, own) for n, given in one.start.items()]
+    for name, control in scenario.controls.items():
+        places.append((("controls", name, "previous"), control.previous, fixed))
+    for place, given, names in places:
+        if isinstance(given, Decided):
+            yield from _of_decided(place, given, names)
+        elif isinstance(given, str) and place[0] != "parameters":
+            yield place, partial(number, given, names)
+
+
+def _of_decided(
+    place: Place, given: Decided, names: Mapping[str, float]
+) -> Iterator[Attempt]:
+    """Yield attempts to evaluate bounds and guess of a decided number, then both."""
+    for index, text in enumerate(given.free):
+        if text is not None:
+            yield (*place, "free", index), partial(number, text, names)
+    if given.guess is not None:
+        yield (*place, "guess"), partial(number, given.guess, names)
+    yield place, partial(free, given, names)
+
+
+def expressions(scenario: ProblemScenario) -> Iterator[Attempt]:
+    """Yield attempts to evaluate all other expressions."""
+    members, fixed = members_of(scenario, shared_of(scenario)), constants_of(scenario)
+    for place, scope, text in _symbolic(scenario):
+        yield place, _in_all(members, scope, text)
+    for part in ("path", "terminal"):
+        for index, one in enumerate(getattr(scenario, part)):
+            yield from _of_constraint((part, index), one, members)
+    yield from in_time(scenario)
+    for place, text in _quantities(scenario):
+        yield place, partial(number, text, fixed)
+    for role in ("states", "controls"):
+        for name, one in getattr(scenario, role).items():
+            if one.scale is not None:
+                yield (role, name, "scale"), partial(positive, one.scale, fixed)
+
+
+def in_time(scenario: ProblemScenario) -> Iterator[Attempt]:
+    """Yield attempts to evaluate values over time."""
+    members, fixed = members_of(scenario, shared_of(scenario)), constants_of(scenario)
+    for place, given in _over_time(scenario):
+        if isinstance(given, Noise):
+            yield (*place, "deviation"), partial(number, given.deviation, fixed)
+        elif place[0] == "guess":
+            yield place, _for_all(members, given)
+        else:
+            yield place, partial(over_time, given, fixed)
+    for index, one in enumerate(scenario.candidates):
+        for name, text in one.items():
+            yield ("candidates", index, name), _candidate(scenario, members, text)
+
+
+def _symbolic(scenario: ProblemScenario) -> Iterator[tuple[Place, str, str]]:
+    """Yield (place, scope, text) of rates, costs and positions."""
+    for name, state in scenario.states.items():
+        for change in ("rate", "next"):
+            text = getattr(state, change)
+            if text is not None:
+                yield ("states", name, change), change, text
+    yield from _bounds(scenario)
+    for name, given in scenario.algebraic.items():
+        place: Place = ("algebraic", name)
+        if isinstance(given, str):
+            yield place, "algebraic", given
+        else:
+            yield (*place, "equation"), "algebraic", given.equation
+            yield (*place, "start"), "algebraic_start", given.start
+    for cost in COSTS:
+        yield (cost,), cost, getattr(scenario, cost)
+    separation = scenario.vehicles.separation if scenario.vehicles else None
+    for index, text in enumerate(separation.of if separation else ()):
+        yield ("vehicles", "separation", "of", index), "path", text
+
+
+def _bounds(scenario: ProblemScenario) -> Iterator[tuple[Place, str, str]]:
+    """Yield (place, scope, text) of bounds, which can change with time."""
+    for part in ("states", "controls"):
+        for name, one in getattr(scenario, part).items():
+            for index, text in enumerate(one.bounds or ()):
+                if text is not None:
+                    yield (part, name, "bounds", index), "bounds", text
+
+
+def _over_time(scenario: ProblemScenario) -> Iterator[tuple[Place, OverTime | Noise]]:
+    """Yield all parts that have values over time."""
+    parts: dict[Place, Mapping[str, OverTime | Noise]] = {
+        ("parameters",): known_parameters(scenario),
+        ("signals",): scenario.signals,
+        ("guess", "controls"): scenario.guess.controls,
+        ("guess", "states"): scenario.guess.states,
+        ("plant", "parameters"): scenario.plant.parameters,
+        ("plant", "disturbance"): scenario.plant.disturbance,
+    }
+    for place, given in parts.items():
+        yield from (((*place, name), one) for name, one in given.items())
+
+
+def _quantities(scenario: ProblemScenario) -> Iterator[tuple[Place, str]]:
+    """Yield numbers of algebraic variables, of the dual mode and the separation."""
+    for name, given in scenario.algebraic.items():
+        if not isinstance(given, str):
+            yield ("algebraic", name, "scale"), given.scale
+    if scenario.dual_mode is not None:
+        for key in ("at", "Q", "R"):
+            for name, text in getattr(scenario.dual_mode, key).items():
+                yield ("dual_mode", key, name), text
+    separation = scenario.vehicles.separation if scenario.vehicles else None
+    for key in ("distance", "margin", "scale"):
+        text = getattr(separation, key, None)
+        if text is not None:
+            yield ("vehicles", "separation", key), text
+
+
+def _for_all(members: Members, given: OverTime) -> Callable[[], object]:
+    return lambda: [over_time(given, member.constants) for member in members]
+
+
+def _candidate(
+    scenario: ProblemScenario, members: Members, text: str
+) -> Callable[[], object]:
+    scopes = partial(candidate_scopes, scenario, members, constants_of(scenario))
+    return lambda: [scope.number(text) for scope in scopes(0.0)]
+
+
+def _in_all(members: Members, place: str, text: str) -> Callable[[], object]:
+    return lambda: [member.scopes[place].symbol(text) for member in members]
+
+
+def _of_constraint(
+    path: Place, given: Constraint | Distance, members: Members
+) -> Iterator[Attempt]:
+    """Yield attempts to evaluate the parts of a constraint, then the whole."""
+    where, fixed = str(path[0]), members[0].constants
+    inner = (
+        {(*path, "expression"): given.expression}
+        if isinstance(given, Constraint)
+        else {
+            (*path, "distance", index): text
+            for index, text in enumerate(given.distance)
+        }
+    )
+    for place, text in inner.items():
+        yield place, _in_all(members, where, text)
+    for key in ("at_least", "at_most", "margin", "lower", "upper", "equals", "scale"):
+        limit = getattr(given, key, None)
+        if limit is not None:
+            yield (*path, key), partial(number, limit, fixed)
+    soft = getattr(given, "soft", None)
+    for key in ("weight", "quadratic"):
+        weight = getattr(soft, key, None)
+        if weight is not None:
+            yield (*path, "soft", key), partial(number, weight, fixed)
+    make = path_constraint if where == "path" else terminal_constraint
+    yield path, partial(_made, make, given, members)
+
+
+def _made(make: Callable[..., object], given: object, members: Members) -> None:
+    for member in members:
+        make(given, member)

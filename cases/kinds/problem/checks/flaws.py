@@ -1,0 +1,181 @@
+"""Errors between parts of a problem scenario, each with its place.
+
+Names are checked first, then constants, definitions and all expressions, and at last
+the problem itself by the library.
+"""
+
+from collections.abc import Collection, Iterator, Mapping
+
+from swarmstart.cases.format.settings import LocatedFlaw
+from swarmstart.cases.kinds.problem.checks import attempts
+from swarmstart.cases.kinds.problem.checks.algebraic_flaws import algebraic_flaws
+from swarmstart.cases.kinds.problem.checks.attempts import Place, tried
+from swarmstart.cases.kinds.problem.checks.decided_flaws import (
+    combination_flaws,
+    end_time_flaws,
+    start_flaws,
+    tied_flaws,
+)
+from swarmstart.cases.kinds.problem.checks.name_flaws import (
+    names_given_twice,
+    names_of_nothing,
+    unknown,
+)
+from swarmstart.cases.kinds.problem.checks.number_flaws import number_flaws
+from swarmstart.cases.kinds.problem.checks.operation_flaws import operation_flaws
+from swarmstart.cases.kinds.problem.checks.phase_flaws import Stage, phases_flaws
+from swarmstart.cases.kinds.problem.checks.uncertain import (
+    uncertain_names,
+    uncertain_numbers,
+    uncertain_ranges,
+    with_members,
+)
+from swarmstart.cases.kinds.problem.measuring.measures import measure_flaws
+from swarmstart.cases.kinds.problem.stated.members import members_of, shared_of
+from swarmstart.cases.kinds.problem.stated.model import COSTS, planning_problem
+from swarmstart.cases.kinds.problem.stated.parts import Vehicle
+from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario
+from swarmstart.errors import SwarmstartError
+from swarmstart.ocp import OptimalControlProblem
+
+
+def flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
+    """Yield errors; those of a later stage only if earlier stages have none."""
+    every = phases_flaws(scenario, _STAGES) if scenario.phases else _in_stages(scenario)
+    yield from every
+
+
+def _in_stages(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
+    for stage in (*_STAGES, measure_flaws, _of_whole):
+        found = list(stage(scenario))
+        yield from found
+        if found:
+            return
+
+
+def _whole(scenario: ProblemScenario) -> OptimalControlProblem:
+    """Return the problem of all vehicles that are planned together."""
+    members = members_of(scenario, shared_of(scenario))
+    one_by_one = scenario.vehicles and scenario.vehicles.planning == "priority"
+    return planning_problem(scenario, members[:1] if one_by_one else members)
+
+
+def _of_whole(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
+    """Yield errors of the whole problem, also if it would take minutes to build.
+
+    An interval is one expression.
+    """
+    try:
+        problem = _whole(scenario)
+    except SwarmstartError as error:
+        yield (), error
+        return
+    yield from combination_flaws(scenario, problem)
+    try:
+        problem = with_members(scenario, problem)
+    except SwarmstartError as error:
+        yield ("uncertain",), error
+        return
+    yield from operation_flaws(problem)
+
+
+def _of_parts(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
+    """Yield errors of repeated and unknown names, and of parts that do not fit."""
+    yield from scenario.flaws()
+    yield from names_given_twice(scenario)
+    yield from names_of_nothing(scenario)
+    yield from _missing_keys(scenario)
+    yield from _of_vehicles(scenario)
+    yield from _of_feedback(scenario)
+    yield from end_time_flaws(scenario)
+    yield from tied_flaws(scenario)
+    yield from _of_blocks(scenario)
+    yield from uncertain_names(scenario)
+
+
+def _vehicles(scenario: ProblemScenario) -> list[Vehicle]:
+    return scenario.vehicles.members if scenario.vehicles else []
+
+
+def _missing_keys(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
+    """Yield errors of missing keys that other parts of the scenario require."""
+    if not {*COSTS} & scenario.model_fields_set:
+        yield (), f"expected a cost, one of {', '.join(COSTS)}; found none"
+    vehicles = _vehicles(scenario)
+    for name, state in scenario.states.items():
+        elsewhere = vehicles and all(name in vehicle.start for vehicle in vehicles)
+        if state.start is None and not elsewhere:
+            yield ("states", name), "expected the key 'start'"
+        if state.rate is None and state.next is None:
+            yield (
+                ("states", name),
+                "expected the key 'rate', or 'next' of a state that changes at the "
+                "end of each interval",
+            )
+    complete: list[tuple[Place, Mapping[str, object], Collection[str]]] = [
+        (("candidates", index), one, scenario.controls)
+        for index, one in enumerate(scenario.candidates)
+    ]
+    if scenario.dual_mode is not None:
+        complete += [
+            (("dual_mode", "at"), scenario.dual_mode.at, scenario.states),
+            (("dual_mode", "R"), scenario.dual_mode.R, scenario.controls),
+        ]
+    for place, given, names in complete:
+        yield from ((place, f"expected the key {n!r}") for n in names if n not in given)
+
+
+def _of_vehicles(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
+    names = [vehicle.name for vehicle in _vehicles(scenario)]
+    for index, name in enumerate(names):
+        if name in names[:index]:
+            place = ("vehicles", "members", index, "name")
+            yield place, f"expected a new name, found {name!r}"
+    if scenario.vehicles is None or scenario.vehicles.separation is None:
+        return
+    for index, text in enumerate(scenario.vehicles.separation.of):
+        one_by_one = scenario.vehicles.planning == "priority"
+        if one_by_one and text.strip() not in scenario.states:
+            where = ("vehicles", "separation", "of", index)
+            yield where, unknown(text, scenario.states, "state")
+
+
+def _of_feedback(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
+    """Yield errors of parts that do not fit the open or the closed loop."""
+    if scenario.feedback.law != "open_loop":
+        yield from start_flaws(scenario)
+        return
+    intervals = scenario.prediction.intervals
+    if scenario.steps > intervals:
+        yield (
+            ("steps",),
+            f"expected at most prediction.intervals = {intervals} with feedback: "
+            f"open_loop, found {scenario.steps}",
+        )
+    needs = "expected feedback: receding_horizon with it, found open_loop"
+    if scenario.dual_mode is not None:
+        yield ("dual_mode",), needs
+    if scenario.vehicles is not None and scenario.vehicles.planning == "priority":
+        yield ("vehicles", "planning"), needs
+
+
+def _of_blocks(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
+    """Yield an error if the blocks do not have all intervals."""
+    grid = scenario.prediction
+    if grid.blocks and sum(grid.blocks) != grid.intervals:
+        yield (
+            ("prediction", "blocks"),
+            f"expected lengths that sum to prediction.intervals = {grid.intervals}, "
+            f"found the sum {sum(grid.blocks)}",
+        )
+
+
+_STAGES: tuple[Stage, ...] = (
+    _of_parts,
+    lambda s: tried(attempts.constants(s)),
+    lambda s: tried(attempts.starts(s)),
+    lambda s: tried(attempts.definitions(s)),
+    lambda s: tried([*attempts.expressions(s), *uncertain_numbers(s)]),
+    lambda s: [*number_flaws(s), *uncertain_ranges(s)],
+    algebraic_flaws,
+)

@@ -1,0 +1,1 @@
+"""Measures of a problem in YAML, its own and those that it defines."""

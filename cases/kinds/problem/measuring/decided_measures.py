@@ -1,0 +1,108 @@
+"""Measures of numbers decided besides controls: end time, parameters, starts."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.cases.format.kind import Measure
+from swarmstart.cases.kinds.problem.stated.names import (
+    END_TIME_MEASURE,
+    MEMBERS_MEASURE,
+)
+from swarmstart.cases.kinds.problem.stated.phases import (
+    durations,
+    phase_names,
+    phase_scenarios,
+)
+from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario
+from swarmstart.cases.kinds.problem.stated.symbols import (
+    is_decided as is_decided_number,
+)
+from swarmstart.cases.kinds.problem.stated.values import Decided
+from swarmstart.ocp import Free, OptimalControlProblem
+from swarmstart.ocp.statement.core_problem import END_TIME
+from swarmstart.ocp.statement.lowering import lowered
+
+Array = NDArray[np.float64]
+
+
+def is_decided(problem: OptimalControlProblem) -> bool:
+    """Return whether a problem decides more than controls."""
+    is_free = isinstance(problem.horizon, Free)
+    return is_free or bool(problem.decided or problem.start)
+
+
+def decided_values(problem: OptimalControlProblem, x0: Array) -> dict[str, float]:
+    """Return the numbers that a plan decides besides controls, by their measures.
+
+    Args:
+        problem: The problem.
+        x0: The plan's initial state, as the problem's core has it.
+    """
+    whole, names = lowered(problem), problem.model.state_names
+    found = {
+        END_TIME_MEASURE if name == END_TIME else f"decided_{name}": value
+        for name, value in whole.decided(x0).items()
+    }
+    if problem.risk is None:
+        states = {i: names[i] for one in problem.free_starts for i in one.states}
+    else:  # All members have one start: names are those of the first, without 0.
+        first = len(names) // problem.risk.members
+        states = {
+            i: names[i].removesuffix("_0")
+            for one in problem.free_starts
+            for i in one.states
+            if i < first
+        }
+    return found | {f"decided_{name}": float(x0[i]) for i, name in states.items()}
+
+
+def decided_measures(scenario: ProblemScenario) -> dict[str, str]:
+    """Return measures of decided and uncertain numbers: name -> reason for null."""
+    is_free = isinstance(scenario.prediction.horizon_s, Decided)
+    found = [END_TIME_MEASURE] if is_free or scenario.phases else []
+    for name, one in zip(phase_names(scenario), scenario.phases, strict=True):
+        found += [f"duration_{name}"] if isinstance(one.horizon_s, Decided) else []
+    found += [MEMBERS_MEASURE] if scenario.uncertain else []
+    names = [n for n, one in scenario.parameters.items() if isinstance(one, Decided)]
+    names += _decided_starts(scenario)
+    return dict.fromkeys([*found, *(f"decided_{name}" for name in names)], "")
+
+
+def _decided_starts(scenario: ProblemScenario) -> list[str]:
+    """Return the states with a decided start, with the names of their vehicles."""
+    first = phase_scenarios(scenario)[0] if scenario.phases else scenario
+    members = scenario.vehicles.members if scenario.vehicles else []
+    names = []
+    for name, state in first.states.items():
+        starts = {f"_{one.name}": one.start.get(name, state.start) for one in members}
+        names += [
+            f"{name}{end}"
+            for end, one in (starts or {"": state.start}).items()
+            if is_decided_number(one)
+        ]
+    return names
+
+
+def with_durations(
+    scenario: ProblemScenario,
+    problem: OptimalControlProblem,
+    found: Mapping[str, Measure],
+) -> dict[str, Measure]:
+    """Return measures with the lengths of the phases [s] by their names.
+
+    Args:
+        scenario: A scenario with phases.
+        problem: The problem of all phases.
+        found: The measures, with decided lengths as parameters.
+    """
+    measures, lengths, named = dict(found), [], {}
+    for number, (name, one) in enumerate(durations(scenario, problem).items(), 1):
+        length: Measure = one if isinstance(one, float) else None
+        if isinstance(one, Free):
+            length = measures.pop(f"decided_duration of phase {number}")
+            named[f"duration_{name}"] = length
+        lengths.append(length)
+    total = sum(one for one in lengths if isinstance(one, float))
+    return {END_TIME_MEASURE: total, **named, **measures}

@@ -1,0 +1,290 @@
+"""The model of a problem and its planning problem, of one vehicle or of several.
+
+    x' = rate(t, x, u, p, s),  x+ = next(t, x, u, p, s) at the end of an interval,
+    J = integral of stage_cost + step_cost of each interval + initial and terminal cost
+
+Several vehicles share parameters and signals. If they are planned jointly they are
+stacked. If they are planned one after another, each has a problem of its own, with the
+positions of those before it as its last signals.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.cases.kinds.problem.stated.constraints import (
+    path_constraint,
+    separations,
+    terminal_constraint,
+)
+from swarmstart.cases.kinds.problem.stated.members import Member, column_of
+from swarmstart.cases.kinds.problem.stated.parts import Control, State, equation_of
+from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario
+from swarmstart.cases.kinds.problem.stated.symbols import (
+    decided_parameters,
+    fixed_limits,
+    free,
+    limits,
+    moving_limits,
+    number,
+)
+from swarmstart.cases.kinds.problem.stated.values import Decided
+from swarmstart.ocp import (
+    AlgebraicEquations,
+    Bounds,
+    Free,
+    Model,
+    OptimalControlProblem,
+)
+from swarmstart.ocp.system.constraints import MovingLimit
+
+Array = NDArray[np.float64]
+COSTS = ("stage_cost", "step_cost", "initial_cost", "terminal_cost")
+
+
+def model_of(
+    scenario: ProblemScenario,
+    members: Sequence[Member],
+    *,
+    disturbed: bool = False,
+    timed: bool = False,
+) -> Model:
+    """Return the members side by side as one model.
+
+    Args:
+        scenario: The scenario.
+        members: The members.
+        disturbed: Whether disturbances are parameters after those of the file, member
+            after member, for a plant.
+        timed: Whether the time is an input even if no rate depends on it.
+    """
+    shared = members[0].shared
+    parameters, rates, after = [*shared.parameters.values()], [], []
+    jumps = any(state.next is not None for state in scenario.states.values())
+    for member in members:
+        for name, state in scenario.states.items():
+            rate = member.scopes["rate"].symbol(state.rate or "0")
+            if disturbed and name in scenario.plant.disturbance:
+                parameters.append(ca.SX.sym(f"disturbance_{name}{member.suffix}"))
+                rate += parameters[-1]
+            rates.append(rate)
+            if state.next is not None:
+                after.append(member.scopes["next"].symbol(state.next))
+            elif jumps:
+                after.append(member.states[name])
+    ode, next_state = column_of(rates), column_of(after)
+    equations = _equations(scenario, members)
+    changes = ca.vertcat(ode, next_state)
+    if equations is not None:
+        changes = ca.vertcat(changes, equations.residual, equations.start)
+    signals = column_of(shared.signals.values())
+    return Model(
+        states=column_of(s for member in members for s in member.states.values()),
+        controls=column_of(u for member in members for u in member.controls.values()),
+        ode=ode,
+        next_state=next_state,
+        parameters=column_of(parameters),
+        signals=signals if _uses(changes, signals) else ca.SX(0, 1),
+        time=shared.time if timed or _uses(changes, shared.time) else ca.SX(0, 1),
+        state_names=tuple(n for m in members for n in m.titled(m.states)),
+        control_names=tuple(n for m in members for n in m.titled(m.controls)),
+        algebraic=equations,
+    )
+
+
+def _equations(
+    scenario: ProblemScenario, members: Sequence[Member]
+) -> AlgebraicEquations | None:
+    """Return the algebraic equations of all members together; None without any."""
+    given = [
+        (member, equation_of(one))
+        for member in members
+        for one in scenario.algebraic.values()
+    ]
+    if not given:
+        return None
+    return AlgebraicEquations(
+        symbols=column_of(z for member in members for z in member.algebraic.values()),
+        residual=column_of(m.scopes["algebraic"].symbol(e.equation) for m, e in given),
+        start=column_of(m.scopes["algebraic_start"].symbol(e.start) for m, e in given),
+        scale=np.array([number(e.scale, m.constants) for m, e in given]),
+        iterations=scenario.prediction.newton_iterations,
+    )
+
+
+def planning_problem(
+    scenario: ProblemScenario, members: Sequence[Member], *, seen: Sequence[Member] = ()
+) -> OptimalControlProblem:
+    """Return the planning problem of some members.
+
+    Args:
+        scenario: The scenario.
+        members: Members that are planned together.
+        seen: Other members, whose positions are the last signals.
+    """
+    first, grid = members[0], scenario.prediction
+    separation = None if scenario.vehicles is None else scenario.vehicles.separation
+    dimensions = 0 if separation is None else len(separation.of)
+    others = [ca.SX.sym(f"position{m.suffix}", dimensions) for m in seen]
+    costs = {place: _cost(scenario, members, place) for place in COSTS}
+    constraints = [
+        *(path_constraint(c, member) for member in members for c in scenario.path),
+        *separations(separation, members, dict(zip(seen, others, strict=True))),
+    ]
+    terminal = [
+        terminal_constraint(c, member) for member in members for c in scenario.terminal
+    ]
+    bounds = _bounds(scenario, members)
+    moving = [
+        limit for side in (bounds.controls, bounds.states) for limit in side or ()
+    ]
+    used = column_of(
+        [
+            *costs.values(),
+            *(c.expression for c in (*constraints, *terminal)),
+            *(one for side in moving if isinstance(side, list) for one in side),
+        ]
+    )
+    previous = column_of(u for m in members for u in m.previous.values())
+    return OptimalControlProblem(
+        model_of(scenario, members, timed=_uses(used, first.shared.time)),
+        horizon=horizon_of(scenario, first.constants),
+        intervals=grid.intervals,
+        stage_cost=costs["stage_cost"],
+        step_cost=costs["step_cost"],
+        initial_cost=costs["initial_cost"],
+        terminal_cost=costs["terminal_cost"],
+        maximize=scenario.maximize,
+        bounds=bounds,
+        constraints=constraints,
+        terminal=terminal,
+        start={names: one for m in members for names, one in m.starts().items()},
+        periodic=[
+            f"{name}{member.suffix}"
+            for member in members
+            for name, state in scenario.states.items()
+            if state.periodic
+        ],
+        decided=decided_parameters(scenario, first.constants),
+        previous=previous if _uses(used, previous) else ca.SX(0, 1),
+        signals=column_of([*first.shared.signals.values(), *others]),
+        control_shape=grid.control_shape,
+        scales=_scales(scenario, members),
+        quadrature=grid.quadrature,
+        integrator=grid.integrator,
+        substeps=grid.substeps,
+        transcription=grid.collocation,
+        integrator_tolerance=grid.integrator_tolerance,
+        checks=grid.checks,
+        blocks=grid.blocks,
+        tolerance=grid.tolerance,
+        path_tolerance=grid.path_tolerance,
+    )
+
+
+def horizon_of(
+    scenario: ProblemScenario, constants: Mapping[str, float]
+) -> float | Free:
+    """Return the length of the horizon [s], or the bounds of a decided one.
+
+    In discrete time it can be left out: an interval lasts 1.
+    """
+    given = scenario.prediction.horizon_s
+    if given is None:
+        return float(scenario.prediction.intervals)
+    return free(given, constants) if isinstance(given, Decided) else given
+
+
+def previous_controls(
+    scenario: ProblemScenario, members: Sequence[Member]
+) -> Array | None:
+    """Return the controls before the first interval; None if none is given.
+
+    Controls that are not given are those nearest to zero within their bounds.
+    """
+    if all(control.previous is None for control in scenario.controls.values()):
+        return None
+    values = [
+        np.clip(0.0, *fixed_limits(control.bounds, member.scopes["bounds"]))
+        if control.previous is None
+        else number(control.previous, member.constants)
+        for member in members
+        for control in scenario.controls.values()
+    ]
+    return np.array(values)
+
+
+def _uses(expression: ca.SX, symbols: ca.SX) -> bool:
+    """Return whether an expression depends on any of some symbols."""
+    return bool(symbols.numel()) and bool(ca.depends_on(expression, symbols))
+
+
+def positions_of(scenario: ProblemScenario) -> tuple[int, ...]:
+    """Return the rows of the states of a separation; its coordinates must be states."""
+    if scenario.vehicles is None or scenario.vehicles.separation is None:
+        return ()
+    names = list(scenario.states)
+    return tuple(names.index(name.strip()) for name in scenario.vehicles.separation.of)
+
+
+def _cost(scenario: ProblemScenario, members: Sequence[Member], place: str) -> ca.SX:
+    """Return the sum of all members' costs."""
+    text = getattr(scenario, place)
+    first, *others = (member.scopes[place].symbol(text) for member in members)
+    return sum(others, first)
+
+
+def _bounds(scenario: ProblemScenario, members: Sequence[Member]) -> Bounds:
+    states, controls = scenario.states.values(), scenario.controls.values()
+    scopes = [member.scopes["bounds"] for member in members]
+    of_controls = [moving_limits(c.bounds, one) for one in scopes for c in controls]
+    of_states = [moving_limits(s.bounds, one) for one in scopes for s in states]
+    of_search = [
+        fixed_limits(c.bounds, m.scopes["bounds"])
+        if c.search_bounds is None
+        else limits(c.search_bounds, m.constants)
+        for m in members
+        for c in controls
+    ]
+    is_narrower = any(c.search_bounds is not None for c in controls)
+    return Bounds(
+        controls=_pair(of_controls),
+        search=_arrays(of_search) if is_narrower else None,
+        states=_pair(of_states),
+        integer=[
+            name
+            for member in members
+            for name, control in zip(
+                member.titled(scenario.controls), controls, strict=True
+            )
+            if control.integer
+        ],
+    )
+
+
+def _pair(
+    ranges: Sequence[tuple[float | ca.SX, float | ca.SX]],
+) -> tuple[MovingLimit, MovingLimit]:
+    """Return lower and upper limits: arrays, or lists if any limit changes."""
+    lower, upper = ([*side] for side in zip(*ranges, strict=True))
+    if any(isinstance(one, ca.SX) for one in (*lower, *upper)):
+        return lower, upper
+    return np.array(lower), np.array(upper)
+
+
+def _scales(scenario: ProblemScenario, members: Sequence[Member]) -> dict[str, float]:
+    """Return the given sizes of states and controls, by name."""
+    given: dict[str, State | Control] = {**scenario.states, **scenario.controls}
+    return {
+        f"{name}{member.suffix}": number(part.scale, member.constants)
+        for member in members
+        for name, part in given.items()
+        if part.scale is not None
+    }
+
+
+def _arrays(ranges: Sequence[tuple[float, float]]) -> tuple[Array, Array]:
+    lower, upper = np.array(ranges).T
+    return lower, upper

@@ -1,0 +1,176 @@
+"""Phases of a problem, one after another: a scenario for each, and one problem.
+
+A phase's scenario is the file with the phase laid over it: mappings are merged name by
+name, costs replace those of the file, path constraints are added to them. The file's
+initial cost is at the start of the first phase, its terminal cost and constraints are
+at the end of the last one.
+"""
+
+import itertools
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeVar
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel
+
+from swarmstart.cases.kinds.problem.stated.members import Member, members_of, shared_of
+from swarmstart.cases.kinds.problem.stated.model import planning_problem
+from swarmstart.cases.kinds.problem.stated.parts import Constraint, Guess, PlantPart
+from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario
+from swarmstart.ocp import Free, OptimalControlProblem, phases
+from swarmstart.ocp.statement.phases import Phases
+
+Array = NDArray[np.float64]
+MERGED = ("states", "controls", "algebraic")
+COSTS = ("stage_cost", "step_cost", "terminal_cost")
+T = TypeVar("T")
+
+
+def phase_names(scenario: ProblemScenario) -> list[str]:
+    """Return the names of the phases, or their numbers from 1."""
+    return [one.name or str(k) for k, one in enumerate(scenario.phases, 1)]
+
+
+def phase_scenarios(scenario: ProblemScenario) -> list[ProblemScenario]:
+    """Return a scenario of each phase alone; see the module's head."""
+    last = len(scenario.phases) - 1
+    return [
+        _of_phase(scenario, number, is_first=not number, is_last=number == last)
+        for number in range(len(scenario.phases))
+    ]
+
+
+def _of_phase(
+    scenario: ProblemScenario, number: int, *, is_first: bool, is_last: bool
+) -> ProblemScenario:
+    phase = scenario.phases[number]
+    where = in_phase(phase_names(scenario)[number])
+    grid = {"horizon_s": phase.horizon_s, "intervals": phase.intervals}
+    merged: dict[str, Any] = {
+        part: _merged(getattr(scenario, part), getattr(phase, part)) for part in MERGED
+    }
+    if not is_first:  # Their starts come from a linkage.
+        merged["states"] = {
+            name: state.model_copy(update={"start": state.start or "0"})
+            for name, state in merged["states"].items()
+        }
+    nothing_at_end = {"terminal_cost": "0", "terminal": []}
+    base = scenario if is_last else scenario.model_copy(update=nothing_at_end)
+    own = {key: getattr(phase, key) for key in COSTS}
+    costs = {
+        key: getattr(base, key) if cost is None else cost for key, cost in own.items()
+    }
+    return scenario.model_copy(
+        update={
+            **merged,
+            **costs,
+            "initial_cost": scenario.initial_cost if is_first else "0",
+            "constants": {**scenario.constants, **phase.constants},
+            "definitions": {**scenario.definitions, **phase.definitions},
+            "path": _named([*scenario.path, *phase.path], where),
+            "terminal": _named([*base.terminal, *phase.terminal], where),
+            "prediction": scenario.prediction.model_copy(update=grid),
+            "steps": phase.intervals,
+            "phases": [],
+            "plant": PlantPart(substeps=scenario.plant.substeps),
+            "guess": Guess(),
+            "candidates": [],
+            "measures": {},
+        }
+    )
+
+
+def in_phase(name: str) -> str:
+    """Return the suffix of the names of a phase's constraints."""
+    return f", phase {name}"
+
+
+def _named(constraints: Sequence[Any], where: str) -> list[Any]:
+    """Return constraints with the phase in their names."""
+    return [
+        one.model_copy(update={"name": f"{one.name or one.expression}{where}"})
+        if isinstance(one, Constraint)
+        else one
+        for one in constraints
+    ]
+
+
+def _merged(base: Mapping[str, T], over: Mapping[str, T | None]) -> dict[str, T]:
+    """Return parts by name, replaced by those of a phase."""
+    found = dict(base)
+    for name, part in over.items():
+        if part is None:
+            found.pop(name, None)
+        else:
+            found[name] = _laid_over(found.get(name), part)
+    return found
+
+
+def _laid_over(before: T | None, part: T) -> T:
+    """Return a part with its keys replaced by those of another one."""
+    if isinstance(part, BaseModel) and isinstance(before, BaseModel):
+        given = {key: getattr(part, key) for key in part.model_fields_set}
+        return before.model_copy(update=given)
+    return part
+
+
+def whole_scenario(scenario: ProblemScenario) -> ProblemScenario:
+    """Return the scenario with the names of all phases, the earliest first.
+
+    It is for names and units, not to be solved: it has no definitions.
+    """
+    every: dict[str, dict[str, Any]] = {part: {} for part in MERGED}
+    for one in phase_scenarios(scenario):
+        for part, found in every.items():
+            found |= {n: p for n, p in getattr(one, part).items() if n not in found}
+    return scenario.model_copy(update={**every, "definitions": {}, "phases": []})
+
+
+def joined(scenario: ProblemScenario) -> tuple[Phases, list[Member]]:
+    """Return all phases as one problem, and the names of each phase.
+
+    Raises:
+        InvalidProblemError: If a phase has a part that phases cannot have, or a state
+            of a phase has no start.
+    """
+    stated: list[OptimalControlProblem] = []
+    linkages: list[dict[str, ca.SX]] = []
+    members: list[Member] = []
+    for phase, one in zip(scenario.phases, phase_scenarios(scenario), strict=True):
+        (member,) = members_of(one, shared_of(one))
+        members.append(member)
+        stated.append(planning_problem(one, [member]))
+        scope = member.scopes["linkage"]
+        linkages.append({n: scope.symbol(text) for n, text in phase.linkage.items()})
+    return phases(stated, linkages[:-1]), members
+
+
+def expected_ends(scenario: ProblemScenario, problem: OptimalControlProblem) -> Array:
+    """Return the guessed begin of each phase and end of the last one [s]."""
+    lengths = [
+        float(decided.first) if isinstance(decided, Free) else decided
+        for decided in durations(scenario, problem).values()
+    ]
+    return np.concatenate([[0.0], np.cumsum(lengths)])
+
+
+def durations(
+    scenario: ProblemScenario, problem: OptimalControlProblem
+) -> dict[str, float | Free]:
+    """Return the length of each phase by name [s], or the bounds of a decided one."""
+    return {
+        name: problem.decided.get(
+            f"duration of phase {number}",
+            phase.horizon_s if isinstance(phase.horizon_s, float) else 0.0,
+        )
+        for number, (name, phase) in enumerate(
+            zip(phase_names(scenario), scenario.phases, strict=True), 1
+        )
+    }
+
+
+def interval_ends(scenario: ProblemScenario) -> list[int]:
+    """Return the number of finished intervals at the end of each phase."""
+    return list(itertools.accumulate(one.intervals for one in scenario.phases))

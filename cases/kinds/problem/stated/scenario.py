@@ -1,0 +1,223 @@
+"""The scenario of a problem: a model of the user's own, its costs and constraints.
+
+Only kind, states, controls, prediction and a cost are required. Its parts are in
+parts.py, numbers and expressions in values.py.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, model_validator
+
+from swarmstart.cases.format.expressions import evaluate
+from swarmstart.cases.format.settings import AnySearch, BudgetPart, Scenario
+from swarmstart.cases.kinds.problem.stated.parts import (
+    AlgebraicPart,
+    Constraint,
+    Control,
+    DualMode,
+    Feedback,
+    Guess,
+    PathPart,
+    PlantPart,
+    Prediction,
+    State,
+    Vehicles,
+)
+from swarmstart.cases.kinds.problem.stated.tables import TablePart
+from swarmstart.cases.kinds.problem.stated.values import (
+    Expression,
+    Measured,
+    Names,
+    OverTime,
+    Parameter,
+    Quantity,
+)
+from swarmstart.cases.kinds.problem.stated.variations import Phase, Uncertain
+from swarmstart.cases.record.first_plan import recorded_plan
+from swarmstart.errors import SwarmstartError
+from swarmstart.ocp.interpolation.tables import Table as LookupTable
+from swarmstart.ocp.search.many_starts import LANES
+
+EVALUATIONS = 20_000
+"""Default budget of evaluations of a search."""
+MOST_STEPS = 10_000
+"""Largest number of steps of a simulation, if it is not given."""
+
+
+class UserScenario(Scenario):
+    """The keys of scenarios whose problem is the user's own, with their defaults.
+
+    Attributes:
+        schema_version: Version of the scenario format.
+        title: Title of the scenario in one line.
+        feedback: Use of plans: one to its end, or a new one in every interval; a name
+            or a mapping.
+        measures: Measures of the scenario's own: name to an expression of the simulated
+            path.
+        search: Search algorithm and its settings.
+        budget: Budget of the search for each planning problem.
+        polish: Local solver that improves the answer of the search: IPOPT, or none.
+        lanes: Number of random starts that are solved at once, beside the search, if
+            there is no earlier plan; null means 64 with a polish, else 0.
+    """
+
+    schema_version: Literal[1] = Field(default=1, alias="schema")
+    title: str = ""
+    feedback: Feedback = Feedback()
+    measures: Mapping[Names, Measured] = Field(default_factory=dict)
+    search: AnySearch = Field(default={"name": "lshade"}, validate_default=True)
+    budget: BudgetPart = BudgetPart(evaluations=EVALUATIONS)
+    polish: Literal["none", "ipopt"] = "ipopt"
+
+    def random_starts(self) -> int:
+        """Return the number of random starts; 64 unless the scenario gives another."""
+        if self.polish == "none":
+            return 0
+        return LANES if self.lanes is None else self.lanes
+
+
+class ProblemScenario(UserScenario):
+    """Scenario of an optimal-control problem.
+
+    Attributes:
+        kind: Kind of the scenario, which decides its other keys.
+        steps: Number of control intervals to simulate; by default those of the
+            prediction.
+        constants: Constants by name: numbers, or expressions in the constants before
+            them.
+        tables: Tables by name, used as functions in expressions.
+        parameters: Parameters by name, constant within a plan: over time, or decided by
+            the plan.
+        signals: Signals by name, known ahead over the horizon: numbers, expressions in
+            time, or tables.
+        definitions: Definitions by name: expressions that stand for parts of others.
+        algebraic: Algebraic variables by name: an expression that is 0, or a mapping.
+        states: States by name.
+        controls: Controls by name.
+        stage_cost: Cost per second along the path, an expression [cost/s].
+        step_cost: Cost at the beginning of each interval, an expression [cost].
+        initial_cost: Cost at the start of the horizon, an expression [cost].
+        terminal_cost: Cost at the end of the horizon, an expression [cost].
+        maximize: Option to maximise the costs instead of minimising them.
+        path: Constraints at every check of the path.
+        terminal: Constraints at the end of the horizon.
+        vehicles: Several vehicles with this model; null means one system.
+        uncertain: Uncertain parameters, with one plan for all their values; null means
+            none.
+        phases: Phases, one after another; empty means that there is only one.
+        guess: Start of the first plan: controls and states over time, or the folder of
+            a record.
+        candidates: Control sequences that the search tries besides its own, each an
+            expression in time for every control.
+        prediction: Horizon of a plan and its grid.
+        dual_mode: Linear law in a certified terminal set, for a receding horizon only;
+            null means none.
+        plant: Simulated system.
+    """
+
+    kind: Literal["problem"]
+    constants: Mapping[Names, Quantity] = Field(default_factory=dict)
+    tables: Mapping[Names, TablePart] = Field(default_factory=dict)
+    parameters: Mapping[Names, Parameter] = Field(default_factory=dict)
+    signals: Mapping[Names, OverTime] = Field(default_factory=dict)
+    definitions: Mapping[Names, Expression] = Field(default_factory=dict)
+    algebraic: Mapping[Names, AlgebraicPart] = Field(default_factory=dict)
+    states: Annotated[Mapping[Names, State], Field(min_length=1, max_length=200)]
+    controls: Annotated[Mapping[Names, Control], Field(min_length=1, max_length=200)]
+    stage_cost: Expression = "0"
+    step_cost: Expression = "0"
+    initial_cost: Expression = "0"
+    terminal_cost: Expression = "0"
+    maximize: bool = False
+    path: list[PathPart] = Field(default_factory=list)
+    terminal: list[Constraint] = Field(default_factory=list)
+    vehicles: Vehicles | None = None
+    uncertain: Uncertain | None = None
+    phases: list[Phase] = Field(default_factory=list, max_length=20)
+    guess: Guess = Guess()
+    candidates: list[Mapping[Names, Expression]] = Field(default_factory=list)
+    prediction: Prediction
+    dual_mode: DualMode | None = None
+    plant: PlantPart = PlantPart()
+
+    @property
+    def tabled(self) -> dict[str, LookupTable]:
+        """The tables, by name."""
+        return {name: part.table for name, part in self.tables.items()}
+
+    @model_validator(mode="before")
+    @classmethod
+    def _completed(cls, given: Any) -> Any:
+        """Add the steps, the intervals of the prediction, and the plan of a record.
+
+        With phases the intervals of the prediction are those of all phases.
+        """
+        if not isinstance(given, dict):
+            return given
+        given = _with_intervals(given)
+        guess = given.get("guess")
+        given = {"steps": _steps(given), **given}
+        if isinstance(guess, dict) and "record" in guess:
+            given["guess"] = _guess_of(
+                guess, given.get("controls"), given.get("vehicles")
+            )
+        return given
+
+
+def _with_intervals(given: dict[str, Any]) -> dict[str, Any]:
+    """Return a scenario with the intervals of all phases, unless it gives them."""
+    phases, grid = given.get("phases"), given.get("prediction", {})
+    if not (isinstance(phases, list) and phases and isinstance(grid, dict)):
+        return given
+    counts = [one.get("intervals") for one in phases if isinstance(one, dict)]
+    whole = [count for count in counts if type(count) is int]
+    if "intervals" in grid or len(whole) != len(phases):
+        return given
+    return {**given, "prediction": {**grid, "intervals": max(sum(whole), 1)}}
+
+
+def _steps(given: dict[str, Any]) -> int:
+    """Return the default steps of a scenario; 1 if its numbers are invalid.
+
+    They are the intervals. With a decided end time in closed loop they are the periods
+    in the longest horizon.
+    """
+    prediction, feedback = given.get("prediction"), given.get("feedback")
+    prediction = prediction if isinstance(prediction, dict) else {}
+    intervals, horizon = prediction.get("intervals"), prediction.get("horizon_s")
+    period = feedback.get("period_s") if isinstance(feedback, dict) else None
+    if period is not None and isinstance(horizon, dict):
+        try:
+            longest = evaluate(str(horizon["free"][1]))
+            return min(max(math.ceil(longest / evaluate(str(period))), 1), MOST_STEPS)
+        except (SwarmstartError, ArithmeticError, LookupError, TypeError):
+            return 1
+    if isinstance(intervals, bool) or not isinstance(intervals, int):
+        return 1
+    return intervals
+
+
+def _guess_of(guess: dict[str, Any], controls: Any, vehicles: Any) -> dict[str, Any]:
+    """Return a guess with the first plan of a record in place of its folder."""
+    if (
+        set(guess) != {"record"}
+        or vehicles is not None
+        or not isinstance(controls, dict)
+    ):
+        raise ValueError(
+            "expected record alone in the guess of a problem without vehicles"
+        )
+    times, rows = recorded_plan(guess["record"])
+    if len(rows) != len(controls):
+        raise ValueError(
+            f"expected guess.record with a plan of {len(controls)} controls; found "
+            f"{len(rows)}"
+        )
+    return {
+        "controls": {
+            name: {"times": times, "values": row}
+            for name, row in zip(controls, rows, strict=True)
+        }
+    }

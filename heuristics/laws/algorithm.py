@@ -1,0 +1,321 @@
+"""Protocols of an algorithm's parts, and what all algorithms share.
+
+An algorithm is a frozen record of settings, a state of plain arrays, and two compiled
+kernels. One generation is
+
+    propose(rng, settings, state, asked)              fills asked, shape (dim, size)
+    cost, violation = objective(asked)
+    accept(settings, state, asked, cost, violation)
+
+At generation 0 `propose` hands out the initial population, and `accept` takes its
+costs. How many individuals the next generation has is part of the state, so that
+populations may shrink or grow. Everything that changes lives in the arrays of the state
+(and the level of the order); with a copy of them and of the generator's state a search
+continues bit for bit.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple, Protocol, Self
+
+import numpy as np
+
+from swarmstart.errors import SwarmstartError
+from swarmstart.heuristics.laws.bound_handling import NAMES
+from swarmstart.heuristics.laws.box import Box
+from swarmstart.heuristics.laws.copying import take_column
+from swarmstart.heuristics.laws.order import (
+    RunningOrder,
+    begin_level,
+    is_finite,
+    precedes,
+    set_level,
+)
+from swarmstart.machine_code.kernel import Array, Count, kernel
+
+MOST_NUMBERS = 20_000_000
+"""Of a population: 160 MB, and a search holds several of that size."""
+
+
+class InvalidSettingsError(SwarmstartError, ValueError):
+    """A setting of an algorithm or of a search has a value that is not allowed.
+
+    Attributes:
+        name: The setting.
+        value: What was given.
+        allowed: What is allowed, in words.
+    """
+
+    def __init__(self, name: str, value: object, allowed: str) -> None:
+        """Keep the parts of the message."""
+        super().__init__(f"{name} must be {allowed}, got {value!r}")
+        self.name = name
+        self.value = value
+        self.allowed = allowed
+
+
+class Settings(Protocol):
+    """The fields that the kernel settings of all algorithms in a box share."""
+
+    @property
+    def lower(self) -> Array:
+        """Lower bounds of the box, shape (dim,)."""
+
+    @property
+    def upper(self) -> Array:
+        """Upper bounds of the box, shape (dim,)."""
+
+    @property
+    def order(self) -> RunningOrder:
+        """The order of individuals."""
+
+    @property
+    def bound_handling(self) -> int:
+        """The rule at the bounds, a code of `bound_handling`."""
+
+
+class State(Protocol):
+    """The fields that the states of all algorithms share; a NamedTuple of arrays."""
+
+    @property
+    def generation(self) -> Count:
+        """Number of generations accepted so far, int64, shape (1,)."""
+
+    @property
+    def progress(self) -> Array:
+        """Fraction of the budget used, in [0, 1], shape (1,); iter_k / iter_max (5.19).
+
+        The loop sets it before each propose.
+        """
+
+    @property
+    def best(self) -> Array:
+        """Best point so far, shape (dim,).
+
+        The first point of the initial population as long as nothing finite was seen.
+        """
+
+    @property
+    def best_cost(self) -> Array:
+        """Cost of `best`, shape (1,); infinity until a finite one was seen."""
+
+    @property
+    def best_violation(self) -> Array:
+        """Violation of `best`, shape (1,); infinity until a finite one was seen."""
+
+    @property
+    def nonfinite(self) -> Count:
+        """Number of individuals so far that were not finite, int64, shape (1,)."""
+
+    @property
+    def size(self) -> Count:
+        """Number of individuals of the next generation, int64, shape (1,)."""
+
+    @property
+    def evaluations(self) -> Count:
+        """Number of individuals accepted so far, int64, shape (1,)."""
+
+    @property
+    def improved(self) -> Count:
+        """Number of the generation in which `best` or the level last improved, (1,)."""
+
+
+class CommonFields(NamedTuple):
+    """The shared fields of `State`, in the order in which every state begins."""
+
+    generation: Count
+    progress: Array
+    best: Array
+    best_cost: Array
+    best_violation: Array
+    nonfinite: Count
+    size: Count
+    evaluations: Count
+    improved: Count
+
+
+class Kernels(NamedTuple):
+    """The two compiled functions of an algorithm.
+
+    Attributes:
+        propose: (rng, settings, state, asked) -> None; fills asked.
+        accept: (settings, state, asked, cost, violation) -> None; updates the state.
+    """
+
+    propose: Callable[..., None]
+    accept: Callable[..., None]
+
+
+class Algorithm(Protocol):
+    """The interface of an algorithm's settings, a frozen dataclass."""
+
+    @property
+    def kernels(self) -> Kernels:
+        """The two compiled functions."""
+
+    def first_size(self, box: Box, evaluations: int | None) -> int:
+        """Number of individuals of the first generation.
+
+        Args:
+            box: The box.
+            evaluations: The budget; None if it is not known.
+        """
+
+    def kernel_settings(self, box: Box, order: RunningOrder) -> tuple[object, ...]:
+        """Return the settings as a NamedTuple of numbers and arrays, for the kernels.
+
+        Raises:
+            InvalidSettingsError: If a setting does not fit the box.
+        """
+
+    def start(self, box: Box, population: Array, *, rng: np.random.Generator) -> State:
+        """The state before generation 0.
+
+        Args:
+            box: The box.
+            population: Initial population, shape (dim, size); copied.
+            rng: Source of randomness.
+        """
+
+
+def common_fields(population: Array) -> CommonFields:
+    """The shared fields of a state before generation 0.
+
+    Args:
+        population: Initial population, shape (dim, size).
+
+    Returns:
+        New arrays.
+    """
+    return CommonFields(
+        generation=np.zeros(1, dtype=np.int64),
+        progress=np.zeros(1),
+        best=population[:, 0].copy(),
+        best_cost=np.full(1, np.inf),
+        best_violation=np.full(1, np.inf),
+        nonfinite=np.zeros(1, dtype=np.int64),
+        size=np.full(1, population.shape[1], dtype=np.int64),
+        evaluations=np.zeros(1, dtype=np.int64),
+        improved=np.zeros(1, dtype=np.int64),
+    )
+
+
+@kernel
+def take_generation(
+    order: RunningOrder, state: State, asked: Array, cost: Array, violation: Array
+) -> None:
+    """Update the shared fields: the best point, the counters, the level of the order.
+
+    The best point is the best by the final tolerance, whatever the level is now. As
+    long as the level is above the tolerance, every generation counts as an improvement.
+
+    Args:
+        order: The order.
+        state: State of the algorithm, changed in place.
+        asked: Points that were evaluated, shape (dim, size).
+        cost: Their costs, shape (size,).
+        violation: Their violations, shape (size,).
+    """
+    rule, weight, level = order.rule, order.weight, order.tolerance
+    least, least_violation, best = state.best_cost[0], state.best_violation[0], -1
+    for i in range(cost.size):
+        if not is_finite(cost[i], violation[i]):
+            state.nonfinite[0] += 1
+        if precedes(rule, weight, level, cost[i], violation[i], least, least_violation):
+            least, least_violation, best = cost[i], violation[i], i
+    if best >= 0:
+        take_column(asked, best, state.best)
+        state.best_cost[0] = least
+        state.best_violation[0] = least_violation
+        state.improved[0] = state.generation[0] + 1
+    state.generation[0] += 1
+    state.evaluations[0] += cost.size
+    if state.generation[0] == 1:
+        begin_level(order, violation)
+    set_level(order, state.progress[0], violation)
+    if order.level[0] > order.tolerance:
+        state.improved[0] = state.generation[0]
+
+
+def require(name: str, value: object, *, ok: bool, allowed: str) -> None:
+    """Raise InvalidSettingsError unless a setting is ok.
+
+    Raises:
+        InvalidSettingsError: If ok is False.
+    """
+    if not ok:
+        raise InvalidSettingsError(name, value, allowed)
+
+
+class OfFixedSize:
+    """Base of the settings whose generations all have `size` individuals."""
+
+    __slots__ = ()
+    size: int
+
+    def first_size(self, box: Box, evaluations: int | None) -> int:
+        """Number of individuals of every generation."""
+        del box, evaluations
+        return self.size
+
+
+class BoundHandled:
+    """Base of the settings with a `bound_handling`; refuses its old name `bounds`.
+
+    Raises:
+        InvalidSettingsError: If `bounds` is given; that is a keyword of `minimize`.
+    """
+
+    __slots__ = ()
+
+    def __new__(cls, *args: object, **settings: object) -> Self:
+        """Return the object that the dataclass fills; it has the same arguments."""
+        del args
+        if "bounds" in settings:
+            allowed = "given as bound_handling, its new name"
+            raise InvalidSettingsError("bounds", settings["bounds"], allowed)
+        return super().__new__(cls)
+
+
+def require_bound_handling(name: str) -> None:
+    """Validate the name of a rule of `bound_handling`.
+
+    Raises:
+        InvalidSettingsError: If there is no such rule.
+    """
+    require_name("bound_handling", name, NAMES)
+
+
+def require_name(name: str, value: str, names: tuple[str, ...]) -> None:
+    """Validate a setting that must be one of several names.
+
+    Raises:
+        InvalidSettingsError: If it is another.
+    """
+    require(name, value, ok=value in names, allowed=f"one of {', '.join(names)}")
+
+
+def first_size_of(algorithm: Algorithm, box: Box, evaluations: int | None) -> int:
+    """Return the size of the first generation, if it fits into memory.
+
+    Args:
+        algorithm: The settings.
+        box: The box that is searched.
+        evaluations: The budget; None if it is wall time.
+
+    Raises:
+        InvalidSettingsError: If a population has more than MOST_NUMBERS numbers.
+    """
+    size = algorithm.first_size(box, evaluations)
+    allowed = f"at most {MOST_NUMBERS // box.dim} with {box.dim} variables"
+    require("size", size, ok=size * box.dim <= MOST_NUMBERS, allowed=allowed)
+    return size
+
+
+def require_size(size: int, *, at_least: int) -> None:
+    """Validate a population size.
+
+    Raises:
+        InvalidSettingsError: If it is not an integer, or too small.
+    """
+    ok = isinstance(size, int) and size >= at_least
+    require("size", size, ok=ok, allowed=f"an integer of at least {at_least}")

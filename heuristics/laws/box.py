@@ -1,0 +1,175 @@
+"""The box a search is confined to: {x : lower <= x <= upper}."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from swarmstart.errors import SwarmstartError
+from swarmstart.machine_code.kernel import Array, Count, kernel
+
+
+class InvalidBoxError(SwarmstartError, ValueError):
+    """The bounds do not make a box.
+
+    Attributes:
+        lower: The lower bounds as given.
+        upper: The upper bounds as given.
+    """
+
+    def __init__(self, message: str, *, lower: ArrayLike, upper: ArrayLike) -> None:
+        """Keep the bounds beside the message."""
+        super().__init__(message)
+        self.lower = lower
+        self.upper = upper
+
+
+class InvalidPointsError(SwarmstartError, ValueError):
+    """Points do not fit the box or the population they are meant for.
+
+    Attributes:
+        shape: Shape of the points as given.
+    """
+
+    def __init__(self, message: str, *, shape: tuple[int, ...]) -> None:
+        """Keep the shape beside the message."""
+        super().__init__(message)
+        self.shape = shape
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Box:
+    """Lower and upper bounds of the variables; copied and read-only.
+
+    Attributes:
+        lower: Lower bounds, shape (dim,), in the units of the variables.
+        upper: Upper bounds, shape (dim,), none below its lower bound. A variable whose
+            bounds are equal is fixed.
+        per_step: Number of variables of one time step, if the variables are a sequence
+            in time, step after step. None if they are not.
+        constant: Number of variables, the last ones, that belong to no time step.
+
+    Raises:
+        InvalidBoxError: If the bounds are no vectors of one length, not finite, or a
+            lower bound is above its upper bound, or per_step does not divide dim.
+
+    Example:
+        >>> import numpy as np
+        >>> import swarmstart as ss
+        >>> box = ss.Box(lower=[-1, 0], upper=[1, 5])
+        >>> box.dim, box.width.tolist()
+        (2, [2.0, 5.0])
+        >>> box.contains(np.array([[0.0, 0.0], [3.0, 7.0]])).tolist()
+        [True, False]
+    """
+
+    lower: Array
+    upper: Array
+    per_step: int | None = None
+    constant: int = 0
+
+    def __post_init__(self) -> None:
+        """Check the bounds, copy them and set them read-only."""
+        for name in ("lower", "upper"):
+            bound = _numbers(name, getattr(self, name))
+            bound.setflags(write=False)
+            object.__setattr__(self, name, bound)
+        problem = _problem(self.lower, self.upper)
+        if not problem and self.per_step is not None:
+            if self.per_step < 1 or self.in_sequence % self.per_step:
+                problem = (
+                    f"per_step must divide {self.in_sequence}, got {self.per_step}"
+                )
+        if problem:
+            raise InvalidBoxError(problem, lower=self.lower, upper=self.upper)
+
+    @property
+    def dim(self) -> int:
+        """Number of variables."""
+        return self.lower.size
+
+    @property
+    def in_sequence(self) -> int:
+        """Number of variables that belong to steps, if there are any."""
+        return self.dim - self.constant
+
+    @property
+    def width(self) -> Array:
+        """Upper minus lower bounds, shape (dim,), a new array."""
+        return self.upper - self.lower
+
+    @property
+    def free(self) -> Count:
+        """Indices of the variables that are not fixed; all indices if all are fixed.
+
+        It is never empty, so that algorithms need no special case.
+        """
+        free = np.flatnonzero(self.lower < self.upper)
+        return free if free.size else np.arange(self.dim)
+
+    def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
+        """Return which points lie in the box, its boundary included.
+
+        Args:
+            points: One point, shape (dim,), or several as columns, shape (dim, k).
+
+        Returns:
+            One truth value for each point, shape () or (k,); NaN lies outside.
+
+        Raises:
+            InvalidPointsError: If the points do not have `dim` rows.
+        """
+        points = np.asarray(points, dtype=np.float64)
+        if points.ndim not in (1, 2) or points.shape[0] != self.dim:
+            raise InvalidPointsError(
+                f"points must have shape ({self.dim},) or ({self.dim}, k), "
+                f"got {points.shape}",
+                shape=points.shape,
+            )
+        rows = points.reshape(self.dim, -1)
+        inside = (rows >= self.lower[:, None]) & (rows <= self.upper[:, None])
+        return np.asarray(inside.all(axis=0), dtype=np.bool_).reshape(points.shape[1:])
+
+
+@kernel
+def clip(value: float, lower: float, upper: float) -> float:
+    """The nearest value in [lower, upper]."""
+    if value < lower:
+        return lower
+    if value > upper:
+        return upper
+    return value
+
+
+@kernel
+def between(lower: float, upper: float, fraction: float) -> float:
+    """The point at a fraction in [0, 1] of the way, never above upper by rounding."""
+    return min(lower + (upper - lower) * fraction, upper)
+
+
+def _problem(lower: Array, upper: Array) -> str:
+    """Return what is wrong with the bounds; empty if nothing is."""
+    if lower.ndim != 1 or lower.shape != upper.shape or lower.size == 0:
+        return (
+            "lower and upper must be vectors of one length, at least 1, "
+            f"got shapes {lower.shape} and {upper.shape}"
+        )
+    for d, (low, high) in enumerate(zip(lower.tolist(), upper.tolist(), strict=True)):
+        if not (low <= high and math.isfinite(high - low)):
+            return (
+                f"bounds of variable {d} must be finite, the lower not above the "
+                f"upper, got [{low}, {high}]"
+            )
+    return ""
+
+
+def _numbers(name: str, given: ArrayLike) -> Array:
+    """Copy bounds; refuse anything but an array of numbers."""
+    try:
+        return np.array(given, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        problem = f"{name} must be a vector of numbers, got {given!r}"
+        raise InvalidBoxError(problem, lower=given, upper=given) from error

@@ -1,0 +1,489 @@
+"""Orders of individuals by cost and violation.
+
+Static penalty, with the weight w:
+
+    a better than b  <=>  cost_a + w violation_a < cost_b + w violation_b
+
+Feasibility first (Deb 2000), with feasible meaning violation <= tolerance:
+
+    a better than b  <=>  both feasible and cost_a < cost_b,
+                          or a feasible and b not,
+                          or both infeasible and violation_a < violation_b
+
+Epsilon level (Takahama and Sakai 2006): feasibility first, with a tolerance that
+shrinks to the final one during the search. With v_0 the violation of a quantile of the
+initial population and p the fraction of the budget used,
+
+    epsilon = max(tolerance, v_0 (1 - p / p_c)^c)   for p < p_c,  tolerance after
+
+As published, the level depends on the budget alone. On problems whose feasible points
+are easily found, the population then spends most of the budget on a relaxed problem
+whose optimum is infeasible. Here the level is also at most the same quantile q of the
+violations v_g of the last generation evaluated:
+
+    epsilon = max(tolerance, min(v_0 (1 - p / p_c)^c, quantile_q(v_g)))
+
+The effect of this change is measured in docs/measured/orders.md.
+
+An individual whose cost or violation is not finite ranks last under every order.
+
+An `Order` is plain numbers; a search adds the level it has reached. To add a rule, add
+a constant, a function that builds it, and a branch in `better` and in `merits`.
+
+Source: Deb (2000), An efficient constraint handling method for genetic algorithms,
+Computer Methods in Applied Mechanics and Engineering 186; Takahama and Sakai (2006),
+Constrained optimization by the epsilon constrained differential evolution with
+gradient-based mutation and feasible elites, IEEE Congress on Evolutionary Computation.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from swarmstart.errors import SwarmstartError
+from swarmstart.machine_code.kernel import Array, Count, kernel
+
+STATIC_PENALTY = 0
+FEASIBILITY_FIRST = 1
+EPSILON_LEVEL = 2
+
+
+class InvalidOrderError(SwarmstartError, ValueError):
+    """A parameter of an order is out of its range.
+
+    Attributes:
+        name: The parameter.
+        value: What was given.
+    """
+
+    def __init__(
+        self, name: str, value: float, allowed: str = "finite and at least 0"
+    ) -> None:
+        """Keep name and value beside the message."""
+        super().__init__(f"{name} must be {allowed}, got {value}")
+        self.name = name
+        self.value = value
+
+
+class Order(NamedTuple):
+    """An order of individuals.
+
+    Built by `static_penalty`, `feasibility_first` or `epsilon_level`.
+
+    Attributes:
+        rule: STATIC_PENALTY, FEASIBILITY_FIRST or EPSILON_LEVEL.
+        weight: Cost per unit of violation; static penalty only.
+        tolerance: Largest violation of a feasible individual.
+        quantile: Part q of a generation that is below the level.
+        control: Fraction of the budget p_c after which the level is the tolerance.
+        power: The level's exponent c.
+        adaptive: Whether the level follows the violations of the generations.
+    """
+
+    rule: int
+    weight: float
+    tolerance: float
+    quantile: float = 0.0
+    control: float = 1.0
+    power: float = 1.0
+    adaptive: bool = False
+
+    def running(self) -> "RunningOrder":
+        """Return the order with a level of its own, at the beginning of a search."""
+        return RunningOrder(*self, level=np.array([self.tolerance, 0.0]))
+
+
+class RunningOrder(NamedTuple):
+    """An order as kernels take it: the fields of `Order`, and the level reached.
+
+    Attributes:
+        level: The largest violation that counts as feasible now, and the one that the
+            search began with, shape (2,).
+    """
+
+    rule: int
+    weight: float
+    tolerance: float
+    quantile: float
+    control: float
+    power: float
+    adaptive: bool
+    level: Array
+
+
+def static_penalty(weight: float) -> Order:
+    """Order by cost + weight * violation.
+
+    Args:
+        weight: Cost per unit of violation, at least 0.
+
+    Returns:
+        The order.
+
+    Raises:
+        InvalidOrderError: If the weight is negative or not finite.
+
+    Example:
+        A weight that is too small gives an infeasible answer, here 0.5 for 1:
+
+        >>> import numpy as np
+        >>> import swarmstart as ss
+        >>> found = ss.minimize(
+        ...     lambda x: (x[0] ** 2, np.maximum(1 - x[0], 0)),  # x >= 1
+        ...     bounds=[(-2, 2)],
+        ...     budget=2000,
+        ...     order=ss.static_penalty(1.0),
+        ...     seed=0,
+        ... )
+        >>> found.x.round(6).tolist()
+        [0.5]
+    """
+    _require_nonnegative("weight", weight)
+    return Order(rule=STATIC_PENALTY, weight=float(weight), tolerance=0.0)
+
+
+def feasibility_first(tolerance: float = 0.0) -> Order:
+    """Order feasible before infeasible, the former by cost, the latter by violation.
+
+    Args:
+        tolerance: Largest violation that counts as feasible, at least 0.
+
+    Returns:
+        The order.
+
+    Raises:
+        InvalidOrderError: If the tolerance is negative or not finite.
+
+    Source: Deb (2000).
+
+    Example:
+        >>> import numpy as np
+        >>> import swarmstart as ss
+        >>> found = ss.minimize(
+        ...     lambda x: (x[0] ** 2, np.maximum(1 - x[0], 0)),  # x >= 1
+        ...     bounds=[(-2, 2)],
+        ...     budget=2000,
+        ...     order=ss.feasibility_first(),
+        ...     seed=0,
+        ... )
+        >>> found.x.round(6).tolist(), found.violation
+        ([1.0], 0.0)
+    """
+    _require_nonnegative("tolerance", tolerance)
+    return Order(rule=FEASIBILITY_FIRST, weight=0.0, tolerance=float(tolerance))
+
+
+def epsilon_level(
+    tolerance: float = 0.0,
+    *,
+    quantile: float = 0.1,
+    control: float = 0.8,
+    power: float = 5.0,
+    adaptive: bool = True,
+) -> Order:
+    """Order feasibility first, with a tolerance that shrinks during the search.
+
+    It differs from `feasibility_first` if few points of the first population are
+    feasible, for example with equality constraints. Which of two points is better then
+    depends on the fraction of the budget used; the result is best by the final
+    tolerance.
+
+    Args:
+        tolerance: Largest violation that counts as feasible in the end, at least 0.
+        quantile: Fraction q of the initial population (if adaptive, of every
+            generation) whose violation is below the level, in [0, 1]; the paper has
+            0.2.
+        control: Fraction of the budget after which the level is the tolerance, in
+            (0, 1].
+        power: How fast the level falls, at least 0.
+        adaptive: Whether the level is at most the quantile of the last generation. If
+            False, it depends on the budget alone, as published.
+
+    Returns:
+        The order.
+
+    Raises:
+        InvalidOrderError: If a number is out of its range.
+
+    Source: Takahama and Sakai (2006).
+
+    Example:
+        An equality constraint, met to 1e-4 in the end:
+
+        >>> import swarmstart as ss
+        >>> found = ss.minimize(
+        ...     lambda x: (x[0] + x[1], abs(x[0] ** 2 + x[1] ** 2 - 2)),
+        ...     bounds=[(-2, 2)] * 2,
+        ...     budget=20_000,
+        ...     order=ss.epsilon_level(1e-4),
+        ...     seed=0,
+        ... )
+        >>> round(found.cost, 2), found.violation <= 1e-4
+        (-2.0, True)
+    """
+    for name, value in (("tolerance", tolerance), ("power", power)):
+        _require_nonnegative(name, value)
+    if not 0.0 <= quantile <= 1.0:
+        raise InvalidOrderError("quantile", quantile, "in [0, 1]")
+    if not 0.0 < control <= 1.0:
+        raise InvalidOrderError("control", control, "in (0, 1]")
+    return Order(
+        rule=EPSILON_LEVEL,
+        weight=0.0,
+        tolerance=float(tolerance),
+        quantile=float(quantile),
+        control=float(control),
+        power=float(power),
+        adaptive=bool(adaptive),
+    )
+
+
+@kernel
+def begin_level(order: RunningOrder, violation: Array) -> None:
+    """Take the first level from the violations of the initial population, (size,)."""
+    level = quantile_of(violation, order.quantile)
+    if level < np.inf:
+        order.level[1] = level
+
+
+@kernel
+def set_level(order: RunningOrder, progress: float, violation: Array) -> None:
+    """Update the level after a generation.
+
+    Args:
+        order: The order, whose level is changed in place; other rules have no level.
+        progress: Fraction of the budget used.
+        violation: Violations of the generation, shape (size,).
+    """
+    if order.rule != EPSILON_LEVEL:
+        return
+    left = 1.0 - progress / order.control
+    level = order.level[1] * left**order.power if left > 0.0 else 0.0
+    if order.adaptive and level > order.tolerance:
+        level = min(level, quantile_of(violation, order.quantile))
+    order.level[0] = max(order.tolerance, level)
+
+
+@kernel
+def quantile_of(violation: Array, quantile: float) -> float:
+    """Return a quantile of the finite violations; infinity if there are none."""
+    known, number = np.empty(violation.size), 0
+    for i in range(violation.size):
+        if math.isfinite(violation[i]):
+            known[number] = violation[i]
+            number += 1
+    return nth_least(known, number, int(quantile * (number - 1))) if number else np.inf
+
+
+@kernel
+def nth_least(values: Array, number: int, n: int) -> float:
+    """Return the n-th least (n from 0) of the first `number` entries of a vector.
+
+    The vector is reordered (quickselect; np.sort takes 2 s to compile).
+    """
+    low, high = 0, number - 1
+    while low < high:
+        pivot, i, j = values[(low + high) // 2], low, high
+        while i <= j:
+            while values[i] < pivot:
+                i += 1
+            while pivot < values[j]:
+                j -= 1
+            if i <= j:
+                values[i], values[j] = values[j], values[i]
+                i += 1
+                j -= 1
+        if n <= j:
+            high = j
+        elif n >= i:
+            low = i
+        else:
+            break
+    return float(values[n])
+
+
+@kernel
+def better(
+    order: RunningOrder,
+    cost_a: float,
+    violation_a: float,
+    cost_b: float,
+    violation_b: float,
+) -> bool:
+    """Return whether individual a is strictly better than individual b.
+
+    Args:
+        order: The order.
+        cost_a: Cost of a.
+        violation_a: Violation of a, at least 0.
+        cost_b: Cost of b.
+        violation_b: Violation of b, at least 0.
+
+    Returns:
+        True if a is strictly better; False on a tie.
+    """
+    return better_at(order, order.level[0], cost_a, violation_a, cost_b, violation_b)
+
+
+@kernel
+def better_at(
+    order: RunningOrder,
+    level: float,
+    cost_a: float,
+    violation_a: float,
+    cost_b: float,
+    violation_b: float,
+) -> bool:
+    """Return whether a is strictly better; violations up to `level` are feasible."""
+    rule, weight = order.rule, order.weight
+    return precedes(rule, weight, level, cost_a, violation_a, cost_b, violation_b)
+
+
+@kernel
+def precedes(  # noqa: PLR0913, PLR0917 - numbers only: see the docstring
+    rule: int,
+    weight: float,
+    level: float,
+    cost_a: float,
+    violation_a: float,
+    cost_b: float,
+    violation_b: float,
+) -> bool:
+    """Compare as `better_at` does, for loops over individuals.
+
+    It takes numbers because an `Order` holds an array: compiled code would count its
+    references at each call, which takes longer than the comparison.
+    """
+    if not is_finite(cost_a, violation_a):
+        return False
+    if not is_finite(cost_b, violation_b):
+        return True
+    if rule == STATIC_PENALTY:
+        penalised_a = cost_a + weight * violation_a
+        return penalised_a < cost_b + weight * violation_b
+    feasible_a = violation_a <= level
+    feasible_b = violation_b <= level
+    if feasible_a and feasible_b:
+        return cost_a < cost_b
+    if feasible_a or feasible_b:
+        return feasible_a
+    return violation_a < violation_b
+
+
+@kernel
+def ranking(order: RunningOrder, cost: Array, violation: Array) -> Count:
+    """Indices of a population from the best to the worst, by `better` (merge sort).
+
+    Individuals that tie keep their order; those that are not finite come last.
+
+    Args:
+        order: The order.
+        cost: Costs, shape (size,).
+        violation: Violations, shape (size,).
+
+    Returns:
+        The indices, shape (size,).
+    """
+    size = cost.size
+    rank = np.arange(size)
+    merged = np.empty_like(rank)
+    length = 1  # of the runs that are sorted
+    while length < size:
+        for first in range(0, size, 2 * length):
+            middle, end = min(first + length, size), min(first + 2 * length, size)
+            i, j = first, middle
+            for k in range(first, end):
+                a, b = rank[min(i, size - 1)], rank[min(j, size - 1)]
+                if j == end or (
+                    i < middle
+                    and not better(order, cost[b], violation[b], cost[a], violation[a])
+                ):
+                    merged[k] = a
+                    i += 1
+                else:
+                    merged[k] = b
+                    j += 1
+        rank, merged = merged, rank
+        length *= 2
+    return rank
+
+
+@kernel
+def merits(order: RunningOrder, cost: Array, violation: Array, out: Array) -> None:
+    """One number for each individual of a population; the smaller, the better.
+
+    Static penalty: cost + weight * violation. The others, free of units: for feasible
+    individuals their place between the least and the largest feasible cost, in [0, 1];
+    for infeasible ones 1 + violation / largest violation. Not finite: infinity.
+    Individuals that `better` tells apart may tie by rounding; they never change places.
+
+    Deb (2000) adds the violation to the worst feasible cost instead: that depends on
+    the units of the cost.
+
+    Args:
+        order: The order.
+        cost: Costs, shape (size,).
+        violation: Violations, shape (size,).
+        out: Filled with the merits, shape (size,).
+    """
+    least, largest, worst = ranges(order, cost, violation)
+    span = 0.5 * largest - 0.5 * least  # Halves: the difference may overflow.
+    for i in range(cost.size):
+        if not is_finite(cost[i], violation[i]):
+            out[i] = np.inf
+        elif order.rule == STATIC_PENALTY:
+            out[i] = cost[i] + order.weight * violation[i]
+        elif violation[i] > order.level[0]:
+            out[i] = 1.0 + violation[i] / worst
+        else:
+            out[i] = (0.5 * cost[i] - 0.5 * least) / span if span > 0.0 else 0.0
+
+
+@kernel
+def ranges(
+    order: RunningOrder, cost: Array, violation: Array
+) -> tuple[float, float, float]:
+    """Return least and largest feasible cost, and largest violation, if finite.
+
+    The costs are infinity and minus infinity if nothing is feasible.
+    """
+    least, largest, worst = np.inf, -np.inf, 0.0
+    for i in range(cost.size):
+        if is_finite(cost[i], violation[i]):
+            worst = max(worst, violation[i])
+            if violation[i] <= order.level[0]:
+                least, largest = min(least, cost[i]), max(largest, cost[i])
+    return least, largest, worst
+
+
+@kernel
+def best_index(order: RunningOrder, cost: Array, violation: Array) -> int:
+    """Index of the first of the best individuals."""
+    rule, weight, level, best = order.rule, order.weight, order.level[0], 0
+    for i in range(1, cost.size):
+        least, least_violation = cost[best], violation[best]
+        if precedes(rule, weight, level, cost[i], violation[i], least, least_violation):
+            best = i
+    return best
+
+
+@kernel
+def worst_index(order: RunningOrder, cost: Array, violation: Array) -> int:
+    """Index of the first of the worst individuals."""
+    worst = 0
+    for i in range(1, cost.size):
+        if better(order, cost[worst], violation[worst], cost[i], violation[i]):
+            worst = i
+    return worst
+
+
+@kernel
+def is_finite(cost: float, violation: float) -> bool:
+    """Return whether both numbers are finite."""
+    return math.isfinite(cost) and math.isfinite(violation)
+
+
+def _require_nonnegative(name: str, value: float) -> None:
+    if not 0.0 <= value < math.inf:
+        raise InvalidOrderError(name, value)

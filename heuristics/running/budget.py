@@ -1,0 +1,119 @@
+"""Budgets: how long a search may go on."""
+
+from dataclasses import dataclass
+from numbers import Integral, Real
+from typing import cast
+
+import numpy as np
+
+from swarmstart.errors import SwarmstartError
+from swarmstart.heuristics.running.stopping import UNLIMITED, Limits
+
+
+class InvalidBudgetError(SwarmstartError, ValueError):
+    """An invalid budget, or one too small for a single generation.
+
+    Attributes:
+        evaluations: The evaluations given; None if not given.
+        seconds: The seconds given; None if not given.
+    """
+
+    def __init__(self, message: str, budget: object) -> None:
+        """Keep the budget's numbers beside the message."""
+        super().__init__(message)
+        self.evaluations: int | None = getattr(budget, "evaluations", None)
+        self.seconds: float | None = getattr(budget, "seconds", None)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Budget:
+    """Limits of a search, which stops at whichever comes first.
+
+    Attributes:
+        evaluations: Largest number of individuals evaluated, at least 1; None means no
+            limit.
+        seconds: Wall time in s, above 0, after which no generation is started (the
+            first always is); None means no limit. Loading machine code, or compiling
+            it once per machine, does not count.
+        target: Cost at which the search stops as soon as a feasible point reaches it;
+            None means no target.
+        stagnation: Generations without a better point after which it stops, at least 1;
+            None means never. A constant added to the cost changes nothing. Generations
+            in which the level of the order is above its tolerance do not count.
+
+    Raises:
+        InvalidBudgetError: If there are neither evaluations nor seconds, or one is out
+            of its range.
+
+    Example:
+        >>> import swarmstart as ss
+        >>> ss.Budget(evaluations=20_000, seconds=2.0, target=1e-8)
+        Budget(evaluations=20000, seconds=2.0, target=1e-08, stagnation=None)
+    """
+
+    evaluations: int | None = None
+    seconds: float | None = None
+    target: float | None = None
+    stagnation: int | None = None
+
+    def __post_init__(self) -> None:
+        """Check the limits."""
+        if self.evaluations is None and self.seconds is None:
+            raise InvalidBudgetError("a budget needs evaluations or seconds", self)
+        for name in ("evaluations", "stagnation"):
+            value = getattr(self, name)
+            if value is not None and not _is_count(value):
+                message = (
+                    f"{name} must be an integer of at least 1 and below 2^62, "
+                    f"got {value!r}"
+                )
+                raise InvalidBudgetError(message, self)
+        seconds, target = self.seconds, self.target
+        if seconds is not None and not (_is_number(seconds) and 0.0 < seconds < np.inf):
+            message = f"seconds must be finite and above 0, got {seconds!r}"
+            raise InvalidBudgetError(message, self)
+        if target is not None and (not _is_number(target) or np.isnan(target)):
+            message = f"target must be a number, got {target!r}"
+            raise InvalidBudgetError(message, self)
+
+    def limits(self) -> Limits:
+        """Return the limits that both loops check after a generation."""
+        return Limits(
+            evaluations=UNLIMITED
+            if self.evaluations is None
+            else int(self.evaluations),
+            target=-np.inf if self.target is None else float(self.target),
+            stagnation=int(self.stagnation or 0),
+        )
+
+
+def budget_of(given: Budget | int) -> Budget:
+    """Return a budget; an integer is a number of evaluations.
+
+    Raises:
+        InvalidBudgetError: If it is neither a Budget nor an integer of at least 1.
+
+    Example:
+        >>> budget_of(5000) == Budget(evaluations=5000)
+        True
+    """
+    if isinstance(given, Budget):
+        return given
+    if not _is_count(given):
+        raise InvalidBudgetError(
+            "budget must be a Budget, or an integer of at least 1 (evaluations), "
+            f"got {given!r}",
+            None,
+        )
+    return Budget(evaluations=int(given))
+
+
+def _is_count(value: object) -> bool:
+    """Return whether a value is an integer from 1 to what compiled code can count."""
+    ok = isinstance(value, Integral) and not isinstance(value, bool)
+    return ok and 1 <= int(cast(int, value)) < UNLIMITED // 2
+
+
+def _is_number(value: object) -> bool:
+    """Return whether a value is a real number."""
+    return isinstance(value, Real) and not isinstance(value, bool)

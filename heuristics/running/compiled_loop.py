@@ -1,0 +1,228 @@
+"""A loop over generations without Python, for objectives that are compiled themselves.
+
+One compiled loop calls propose, evaluate and accept. It returns after a chunk of
+generations, to look at the clock and for Ctrl-C. The kernels are those of ask and tell,
+called with the same numbers in the same order, so both loops give the same bits.
+
+The loop calls the kernels at their addresses. So it compiles fast, and each kernel is
+compiled only once for both loops.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple, Protocol, cast
+
+import numba
+import numpy as np
+from llvmlite import ir
+from numba.extending import intrinsic
+
+from swarmstart.heuristics.laws.algorithm import Kernels, State
+from swarmstart.heuristics.running.archive import Archive, collect
+from swarmstart.heuristics.running.stopping import (
+    GOES_ON,
+    UNLIMITED,
+    Limits,
+    finished,
+    progress_of,
+)
+from swarmstart.machine_code.kernel import Array, Count, call_at, kernel
+
+CHUNK = 1
+"""Generations before the first look at the clock."""
+CHUNK_S = 0.02
+"""Wall time between two looks at the clock, about [s]."""
+LARGEST_CHUNK = 4096
+
+
+def next_chunk(generations: int, seconds: float, *, left: float = np.inf) -> int:
+    """Return the number of generations to run next.
+
+    Args:
+        generations: Number of generations of the last chunk, at least 1.
+        seconds: Time that they took [s].
+        left: Time that is left to the search [s].
+    """
+    wanted = min(CHUNK_S, max(left, 0.0))
+    fitting = generations * wanted / max(seconds, CHUNK_S / LARGEST_CHUNK)
+    return min(max(int(fitting), 1), LARGEST_CHUNK)
+
+
+class Pointers(NamedTuple):
+    """A compiled objective bound to buffers.
+
+    Attributes:
+        function: Address of void f(double **in, double **out, int64 size).
+        inputs: Address of its first argument.
+        outputs: Address of its second argument.
+    """
+
+    function: int
+    inputs: int
+    outputs: int
+
+
+class CompiledObjective(Protocol):
+    """An objective that can be called without Python."""
+
+    def __call__(self, population: Array) -> tuple[Array, Array]:
+        """Return cost and violation, each (size,), of a population (dim, size)."""
+        ...
+
+    def attach(self, asked: Array, cost: Array, violation: Array) -> Pointers | None:
+        """Bind to buffers that live as long as this object is used.
+
+        Args:
+            asked: Population to read, shape (dim, size), contiguous.
+            cost: Buffer for costs, shape (size,).
+            violation: Buffer for violations, shape (size,).
+
+        Returns:
+            The addresses; None if the objective can be called from Python only.
+        """
+        ...
+
+
+class Work(NamedTuple):
+    """Arrays that the loop writes.
+
+    Attributes:
+        asked: Memory of the largest population, shape (dim, size); a generation of n
+            individuals is (dim, n) from its beginning on.
+        cost: Its costs, shape (size,).
+        violation: Its violations, shape (size,).
+        best_cost: Best cost after each generation, shape (generations,).
+        best_violation: Its violation, shape (generations,).
+        evaluations: Evaluations of the whole search after each generation; int64, same
+            shape.
+        done: Number of generations run, and the reason to stop, a code of `stopping`;
+            int64, shape (2,).
+    """
+
+    asked: Array
+    cost: Array
+    violation: Array
+    best_cost: Array
+    best_violation: Array
+    evaluations: Count
+    done: Count
+
+
+def new_work(dim: int, size: int, generations: int) -> Work:
+    """Return new arrays for a number of generations of at most `size` individuals."""
+    return Work(
+        np.empty((dim, size)),
+        np.empty(size),
+        np.empty(size),
+        np.empty(generations),
+        np.empty(generations),
+        np.empty(generations, dtype=np.int64),
+        np.zeros(2, dtype=np.int64),
+    )
+
+
+def can_loop(objective: object) -> bool:
+    """Return whether an objective may be called from the compiled loop."""
+    return hasattr(objective, "attach") and not numba.config.DISABLE_JIT  # type: ignore[attr-defined]
+
+
+Call = tuple[Callable[..., None], tuple[object, ...]]
+"""A kernel and its arguments."""
+
+
+class Entries(NamedTuple):
+    """Addresses of the machine code of an algorithm's kernels.
+
+    Attributes:
+        propose: Address of `propose`, for `call_at`.
+        accept: Address of `accept`.
+        collect: Address of `archive.collect`.
+    """
+
+    propose: int
+    accept: int
+    collect: int
+
+
+def calls_of(
+    kernels: Kernels,
+    rng: np.random.Generator,
+    settings: Any,
+    searched: tuple[State, Archive],
+) -> list[Call]:
+    """Return the kernels that a generation calls, each with arguments of its types.
+
+    Args:
+        kernels: Those of the algorithm.
+        rng: Generator that they will be called with.
+        settings: Kernel settings of the algorithm.
+        searched: State and archive of the search.
+
+    Returns:
+        `propose`, `accept` and `collect`, in the order of `Entries`.
+    """
+    state, archive = searched
+    asked, values = np.empty((state.best.size, 0)), np.empty(0)
+    told = asked, values, values
+    return [
+        (kernels.propose, (rng, settings, state, asked)),
+        (kernels.accept, (settings, state, *told)),
+        (collect, (settings.order, archive, *told)),
+    ]
+
+
+@kernel
+def loop(  # noqa: PLR0913, PLR0917 - compiled code takes no keywords
+    rng: np.random.Generator,
+    settings: Any,
+    searched: tuple[State, Archive],
+    entries: Entries,
+    work: Work,
+    pointers: Pointers,
+    limits: Limits,
+) -> None:
+    """Run generations until `work` is full or a limit is reached."""
+    state, archive = searched
+    memory, dim = work.asked.reshape(work.asked.size), state.best.size
+    work.done[0] = 0
+    for k in range(work.best_cost.size):
+        n = state.size[0]
+        if n > work.cost.size or state.evaluations[0] + n > limits.evaluations:
+            break
+        if limits.evaluations < UNLIMITED:  # Else it follows from time, before a chunk.
+            state.progress[0] = progress_of(state.evaluations[0], n, limits.evaluations)
+        asked = memory[: dim * n].reshape((dim, n))
+        cost, violation = work.cost[:n], work.violation[:n]
+        call_at(entries.propose, (rng, settings, state, asked))
+        call_kernel(pointers.function, pointers.inputs, pointers.outputs, n)
+        call_at(entries.accept, (settings, state, asked, cost, violation))
+        told = settings.order, archive, asked, cost, violation
+        call_at(entries.collect, told)
+        work.best_cost[k] = state.best_cost[0]
+        work.best_violation[k] = state.best_violation[0]
+        work.evaluations[k] = state.evaluations[0]
+        work.done[0] = k + 1
+        work.done[1] = finished(settings.order, state, limits)
+        if work.done[1] != GOES_ON:
+            break
+
+
+def _call_kernel(
+    typing_context: Any, function: Any, inputs: Any, outputs: Any, size: Any
+) -> tuple[Any, Callable[..., Any]]:
+    """Call void f(double **in, double **out, int64 size) at an address."""
+    integer = numba.types.int64
+    signature = numba.types.void(integer, integer, integer, integer)
+
+    def generate(context: Any, builder: Any, _: Any, arguments: Any) -> Any:
+        address, first, second, count = arguments
+        pointer = ir.IntType(8).as_pointer()
+        kind = ir.FunctionType(ir.VoidType(), [pointer, pointer, ir.IntType(64)])
+        called = builder.inttoptr(address, kind.as_pointer())
+        given = [builder.inttoptr(a, pointer) for a in (first, second)]
+        builder.call(called, [*given, count])
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+call_kernel = cast(Callable[[int, int, int, int], None], intrinsic(_call_kernel))

@@ -1,0 +1,155 @@
+"""A population search whose best distinct members are improved by local solves.
+
+Local solves run between generations, whenever they have used less than their share of
+the evaluations so far. They start from the best distinct basins that were not improved
+yet (`archive`). Their results replace as many individuals of the next generation, are
+evaluated like these, and survive by the same selection. So the population learns of
+local optima, and searches between and beyond them.
+
+Local solves are paid from the budget, in the number of evaluations that each reports.
+
+Source: Moscato (1989), On evolution, search, optimization, genetic algorithms and
+martial arts: towards memetic algorithms, Caltech C3P report 826; Hart (1994), Adaptive
+global optimization with local search (which members to improve, and how often).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from swarmstart.heuristics.running.budget import Budget, budget_of
+from swarmstart.heuristics.running.interrupts import heeded
+from swarmstart.heuristics.running.minimize import (
+    Objective,
+    Running,
+    require_one_generation,
+    until_stopped,
+)
+from swarmstart.heuristics.running.result import SearchResult, StopReason
+from swarmstart.heuristics.running.search import Individual, Search
+from swarmstart.machine_code.compile_time import Stopwatch
+from swarmstart.machine_code.kernel import Array
+
+GENERATIONS = 10
+"""Generations between two checks whether local solves are due; fixed, so that one seed
+gives one answer."""
+
+
+class Improved(NamedTuple):
+    """The points that local solves returned.
+
+    Attributes:
+        points: In the box, shape (dim, k), with any k.
+        evaluations: Cost of finding them, in evaluations.
+    """
+
+    points: Array
+    evaluations: int
+
+
+Improve = Callable[[Array], Improved]
+"""Members, shape (dim, k) -> better points."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LocalSolves:
+    """Local solves, with limits of their number and cost.
+
+    Attributes:
+        improve: The function that solves.
+        each: Expected cost of each of the first ones, in evaluations.
+        members: Largest number of members improved at a time.
+        share: Fraction of all evaluations that they may use, in (0, 1).
+    """
+
+    improve: Improve
+    each: float
+    members: int
+    share: float
+
+
+def run_memetic(
+    search: Search,
+    objective: Objective,
+    local: LocalSolves,
+    *,
+    budget: Budget | int,
+    on_advance: Callable[[int], None] | None = None,
+    on_best: Callable[[int, Callable[[], Individual]], None] | None = None,
+) -> SearchResult:
+    """Run a search and local solves until the budget of both is used up.
+
+    Args:
+        search: A new search that keeps basins, from which the members are chosen.
+        objective: As in `minimize`.
+        local: The local solves.
+        budget: Budget of both. A local solve that has begun is not cut short.
+        on_advance: As in `minimize`.
+        on_best: As in `minimize`.
+
+    Returns:
+        The best point found; its evaluations count the local solves.
+
+    Raises:
+        InvalidBudgetError: If not one generation fits.
+        InvalidPointsError: If an improved point is not in the box.
+        SearchInterrupted: On Ctrl-C, once a generation is finished.
+    """
+    budget = budget_of(budget)
+    require_one_generation(search, budget)
+    running = Running(search, objective, budget, None, chunk=GENERATIONS)
+    members = _Members(search, local)
+
+    def turn(watch: Stopwatch) -> StopReason | None:
+        suggested = members.improved(running, budget)
+        stopped = running(watch.seconds, suggested) or running.ended(watch.seconds)
+        if on_advance is not None:
+            on_advance(search.evaluations + running.spent)
+        if on_best is not None:
+            on_best(search.evaluations + running.spent, lambda: search.best)
+        return stopped
+
+    return until_stopped(search, turn, running.result)
+
+
+@dataclass(kw_only=True, slots=True)
+class _Known:
+    """Improved members, their results and their cost."""
+
+    points: list[Array] = field(default_factory=list)
+    solves: int = 0
+
+
+class _Members:
+    """The members of a search that are not improved yet."""
+
+    def __init__(self, search: Search, local: LocalSolves) -> None:
+        self._search, self._local, self._known = search, local, _Known()
+
+    def improved(self, running: Running, budget: Budget) -> Array | None:
+        """Return points to suggest, if local solves are due and there is a member."""
+        local, known, spent = self._local, self._known, running.spent
+        if not self._search.generations:
+            return None
+        if spent > local.share * (self._search.evaluations + spent):
+            return None
+        each = spent / known.solves if known.solves else local.each
+        count = local.members
+        if budget.evaluations is not None:
+            left = local.share * budget.evaluations - spent
+            count = min(count, int(left / max(each, 1.0)))
+        fresh = [x for x in (one.x for one in self._search.basins) if self._is_new(x)]
+        chosen = fresh[: max(count, 0)]
+        if not chosen:
+            return None
+        with heeded():
+            found = local.improve(np.stack(chosen, axis=1))
+        running.spent += found.evaluations
+        known.solves += len(chosen)
+        known.points += [*chosen, *found.points.T]
+        return found.points if found.points.shape[1] else None
+
+    def _is_new(self, x: Array) -> bool:
+        return not any(np.array_equal(x, other) for other in self._known.points)

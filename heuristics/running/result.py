@@ -1,0 +1,127 @@
+"""Reports of a search: after a generation, at its end, when it is interrupted."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from swarmstart.heuristics.running.search import Individual, Snapshot
+from swarmstart.machine_code.kernel import Array
+
+
+class StopReason(enum.Enum):
+    """Reason for the end of a search."""
+
+    EVALUATIONS = "the budget of evaluations is used up"
+    SECONDS = "the budget of wall time is used up"
+    TARGET = "a feasible point has reached the target"
+    STAGNATION = "no better point was found for too long"
+    FOUND = "little is left to be found"
+    CALLBACK = "on_generation stopped the search"
+    INTERRUPTED = "Ctrl-C stopped the search"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class GenerationEvent:
+    """A report for `on_generation` after each generation; arrays are read-only.
+
+    Attributes:
+        generation: Number of the generation; the initial population is 0.
+        evaluations: Individuals evaluated so far.
+        progress: Fraction of the budget used, in [0, 1].
+        best_x: Best point so far, shape (dim,).
+        best_cost: Its cost.
+        best_violation: Its violation.
+        population: The generation, shape (dim, size).
+        cost: Its costs, shape (size,).
+        violation: Its violations, shape (size,).
+    """
+
+    generation: int
+    evaluations: int
+    progress: float
+    best_x: Array
+    best_cost: float
+    best_violation: float
+    population: Array
+    cost: Array
+    violation: Array
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class SearchResult:
+    """The outcome of a search; arrays are read-only.
+
+    Attributes:
+        x: Best point, shape (dim,), in the units of the variables.
+        cost: Its cost; infinity if no individual was finite.
+        violation: Its violation; 0 = feasible.
+        evaluations: Individuals evaluated, those before a continuation included.
+        generations: Generations evaluated, the initial population included.
+        stopped: Reason for the end of the search.
+        history_cost: Cost of the best point after each generation of this call, shape
+            (generations of this call,). It may rise while the violation falls.
+        history_violation: Violation of that point, same shape.
+        history_evaluations: Evaluations after each generation, those before a
+            continuation included, same shape.
+        nonfinite: Individuals whose cost or violation was not finite.
+        basins: The best distinct basins met, the best first; see `archive`.
+        seconds: Wall time of this call, without that of loading and compiling machine
+            code [s].
+        compile_seconds: Wall time of loading and compiling machine code [s].
+        snapshot: The whole state of the search at its end; `Search` continues from it.
+            That of an interrupted search has the finished generations only. If a
+            generation was interrupted, a continued search draws another one in its
+            place.
+    """
+
+    x: Array
+    cost: float
+    violation: float
+    evaluations: int
+    generations: int
+    stopped: StopReason
+    history_cost: Array
+    history_violation: Array
+    history_evaluations: Array
+    nonfinite: int
+    basins: tuple[Individual, ...]
+    seconds: float
+    snapshot: Snapshot
+    compile_seconds: float = 0.0
+
+
+class SearchInterrupted(KeyboardInterrupt):
+    """Ctrl-C ended a search of which at least one generation was finished.
+
+    Attributes:
+        partial: The result so far; its `stopped` is INTERRUPTED.
+
+    Example:
+        try:
+            result = minimize(objective, box, budget=1_000_000, seed=0)
+        except SearchInterrupted as interrupted:
+            result = interrupted.partial
+    """
+
+    def __init__(self, partial: SearchResult) -> None:
+        """Keep the result beside the message."""
+        super().__init__(
+            f"search interrupted after {partial.evaluations} evaluations, "
+            f"best cost {partial.cost:g}"
+        )
+        self.partial = partial
+
+    def __reduce__(self) -> tuple[type[SearchInterrupted], tuple[SearchResult]]:
+        """Pickle the exception with its result."""
+        return type(self), (self.partial,)
+
+
+def locked(values: ArrayLike) -> Array:
+    """Return a read-only copy."""
+    array = np.array(values, dtype=np.float64)
+    array.setflags(write=False)
+    return array

@@ -1,0 +1,4 @@
+"""The searches, each a file with its settings, its state and its two kernels.
+
+`arguments.py` lists them, and reads the arguments in which a user names one.
+"""

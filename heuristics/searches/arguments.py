@@ -1,0 +1,144 @@
+"""Short forms of arguments: for settings, a box and a generator.
+
+A name or a class stands for the default settings of an algorithm, pairs of bounds for a
+box, a seed for a generator.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from swarmstart.heuristics.laws.algorithm import Algorithm, InvalidSettingsError
+from swarmstart.heuristics.laws.box import Box, InvalidBoxError
+from swarmstart.heuristics.searches.chaotic_pso import ChaoticPSO
+from swarmstart.heuristics.searches.cma import CMAES
+from swarmstart.heuristics.searches.de import DifferentialEvolution
+from swarmstart.heuristics.searches.default import default_algorithm
+from swarmstart.heuristics.searches.genetic import GeneticAlgorithm
+from swarmstart.heuristics.searches.jde import SelfAdaptiveDE
+from swarmstart.heuristics.searches.lshade import LSHADE
+from swarmstart.heuristics.searches.pso import ParticleSwarm
+from swarmstart.heuristics.searches.random_search import RandomSearch
+
+ALGORITHMS: Mapping[str, type[Algorithm]] = {
+    "lshade": LSHADE,
+    "cpso": ChaoticPSO,
+    "pso": ParticleSwarm,
+    "de": DifferentialEvolution,
+    "jde": SelfAdaptiveDE,
+    "cma": CMAES,
+    "ga": GeneticAlgorithm,
+    "random": RandomSearch,
+}
+"""Name -> class of settings; scenarios have the same names."""
+
+PAIR = (2,)
+"""Shape of the bounds of one variable."""
+
+
+def algorithm_of(
+    given: Algorithm | type[Algorithm] | str | None, evaluations: int | None = None
+) -> Algorithm:
+    """Return the settings of an algorithm.
+
+    Args:
+        given: Settings; or a class of settings, or a name of ALGORITHMS, for its
+            defaults; None or "default" for `default_algorithm`.
+        evaluations: The budget, for the default; None if it is wall time.
+
+    Raises:
+        InvalidSettingsError: If it is none of these kinds.
+
+    Example:
+        >>> algorithm_of("cma") == algorithm_of(CMAES) == CMAES()
+        True
+    """
+    if given is None or (isinstance(given, str) and given == "default"):
+        return default_algorithm(evaluations)
+    if isinstance(given, str) and given in ALGORITHMS:
+        return ALGORITHMS[given]()
+    if not _is_algorithm(given):
+        raise InvalidSettingsError(
+            "algorithm",
+            given,
+            f"settings as LSHADE(), a class of settings, or one of {[*ALGORITHMS]}",
+        )
+    return given() if isinstance(given, type) else given  # type: ignore[return-value]
+
+
+def _is_algorithm(given: object) -> bool:
+    """Return whether a class or an object has what a search calls."""
+    needed = ("kernels", "first_size", "kernel_settings", "start")
+    return all(hasattr(given, name) for name in needed)
+
+
+def box_of(given: Box | ArrayLike | None, bounds: Box | ArrayLike | None = None) -> Box:
+    """Return the box that is given as one, or as pairs of bounds.
+
+    Args:
+        given: A box, or pairs (lower, upper), one for each variable.
+        bounds: Another name for it; exactly one of the two must be given.
+
+    Raises:
+        InvalidBoxError: If they are not pairs, or no bounds of a box.
+        InvalidSettingsError: If both are given, or neither.
+
+    Example:
+        >>> box_of(None, [(-1.0, 1.0), (0.0, 5.0)]).upper.tolist()
+        [1.0, 5.0]
+    """
+    if given is not None and bounds is not None:
+        raise InvalidSettingsError("bounds", bounds, "None if box is given")
+    chosen = bounds if given is None else given
+    if isinstance(chosen, Box):
+        return chosen
+    if chosen is None:
+        allowed = "a Box, or pairs (lower, upper), one for each variable"
+        raise InvalidSettingsError("bounds", None, allowed)
+    try:
+        pairs = np.array(chosen, dtype=np.float64)
+    except (TypeError, ValueError):
+        pairs = np.empty(0)
+    if pairs.ndim != len(PAIR) + 1 or pairs.shape[1:] != PAIR:
+        problem = (
+            "bounds must be pairs (lower, upper), one for each variable, "
+            f"got {chosen!r}"
+        )
+        raise InvalidBoxError(problem, lower=(), upper=())
+    return Box(lower=pairs[:, 0], upper=pairs[:, 1])
+
+
+def generator_of(
+    rng: np.random.Generator | None, seed: int | Sequence[int] | None
+) -> np.random.Generator:
+    """Return the generator that is given, or a new one from a seed.
+
+    Args:
+        rng: A generator.
+        seed: An integer of at least 0, or several; exactly one of rng and seed must be
+            given.
+
+    Raises:
+        InvalidSettingsError: If both are given or neither, or one is of another kind.
+
+    Example:
+        >>> int(generator_of(None, 3).integers(100)) == int(
+        ...     np.random.default_rng(3).integers(100)
+        ... )
+        True
+    """
+    if rng is not None and seed is not None:
+        raise InvalidSettingsError("seed", seed, "None if rng is given")
+    if rng is not None:
+        if not isinstance(rng, np.random.Generator):
+            allowed = "a numpy.random.Generator (an integer is for seed)"
+            raise InvalidSettingsError("rng", rng, allowed)
+        return rng
+    allowed = "an integer of at least 0, or rng a numpy.random.Generator"
+    if seed is None or isinstance(seed, bool):
+        raise InvalidSettingsError("seed", seed, allowed)
+    try:
+        return np.random.default_rng(np.random.SeedSequence(seed))
+    except (TypeError, ValueError) as error:
+        raise InvalidSettingsError("seed", seed, allowed) from error

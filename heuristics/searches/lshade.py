@@ -1,0 +1,371 @@
+"""L-SHADE: differential evolution with a memory of successful parameters.
+
+It has an archive of replaced parents and a population that shrinks.
+
+Trial of each individual x_i, with h a random slot of the memory:
+
+    CR_i = N(M_CR,h, 0.1) cut to [0, 1]; 0 if M_CR,h is terminal
+    F_i  = Cauchy(M_F,h, 0.1), drawn again while <= 0; 1 if above 1
+    v    = x_i + F_i (x_pbest - x_i) + F_i (x_r1 - x_r2)      (current-to-pbest/1)
+    u_d  = v_d if r_d < CR_i or d = k, else x_id              (bin)
+
+x_pbest is one of the max(2, round(p N)) best, r1 an individual other than i, r2 one of
+the population or of the archive other than both. A trial that is not worse replaces its
+parent; a parent that lost to a better trial goes to the archive, and with it F_i and
+CR_i of the trial to S_F and S_CR. The archive holds at most round(r_arc N) members;
+surplus ones are deleted at random. After a generation with S_F not empty, with the
+improvements
+D_k and w_k = D_k / sum D, the next slot h of the memory, in turn, becomes
+
+    M_F,h  = sum w_k F_k^2 / sum w_k F_k                      (weighted Lehmer mean)
+    M_CR,h = sum w_k CR_k^2 / sum w_k CR_k; terminal, for ever, once max S_CR = 0
+
+The population loses its worst individuals, down to
+
+    N = round(N_0 + (N_min - N_0) E / E_max)
+
+with E the evaluations so far. Published: H = 6, M_F = M_CR = 0.5 at first, p = 0.11,
+r_arc = 2.6, N_0 = 18 dim, N_min = 4.
+
+Differences from the paper, and points on which it is silent:
+E_max    is not known to the kernels. They know the fraction of the budget used before a
+         generation, (E - n) / (E_max - n) with n its size and E_max cut to whole
+         generations, and solve it for E_max. Generation 0 has fraction 0 and never
+         shrinks. For a budget in seconds, E_max is extrapolated from the speed so far.
+D_k      is |cost(u) - cost(x)| if both count as feasible, else the difference of the
+         violations; each divided by the largest of its kind in the generation, so that
+         units do not matter. Under a static penalty it is the difference of the
+         penalised costs. A constant added to the cost changes none of them.
+x_i      whose cost was not finite goes neither to the archive nor into the means.
+N_0      is by default clip(E_max / 80, 40, 200), chosen here: 18 dim is too large for
+         small budgets.
+
+Source: Tanabe and Fukunaga (2014), Improving the search performance of SHADE using
+linear population size reduction, IEEE Congress on Evolutionary Computation.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+
+from swarmstart.heuristics.laws.algorithm import (
+    BoundHandled,
+    Kernels,
+    common_fields,
+    require,
+    require_bound_handling,
+    require_size,
+    take_generation,
+)
+from swarmstart.heuristics.laws.bound_handling import CODES, BoundHandling
+from swarmstart.heuristics.laws.box import Box
+from swarmstart.heuristics.laws.copying import copy_column, copy_points
+from swarmstart.heuristics.laws.order import RunningOrder, better, worst_index
+from swarmstart.heuristics.searches.success_history import (
+    FIRST_MEMORY,
+    draw_parameters,
+    measure_improvements,
+    remember,
+)
+from swarmstart.heuristics.searches.trials import (
+    cross_binomially,
+    draw_index,
+    draw_two_others,
+    fill_trials,
+    new_plan,
+    select,
+)
+from swarmstart.machine_code.kernel import Array, Count, kernel
+
+LEAST_SIZE = 4
+"""Least size of a population: a trial needs two others and two leaders."""
+
+EVALUATIONS_EACH = 80
+SMALLEST_FIRST, LARGEST_FIRST, FIRST_OF_UNKNOWN_BUDGET = 40, 200, 100
+"""N_0 = clip(E_max / 80, 40, 200); 100 where E_max is not known."""
+
+PUBLISHED_SIZE = 18
+"""N_0 per dimension in the paper."""
+
+
+class LSHADESettings(NamedTuple):
+    """Settings for the kernels; fields as in `LSHADE`."""
+
+    lower: Array
+    upper: Array
+    order: RunningOrder
+    smallest: int
+    archive: float
+    greediness: float
+    bound_handling: int
+    free: Count
+
+
+class LSHADEState(NamedTuple):
+    """State of an `LSHADE`; first fields as in `State`.
+
+    Attributes:
+        pool: Individuals in the first columns, as many as `size` says; from column N_0
+            on the archive. Shape (dim, N_0 + room of the archive).
+        cost: Costs of the individuals, shape (N_0,).
+        violation: Their violations, shape (N_0,).
+        archived: Number of columns in the archive, int64, shape (1,).
+        F_memory: M_F, shape (H,).
+        CR_memory: M_CR, shape (H,).
+        slot: The slot of the memory that is next, int64, shape (1,).
+        F_trial: Weights of the trials asked last, shape (N_0,).
+        CR_trial: Their crossover rates, shape (N_0,).
+    """
+
+    generation: Count
+    progress: Array
+    best: Array
+    best_cost: Array
+    best_violation: Array
+    nonfinite: Count
+    size: Count
+    evaluations: Count
+    improved: Count
+    pool: Array
+    cost: Array
+    violation: Array
+    archived: Count
+    F_memory: Array
+    CR_memory: Array
+    slot: Count
+    F_trial: Array
+    CR_trial: Array
+
+
+@kernel
+def propose(
+    rng: np.random.Generator,
+    settings: LSHADESettings,
+    state: LSHADEState,
+    asked: Array,
+) -> None:
+    """Make one trial for each individual, with parameters drawn around the memory."""
+    dim, size = asked.shape
+    if state.generation[0] == 0:
+        copy_points(state.pool, asked)
+        return
+    trim_archive(rng, settings, state)
+    plan = new_plan(dim, size)
+    leaders = np.empty(max(2, rounded(settings.greediness * size)), dtype=np.int64)
+    find_leaders(settings.order, state, leaders)
+    for i in range(size):
+        draw_parameters(rng, state, i)
+        plan.base[i] = i
+        plan.lead[i] = leaders[draw_index(rng, leaders.size)]
+        r1, r2 = draw_two_others(rng, size, i, size + state.archived[0])
+        plan.plus[i] = r1
+        plan.minus[i] = r2 if r2 < size else r2 - size + state.cost.size
+        plan.F[i] = state.F_trial[i]
+        cross_binomially(rng, state.CR_trial[i], settings.free, plan.mutated, i)
+    fill_trials(rng, settings, state.pool, plan, asked)
+
+
+@kernel
+def find_leaders(order: RunningOrder, state: LSHADEState, leaders: Count) -> None:
+    """Fill leaders with the indices of the best individuals, the best first."""
+    cost, violation = state.cost, state.violation
+    last = leaders.size - 1
+    for i in range(state.size[0]):
+        k = min(i, last + 1)
+        while k > 0:
+            j = leaders[k - 1]
+            if not better(order, cost[i], violation[i], cost[j], violation[j]):
+                break
+            if k <= last:
+                leaders[k] = j
+            k -= 1
+        if k <= last:
+            leaders[k] = i
+
+
+@kernel
+def trim_archive(
+    rng: np.random.Generator, settings: LSHADESettings, state: LSHADEState
+) -> None:
+    """Delete random members until the archive has its size."""
+    room = rounded(settings.archive * state.size[0])
+    first = state.cost.size
+    while state.archived[0] > room:
+        k = draw_index(rng, state.archived[0])
+        state.archived[0] -= 1
+        copy_column(state.pool, first + state.archived[0], state.pool, first + k)
+
+
+@kernel
+def accept(
+    settings: LSHADESettings,
+    state: LSHADEState,
+    asked: Array,
+    cost: Array,
+    violation: Array,
+) -> None:
+    """Select, and update archive, memory and the size of the next generation."""
+    improvement = np.empty(cost.size)
+    measure_improvements(settings.order, state, cost, violation, improvement)
+    remember(state, improvement)
+    keep_losers(state, improvement)
+    parents = (state.pool, state.cost, state.violation)
+    select(settings.order, parents, asked, cost, violation)
+    before = state.evaluations[0]
+    take_generation(settings.order, state, asked, cost, violation)
+    fraction = fraction_after(state.progress[0], before, cost.size)
+    first = state.cost.size
+    size = rounded(first + (settings.smallest - first) * fraction)
+    remove_worst(settings.order, state, max(size, settings.smallest))
+
+
+@kernel
+def keep_losers(state: LSHADEState, improvement: Array) -> None:
+    """Append the parents that lost to the archive."""
+    begin = state.cost.size + state.archived[0]
+    for d in range(state.pool.shape[0]):
+        row, k = state.pool[d], begin
+        for i in range(improvement.size):
+            if improvement[i] > 0.0:
+                row[k] = row[i]
+                k += 1
+    for i in range(improvement.size):
+        state.archived[0] += improvement[i] > 0.0
+
+
+@kernel
+def fraction_after(progress: float, before: int, size: int) -> float:
+    """Fraction of the budget used after a generation, in [0, 1].
+
+    Args:
+        progress: Fraction before the generation; 0 if it is not known.
+        before: Evaluations before the generation.
+        size: Its size.
+    """
+    if progress <= 0.0 or before <= 0:
+        return 0.0
+    return min((before + size) / (before / progress + size), 1.0)
+
+
+@kernel
+def remove_worst(order: RunningOrder, state: LSHADEState, size: int) -> None:
+    """Remove the worst individuals until there are at most `size`."""
+    while state.size[0] > size:
+        n = state.size[0]
+        worst = worst_index(order, state.cost[:n], state.violation[:n])
+        state.size[0] = last = n - 1
+        copy_column(state.pool, last, state.pool, worst)
+        state.cost[worst] = state.cost[last]
+        state.violation[worst] = state.violation[last]
+
+
+@kernel
+def rounded(value: float) -> int:
+    """Return the integer nearest to a number above 0; of two, the larger."""
+    return math.floor(value + 0.5)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LSHADE(BoundHandled):
+    """Settings of L-SHADE.
+
+    Attributes:
+        size: Number of individuals N_0 of the first generation, at least `smallest`.
+            None means the budget's evaluations / 80, at least 40 and at most 200; 100
+            if the budget has no evaluations.
+        smallest: Number of individuals N_min at the end, at least 4.
+        memory: Number of slots H of the memory, at least 1.
+        archive: Size r_arc of the archive relative to the population, at least 0.
+        greediness: Fraction p of the population that leads, in (0, 1].
+        bound_handling: What happens to a coordinate that leaves the box; see
+            `bound_handling`.
+
+    Raises:
+        InvalidSettingsError: If a value is out of its range.
+
+    Example:
+        >>> import swarmstart as ss
+        >>> found = ss.minimize(
+        ...     lambda x: (x**2).sum(axis=0),
+        ...     bounds=[(-1, 2)] * 3,
+        ...     algorithm=ss.LSHADE(size=40),
+        ...     budget=5000,
+        ...     seed=0,
+        ... )
+        >>> bool(found.cost < 1e-6)
+        True
+    """
+
+    kernels: ClassVar[Kernels] = Kernels(propose=propose, accept=accept)
+    size: int | None = None
+    smallest: int = LEAST_SIZE
+    memory: int = 6
+    archive: float = 2.6
+    greediness: float = 0.11
+    bound_handling: BoundHandling = "midpoint"
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        ok = isinstance(self.smallest, int) and self.smallest >= LEAST_SIZE
+        allowed = f"an integer of at least {LEAST_SIZE}"
+        require("smallest", self.smallest, ok=ok, allowed=allowed)
+        if self.size is not None:
+            require_size(self.size, at_least=self.smallest)
+        ok = isinstance(self.memory, int) and self.memory >= 1
+        require("memory", self.memory, ok=ok, allowed="an integer of at least 1")
+        ok = 0.0 <= self.archive < math.inf
+        require("archive", self.archive, ok=ok, allowed="finite and at least 0")
+        ok = 0.0 < self.greediness <= 1.0
+        require("greediness", self.greediness, ok=ok, allowed="in (0, 1]")
+        require_bound_handling(self.bound_handling)
+
+    @classmethod
+    def as_published(cls, dim: int) -> "LSHADE":
+        """The settings of the paper, for a box of `dim` dimensions."""
+        return cls(size=PUBLISHED_SIZE * dim)
+
+    def first_size(self, box: Box, evaluations: int | None) -> int:
+        """Number of individuals N_0 of the first generation; see `size`."""
+        del box
+        if self.size is not None:
+            return self.size
+        size = FIRST_OF_UNKNOWN_BUDGET
+        if evaluations is not None:
+            size = evaluations // EVALUATIONS_EACH
+        return max(self.smallest, min(max(size, SMALLEST_FIRST), LARGEST_FIRST))
+
+    def kernel_settings(self, box: Box, order: RunningOrder) -> LSHADESettings:
+        """The settings as numbers and arrays."""
+        return LSHADESettings(
+            lower=box.lower,
+            upper=box.upper,
+            order=order,
+            smallest=self.smallest,
+            archive=float(self.archive),
+            greediness=float(self.greediness),
+            bound_handling=CODES[self.bound_handling],
+            free=box.free,
+        )
+
+    def start(
+        self, box: Box, population: Array, *, rng: np.random.Generator
+    ) -> LSHADEState:
+        """The state before generation 0; arguments as in `Algorithm.start`."""
+        del rng
+        first = population.shape[1]
+        pool = np.zeros((box.dim, 2 * first + rounded(self.archive * first)))
+        pool[:, :first] = population
+        return LSHADEState(
+            *common_fields(population),
+            pool=pool,
+            cost=np.full(first, np.inf),
+            violation=np.full(first, np.inf),
+            archived=np.zeros(1, dtype=np.int64),
+            F_memory=np.full(self.memory, FIRST_MEMORY),
+            CR_memory=np.full(self.memory, FIRST_MEMORY),
+            slot=np.zeros(1, dtype=np.int64),
+            F_trial=np.zeros(first),
+            CR_trial=np.zeros(first),
+        )

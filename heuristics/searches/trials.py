@@ -1,0 +1,226 @@
+"""Trials made of differences of individuals, shared by DE, jDE and L-SHADE.
+
+For each individual x_i, with the donors b, l, p, m and the weight F_i,
+
+    v   = x_b + F_i (x_l - x_b) + F_i (x_p - x_m)                    (mutation)
+    u_d = v_d if the crossover takes it from the mutant, else x_id
+    x_i <- u if u is not worse than x_i                              (selection)
+
+The random numbers of a generation are drawn first, individual by individual; then the
+trials are computed coordinate by coordinate, along the rows of the arrays.
+
+Source: Storn and Price (1997), Differential evolution - a simple and efficient
+heuristic for global optimization over continuous spaces, Journal of Global
+Optimization 11.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.heuristics.laws.algorithm import Settings
+from swarmstart.heuristics.laws.bound_handling import REDRAW, repair
+from swarmstart.heuristics.laws.order import RunningOrder, precedes
+from swarmstart.machine_code.kernel import Array, Count, kernel
+
+Mask = NDArray[np.bool_]
+
+
+class Plan(NamedTuple):
+    """The random choices for the trials of a generation.
+
+    Attributes:
+        base: Index b of each trial, shape (size,).
+        lead: Index l; equal to b if there is no leader.
+        plus: Index p.
+        minus: Index m.
+        F: Weight of the differences, shape (size,).
+        mutated: Whether a coordinate comes from the mutant, shape (dim, size).
+    """
+
+    base: Count
+    lead: Count
+    plus: Count
+    minus: Count
+    F: Array
+    mutated: Mask
+
+
+@kernel
+def new_plan(dim: int, size: int) -> Plan:
+    """Return a plan to be filled, in which no coordinate is mutated."""
+    return Plan(
+        np.empty(size, dtype=np.int64),
+        np.empty(size, dtype=np.int64),
+        np.empty(size, dtype=np.int64),
+        np.empty(size, dtype=np.int64),
+        np.empty(size),
+        np.zeros((dim, size), dtype=np.bool_),
+    )
+
+
+@kernel
+def draw_index(rng: np.random.Generator, number: int) -> int:
+    """Draw an index below a number."""
+    return int(rng.random() * number)
+
+
+@kernel
+def draw_three_others(
+    rng: np.random.Generator, size: int, i: int
+) -> tuple[int, int, int]:
+    """Draw three distinct individuals other than i, all triples equally likely."""
+    r1 = i
+    while r1 == i:
+        r1 = draw_index(rng, size)
+    r2 = i
+    while r2 in (i, r1):
+        r2 = draw_index(rng, size)
+    r3 = i
+    while r3 in (i, r1, r2):
+        r3 = draw_index(rng, size)
+    return r1, r2, r3
+
+
+@kernel
+def draw_two_others(
+    rng: np.random.Generator, size: int, i: int, room: int
+) -> tuple[int, int]:
+    """Draw two distinct individuals other than i, all pairs equally likely.
+
+    There is no rejection: an index is drawn among those left, then shifted past the
+    excluded ones.
+
+    Args:
+        rng: Source of randomness.
+        size: Upper limit of the first index, exclusive.
+        i: An index below size.
+        room: Upper limit of the second index, exclusive; at least size.
+    """
+    r1 = draw_index(rng, size - 1)
+    r1 += int(r1 >= i)
+    r2 = draw_index(rng, room - 2)
+    r2 += int(r2 >= min(i, r1))
+    r2 += int(r2 >= max(i, r1))
+    return r1, r2
+
+
+@kernel
+def cross_binomially(
+    rng: np.random.Generator, CR: float, free: Count, mutated: Mask, i: int
+) -> None:
+    """Take each coordinate from the mutant with probability CR, and a random free one.
+
+    Args:
+        rng: Source of randomness.
+        CR: The probability.
+        free: Indices of the variables that are not fixed.
+        mutated: Column i of it is filled, shape (dim, size).
+        i: Index of the trial.
+    """
+    dim = mutated.shape[0]
+    k = free[draw_index(rng, free.size)]
+    for d in range(dim):
+        mutated[d, i] = rng.random() < CR
+    mutated[k, i] = True
+
+
+@kernel
+def cross_exponentially(
+    rng: np.random.Generator, CR: float, free: Count, mutated: Mask, i: int
+) -> None:
+    """Take a circular run from the mutant, from a random free coordinate on.
+
+    After each coordinate the run goes on with probability CR. The mask must be False;
+    arguments as in `cross_binomially`.
+    """
+    dim = mutated.shape[0]
+    d = free[draw_index(rng, free.size)]
+    for _ in range(dim):
+        mutated[d, i] = True
+        d = d + 1 if d + 1 < dim else 0
+        if rng.random() >= CR:
+            break
+
+
+@kernel
+def fill_trials(
+    rng: np.random.Generator,
+    settings: Settings,
+    x: Array,
+    plan: Plan,
+    asked: Array,
+) -> None:
+    """Compute the trials.
+
+    Args:
+        rng: Source of randomness of the rule `redraw`.
+        settings: Settings of the algorithm.
+        x: Individuals as columns, those with a trial first, shape (dim, any).
+        plan: The random choices.
+        asked: Filled, shape (dim, size).
+    """
+    dim, size = asked.shape
+    base, lead, plus, minus = plan.base, plan.lead, plan.plus, plan.minus
+    F, rule = plan.F, settings.bound_handling
+    for d in range(dim):
+        row, out, mutated = x[d], asked[d], plan.mutated[d]
+        low, high = settings.lower[d], settings.upper[d]
+        outside = 0
+        for i in range(size):
+            value = row[base[i]]
+            pull = row[lead[i]] - value
+            value += F[i] * pull
+            value += F[i] * (row[plus[i]] - row[minus[i]])
+            value = value if mutated[i] else row[i]
+            out[i] = value
+            outside += not low <= value <= high
+        if outside == 0:
+            continue
+        for i in range(size):
+            if not low <= out[i] <= high and mutated[i]:
+                fraction = rng.random() if rule == REDRAW else 0.0
+                out[i] = repair(rule, out[i], row[i], low, high, fraction)
+
+
+@kernel
+def select(
+    order: RunningOrder,
+    parents: tuple[Array, Array, Array],
+    asked: Array,
+    cost: Array,
+    violation: Array,
+) -> Mask:
+    """Let a trial replace its parent if it is not worse.
+
+    Before generation 0 the costs are infinite, so that its individuals are accepted.
+
+    Args:
+        order: The order.
+        parents: Their points, (dim, at least size), costs and violations, changed in
+            place.
+        asked: Trials, shape (dim, size).
+        cost: Their costs, shape (size,).
+        violation: Their violations, shape (size,).
+
+    Returns:
+        Which were replaced, shape (size,).
+    """
+    points, parent_cost, parent_violation = parents
+    dim, size = asked.shape
+    replaced = np.empty(size, dtype=np.bool_)
+    rule, weight, level = order.rule, order.weight, order.level[0]
+    for i in range(size):
+        old, old_violation = parent_cost[i], parent_violation[i]
+        replaced[i] = not precedes(
+            rule, weight, level, old, old_violation, cost[i], violation[i]
+        )
+        if replaced[i]:
+            parent_cost[i] = cost[i]
+            parent_violation[i] = violation[i]
+    for d in range(dim):
+        row, trial = points[d], asked[d]
+        for i in range(size):
+            row[i] = trial[i] if replaced[i] else row[i]
+    return replaced

@@ -1,0 +1,710 @@
+"""Planner of one problem: guess -> search -> polish -> plan.
+
+A planner is built once for a problem; planning then rebuilds nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import replace
+from functools import cached_property
+from typing import NamedTuple, Unpack
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from swarmstart.heuristics import (
+    Budget,
+    SearchInterrupted,
+    default_order,
+)
+from swarmstart.heuristics.laws.algorithm import first_size_of
+from swarmstart.heuristics.running.interrupts import heeded
+from swarmstart.machine_code.compile_time import stopwatch
+from swarmstart.ocp.answer.plan import (
+    NO_SEARCH,
+    Account,
+    Plan,
+    PlanningInterrupted,
+    SearchReport,
+    Source,
+)
+from swarmstart.ocp.answer.warm_steps import begins_warm, better_plan, is_enough
+from swarmstart.ocp.common.errors import InvalidProblemError
+from swarmstart.ocp.common.progress import ProgressCallback, of_budget, tell_nothing
+from swarmstart.ocp.nlp.integer_polish import IntegerPolisher
+from swarmstart.ocp.nlp.polish import (
+    Polished,
+    Polisher,
+    better_of,
+    is_better,
+    polish_basins,
+)
+from swarmstart.ocp.nlp.polish_options import PolishOptions
+from swarmstart.ocp.nlp.start import Start
+from swarmstart.ocp.nlp.watching import UNWATCHED, Answer, Watch
+from swarmstart.ocp.rollout.checking import Checker, Excess
+from swarmstart.ocp.rollout.fitness import (
+    NOTHING,
+    Fitness,
+    Known,
+    core_known,
+    shared_arguments,
+)
+from swarmstart.ocp.rollout.path import Tracer
+from swarmstart.ocp.rollout.shooting import Shooting
+from swarmstart.ocp.search.account import Effort, Origin, StartsAccount
+from swarmstart.ocp.search.lane_search import LaneSearch, searched
+from swarmstart.ocp.search.lane_settings import Memetic, Multistart, population_of
+from swarmstart.ocp.search.lane_starts import Task, ToldBest
+from swarmstart.ocp.search.many_starts import (
+    Answered,
+    ManyStarts,
+    ManyStartsInterrupted,
+)
+from swarmstart.ocp.search.search_settings import (
+    SearchGiven,
+    SearchSettings,
+    search_settings,
+    traded_order,
+)
+from swarmstart.ocp.search.search_space import (
+    SearchSpace,
+    TrajectoryFamily,
+    points,
+    space_of,
+)
+from swarmstart.ocp.search.state_guesses import straight_states
+from swarmstart.ocp.statement.control_shape import split_knots
+from swarmstart.ocp.statement.guess import bounded_controls, zero_controls
+from swarmstart.ocp.statement.problem import OptimalControlProblem
+
+Array = NDArray[np.float64]
+
+
+_BASINS = 3
+"""Number of basins to polish if there are decisions besides the controls."""
+
+
+class _Request(NamedTuple):
+    """Request for one plan; as in `Planner.plan`.
+
+    Attributes:
+        x0: Initial state, shape (nx,).
+        known: Parameters and signals.
+        guess: Guess, within the bounds.
+        first: Controls that a search evaluates first, each (nu, N).
+        near: Whether the guess is an earlier answer.
+        rng: Source of all randomness.
+        progress: Callback for the progress.
+    """
+
+    x0: ArrayLike
+    known: Known
+    guess: Start | None
+    first: Sequence[Array]
+    near: bool
+    rng: np.random.Generator
+    progress: ProgressCallback
+
+
+def _turned(search: SearchSettings) -> SearchSettings:
+    """Return a search whose target is multiplied by -1."""
+    if search.budget.target is None:
+        return search
+    return replace(search, budget=replace(search.budget, target=-search.budget.target))
+
+
+class Planner:
+    """Search and polish of one problem, compiled once.
+
+    Except for `posed`, all methods refer to the core of the problem. It is the problem
+    itself unless there are decisions besides the controls, or previous controls.
+
+    Attributes:
+        stated: The problem as it is stated.
+        problem: Its core.
+        lowered: The stated problem with its core.
+        fitness: Its evaluator.
+        search: The population search; None without one.
+        polish: Options of the polish; None without one.
+        polisher: Its NLP solver (that of the relaxed problem if controls take whole
+            numbers); None without a polish.
+        watch: Observer of search and polish, which may stop them.
+
+    Example:
+        >>> import casadi as ca, numpy as np
+        >>> import swarmstart as ss
+        >>> x, u = ca.SX.sym("x"), ca.SX.sym("u")
+        >>> problem = ss.OptimalControlProblem(
+        ...     ss.Model(states=x, controls=u, ode=u), horizon=1.0, intervals=5,
+        ...     stage_cost=u**2, bounds=ss.Bounds(controls=(-2, 2)), terminal=[(x, 1)],
+        ... )
+        >>> planner = ss.Planner(problem, search=None, polish=ss.IpoptOptions())
+        >>> plan = planner.plan([0.0], rng=np.random.default_rng(0))
+        >>> plan.feasible, round(plan.cost, 4)
+        (True, 1.0)
+    """
+
+    def __init__(  # noqa: PLR0913 - all that planning needs
+        self,
+        problem: OptimalControlProblem,
+        *,
+        search: SearchGiven,
+        polish: PolishOptions | None = None,
+        family: TrajectoryFamily | None = None,
+        backend: str | None = None,
+        lanes: int = 0,
+        watch: Watch = UNWATCHED,
+    ) -> None:
+        """Compile the functions for planning.
+
+        Args:
+            problem: The problem.
+            search: The population search, as in `solve`: settings with a budget, or an
+                algorithm with the default budget of 20,000 evaluations; None means no
+                search.
+            polish: Options of the polish; None means no polish.
+            family: Family of trajectories to search; None means control sequences. The
+                controls of a member do not lead exactly along its states, so a family
+                should be combined with a polish.
+            backend: Backend that evaluates populations: "llvm" (machine code), "casadi"
+                or "auto"; None asks SWARMSTART_BACKEND, then auto.
+            lanes: Number of additional random starts that are solved at once if there
+                is no earlier answer (docs/answers.md, "Many starts"). 0 means none.
+            watch: Observer of search and polish, which may stop them.
+
+        Raises:
+            InvalidProblemError: If there is a search and a control is unbounded, the
+                family does not fit the problem, or there are lanes without a polish.
+            InvalidSettingsError: If the search's population does not fit into memory.
+        """
+        self.fitness = Fitness(Shooting(problem), backend=backend)
+        self.lowered = self.fitness.shooting.lowered
+        self.stated, self.problem = problem, self.lowered.core
+        self._checker = Checker(self.fitness.shooting)
+        search = search_settings(search)
+        if search is not None and problem.maximize:
+            search = _turned(search)
+        self.search, self.polish, self.watch = search, polish, watch
+        self._space: SearchSpace | None = None
+        if search is not None:
+            self._space = space_of(self.fitness, family)
+            # Raised here, not at the first plan.
+            evaluations = search.budget.evaluations
+            population = population_of(search.algorithm, evaluations)
+            if population is not None:
+                first_size_of(population, self._space.box, evaluations)
+        self._rounding: IntegerPolisher | None = None
+        self.polisher: Polisher | None = None
+        if polish and self.problem.integer:
+            self._rounding = IntegerPolisher(self.fitness, polish, watch=watch)
+            self.polisher = self._rounding.relaxed
+        elif polish:
+            self.polisher = Polisher(self.fitness, polish, watch=watch)
+        if lanes and self.polisher is None:
+            raise InvalidProblemError("lanes need a polish, which ends what they begin")
+        self._lanes = lanes
+        self._lane_search: LaneSearch | None = None
+        uses_lanes = search and isinstance(search.algorithm, Multistart | Memetic)
+        if search and self._space and uses_lanes:
+            self._lane_search = LaneSearch(
+                self.fitness, self._space, search, self.polisher
+            )
+
+    def with_budget(self, budget: Budget) -> Planner:
+        """Return the same planner with another search budget; nothing is rebuilt.
+
+        Args:
+            budget: The budget; without effect if there is no search.
+
+        Returns:
+            A new planner that shares all compiled functions.
+        """
+        if self.search is None:
+            return self
+        other = copy(self)
+        other.search = replace(self.search, budget=budget)
+        if self._lane_search is not None:
+            other._lane_search = self._lane_search.with_search(other.search)
+        return other
+
+    def prepare(self) -> None:
+        """Wait for machine code that is still being compiled."""
+        if self._lane_search is not None:
+            self._lane_search.prepare()
+        if self.many_starts is not None:
+            self.many_starts.prepare()
+
+    @cached_property
+    def tracer(self) -> Tracer:
+        """Tracer of the paths of plans; compiled at its first use."""
+        return Tracer(self.fitness.shooting, self._checker)
+
+    @cached_property
+    def many_starts(self) -> ManyStarts | None:
+        """Local solves from many starts; None without them."""
+        if not self._lanes or self.polisher is None or self._rounding is not None:
+            return None
+        return ManyStarts(self.fitness, self.polisher, self._lanes)
+
+    def posed(
+        self, x0: ArrayLike, known: Known = NOTHING, guess: Array | Start | None = None
+    ) -> tuple[ArrayLike, Known, Array | Start | None]:
+        """Convert initial state, known data and guess to those of the core.
+
+        Args:
+            x0: Initial state of the stated problem, shape (nx,).
+            known: Known data of the stated problem.
+            guess: Controls, or a Start with states of the stated problem.
+
+        Returns:
+            Initial state, known data and guess (None without one) of the core.
+
+        Raises:
+            InvalidProblemError: If a shape is not the problem's.
+        """
+        lowered = self.lowered
+        is_core = lowered.core is self.stated and self.stated.risk is None
+        if is_core and not self.problem.free_starts:
+            return x0, known, guess
+        start, core = lowered.start(x0, known.previous), core_known(lowered, known)
+        if isinstance(guess, Start):
+            start = lowered.with_decided(start, guess.decided)
+        if self.stated.has_knots and guess is not None:
+            start, guess = self._from_knots(start, guess)
+        if isinstance(guess, Start) and guess.states is not None:
+            guess = guess._replace(states=lowered.states(guess.states, start))
+        return start, core, guess
+
+    def _from_knots(
+        self, start: Array, guess: Array | Start
+    ) -> tuple[Array, Array | Start]:
+        """Return the core's initial state, and a guess with the core's controls.
+
+        Raises:
+            InvalidProblemError: If the guess has the shape of neither knots nor held
+                controls.
+        """
+        knots = np.array(guess.controls if isinstance(guess, Start) else guess)
+        nu, N = self.problem.model.nu, self.problem.intervals
+        if knots.shape not in ((nu, N + 1), (nu, N)):
+            raise InvalidProblemError(
+                f"a guess of linear controls must have shape {(nu, N + 1)}, or "
+                f"{(nu, N)} of held ones, got {knots.shape}"
+            )
+        if not np.isfinite(knots).all():
+            raise InvalidProblemError(f"a guess must be finite, got {knots}")
+        controls = split_knots(knots, N)[1]
+        start = self.lowered.with_first_knot(start, knots)
+        if not isinstance(guess, Start):
+            return start, controls
+        guess = guess._replace(controls=controls)
+        if guess.states is not None:
+            states = self.lowered.states(guess.states, start)
+            guess = guess._replace(
+                states=self.lowered.with_knots(states, controls, start)
+            )
+        return start, guess
+
+    def plan(  # noqa: PLR0913 - each may be left out
+        self,
+        x0: ArrayLike,
+        *,
+        known: Known = NOTHING,
+        guess: Array | Start | None = None,
+        candidates: Array | None = None,
+        near: bool = False,
+        last_cost: float | None = None,
+        in_loop: bool = False,
+        is_new: bool = False,
+        rng: np.random.Generator,
+        progress: ProgressCallback = tell_nothing,
+    ) -> Plan:
+        """Return the best plan found from an initial state.
+
+        Args:
+            x0: Initial state, shape (nx,).
+            known: Parameters and signals.
+            guess: Controls to start from, shape (nu, N), clipped to the bounds; None:
+                unknown, so that the search starts at random, and a polish alone at zero
+                controls. A Start has states as well, from which the polish then starts.
+            candidates: Further controls that the search evaluates, shape (nu, N, k),
+                clipped to the bounds; None means none. They come first in its first
+                population.
+            near: Whether the guess is an earlier answer, which a polish without a
+                search stays near. The plan is then made without search and lanes,
+                unless that fails or the search has `when="always"` (docs/answers.md,
+                "Closed loop: one warm polish a step").
+            last_cost: Cost of the earlier answer; None if not known.
+            in_loop: Whether later plans will start from this one. It is then also made
+                without search and lanes, and the better plan is kept.
+            is_new: Whether nothing of an earlier answer can be used, as for a horizon
+                of one interval; then a search is made as for a first plan.
+            rng: Source of all randomness.
+            progress: Called with (evaluations, all, "searching") now and then, and with
+                "polishing" when that begins.
+
+        Returns:
+            The best plan; it need not be feasible.
+
+        Raises:
+            InvalidProblemError: If a shape is not the problem's, or a value is not
+                finite.
+            PlanningInterrupted: On Ctrl-C, with the best plan so far, if there is one.
+        """
+        warm, follows = None, near
+        # Many starts include a polish alone.
+        follows_on = (near and not is_new) or (in_loop and not self._lanes)
+        if follows_on and self._begins_warm:
+            warm = self._alone.plan(x0, known=known, guess=guess, near=near, rng=rng)
+            if near and is_enough(self.fitness, warm, x0, known, last_cost):
+                return warm
+            follows = False
+        plan = self._made(x0, known, guess, candidates, follows, rng, progress)
+        return (
+            plan if warm is None else better_plan(self.fitness, plan, warm, x0, known)
+        )
+
+    @property
+    def _begins_warm(self) -> bool:
+        if self.polisher is None or (self.search is None and not self._lanes):
+            return False
+        return begins_warm(self.search, lanes=bool(self._lanes))
+
+    @cached_property
+    def _alone(self) -> Planner:
+        """The same planner without search and lanes."""
+        alone = copy(self)
+        alone.search, alone._space, alone._lanes = None, None, 0
+        alone.__dict__.pop("many_starts", None)
+        return alone
+
+    def _made(  # noqa: PLR0913, PLR0917 - what plan was given
+        self,
+        x0: ArrayLike,
+        known: Known,
+        guess: Array | Start | None,
+        candidates: Array | None,
+        near: bool,
+        rng: np.random.Generator,
+        progress: ProgressCallback,
+    ) -> Plan:
+        """Return the best plan, searched, polished or both; see `plan`."""
+        given = guess if isinstance(guess, Start) or guess is None else Start(guess)
+        if given is not None:
+            x0 = x0 if given.x0 is None else given.x0
+            controls = bounded_controls(self.problem, given.controls)
+            given = given._replace(
+                controls=controls, is_guess=given.states is not None, x0=None
+            )
+        first = []
+        if candidates is not None:
+            columns = np.moveaxis(candidates, -1, 0)
+            first = [bounded_controls(self.problem, one) for one in columns]
+        request = _Request(x0, known, given, first, near, rng, progress)
+        if not near and self.many_starts is not None:
+            return self._from_many(request, self.many_starts)
+        return self._from_one(request)
+
+    def _from_one(self, request: _Request) -> Plan:
+        """Return the best plan from the search's points, or from the guess."""
+        x0, known, guess, near = request.x0, request.known, request.guess, request.near
+        plan, starts = self._searched(request)
+        if self.polisher is None:
+            return plan
+        if guess is not None:
+            starts = self._with_guess(starts, guess)
+        request.progress(0, 0, "polishing")
+        relaxed_cost, account = np.nan, None
+        try:
+            with heeded():
+                if self._rounding is None:
+                    polished, evaluations = self._polished(
+                        self.polisher, starts, x0, known, near=near
+                    )
+                else:
+                    account = None if near else self._whole_account()
+                    near = near or self.search is not None
+                    rounded = self._rounding(starts, x0, known, near=near)
+                    polished, evaluations = rounded.polished, rounded.evaluations
+                    relaxed_cost = rounded.relaxed_cost
+        except KeyboardInterrupt:
+            raise PlanningInterrupted(plan) from None
+        return self.evaluated(
+            polished.controls,
+            polished.x0,
+            known=known,
+            value=(polished.cost, polished.violation),
+            source=Source.POLISH if polished.improved else plan.source,
+            search=plan.search,
+            evaluations=plan.evaluations + evaluations,
+            polish_status=polished.status,
+            point=polished.point,
+            relaxed_cost=relaxed_cost,
+            starts=account,
+        )
+
+    def _whole_account(self) -> StartsAccount | None:
+        """Return the account of starts for controls that take whole numbers."""
+        if not self._lanes:
+            return None
+        origin: Origin = "zero controls" if self.search is None else "the search"
+        reason = "controls take whole numbers"
+        return StartsAccount(won=origin, tried=(), lanes=None, without_lanes=reason)
+
+    def _from_many(self, request: _Request, many_starts: ManyStarts) -> Plan:
+        """Return the best plan from many starts."""
+        searched: list[tuple[Plan, float]] = []
+
+        def search() -> list[Start]:
+            if self.search is None:
+                return []
+            with stopwatch() as watch:
+                try:
+                    plan, starts = self._searched(request)
+                except PlanningInterrupted as stopped:
+                    searched.append((stopped.partial, watch.seconds))
+                    raise
+                searched.append((plan, watch.seconds))
+            request.progress(0, 0, "polishing")
+            return starts
+
+        request.progress(0, 0, "polishing")
+        try:
+            with heeded():
+                answered = many_starts(
+                    request.guess, search, request.x0, request.known, request.rng
+                )
+        except ManyStartsInterrupted as stopped:
+            best = self._of_many(stopped.partial, searched, request.known)
+            for plan, _ in searched:
+                one, other = ((p.cost, p.violation) for p in (plan, best))
+                if is_better(one, other, tolerance=self.problem.tolerance):
+                    best = replace(plan, starts=best.starts)
+            raise PlanningInterrupted(best) from None
+        return self._of_many(answered, searched, request.known)
+
+    def _of_many(
+        self, answered: Answered, searched: Sequence[tuple[Plan, float]], known: Known
+    ) -> Plan:
+        """Return the answer from many starts as a plan.
+
+        Args:
+            answered: The answer.
+            searched: Result of the search and its seconds; empty without a search.
+            known: Parameters and signals.
+        """
+        polished, account = answered.polished, answered.account
+        source = Source.SEARCH if account.won == "the search" else Source.GUESS
+        report, evaluations = NO_SEARCH, 0
+        for plan, seconds in searched:
+            report, evaluations = plan.search, plan.evaluations
+            effort = Effort(evaluations=evaluations, seconds=seconds)
+            account = replace(account, search=effort)
+        return self.evaluated(
+            polished.controls,
+            polished.x0,
+            known=known,
+            value=(polished.cost, polished.violation),
+            source=Source.POLISH if polished.improved else source,
+            search=report,
+            evaluations=evaluations + answered.evaluations,
+            polish_status=polished.status,
+            point=polished.point,
+            starts=account,
+        )
+
+    def _with_guess(self, starts: list[Start], guess: Start) -> list[Start]:
+        """Return the starts of the polish, with a guess that has more than controls."""
+        if guess.states is not None:
+            return [*(starts if self.search is not None else ()), guess]
+        alone = guess.carried is not None and self.search is None
+        return [guess] if alone else starts
+
+    def _polished(
+        self,
+        polisher: Polisher,
+        starts: Sequence[Start],
+        x0: ArrayLike,
+        known: Known,
+        *,
+        near: bool,
+    ) -> tuple[Polished, int]:
+        """Return the best polished answer, and the evaluations of all polishes.
+
+        Args:
+            polisher: The NLP solver.
+            starts: Starts of the polish, at least one.
+            x0: Initial state, shape (nx,).
+            known: Parameters and signals.
+            near: Whether they follow an earlier answer.
+        """
+        tolerance = self.problem.tolerance
+        found, evaluations = polish_basins(
+            polisher,
+            starts,
+            x0,
+            known,
+            tolerance=tolerance,
+            near=near or self.search is not None,
+        )
+        if found.violation <= tolerance or near or self.watch.is_over:
+            return found, evaluations
+        straight = self._straight(starts[0], x0, known)
+        if straight:
+            again, more = polish_basins(
+                polisher, straight, x0, known, tolerance=tolerance, near=False
+            )
+            evaluations += more
+            found = better_of(found, again, tolerance=tolerance)
+        return found, evaluations
+
+    def _straight(self, first: Start, x0: ArrayLike, known: Known) -> list[Start]:
+        """Return starts whose states lead straight to the fixed states at the end.
+
+        One has zero controls, another, if it differs, the controls of `first`; empty if
+        the end fixes no state.
+        """
+        states = straight_states(self.fitness, x0, known)
+        if states is None:
+            return []
+        zero = Start(zero_controls(self.problem), states)
+        if np.array_equal(first.controls, zero.controls):
+            return [zero]
+        return [zero, Start(first.controls, states)]
+
+    def evaluated(
+        self,
+        controls: Array,
+        x0: ArrayLike,
+        *,
+        known: Known = NOTHING,
+        source: Source,
+        value: tuple[float, float] | None = None,
+        **account: Unpack[Account],
+    ) -> Plan:
+        """Return given controls as a plan: evaluated, neither searched nor polished.
+
+        Args:
+            controls: Shape (nu, N).
+            x0: Initial state, shape (nx,).
+            known: Parameters and signals.
+            source: Origin of the controls.
+            value: Their cost and violation; None: to be computed.
+            account: Effort to find the controls, as in Plan.
+
+        Returns:
+            The plan.
+        """
+        cost, violation = value or self.fitness.value(controls, x0, known)
+        states, outside = self.fitness.followed(controls, x0, known)
+        return Plan(
+            controls=controls,
+            states=states,
+            cost=cost,
+            violation=violation,
+            feasible=bool(violation <= self.problem.tolerance and np.isfinite(cost)),
+            source=source,
+            start_excess=outside if outside > self.problem.tolerance else 0.0,
+            **account,
+        )
+
+    def _searched(self, request: _Request) -> tuple[Plan, list[Start]]:
+        """Return the search's answer and the starts of the polish, the best first.
+
+        Without a search, these are the guess, or zero controls.
+        """
+        x0, known, rng = request.x0, request.known, request.rng
+        guess = None if request.guess is None else request.guess.controls
+        search, space = self.search, self._space
+        if search is None or space is None:
+            controls = zero_controls(self.problem) if guess is None else guess
+            plan = self.evaluated(controls, x0, known=known, source=Source.GUESS)
+            return plan, [Start(controls)]
+        objective = space.objective(x0, known)
+        order = search.order or default_order(self.problem.tolerance)
+        basins = search.basins if self.polisher else 0
+        if self.polisher and self.problem.free_starts:
+            basins = basins or _BASINS
+            order = search.order or traded_order(objective, space.box, rng)
+        if self._lane_search is not None and self.polisher:
+            basins = basins or _BASINS
+        task = Task(
+            x0=x0,
+            known=known,
+            objective=objective,
+            order=order,
+            guess=guess,
+            first=request.first,
+            basins=basins,
+            rng=rng,
+            tell=of_budget(request.progress, search.budget, "searching"),
+            told_best=self._told_best(space, x0, known),
+        )
+        try:
+            with self.watch.searching():
+                found = searched(search, space, task, self._lane_search)
+                self.watch.searched(found.result)
+        except SearchInterrupted as stopped:
+            start = space.decoded(stopped.partial.x, x0, known)
+            plan = self.evaluated(
+                start.controls,
+                x0 if start.x0 is None else start.x0,
+                known=known,
+                source=Source.SEARCH,
+                evaluations=stopped.partial.evaluations,
+            )
+            raise PlanningInterrupted(plan) from None
+        result = found.result
+        starts = [space.decoded(x, x0, known) for x in points(result)]
+        plan = self.evaluated(
+            starts[0].controls,
+            x0 if starts[0].x0 is None else starts[0].x0,
+            known=known,
+            source=Source.SEARCH,
+            search=SearchReport(
+                result.cost,
+                result.violation,
+                result.history_cost,
+                result.history_evaluations,
+                found.lanes,
+                found.without,
+            ),
+            evaluations=result.evaluations,
+        )
+        return plan, starts
+
+    def _told_best(self, space: SearchSpace, x0: ArrayLike, known: Known) -> ToldBest:
+        """Return the callback for a search's best point; None if it is not observed."""
+        watch = self.watch
+        if watch is UNWATCHED:
+            return None
+
+        def answer(x: Array) -> Answer:
+            start = space.decoded(x, x0, known)
+            state = x0 if start.x0 is None else start.x0
+            return start.controls, np.asarray(state, dtype=np.float64)
+
+        return lambda evaluations, best: watch.advanced(evaluations, best, answer)
+
+    def outside(self, x0: ArrayLike, known: Known = NOTHING) -> list[Excess]:
+        """Return the constraints that an initial state breaks for any control.
+
+        The worst comes first.
+
+        Args:
+            x0: Initial state, shape (nx,).
+            known: Parameters and signals.
+        """
+        if not self._checker.looks_at_start:
+            return []
+        problem = self.problem
+        state, p, flat = shared_arguments(problem, x0, known)
+        return self._checker.at_start(
+            state,
+            p,
+            flat[: problem.ns],
+            lambda: self.fitness.arguments.sizes(x0, known),
+        )

@@ -1,0 +1,265 @@
+"""Solution of a problem in one call: search, polish, verification, and repair."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from swarmstart.heuristics import Budget, Order, generator_of
+from swarmstart.heuristics.running.interrupts import heeded
+from swarmstart.machine_code.compile_time import stopwatch
+from swarmstart.ocp.answer.bounded import BoundInterrupted, bounded
+from swarmstart.ocp.answer.improving import improved
+from swarmstart.ocp.answer.plan import PlanningInterrupted
+from swarmstart.ocp.answer.planner import Planner
+from swarmstart.ocp.answer.solution import Solution, verified
+from swarmstart.ocp.common.errors import InvalidProblemError
+from swarmstart.ocp.common.expressions import shortened
+from swarmstart.ocp.common.limits import require_choice, require_count, require_seconds
+from swarmstart.ocp.common.progress import ProgressCallback, tell_nothing
+from swarmstart.ocp.nlp.polish_options import (
+    IpoptOptions,
+    NlpOptions,
+    PolishOptions,
+)
+from swarmstart.ocp.nlp.start import Start
+from swarmstart.ocp.rollout.fitness import NOTHING, Known
+from swarmstart.ocp.search.many_starts import LANES
+from swarmstart.ocp.search.search_settings import SearchGiven, search_settings
+from swarmstart.ocp.statement.problem import OptimalControlProblem
+
+Array = NDArray[np.float64]
+StartRule = Literal["must hold", "may violate"]
+PolishGiven = PolishOptions | str | bool | None
+
+
+class SolveInterrupted(KeyboardInterrupt):
+    """Ctrl-C during `solve`.
+
+    Attributes:
+        partial: The best answer so far, verified. If only the computation of its bound
+            was interrupted, it has the best bound so far.
+    """
+
+    def __init__(self, partial: Solution) -> None:
+        """Keep the best answer so far."""
+        super().__init__("solve was interrupted; the best answer so far is in .partial")
+        self.partial = partial
+
+
+def solve(  # noqa: PLR0913 - the whole way in one call
+    problem: OptimalControlProblem,
+    x0: ArrayLike,
+    *,
+    search: SearchGiven = "default",
+    budget: Budget | int | None = None,
+    order: Order | None = None,
+    polish: PolishGiven = "ipopt",
+    guess: ArrayLike | Start | None = None,
+    known: Known = NOTHING,
+    start: StartRule = "must hold",
+    repair: bool = False,
+    lanes: int | None = None,
+    backend: str | None = None,
+    bound: float | None = None,
+    rng: np.random.Generator | None = None,
+    seed: int | Sequence[int] | None = None,
+    progress: ProgressCallback = tell_nothing,
+) -> Solution:
+    """Solve an optimal-control problem from an initial state.
+
+    Args:
+        problem: The problem.
+        x0: Initial state, shape (nx,); entries that are decided are a guess, or NaN.
+        search: The population search: a name such as "lshade", an algorithm or its
+            class, or `SearchSettings`, which have a budget and an order. "default" is
+            the choice of `heuristics.default_algorithm` for the budget. None or "none":
+            no search.
+        budget: Budget of the search; an integer is a number of evaluations; None means
+            20,000 evaluations.
+        order: Order of individuals in the search; None means `heuristics.default_order`
+            with the problem's tolerance.
+        polish: "ipopt" or True, the name of another NLP solver of CasADi, or options of
+            one; None, False or "none" means no polish.
+        guess: Controls to start from, shape (nu, N), or (nu, N + 1) for linear ones; or
+            a Start, which has states for the polish as well. None: no guess.
+        known: Parameters and signals, if the problem has any.
+        start: "must hold": x0 must satisfy the bounds of the states and the path
+            constraints. "may violate": it need not, and the status reports it.
+        repair: Whether an answer that breaks a constraint between checks is solved
+            again with a margin, at most three times.
+        lanes: Number of random starts that are solved at once, in SIMD lanes. With them
+            the polish also starts from zero controls, the middle of the bounds, the
+            guess, the search's best points and guesses of states, and the answer
+            reports the result of each. None means 64 if there is a polish; 0 means a
+            single start.
+        backend: Backend that evaluates populations: "llvm" (machine code), "casadi" or
+            "auto"; None asks SWARMSTART_BACKEND, then auto (docs/evaluator.md, "Choose
+            the evaluator").
+        bound: Time [s] to compute a lower bound of the optimal cost with `lower_bound`,
+            after the answer is found; None: no bound.
+        rng: Source of all randomness; either this or a seed.
+        seed: Seed of a new generator.
+        progress: Called with (evaluations, all, "searching") now and then, and at the
+            start of "polishing", "verifying" and "improving", whose length is not known
+            (0).
+
+    Returns:
+        The best answer found, verified along its path.
+
+    Raises:
+        InvalidProblemError: If there is neither a search nor a polish, a shape is not
+            the problem's, the start violates its constraints and must not, or the time
+            for the bound is not a positive number.
+        SolveInterrupted: On Ctrl-C, with the best answer so far; a plain
+            KeyboardInterrupt if there is none yet.
+
+    Example:
+        >>> import casadi as ca
+        >>> import swarmstart as ss
+        >>> x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+        >>> problem = ss.OptimalControlProblem(
+        ...     ss.Model(states=x, controls=u, ode=ca.vertcat(x[1], u)),
+        ...     horizon=1.0, intervals=10, stage_cost=u**2,
+        ...     bounds=ss.Bounds(controls=(-10, 10)), terminal=[(x[0], 1), (x[1], 0)],
+        ... )
+        >>> solution = ss.solve(problem, [0.0, 0.0], budget=500, lanes=0, seed=0)
+        >>> solution.status.name, round(solution.cost, 2)
+        ('CONVERGED', 12.12)
+    """
+    if not isinstance(problem, OptimalControlProblem):
+        raise InvalidProblemError(
+            f"solve takes an OptimalControlProblem, got {shortened(problem)}"
+        )
+    if lanes:
+        require_count("lanes", lanes)
+    require_choice("start", start, ("must hold", "may violate"))
+    require_seconds("bound", bound)
+    given = x0, known
+    rng = generator_of(rng, seed)
+    settings = search_settings(search, budget, order)
+    polishing = polish_options(polish)
+    if lanes is None:
+        lanes = LANES if polishing is not None else 0
+    if settings is None and polishing is None:
+        raise InvalidProblemError("solve needs a search, a polish or both, got neither")
+    with stopwatch() as watch:
+        planner = Planner(
+            problem, search=settings, polish=polishing, backend=backend, lanes=lanes
+        )
+        start_at = None if guess is None else _start(guess)
+        x0, known, start_at = planner.posed(x0, known, start_at)
+        outside = planner.outside(x0, known)
+        if outside and start == "must hold":
+            raise InvalidProblemError(
+                "the start must keep the bounds of the states and the path "
+                f"constraints: {'; '.join(map(str, outside))} (start='may violate' "
+                "allows it)"
+            )
+        solution = _solved(
+            planner,
+            x0,
+            known,
+            guess=start_at,
+            repair=repair,
+            rng=rng,
+            progress=progress,
+        )
+    solution = replace(solution, compile_seconds=watch.compile_seconds)
+    if bound is None:
+        return solution
+    return _with_bound(solution, *given, seconds=bound, progress=progress)
+
+
+def _with_bound(
+    solution: Solution,
+    x0: ArrayLike,
+    known: Known,
+    *,
+    seconds: float,
+    progress: ProgressCallback,
+) -> Solution:
+    """Return an answer with its bound; on Ctrl-C the answer is kept."""
+    try:
+        found = bounded(
+            solution, solution.problem, x0, known, seconds=seconds, progress=progress
+        )
+    except BoundInterrupted as stopped:
+        raise SolveInterrupted(replace(solution, bound=stopped.partial)) from None
+    return replace(solution, bound=found)
+
+
+def _solved(  # noqa: PLR0913 - what solve was given, checked
+    planner: Planner,
+    x0: ArrayLike,
+    known: Known,
+    *,
+    guess: Array | Start | None,
+    repair: bool,
+    rng: np.random.Generator,
+    progress: ProgressCallback,
+) -> Solution:
+    """Plan, verify, and improve the answer."""
+    try:
+        with heeded():
+            plan = planner.plan(
+                x0, known=known, guess=guess, rng=rng, progress=progress
+            )
+    except PlanningInterrupted as stopped:
+        partial = verified(planner.tracer, stopped.partial, x0, known)
+        raise SolveInterrupted(partial) from None
+    progress(0, 0, "verifying")
+    answers = improved(planner, plan, x0, known, repair=repair, rng=rng)
+    with heeded():
+        solution = next(answers)
+    progress(0, 0, "improving")
+    try:
+        while True:
+            with heeded():
+                better = next(answers, None)
+            if better is None:
+                return solution
+            solution = better
+    except KeyboardInterrupt:
+        raise SolveInterrupted(solution) from None
+
+
+def polish_options(polish: PolishGiven) -> PolishOptions | None:
+    """Return the polish in the form that a planner uses; None means no polish.
+
+    Raises:
+        InvalidProblemError: If there is no such solver.
+    """
+    if polish is None or polish is False or polish == "none":
+        return None
+    if polish is True or polish == "ipopt":
+        return IpoptOptions()
+    if isinstance(polish, str):
+        return NlpOptions(plugin=polish)
+    if not isinstance(polish, IpoptOptions | NlpOptions):
+        raise InvalidProblemError(
+            "polish must be 'ipopt', the name of an NLP solver of CasADi, "
+            f"IpoptOptions, NlpOptions or None, got {shortened(polish)}"
+        )
+    return polish
+
+
+def _start(guess: ArrayLike | Start) -> Array | Start:
+    """Return a guess with its controls as an array; a vector is one row.
+
+    Raises:
+        InvalidProblemError: If it does not consist of numbers.
+    """
+    if isinstance(guess, Start):
+        return guess
+    try:
+        controls = np.array(guess, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InvalidProblemError(
+            f"a guess must be numbers of shape (nu, N), got {shortened(guess)}"
+        ) from error
+    return np.atleast_2d(controls)

@@ -1,0 +1,1 @@
+"""What every room of `ocp` uses: errors, limits, expressions, units, progress."""

@@ -1,0 +1,1 @@
+"""Operations on vectors of a processor, as LLVM IR: arithmetic and functions."""

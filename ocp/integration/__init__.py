@@ -1,0 +1,1 @@
+"""Integrators: a step of each, equal steps, steps with size control, collocation."""

@@ -1,0 +1,215 @@
+"""One step of a differential equation x' = r(t, x) with a fixed step size h.
+
+rk4    k1 = r(t, x), k2 = r(t + h/2, x + h/2 k1), k3 = r(t + h/2, x + h/2 k2),
+       k4 = r(t + h, x + h k3),  x+ = x + h/6 (k1 + 2 k2 + 2 k3 + k4)
+euler  x+ = x + h r(t, x)                      (what eq. 5.22 of the chapter says)
+stiff  RODAS4, for models with modes that decay much faster than the step; rosenbrock.py
+
+Controls are held constant over a step. The functions take expressions as well as
+arrays, depending on the return value of r.
+
+If controls jump, the fast modes of a stiff model leave their equilibrium, and a much
+longer step damps them without resolving them. A cost of 1000 x^2 of such a state would
+be missed, or counted for the whole step. So the first stiff step after a jump is taken
+in five parts, each four times as long as the one before. Modes with decay rates up to
+some thousand times 1 / step are then resolved to 1e-4 (RODAS4 with four steps, a fast
+equilibrium of two states; 4e-2 without the parts).
+"""
+
+from collections.abc import Callable
+from typing import Literal
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.ocp.common.errors import InvalidProblemError
+from swarmstart.ocp.common.limits import require_count
+from swarmstart.ocp.integration.rosenbrock import Rate, prepared, rodas4
+from swarmstart.ocp.system.model import Model, rate_of
+
+
+def rk4(rate: Rate, x: ca.SX, t: float, h: float) -> ca.SX:
+    """Return x after one step of the classical Runge-Kutta method of order 4."""
+    k1 = rate(t, x)
+    k2 = rate(t + h / 2, x + h / 2 * k1)
+    k3 = rate(t + h / 2, x + h / 2 * k2)
+    k4 = rate(t + h, x + h * k3)
+    return x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+
+
+def euler(rate: Rate, x: ca.SX, t: float, h: float) -> ca.SX:
+    """Return x after one step of the forward Euler method."""
+    return x + h * rate(t, x)
+
+
+Integrator = Literal["rk4", "euler", "stiff"]
+"""Name of an integrator, for modules that must know the names before any import."""
+INTEGRATORS: dict[str, Callable[[Rate, ca.SX, float, float], ca.SX]] = {
+    "rk4": rk4,
+    "euler": euler,
+    "stiff": rodas4,
+}
+
+
+def verifying_integrator(method: str) -> Integrator:
+    """Return the integrator, of order 4, that verifies plans made with a method."""
+    return "stiff" if method == "stiff" else "rk4"
+
+
+PARTS = 5
+"""Number of parts of the first stiff step after a jump; see the module's head."""
+MORE_PARTS = 8
+"""Number of parts for a first part of 5e-5 of the step instead of 3e-3."""
+_LONGER = 4.0
+"""Ratio of the lengths of two consecutive parts."""
+
+
+def stiff_lengths(h: float, steps: int, parts: int) -> list[float]:
+    """Return the step lengths, where steps of length h follow a first one in parts."""
+    return [*_lengths_of_parts(h, parts).tolist(), *[h] * (steps - 1)]
+
+
+def _lengths_of_parts(h: float, parts: int) -> NDArray[np.float64]:
+    lengths = _LONGER ** np.arange(parts)
+    return np.asarray(h * lengths / lengths.sum())
+
+
+def integrate(  # noqa: PLR0913 - an equation, a span of time and how it is divided
+    method: str,
+    rate: Rate,
+    x: ca.SX,
+    *,
+    start: float,
+    duration: float,
+    steps: int,
+    after_jump: bool = True,
+    parts: int = PARTS,
+) -> ca.SX:
+    """Return x after `steps` equal steps over `duration` seconds from `start`.
+
+    Args:
+        method: A key of INTEGRATORS.
+        rate: r(t, x).
+        x: State at `start`.
+        start: Start time [s].
+        duration: Time span [s].
+        steps: Number of equal steps.
+        after_jump: Whether the rate or the state jumps at `start`. Then the first step
+            is divided into parts if the method is "stiff".
+        parts: Number of these parts.
+    """
+    h = duration / steps
+    if method == "stiff":
+        return _stiffly(rate, x, start, h, steps, parts if after_jump else 1)
+    step = INTEGRATORS[method]
+    for k in range(steps):
+        x = step(rate, x, start + k * h, h)
+    return x
+
+
+def _stiffly(
+    rate: Rate, x: ca.SX, start: float, h: float, steps: int, parts: int
+) -> ca.SX:
+    """Return x after `steps` steps of length h, the first divided into parts."""
+    step = prepared(rate, x.numel())
+    lengths = _lengths_of_parts(h, parts)
+    for end, length in zip(np.cumsum(lengths), lengths, strict=True):
+        x = step(x, start + float(end - length), float(length))
+    for k in range(1, steps):
+        x = step(x, start + k * h, h)
+    return x
+
+
+def held_step(
+    model: Model,
+    dt: float,
+    *,
+    method: str = "rk4",
+    substeps: int = 1,
+    parts: int = PARTS,
+) -> ca.Function:
+    """Return F(x, u, p) -> x after dt seconds with u held, in `substeps` steps.
+
+    For a model with signals or a time it is F(x, u, p, s), with s their values at both
+    ends of dt, shape (ns, 2), linear in between. A jump of the model at the end of an
+    interval is not included.
+
+    Args:
+        model: The model.
+        dt: Duration of the step [s], positive.
+        method: A key of INTEGRATORS.
+        substeps: Number of equal steps of the integrator within dt.
+        parts: Number of parts of the first step if the method is "stiff".
+
+    Returns:
+        The function F.
+
+    Raises:
+        InvalidProblemError: If dt is not positive, the method is unknown, or `substeps`
+            is below 1.
+    """
+    u = ca.SX.sym("u", model.nu)
+    return _step(
+        model, dt, u, lambda part: u, method=method, substeps=substeps, parts=parts
+    )
+
+
+def linear_step(model: Model, dt: float, *, method: str = "rk4") -> ca.Function:
+    """Return F(x, u, p) -> x after dt seconds, u the controls at both ends, (2 nu, 1).
+
+    The controls are linear in between; otherwise it is as `held_step`, in one step.
+
+    Args:
+        model: The model.
+        dt: Duration of the step [s], positive.
+        method: A key of INTEGRATORS.
+    """
+    u = ca.SX.sym("u", 2 * model.nu)
+    first, last = ca.vertsplit(u, [0, model.nu, 2 * model.nu])
+    return _step(
+        model, dt, u, lambda part: first + part * (last - first), method=method
+    )
+
+
+def _step(  # noqa: PLR0913 - a step and what is held in it
+    model: Model,
+    dt: float,
+    u: ca.SX,
+    controls: Callable[[float], ca.SX],
+    *,
+    method: str,
+    substeps: int = 1,
+    parts: int = PARTS,
+) -> ca.Function:
+    """Return F(x, u, p, s) of a step, with the controls evaluated within it."""
+    if not dt > 0:
+        raise InvalidProblemError(f"dt must be positive, got {dt}")
+    require_integrator(method, substeps)
+    f = rate_of(model)
+    x = ca.SX.sym("x", model.nx)
+    p, ends = ca.SX.sym("p", model.np), ca.SX.sym("s", model.varying.numel(), 2)
+
+    def rate(t: float, y: ca.SX) -> ca.SX:
+        part = t / dt
+        return f(y, controls(part), p, ends[:, 0] + part * (ends[:, 1] - ends[:, 0]))
+
+    after = integrate(
+        method, rate, x, start=0.0, duration=dt, steps=substeps, parts=parts
+    )
+    arguments = [x, u, p, ends] if ends.numel() else [x, u, p]
+    names = ["x", "u", "p", "s"][: len(arguments)]
+    return ca.Function("held_step", arguments, ca.cse([after]), names, ["x_next"])
+
+
+def require_integrator(method: str, substeps: int) -> None:
+    """Raise if the method is unknown or the number of steps is below one.
+
+    Raises:
+        InvalidProblemError: With the value given and what is allowed.
+    """
+    if method not in INTEGRATORS:
+        raise InvalidProblemError(
+            f"integrator must be one of {', '.join(INTEGRATORS)}, got {method!r}"
+        )
+    require_count("substeps", substeps)

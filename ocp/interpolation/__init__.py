@@ -1,0 +1,1 @@
+"""Tables and splines in expressions, and smooth forms of switches."""

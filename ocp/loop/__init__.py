@@ -1,0 +1,4 @@
+"""Closed loop: controllers, plants, teams, the dual mode, and the loop of both.
+
+A controller decides from the state and its last decision; a plant makes the step.
+"""

@@ -1,0 +1,391 @@
+"""Closed loop: a plant under a controller, one control interval after another.
+
+The generator yields each step when it is finished, so that an interruption loses no
+finished step; `simulate` collects the steps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from swarmstart.heuristics import generator_of
+from swarmstart.machine_code.compile_time import stopwatch
+from swarmstart.ocp.common.errors import DivergedError, InvalidProblemError
+from swarmstart.ocp.common.expressions import shortened
+from swarmstart.ocp.common.limits import numbers_of
+from swarmstart.ocp.common.presentation import Presented
+from swarmstart.ocp.common.profile import piece_at, rows_at
+from swarmstart.ocp.common.progress import ProgressCallback, tell_nothing
+from swarmstart.ocp.loop.controller import Controller, Decision
+from swarmstart.ocp.loop.plant import AnyPlant, Plant, SteppedPlant, plant_of
+
+Array = NDArray[np.float64]
+_MIDDLES = 100
+"""Points in time whose mean represents linear controls, for an object that holds."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Step:
+    """One finished control interval.
+
+    Attributes:
+        number: Number of the interval, from 0.
+        state: State at its start, shape (nx,).
+        decision: Decision of the controller at its start.
+        dense_states: States after each step of the plant within it, shape (nx, m).
+        seconds: Wall time of the decision [s].
+        dt: Length of the interval [s], if it differs from the plant's; else None.
+    """
+
+    number: int
+    state: Array
+    decision: Decision
+    dense_states: Array
+    seconds: float
+    dt: float | None = None
+
+    def __repr__(self) -> str:
+        """Return number, mode and time of the step in one line."""
+        mode = self.decision.mode.value
+        return f"Step {self.number}: {mode}, decided in {self.seconds:.3g} s"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Trajectory(Presented):
+    """Result of a closed-loop run.
+
+    Attributes:
+        times: Control instants, shape (T + 1,) [s].
+        states: At the control instants, shape (nx, T + 1).
+        controls: Controls, shape (nu, T): held from each instant to the next, or, if
+            they are linear, their values at the start of each interval.
+        dense_times: Times of the plant's steps, shape (T * m + 1,) [s].
+        dense_states: States at the plant's steps, shape (nx, T * m + 1).
+        decisions: Decisions of the controller, T of them.
+        step_seconds: Wall time of each decision, shape (T,) [s], without loading and
+            compiling machine code.
+        state_names: The model's names of the states; numbers if it has none.
+        control_names: The model's names of the controls; numbers if it has none.
+        outputs: Outputs of the plant at its steps, with the control from there on (the
+            last with that before), shape (ny, T * m + 1).
+        output_names: Names of the outputs.
+    """
+
+    times: Array
+    states: Array
+    controls: Array
+    dense_times: Array
+    dense_states: Array
+    decisions: tuple[Decision, ...]
+    step_seconds: Array
+    state_names: tuple[str, ...] = ()
+    control_names: tuple[str, ...] = ()
+    outputs: Array = field(default_factory=lambda: np.empty((0, 0)))
+    output_names: tuple[str, ...] = ()
+
+    def at(self, time: float) -> tuple[Array, Array]:
+        """Return states (nx,) and controls (nu,) at a time, for `Model.linearised`.
+
+        States are linear between the plant's steps. At a control instant the new
+        control counts.
+
+        Args:
+            time: Time within the run [s].
+
+        Raises:
+            InvalidProblemError: If the time is outside of the run.
+        """
+        number = piece_at(time, self.times)
+        control, profile = self.controls[:, number], self.decisions[number].profile
+        if profile is not None:
+            control = profile.at(np.array([time - self.times[number]]))[:, 0]
+        return rows_at(time, self.dense_times, self.dense_states), control
+
+    def __post_init__(self) -> None:
+        """Number the states and controls that have no names."""
+        for role, rows in (("state", self.states), ("control", self.controls)):
+            numbered = tuple(f"{role}_{i}" for i in range(rows.shape[0]))
+            names = tuple(getattr(self, f"{role}_names")) or numbered
+            object.__setattr__(self, f"{role}_names", names)
+
+    def __repr__(self) -> str:
+        """Return length, sizes and number of feasible plans in a few lines."""
+        plans = [plan for decision in self.decisions for plan in decision.plans]
+        feasible = sum(plan.feasible for plan in plans)
+        return "\n".join(
+            [
+                f"Trajectory of {len(self.decisions)} steps over {self.times[-1]:g} s: "
+                f"{self.states.shape[0]} states, {self.controls.shape[0]} controls",
+                f"  plans: {feasible} of {len(plans)} feasible",
+                f"  decisions: {float(np.median(self.step_seconds)):.3g} s (median)",
+            ]
+        )
+
+
+def fly(  # noqa: PLR0913 - a closed loop and where to begin in it
+    plant: AnyPlant,
+    controller: Controller,
+    x0: ArrayLike,
+    *,
+    steps: int,
+    rng: np.random.Generator,
+    done: int = 0,
+    previous: Decision | None = None,
+) -> Iterator[Step]:
+    """Run a controller on a plant in closed loop; yield each finished control interval.
+
+    Args:
+        plant: A `Plant`, a system of python-control with states, or any object with
+            `step(x, u, dt)`.
+        controller: The controller, with the same control interval as the plant.
+        x0: State at the start of the first interval of this run, shape (nx,).
+        steps: Total number of control intervals, including the `done` ones. The run
+            ends earlier if a decision says that it is the last.
+        rng: Source of all randomness.
+        done: Number of intervals that are already done; above 0 to continue a run.
+        previous: The decision of the last interval done; None at the start.
+
+    Raises:
+        InvalidProblemError: If x0 does not fit the plant, or the intervals differ.
+        DivergedError: If a state of the plant is no longer finite, or its algebraic
+            equations are not solved.
+
+    Example:
+        >>> import casadi as ca, numpy as np
+        >>> import swarmstart as ss
+        >>> x, u = ca.SX.sym("x"), ca.SX.sym("u")
+        >>> problem = ss.OptimalControlProblem(
+        ...     ss.Model(states=x, controls=u, ode=u), horizon=1.0, intervals=2,
+        ...     terminal_cost=x**2, bounds=ss.Bounds(controls=(-1, 1)),
+        ... )
+        >>> planner = ss.Planner(problem, search=None, polish=ss.IpoptOptions())
+        >>> controller = ss.RecedingHorizon(planner=planner)
+        >>> plant = ss.Plant(problem.model, dt=0.5, substeps=1)
+        >>> rng = np.random.default_rng(0)
+        >>> for step in ss.fly(plant, controller, [3.0], steps=3, rng=rng):
+        ...     print(step.number, step.state.round(3), step.decision.control.round(3))
+        0 [3.] [-1.]
+        1 [2.5] [-1.]
+        2 [2.] [-1.]
+    """
+    plant, state = _checked(plant, controller, x0)
+    if previous is not None and previous.is_last:
+        return
+    before = previous.dt if previous else None
+    for number in range(done, steps):
+        time = number * (before or plant.dt)
+        with stopwatch() as watch:
+            decision = controller.decide(time, state, previous, rng=rng)
+            seconds = watch.seconds
+        if number == 0 and decision.start is not None:
+            state = decision.start
+        if decision.dt is not None and decision.dt != plant.dt:
+            plant = plant.with_interval(decision.dt)
+        if decision.decided and isinstance(plant, Plant):
+            plant = plant.with_decided(decision.decided)
+        before = decision.dt
+        dense = _driven(plant, state, decision, time)
+        if not np.isfinite(dense).all():
+            raise DivergedError(
+                f"the plant left the finite numbers in step {number}, at "
+                f"{time:g} s: its step of {plant.dt / plant.substeps:g} s "
+                "may be too long for the model"
+            )
+        yield Step(
+            number=number,
+            state=state,
+            decision=decision,
+            dense_states=dense,
+            seconds=seconds,
+            dt=decision.dt,
+        )
+        if decision.is_last:
+            return
+        state, previous = dense[:, -1], decision
+
+
+def _checked(
+    plant: AnyPlant, controller: Controller, x0: ArrayLike
+) -> tuple[Plant | SteppedPlant, Array]:
+    """Return the plant and its initial state, checked against each other."""
+    if not (hasattr(controller, "decide") and hasattr(controller, "dt")):
+        raise InvalidProblemError(
+            "controller must have decide() and dt, such as RecedingHorizon, "
+            f"got {shortened(controller)}"
+        )
+    plant = plant_of(plant, controller.dt)
+    state = numbers_of("x0", x0)
+    known = plant.model.nx if isinstance(plant, Plant) else plant.nx
+    nx = state.size if known is None else known
+    if state.shape == (nx, 1):
+        state = state[:, 0]
+    if state.shape != (nx,):
+        raise InvalidProblemError(f"x0 must have shape ({nx},), got {state.shape}")
+    if not np.isclose(plant.dt, controller.dt):
+        raise InvalidProblemError(
+            f"plant and controller must share one interval, got {plant.dt} s "
+            f"and {controller.dt} s"
+        )
+    return plant, state
+
+
+def _driven(
+    plant: Plant | SteppedPlant, state: Array, decision: Decision, time: float
+) -> Array:
+    """Return the states after each step of a plant; see Plant.
+
+    A plant holds one control, or several one after another, or the controls are linear
+    over its steps. An object with step(x, u, dt) holds their mean.
+    """
+    profile = decision.profile
+    if profile is None:
+        return plant(state, decision.control, time)
+    if isinstance(plant, Plant):
+        if profile.is_held:
+            return plant(state, profile.means(plant.dt, plant.substeps), time)
+        return plant.along(state, profile.ends(plant.dt, plant.substeps), time)
+    if profile.is_held:
+        several = profile.means(plant.dt, 1)
+    else:
+        several = profile.sampled(0.0, plant.dt, _MIDDLES)
+    return plant(state, several.mean(axis=1), time)
+
+
+def simulate(  # noqa: PLR0913 - a closed loop in one call
+    plant: AnyPlant,
+    controller: Controller,
+    x0: ArrayLike,
+    *,
+    steps: int,
+    rng: np.random.Generator | None = None,
+    seed: int | Sequence[int] | None = None,
+    progress: ProgressCallback = tell_nothing,
+) -> Trajectory:
+    """Simulate the closed loop over `steps` control intervals.
+
+    Args:
+        plant: A `Plant`; a `control.InputOutputSystem` with states, continuous or
+            sampled with the controller's dt; or any object with `step(x, u, dt)`, which
+            returns the state after dt seconds. The last two have no path between the
+            control instants.
+        controller: The controller.
+        x0: State at the start, shape (nx,).
+        steps: Number of control intervals.
+        rng: Source of all randomness; either this or a seed.
+        seed: Seed of a new generator.
+        progress: Called with (finished steps, all steps, "simulating") after each step.
+
+    Returns:
+        The trajectory of the whole run.
+
+    Raises:
+        InvalidProblemError: If x0 does not fit the plant, or the intervals differ.
+        DivergedError: If a state of the plant is no longer finite, or its algebraic
+            equations are not solved.
+
+    Example:
+        >>> import casadi as ca
+        >>> import swarmstart as ss
+        >>> x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+        >>> problem = ss.OptimalControlProblem(
+        ...     ss.Model(states=x, controls=u, ode=ca.vertcat(x[1], u)), horizon=3.0,
+        ...     intervals=6, stage_cost=x[0] ** 2 + x[1] ** 2 + u**2,
+        ...     bounds=ss.Bounds(controls=(-1, 1)),
+        ... )
+        >>> planner = ss.Planner(problem, search=None, polish=ss.IpoptOptions())
+        >>> plant = ss.Plant(problem.model, dt=problem.dt, substeps=5)
+        >>> loop = ss.simulate(
+        ...     plant, ss.RecedingHorizon(planner=planner), [1.0, 0.0], steps=12, seed=0
+        ... )
+        >>> loop.states.shape, loop.controls.shape
+        ((2, 13), (1, 12))
+    """
+    rng = generator_of(rng, seed)
+    flown: list[Step] = []
+    for step in fly(plant, controller, x0, steps=steps, rng=rng):
+        flown.append(step)
+        progress(len(flown), steps, "simulating")
+    return collected(plant_of(plant, controller.dt), flown)
+
+
+def collected(plant: Plant | SteppedPlant, steps: Sequence[Step]) -> Trajectory:
+    """Join finished steps, numbered from 0 without a gap, to a trajectory.
+
+    Args:
+        plant: The plant of the run.
+        steps: The finished steps, at least one.
+
+    Raises:
+        InvalidProblemError: If there is no step, or one is missing.
+    """
+    if not steps:
+        raise InvalidProblemError("a trajectory needs at least one finished step")
+    numbers = [step.number for step in steps]
+    if numbers != list(range(len(steps))):
+        raise InvalidProblemError(
+            f"steps must be numbered from 0 on without a gap, got {numbers}"
+        )
+    dense = np.hstack([steps[0].state[:, None], *[s.dense_states for s in steps]])
+    times, dense_times = _times(plant, steps)
+    if isinstance(plant, Plant) and plant.clock:
+        dense_times = dense[plant.state_names.index(plant.clock)]
+        times = dense_times[:: plant.substeps]
+    return Trajectory(
+        times=times,
+        states=dense[:, :: plant.substeps],
+        controls=np.stack([s.decision.control for s in steps], axis=1),
+        dense_times=dense_times,
+        dense_states=dense,
+        decisions=tuple(s.decision for s in steps),
+        step_seconds=np.array([s.seconds for s in steps]),
+        outputs=_outputs(plant, steps, dense_times, dense),
+        output_names=plant.output_names,
+        state_names=plant.state_names,
+        control_names=plant.control_names,
+    )
+
+
+def _outputs(
+    plant: Plant | SteppedPlant, steps: Sequence[Step], times: Array, states: Array
+) -> Array:
+    """Return the outputs at the plant's steps, shape (ny, T * m + 1)."""
+    if not plant.output_names:
+        return np.empty((0, times.size))
+    m, found = plant.substeps, []
+    for step in steps:
+        own = plant if step.dt is None else plant.with_interval(step.dt)
+        if step.decision.decided and isinstance(own, Plant):
+            own = own.with_decided(step.decision.decided)
+        first = step.number * m
+        last = first + m + (step is steps[-1])
+        u = _begins(step.decision, own.dt, m)[:, : last - first]
+        found.append(own.outputs(states[:, first:last], u, times[first:last]))
+    return np.hstack(found)
+
+
+def _begins(decision: Decision, dt: float, m: int) -> Array:
+    """Return the controls from each of m steps on, and the last again, (nu, m + 1)."""
+    profile = decision.profile
+    if profile is None:
+        return np.repeat(decision.control[:, None], m + 1, axis=1)
+    if not profile.is_held:
+        return profile.ends(dt, m)
+    means = profile.means(dt, m)
+    return np.hstack([means, means[:, -1:]])
+
+
+def _times(plant: Plant | SteppedPlant, steps: Sequence[Step]) -> tuple[Array, Array]:
+    """Return the control instants and the times of the plant's steps [s]."""
+    count, m = len(steps), plant.substeps
+    if all(step.dt is None for step in steps):
+        end = count * plant.dt
+        return np.linspace(0.0, end, count + 1), np.linspace(0.0, end, count * m + 1)
+    lengths = np.array([step.dt or plant.dt for step in steps])
+    times = np.concatenate([[0.0], np.cumsum(lengths)])
+    parts = np.arange(1, m + 1) / m
+    dense = (times[:-1, None] + lengths[:, None] * parts).ravel()
+    return times, np.concatenate([[0.0], dense])

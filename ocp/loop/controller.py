@@ -1,0 +1,569 @@
+"""Controllers: receding horizon (plan at each control instant) and open loop (once).
+
+A controller's only memory is its last decision: `decide` takes it and returns the next
+one. So a run can be stopped, stored and continued.
+
+Receding horizon: at each control instant the planner starts from the last plan, shifted
+by one interval with zero controls appended, and the first control of the new plan is
+applied. (The chapter starts from the unshifted U(t - delta), which does not settle: an
+erratum; `shift=False` does that.)
+If no feasible plan is found, the better of the plan found and the shifted last plan, by
+(violation, cost), is applied, and the plan says so. (Always applying the shifted plan
+can stall: an infeasible plan would be repeated for ever.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.ocp.answer.improving import improved
+from swarmstart.ocp.answer.plan import Plan, Source
+from swarmstart.ocp.answer.planner import Planner
+from swarmstart.ocp.common.errors import InvalidProblemError
+from swarmstart.ocp.common.profile import Profile
+from swarmstart.ocp.nlp.carried import Carried
+from swarmstart.ocp.nlp.duals import duals_of
+from swarmstart.ocp.nlp.polish import is_better
+from swarmstart.ocp.nlp.start import Start
+from swarmstart.ocp.rollout.fitness import Known
+from swarmstart.ocp.statement.core_problem import END_TIME
+from swarmstart.ocp.statement.free import Free
+from swarmstart.ocp.statement.guess import Appended, shifted_controls
+from swarmstart.ocp.statement.problem import OptimalControlProblem
+
+Array = NDArray[np.float64]
+ReferenceSignals = Callable[[Array], Array]
+"""Absolute times (n,) [s] -> known signals (nr, n)."""
+
+
+_ROUNDING = 1e-9
+"""Fraction of a period by which an end time may exceed it and still count as equal."""
+_SHOWN = 6
+"""Number of controls that a summary shows."""
+
+
+class Mode(Enum):
+    """Control law that made a decision."""
+
+    PLANNED = "planned"
+    LINEAR = "linear"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Decision:
+    """Decision of a controller at one control instant; also its memory.
+
+    Attributes:
+        control: Control to hold over the coming interval, shape (nu,); with a
+            `profile`, the control at its start.
+        plans: The plan of each agent, in the order of the agents.
+        mode: The law that made the decision.
+        start: State at which the run begins, shape (nx,), if the first plan decides it;
+            None: the measured state.
+        dt: Length of the coming interval [s], if the plan decides it; None: the
+            controller's.
+        is_last: Whether the run ends with the coming interval.
+        profile: Controls over the interval, if they are linear or the plan has other
+            intervals; None: the control is held.
+        decided: Parameters that the plan decides, by name.
+    """
+
+    control: Array
+    plans: tuple[Plan, ...]
+    mode: Mode = Mode.PLANNED
+    start: Array | None = None
+    dt: float | None = None
+    is_last: bool = False
+    profile: Profile | None = None
+    decided: Mapping[str, float] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        """Return mode, control and number of plans in one line."""
+        control = ", ".join(f"{value:.4g}" for value in self.control[:_SHOWN])
+        more = ", ..." if self.control.size > _SHOWN else ""
+        plans = len(self.plans)
+        return (
+            f"Decision: {self.mode.value}, control ({control}{more}), {plans} plan(s)"
+        )
+
+
+class Controller(Protocol):
+    """Feedback law that acts at fixed control instants."""
+
+    @property
+    def dt(self) -> float:
+        """Time from one control instant to the next [s]."""
+
+    def decide(
+        self,
+        time: float,
+        state: Array,
+        previous: Decision | None,
+        *,
+        rng: np.random.Generator,
+    ) -> Decision:
+        """Return the decision at a control instant.
+
+        Args:
+            time: Time since the start [s].
+            state: Measured state, shape (nx,).
+            previous: The decision one interval ago; None at the start.
+            rng: Source of all randomness.
+        """
+
+
+def known_at(
+    problem: OptimalControlProblem,
+    time: float,
+    reference: ReferenceSignals | None,
+    parameters: Callable[[float], Array] | None,
+    seen: tuple[Array, ...] = (),
+    length: float | None = None,
+) -> Known:
+    """Return parameters and signals of a plan; see RecedingHorizon.known."""
+    times = problem.expected_times
+    times = time + times * (1.0 if length is None else length / times[-1])
+    rows = () if reference is None else (reference(times),)
+    return Known(
+        parameters=() if parameters is None else parameters(time),
+        signals=np.vstack([np.empty((0, times.size)), *rows, *seen]),
+        time=time,
+    )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class RecedingHorizon:
+    """Plan over the horizon, apply the first interval, plan again.
+
+    Attributes:
+        planner: Planner of the problem.
+        reference: Function of time that gives the problem's first signals; None: the
+            problem has no such signals.
+        parameters: Time [s] -> parameters (np,) of the plan made then; None: no
+            parameters.
+        candidates: Time [s] -> controls (nu, N, k) that a search evaluates in addition
+            to the last plan; None: no candidates.
+        append: What is appended to the shifted last plan: "zero" controls or its "last"
+            ones.
+        shift: Whether planning starts from the last plan shifted by one interval; else
+            it starts from the last plan unchanged, which is one interval late.
+        first: Controls (nu, N), or a Start with states, from which the first plan
+            begins; None: unknown. Without search and polish, they are the first plan.
+        period: Time from one plan to the next [s], for a problem with a free end time.
+            The horizon shrinks with a constant number of intervals. The run ends when
+            the end time is at most one period, or when the remainder after a period
+            would be shorter than allowed. None: one control interval.
+        previous: Control of the interval before the run, shape (nu,); None: the allowed
+            value nearest to zero.
+        carries: Whether a polish also starts from the multipliers of the last plan. Set
+            it to False if the meaning of the signals changes from plan to plan.
+
+    Raises:
+        InvalidProblemError: If the end time is free and there is no period or it may
+            not shrink to one period; or if the members of an ensemble share no control.
+
+    Example:
+        >>> import casadi as ca
+        >>> import swarmstart as ss
+        >>> x, u = ca.SX.sym("x"), ca.SX.sym("u")
+        >>> problem = ss.OptimalControlProblem(
+        ...     ss.Model(states=x, controls=u, ode=x + u), horizon=2.0, intervals=4,
+        ...     stage_cost=x**2 + u**2, bounds=ss.Bounds(controls=(-2, 2)),
+        ... )
+        >>> planner = ss.Planner(problem, search=None, polish=ss.IpoptOptions())
+        >>> controller = ss.RecedingHorizon(planner=planner)
+        >>> plant = ss.Plant(problem.model, dt=controller.dt, substeps=4)
+        >>> loop = ss.simulate(plant, controller, [1.0], steps=8, seed=0)
+        >>> bool(abs(loop.states[0, -1]) < 0.1)
+        True
+    """
+
+    planner: Planner
+    reference: ReferenceSignals | None = None
+    parameters: Callable[[float], Array] | None = None
+    candidates: Callable[[float], Array] | None = None
+    append: Appended = "zero"
+    shift: bool = True
+    first: Array | Start | None = None
+    period: float | None = None
+    previous: Array | None = None
+    carries: bool = True
+
+    def __post_init__(self) -> None:
+        """Check that the run can end if the end time is free."""
+        horizon = self.planner.stated.horizon
+        risk = self.planner.stated.risk
+        if risk is not None and risk.robust_horizon == 0:
+            raise InvalidProblemError(
+                "members of an ensemble that share no control cannot be run: "
+                "robust_horizon must be at least 1"
+            )
+        if not isinstance(horizon, Free):
+            if self.period is not None:
+                raise InvalidProblemError(
+                    "a period is for a problem whose end time is free: here plans are "
+                    f"one control interval of {self.dt:g} s apart"
+                )
+        elif self.period is not None and not horizon.lower <= self.period:
+            raise InvalidProblemError(
+                "a free end time must be allowed to shrink to one period of "
+                f"{self.period:g} s, got the lower bound {horizon.lower:g} s; for the "
+                f"closed loop state Free({self.period:g}, {horizon.upper:g})"
+            )
+
+    @property
+    def dt(self) -> float:
+        """Time from one plan to the next [s].
+
+        Raises:
+            InvalidProblemError: If the end time is free and no period was given.
+        """
+        if isinstance(self.planner.stated.horizon, Free) and self.period is None:
+            raise InvalidProblemError(
+                "a free end time needs a period: the time between plans [s]"
+            )
+        return self.period or self.planner.problem.dt
+
+    def decide(
+        self,
+        time: float,
+        state: Array,
+        previous: Decision | None,
+        *,
+        rng: np.random.Generator,
+    ) -> Decision:
+        """Return the first control of a new plan; see Controller.
+
+        Raises:
+            InvalidProblemError: If the problem decides its start, which is measured
+                here, or consists of several phases.
+        """
+        if self.planner.stated.clock:
+            raise InvalidProblemError(
+                "phases cannot be run in receding horizon by their joined problem: "
+                "take phased_horizon(), or run one plan in an OpenLoop"
+            )
+        if self.planner.stated.start:
+            raise InvalidProblemError(
+                "a receding horizon starts where the state is measured: take "
+                "dataclasses.replace(problem, start={})"
+            )
+        last = previous.plans[0] if previous else None
+        plan = self.plan(time, state, last, rng=rng)
+        first = self.flown(plan)[:, 0]
+        decided = self.planner.lowered.decided_parameters(plan.x0)
+        linear = self.planner.stated.has_knots
+        if self.period is None:
+            profile = self._profile(plan, self.dt * plan.controls.shape[1], pieces=1)
+            return Decision(
+                control=first,
+                plans=(plan,),
+                profile=profile if linear else None,
+                decided=decided,
+            )
+        length = self._length(plan)
+        ends = length < self.period * (1 + _ROUNDING) + self._shortest
+        return Decision(
+            control=first,
+            plans=(plan,),
+            dt=length if ends else None,
+            is_last=ends,
+            profile=self._profile(plan, length),
+            decided=decided,
+        )
+
+    def flown(self, plan: Plan) -> Array:
+        """Return the controls or knots of a plan that one plant receives."""
+        stated, lowered = self.planner.stated, self.planner.lowered
+        return lowered.knots(plan.controls, plan.x0)[: stated.flown_controls]
+
+    def _profile(self, plan: Plan, length: float, pieces: int | None = None) -> Profile:
+        """Return the controls of a plan over its horizon.
+
+        Args:
+            plan: The plan.
+            length: Length of its horizon [s].
+            pieces: Number of intervals that count; None: all.
+        """
+        controls, piece = self.flown(plan), length / plan.controls.shape[1]
+        if not self.planner.stated.has_knots:
+            return Profile(controls=controls, piece=piece)
+        end = None if pieces is None else pieces + 1
+        return Profile(controls=controls[:, 1:end], piece=piece, start=controls[:, 0])
+
+    @property
+    def _shortest(self) -> float:
+        """Shortest allowed end time [s]."""
+        horizon = self.planner.stated.horizon
+        return horizon.lower if isinstance(horizon, Free) else 0.0
+
+    def _length(self, plan: Plan) -> float:
+        """Return the length of a plan's horizon [s]."""
+        return self.planner.lowered.end_time(plan.x0)
+
+    def known(
+        self,
+        time: float,
+        seen: tuple[Array, ...] = (),
+        length: float | None = None,
+    ) -> Known:
+        """Return parameters and signals of a plan made at a time.
+
+        Args:
+            time: Time since the start [s].
+            seen: Signal rows that follow the reference's, each (k, nodes): plans of
+                others.
+            length: Expected length of the plan [s]; None: the horizon, or the guess of
+                a free one.
+        """
+        stated = self.planner.stated
+        known = known_at(stated, time, self.reference, self.parameters, seen, length)
+        return known._replace(previous=self.previous)
+
+    def plan(
+        self,
+        time: float,
+        state: Array,
+        last: Plan | None,
+        *,
+        seen: tuple[Array, ...] = (),
+        is_only: bool = False,
+        rng: np.random.Generator,
+    ) -> Plan:
+        """Return the plan to apply from a state.
+
+        Args:
+            time: Time since the start [s].
+            state: Shape (nx,).
+            last: The plan one interval ago; None at the start.
+            seen: Signal rows, as in `known`.
+            is_only: Whether no other plan follows it.
+            rng: Source of all randomness.
+        """
+        problem, left = self.planner.problem, self._left(last)
+        known = self.known(time, seen, left)
+        if last is not None:
+            known = known._replace(previous=self._last_held(last))
+        first = self.first if last is None else None
+        start, known, first = self.planner.posed(state, known, first)
+        state = np.asarray(start, dtype=np.float64)
+        guess = first if last is None else last.controls
+        shifted: Array | None = None
+        if last is not None and self.period is not None and left is not None:
+            state, shifted = self._shrunk(state, last, self.period, left)
+        elif last is not None:
+            shifted = shifted_controls(problem, last.controls, self.append)
+        begun = shifted if self.shift and shifted is not None else guess
+        if last is not None and begun is not None and not isinstance(begun, Start):
+            begun = Start(begun, carried=self._carried(last, left))
+        plan = self.planner.plan(
+            state,
+            known=known,
+            guess=begun,
+            candidates=None if self.candidates is None else self.candidates(time),
+            near=last is not None,
+            last_cost=None if last is None else last.cost,
+            in_loop=not is_only and self._leaves_some,
+            is_new=not self._leaves_some,
+            rng=rng,
+        )
+        if plan.feasible or shifted is None:
+            return plan
+        return fallback_of(self.planner, plan, shifted, state, known)
+
+    def _carried(self, last: Plan, left: float | None) -> Carried | None:
+        """Return the multipliers of the last plan over the time of the next one.
+
+        Args:
+            last: The last plan.
+            left: Remaining time of the last plan, as from `_left`.
+        """
+        duals = last.duals if last.point is None else duals_of(last.point)
+        if duals is None or not self.carries:
+            return None
+        if not self.shift:
+            return Carried(duals=duals)
+        begin, length = 1.0 / self.planner.problem.intervals, 1.0
+        if self.period is not None and left is not None:
+            whole = self._length(last)
+            begin, length = self.period / whole, left / whole
+        if not begin < 1.0:  # The last plan is used up.
+            return None
+        return Carried(duals=duals, begin=begin, end=begin + length)
+
+    @property
+    def _leaves_some(self) -> bool:
+        """True if a part of a plan remains when the next one is made."""
+        one = self.period is None and self.planner.problem.intervals == 1
+        return not (self.shift and one)
+
+    def _left(self, last: Plan | None) -> float | None:
+        """Return the rest of the last plan's time [s]; None if the horizon is fixed."""
+        if last is None or self.period is None:
+            return None
+        return max(self._length(last) - self.period, self._shortest)
+
+    def _last_held(self, last: Plan) -> Array:
+        """Return the control at the end of the applied part of the last plan."""
+        if self.period is None:
+            return last.controls[:, 0]
+        if self.planner.stated.has_knots:
+            lowered, length = self.planner.lowered, self._length(last)
+            knots = lowered.knots(last.controls, last.x0)
+            piece = length / last.controls.shape[1]
+            flown = Profile(controls=knots[:, 1:], piece=piece, start=knots[:, 0])
+            return flown.at(np.array([self.period]))[:, 0]
+        N = last.controls.shape[1]
+        intervals = self.period / (self._length(last) / N)
+        return last.controls[:, min(max(int(np.ceil(intervals - _ROUNDING)), 1), N) - 1]
+
+    def _shrunk(
+        self, state: Array, last: Plan, period: float, left: float
+    ) -> tuple[Array, Array]:
+        """Return the start of the next plan, and the rest of the last controls.
+
+        The remaining time is the guess of the end time.
+        """
+        (one,) = self.planner.lowered.places[END_TIME]
+        start = state.copy()
+        start[one] = left
+        lowered, N = self.planner.lowered, last.controls.shape[1]
+        knots, piece = lowered.knots(last.controls, last.x0), self._length(last) / N
+        if not self.planner.stated.has_knots:
+            return start, Profile(controls=knots, piece=piece).sampled(period, left, N)
+        rest = Profile(controls=knots[:, 1:], piece=piece, start=knots[:, 0])
+        found = rest.at(period + left * np.arange(N + 1) / N)
+        return lowered.with_first_knot(start, found), found[:, 1:]
+
+
+def fallback_of(
+    planner: Planner, plan: Plan, again: Array, state: Array, known: Known
+) -> Plan:
+    """Return the shifted last plan in place of an infeasible one, unless it is worse.
+
+    Args:
+        planner: The planner that made the plan.
+        plan: Result of planning; its search values and effort are kept.
+        again: Controls of the shifted last plan, shape (nu, N).
+        state: State of the core, shape (nx,).
+        known: Parameters and signals of the plan.
+    """
+    shifted = planner.evaluated(
+        again,
+        state,
+        known=known,
+        source=Source.SHIFTED,
+        search=plan.search,
+        evaluations=plan.evaluations,
+        polish_status=plan.polish_status,
+    )
+    found, last = (plan.cost, plan.violation), (shifted.cost, shifted.violation)
+    return (
+        plan if is_better(found, last, tolerance=planner.problem.tolerance) else shifted
+    )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class OpenLoop:
+    """A controller that plans once, as `solve` does, and then follows that plan.
+
+    Attributes:
+        loop: Controller that makes the plan from the first state.
+        repair: Whether a plan that breaks a constraint between its checks is solved
+            again with a margin, as in `solve`.
+
+    Raises:
+        InvalidProblemError: If members of an ensemble have controls of their own.
+
+    Example:
+        >>> import casadi as ca
+        >>> import swarmstart as ss
+        >>> x, u = ca.SX.sym("x"), ca.SX.sym("u")
+        >>> problem = ss.OptimalControlProblem(
+        ...     ss.Model(states=x, controls=u, ode=u), horizon=1.0, intervals=4,
+        ...     stage_cost=u**2, bounds=ss.Bounds(controls=(-2, 2)), terminal=[(x, 1)],
+        ... )
+        >>> planner = ss.Planner(problem, search=None, polish=ss.IpoptOptions())
+        >>> controller = ss.OpenLoop(loop=ss.RecedingHorizon(planner=planner))
+        >>> plant = ss.Plant(problem.model, dt=0.25, substeps=2)
+        >>> run = ss.simulate(plant, controller, [0.0], steps=4, seed=0)
+        >>> print(run.states.round(4))
+        [[0.   0.25 0.5  0.75 1.  ]]
+    """
+
+    loop: RecedingHorizon
+    repair: bool = False
+
+    def __post_init__(self) -> None:
+        """Raise if members of an ensemble have controls of their own."""
+        stated = self.loop.planner.stated
+        risk = stated.risk
+        shared = None if risk is None else risk.robust_horizon
+        if shared is not None and shared < stated.intervals:
+            raise InvalidProblemError(
+                f"an open loop has one control sequence, but members have their own "
+                f"after {shared} of {stated.intervals} intervals: leave out "
+                "robust_horizon"
+            )
+
+    @property
+    def dt(self) -> float:
+        """Length of a control interval [s]; of a free end time, its guess."""
+        stated = self.loop.planner.stated
+        return float(stated.expected_times[-1]) / stated.intervals
+
+    def decide(
+        self,
+        time: float,
+        state: Array,
+        previous: Decision | None,
+        *,
+        rng: np.random.Generator,
+    ) -> Decision:
+        """Return the plan's control at a time; see Controller.
+
+        Raises:
+            InvalidProblemError: If the time is after the plan's last interval.
+        """
+        plans = previous.plans if previous else (self._planned(state, rng),)
+        planner = self.loop.planner
+        intervals, lowered = planner.problem.intervals, planner.lowered
+        length = lowered.end_time(plans[0].x0) / intervals
+        number = round(time / length)
+        if number >= intervals:
+            raise InvalidProblemError(
+                f"an open loop must end with its plan of {intervals} intervals, "
+                f"got interval {number}"
+            )
+        decided = isinstance(planner.stated.horizon, Free)
+        controls = self.loop.flown(plans[0])
+        profile = None
+        if planner.stated.has_knots:
+            profile = Profile(
+                controls=controls[:, number + 1 : number + 2],
+                piece=length,
+                start=controls[:, number],
+            )
+        return Decision(
+            control=controls[:, number],
+            plans=plans,
+            profile=profile,
+            start=plans[0].x0[: state.size] if planner.stated.start else None,
+            dt=length if decided else None,
+            is_last=decided and number == intervals - 1,
+            decided=lowered.decided_parameters(plans[0].x0),
+        )
+
+    def _planned(self, state: Array, rng: np.random.Generator) -> Plan:
+        """Return the plan from the first state."""
+        planner = self.loop.planner
+        x0, known, _ = planner.posed(state, self.loop.known(0.0))
+        plan = self.loop.plan(0.0, state, None, is_only=True, rng=rng)
+        *_, best = improved(planner, plan, x0, known, repair=self.repair, rng=rng)
+        return best.plan

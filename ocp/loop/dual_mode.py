@@ -1,0 +1,249 @@
+"""Dual mode: plan outside the terminal sets, apply a linear law inside them.
+
+    u_i = u_ref,i - K_i (x_i - x_ref,i(t))   when every agent is inside its set,
+
+clipped to the bounds of the controls. (The chapter writes u = K x; K here has the sign
+that python-control returns.) The whole team switches at once: under the linear law an
+agent no longer avoids the others, so no agent uses it alone.
+
+Source: the chapter, 5.2.3.1 and steps 3 and 10; Michalska and Mayne (1993), Robust
+receding horizon control of constrained nonlinear systems.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.ocp.answer.plan import Plan, Source
+from swarmstart.ocp.common.errors import InvalidProblemError
+from swarmstart.ocp.integration.integrators import held_step
+from swarmstart.ocp.loop.controller import Decision, Mode, RecedingHorizon
+from swarmstart.ocp.loop.team import Agent, Team, first_controls
+from swarmstart.ocp.statement.problem import OptimalControlProblem
+from swarmstart.terminal_set import TerminalSet, input_excess
+
+if TYPE_CHECKING:
+    import control
+
+Array = NDArray[np.float64]
+Target = Callable[[float], Array]
+"""Absolute time [s] -> the reference state of an agent, shape (nx,)."""
+
+
+SLACK = 1e-9
+"""Part of a bound by which a law may exceed it; its controls are clipped."""
+
+
+class UncertifiedSetError(InvalidProblemError):
+    """A terminal set is not certified for the hold time of the inputs here."""
+
+
+class DualMode:
+    """A team that switches to linear laws when all agents are in their terminal sets.
+
+    Attributes:
+        team: Plans while any agent is outside its set.
+        sets: The terminal set of each agent.
+        targets: The moving reference of each agent.
+        uncertified: Whether sets were accepted of which some part is not proven.
+
+    Example:
+        >>> import casadi as ca, numpy as np
+        >>> import swarmstart as ss
+        >>> x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+        >>> problem = ss.OptimalControlProblem(
+        ...     ss.Model(states=x, controls=u, ode=ca.vertcat(x[1], u)), horizon=2.0,
+        ...     intervals=4, bounds=ss.Bounds(controls=(-1, 1)),
+        ... )
+        >>> near = ss.terminal_set_of(
+        ...     problem, at=[0, 0], weights=ss.Weights(Q=np.eye(2), R=np.eye(1)),
+        ...     rng=np.random.default_rng(0),
+        ... )
+        >>> planner = ss.Planner(problem, search=None, polish=ss.IpoptOptions())
+        >>> loop = ss.RecedingHorizon(planner=planner)
+        >>> dual = ss.DualMode(loop, sets=[near], targets=[lambda time: np.zeros(2)])
+        >>> dual.inside(0.0, np.array([0.1, 0])), dual.inside(0.0, np.array([9.0, 0]))
+        (True, False)
+    """
+
+    def __init__(
+        self,
+        team: Team | RecedingHorizon,
+        *,
+        sets: Sequence[TerminalSet],
+        targets: Sequence[Target],
+        uncertified: bool = False,
+    ) -> None:
+        """Combine a team of planners with linear laws.
+
+        Args:
+            team: The team; a controller alone is a team of one agent.
+            sets: One terminal set for each agent, certified for inputs held over
+                `team.dt`.
+            targets: One target for each agent.
+            uncertified: Whether to accept sets without such a certificate, or with
+                parts that are not proven.
+
+        Raises:
+            InvalidProblemError: If there is not one set and one target for each agent,
+                or the team is neither a team nor a controller.
+            UncertifiedSetError: If a set is not certified for this dt, if a part of its
+                certificate is only measured, or if its inputs exceed the bounds of the
+                agent's controls.
+        """
+        if isinstance(team, RecedingHorizon):
+            team = Team([Agent(controller=team)])
+        if not isinstance(team, Team):
+            raise InvalidProblemError(
+                "dual mode needs a Team or a RecedingHorizon, got "
+                f"{type(team).__name__}"
+            )
+        if not len(team.agents) == len(sets) == len(targets):
+            raise InvalidProblemError(
+                f"dual mode needs a terminal set and a target for each of the "
+                f"{len(team.agents)} agents, got {len(sets)} and {len(targets)}"
+            )
+        if not uncertified:
+            problems = [agent.controller.planner.problem for agent in team.agents]
+            _require_certified(sets, team.dt, problems)
+        self.team, self.sets, self.targets = team, tuple(sets), tuple(targets)
+        self.uncertified = uncertified
+        self._problems = [a.controller.planner.problem for a in team.agents]
+        # Agents of one kind share the model of one problem; each keeps its own step.
+        self._steps = [_step(problem) for problem in self._problems]
+
+    @property
+    def dt(self) -> float:
+        """Length of a control interval [s]."""
+        return self.team.dt
+
+    def errors(self, time: float, state: Array) -> list[Array]:
+        """Return x_i - x_ref,i of each agent, each (nx_i,).
+
+        Args:
+            time: Time since the start [s].
+            state: Stacked state of all agents, shape (nx,).
+        """
+        own = self.team.split(state)
+        return [x - target(time) for x, target in zip(own, self.targets, strict=True)]
+
+    def inside(self, time: float, state: Array) -> bool:
+        """Return whether every agent is inside its terminal set.
+
+        Args:
+            time: Time since the start [s].
+            state: Stacked state of all agents, shape (nx,).
+        """
+        errors = self.errors(time, state)
+        return all(bool(s.contains(e)) for s, e in zip(self.sets, errors, strict=True))
+
+    def linear_law(self, agent: int = 0) -> control.StateSpace:
+        """Return the linear law of an agent as a system of python-control.
+
+        Args:
+            agent: Number of the agent.
+
+        Returns:
+            du = -K e with the names of the agent's states and controls; see
+            `TerminalSet.linear_law`.
+        """
+        model = self._problems[agent].model
+        return self.sets[agent].linear_law(
+            states=model.state_names, controls=model.control_names
+        )
+
+    def decide(
+        self,
+        time: float,
+        state: Array,
+        previous: Decision | None,
+        *,
+        rng: np.random.Generator,
+    ) -> Decision:
+        """Return the linear laws' controls, or the team's decision; see Controller."""
+        if not self.inside(time, state):
+            return self.team.decide(time, state, previous, rng=rng)
+
+        def linear(number: int, own: Array, seen: tuple[Array, ...]) -> Plan:
+            controller = self.team.agents[number].controller
+            return controller.planner.evaluated(
+                self._linear_controls(number, time, own),
+                own,
+                known=controller.known(time, seen),
+                source=Source.LINEAR,
+            )
+
+        plans = self.team.plans(state, linear)
+        return Decision(control=first_controls(plans), plans=plans, mode=Mode.LINEAR)
+
+    def _linear_controls(self, number: int, time: float, state: Array) -> Array:
+        """Return the linear law's controls over the horizon, shape (nu, N)."""
+        problem, step = self._problems[number], self._steps[number]
+        terminal_set, target = self.sets[number], self.targets[number]
+        known = self.team.agents[number].controller.known(time)
+        lower, upper = problem.control_limits
+        x, controls = state, []
+        for k in range(problem.intervals):
+            error = x - target(time + k * problem.dt)
+            u = np.clip(terminal_set.u_ref + terminal_set.feedback(error), lower, upper)
+            controls.append(u)
+            x = np.array(step(x, u, np.asarray(known.parameters))).ravel()
+        return np.array(controls).T
+
+
+def _require_certified(
+    sets: Sequence[TerminalSet], dt: float, problems: Sequence[OptimalControlProblem]
+) -> None:
+    """Raise if a set is not certified for this dt and these bounds of the controls.
+
+    The caller must make sure that the certificate's model is the agent's own.
+    """
+    for number, (one, problem) in enumerate(zip(sets, problems, strict=True)):
+        _require_hold(number, one, dt)
+        unproven = [] if one.certificate is None else one.certificate.unproven()
+        if unproven:
+            raise UncertifiedSetError(
+                f"the terminal set of agent {number} must be proven in every part; "
+                f"not proven: {'; '.join(unproven)}. Certify it again "
+                "(swarmstart.terminal_set.certify, with growth=True), or pass "
+                "uncertified=True"
+            )
+        lower, upper = problem.control_limits
+        at, ones = one.u_ref, np.ones(len(one.u_ref))
+        reach = input_excess(one.K, one.P, one.alpha, ones)
+        if np.any(at - reach < lower - SLACK) or np.any(at + reach > upper + SLACK):
+            raise UncertifiedSetError(
+                f"the terminal set of agent {number} must keep its controls between "
+                f"{lower.tolist()} and {upper.tolist()}; its law reaches from "
+                f"{(at - reach).tolist()} to {(at + reach).tolist()}"
+            )
+
+
+def _require_hold(number: int, one: TerminalSet, dt: float) -> None:
+    """Raise if the certificate of a set is missing or for another hold time."""
+    held = None if one.certificate is None else one.certificate.dt
+    if held is not None and np.isclose(held, dt, rtol=1e-12, atol=0):
+        return
+    found = "no certificate"
+    if one.certificate is not None:
+        found = "a certificate for "
+        found += f"{held:g} s" if held else "a continuously varying input"
+    raise UncertifiedSetError(
+        f"the terminal set of agent {number} must be certified for inputs held for "
+        f"{dt:g} s, it has {found}: certify it (swarmstart.terminal_set.certify), or "
+        "pass uncertified=True"
+    )
+
+
+def _step(problem: OptimalControlProblem) -> ca.Function:
+    return held_step(
+        problem.model,
+        problem.dt,
+        method=problem.integrator,
+        substeps=problem.substeps * problem.checks,
+    )

@@ -1,0 +1,444 @@
+"""Plants: a model integrated finely, a system, or any object that makes a step.
+
+A `Plant` is integrated by the classical Runge-Kutta method, or, if it is stiff, by
+RODAS4 with each step divided into eight parts, since its parameters may jump between
+steps. An object with `step(x, u, dt)`, as a system of python-control (system_steps.py),
+is known at the control instants only, so nothing is checked, interpolated or measured
+between them.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Protocol, runtime_checkable
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from swarmstart.ocp.common.errors import DivergedError, InvalidProblemError
+from swarmstart.ocp.common.expressions import shortened, symbol_names
+from swarmstart.ocp.common.limits import numbers_of, require_count
+from swarmstart.ocp.integration.integrators import MORE_PARTS, held_step, linear_step
+from swarmstart.ocp.loop.system_steps import SystemSteps, is_system
+from swarmstart.ocp.system.algebraic import SOLVED_WITHIN
+from swarmstart.ocp.system.model import Model, jump_of, outputs_of, unsolved_of
+
+Array = NDArray[np.float64]
+NOTHING_DECIDED: Mapping[str, float] = MappingProxyType({})
+
+
+class Plant:
+    """A model, integrated finely over control intervals with held controls.
+
+    Attributes:
+        model: The model.
+        dt: Length of a control interval [s].
+        substeps: Number of integrator steps in a control interval.
+        clock: Name of the state that is the time of the run; empty: no such state.
+
+    Example:
+        >>> import casadi as ca, numpy as np
+        >>> import swarmstart as ss
+        >>> x, u, k = ca.SX.sym("x"), ca.SX.sym("u"), ca.SX.sym("k")
+        >>> model = ss.Model(states=x, controls=u, ode=-k * x + u, parameters=k)
+        >>> plant = ss.Plant(
+        ...     model, dt=0.5, substeps=5, parameters=lambda t: np.full((1, t.size), 2)
+        ... )
+        >>> after = plant(np.array([1.0]), np.array([0.0]))
+        >>> after.shape, round(float(after[0, -1]), 4)
+        ((1, 5), 0.3679)
+    """
+
+    def __init__(  # noqa: PLR0913 - a model and what drives it
+        self,
+        model: Model,
+        *,
+        dt: float,
+        substeps: int,
+        parameters: Callable[[Array], Array] | None = None,
+        signals: Callable[[Array], Array] | None = None,
+        integrator: str = "rk4",
+        decided: Mapping[str, float] = NOTHING_DECIDED,
+        clock: str = "",
+    ) -> None:
+        """Compile the plant.
+
+        Args:
+            model: The model.
+            dt: Length of a control interval [s].
+            substeps: Number of integrator steps in a control interval, at least 1.
+            parameters: Times (n,) [s] -> the model's parameters (np, n), except those
+                that are decided; each value is held over one integrator step. None: no
+                such parameters.
+            signals: Times (n,) [s] -> the model's signals (ns, n), linear over one
+                integrator step. None: the model has no signals.
+            integrator: A key of INTEGRATORS; "stiff" for a stiff model.
+            decided: Name of a parameter that plans decide -> its value before the first
+                plan.
+            clock: Name of the state that is the time of the run [s], as for phases;
+                empty: the time follows from the intervals of length dt.
+
+        Raises:
+            InvalidProblemError: If the model has parameters or signals that are not
+                given, `decided` names unknown parameters, or a number is out of range.
+        """
+        if model.ns and signals is None:
+            raise InvalidProblemError(
+                f"the model of a plant has {model.ns} signals: expected a function of "
+                "time for them, got none"
+            )
+        names = symbol_names(model.parameters)
+        if unknown := [name for name in decided if name not in names]:
+            raise InvalidProblemError(
+                f"decided must name parameters of a plant, some of "
+                f"{', '.join(names) or 'nothing'}, got {unknown}"
+            )
+        if model.np > len(decided) and parameters is None:
+            raise InvalidProblemError(
+                f"the model of a plant has {model.np - len(decided)} parameters: "
+                "expected a function of time for them, got none"
+            )
+        if clock and clock not in model.state_names:
+            raise InvalidProblemError(
+                f"clock must name a state, one of {', '.join(model.state_names)}, "
+                f"got {clock!r}"
+            )
+        require_count("substeps", substeps)
+        if not dt > 0:
+            raise InvalidProblemError(f"dt must be positive, got {dt}")
+        model.require_step(dt)
+        self.model, self.dt, self.substeps = model, dt, substeps
+        # Signals that only costs and constraints use are not the model's.
+        self._parameters, self._signals = parameters, signals if model.ns else None
+        self._decided, self._integrator = dict(decided), integrator
+        self.clock = clock
+        step = held_step(model, dt / substeps, method=integrator, parts=MORE_PARTS)
+        self._interval = step.mapaccum("plant", substeps)
+        self._linear: ca.Function | None = None
+        self._jump = jump_of(model)
+        self._unsolved = unsolved_of(model)
+
+    def __call__(self, state: Array, control: Array, time: float = 0.0) -> Array:
+        """Return the states after each step of the interval, shape (nx, substeps).
+
+        Args:
+            state: State at the start of the interval, shape (nx,).
+            control: Control held over the interval, shape (nu,); or several, held one
+                after another over equal parts of it, shape (nu, m), with m a divisor of
+                the number of steps.
+            time: Time at the start of the interval [s].
+
+        Raises:
+            DivergedError: If algebraic equations of the model are not solved.
+        """
+        states = self.until_end(state, control, time)
+        return self._ended(
+            states, control if control.ndim == 1 else control[:, -1], time
+        )
+
+    def along(self, state: Array, controls: Array, time: float = 0.0) -> Array:
+        """Return the states after each step, with controls linear over each of them.
+
+        Args:
+            state: State at the start of the interval, shape (nx,).
+            controls: Controls at both ends of the steps, shape (nu, substeps + 1).
+            time: Time at the start of the interval [s].
+        """
+        states = self.along_until_end(state, controls, time)
+        return self._ended(states, controls[:, -1], time)
+
+    def along_until_end(
+        self, state: Array, controls: Array, time: float = 0.0
+    ) -> Array:
+        """Return the states of `along`, without the jump at the end of the interval.
+
+        Args:
+            state: State at the start of the interval, shape (nx,).
+            controls: Controls at both ends of the steps, shape (nu, substeps + 1).
+            time: Time at the start of the interval [s].
+        """
+        if self._linear is None:
+            step = linear_step(
+                self.model, self.dt / self.substeps, method=self._integrator
+            )
+            self._linear = step.mapaccum("plant", self.substeps)
+        both = np.vstack([controls[:, :-1], controls[:, 1:]])
+        states = np.array(self._linear(state, both, *self._known(time)))
+        return self._solved(state, states, (controls[:, :-1], controls[:, 1:]), time)
+
+    def _ended(self, states: Array, last: Array, time: float) -> Array:
+        """Return the states with the jump at the interval's end applied, in place."""
+        if not self.model.jumps:
+            return states
+        end = np.array([time + self.dt])
+        begin = time + self.dt * ((self.substeps - 1) / self.substeps)
+        jumped = self._jump(
+            states[:, -1],
+            last,
+            self.parameters(np.array([begin]))[:, 0],
+            self.varying(end)[:, 0],
+        )
+        states[:, -1] = np.array(jumped).ravel()
+        return states
+
+    def until_end(self, state: Array, control: Array, time: float = 0.0) -> Array:
+        """Return the states of a call, without the jump at the end of the interval.
+
+        Args:
+            state: State at the start of the interval, shape (nx,).
+            control: Control held over it, shape (nu,); or several, as in a call.
+            time: Time at the start of the interval [s].
+
+        Raises:
+            DivergedError: If algebraic equations of the model are not solved.
+        """
+        held = control[:, None] if control.ndim == 1 else control
+        held = np.repeat(held, self.substeps // held.shape[1], axis=1)
+        states = np.array(self._interval(state, held, *self._known(time)))
+        return self._solved(state, states, (held, held), time)
+
+    def _known(self, time: float) -> list[Array]:
+        """Return the parameters of each step, and the signals and time at its ends."""
+        begins = time + self.dt * (np.arange(self.substeps) / self.substeps)
+        arguments = [self.parameters(begins)]
+        if self.model.varying.numel():
+            known = self.varying(np.append(begins, time + self.dt))
+            # Both ends of each step, side by side.
+            arguments.append(np.repeat(known, 2, axis=1)[:, 1:-1])
+        return arguments
+
+    def _solved(
+        self, state: Array, states: Array, controls: tuple[Array, Array], time: float
+    ) -> Array:
+        """Return the states; raise if the algebraic equations are not solved.
+
+        Args:
+            state: State before the first step, shape (nx,).
+            states: States after each step, shape (nx, substeps).
+            controls: Controls at the start and the end of each step, each
+                (nu, substeps).
+            time: Time before the first step [s].
+
+        Raises:
+            DivergedError: With the time and the residual.
+        """
+        if not self.model.elimination.unsolved.numel():
+            return states
+        nodes = time + self.dt * (np.arange(self.substeps + 1) / self.substeps)
+        every = np.column_stack([state, states])
+        parameters = self.parameters(nodes[:-1])
+        for side, u in zip((slice(0, -1), slice(1, None)), controls, strict=True):
+            at, times = every[:, side], nodes[side]
+            known = parameters, self.varying(times)
+            rest = np.abs(np.array(self._unsolved(at, u, *known))).max(axis=0)
+            wrong = np.isfinite(at).all(axis=0) & ~(rest <= SOLVED_WITHIN)
+            if wrong.any():
+                first = int(np.argmax(wrong))
+                names = ", ".join(self.model.elimination.names)
+                raise DivergedError(
+                    f"the plant's algebraic equations are not solved for {names} at "
+                    f"{times[first]:.6g} s: their residual is {rest[first]:.3g} of its "
+                    f"size, at most {SOLVED_WITHIN:g} is allowed; give Newton's method "
+                    "a better start or more iterations"
+                )
+        return states
+
+    def with_interval(self, dt: float) -> Plant:
+        """Return the same plant with another length of the control intervals.
+
+        Args:
+            dt: Length of a control interval [s].
+        """
+        return Plant(
+            self.model,
+            dt=dt,
+            substeps=self.substeps,
+            parameters=self._parameters,
+            signals=self._signals,
+            integrator=self._integrator,
+            decided=self._decided,
+            clock=self.clock,
+        )
+
+    def with_decided(self, values: Mapping[str, float]) -> Plant:
+        """Return the same plant with the parameters that a plan decided.
+
+        Args:
+            values: Values by name; names that the plant does not expect are ignored.
+        """
+        again = copy.copy(self)
+        again._decided = {n: values.get(n, old) for n, old in self._decided.items()}
+        return again
+
+    def varying(self, times: Array) -> Array:
+        """Return the model's signals and time at given times, shape (ns, n).
+
+        Args:
+            times: Shape (n,) [s].
+        """
+        rows = [] if self._signals is None else [self._signals(times)]
+        rows += [times[None, :]] if self.model.time.numel() else []
+        return np.vstack([np.empty((0, times.size)), *rows])
+
+    def outputs(self, states: Array, controls: Array, times: Array) -> Array:
+        """Return the outputs of the model, shape (ny, n).
+
+        Args:
+            states: Shape (nx, n).
+            controls: Shape (nu, n).
+            times: Shape (n,) [s].
+        """
+        known = self.parameters(times), self.varying(times)
+        return np.array(outputs_of(self.model)(states, controls, *known))
+
+    @property
+    def output_names(self) -> tuple[str, ...]:
+        """The model's names of the outputs."""
+        return self.model.output_names
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """The model's names of the states."""
+        return self.model.state_names
+
+    @property
+    def control_names(self) -> tuple[str, ...]:
+        """The model's names of the controls."""
+        return self.model.control_names
+
+    def parameters(self, times: Array) -> Array:
+        """Return the parameters held over steps of the integrator, shape (np, n).
+
+        Args:
+            times: Beginnings of the steps, shape (n,) [s].
+        """
+        given = np.empty((0, times.size))
+        if self._parameters is not None:
+            given = self._parameters(times)
+        if not self._decided:
+            return given
+        rows = iter(given)
+        return np.stack(
+            [
+                np.full(times.size, self._decided[name])
+                if name in self._decided
+                else next(rows)
+                for name in symbol_names(self.model.parameters)
+            ]
+        )
+
+
+@runtime_checkable
+class Steps(Protocol):
+    """Interface of any plant: its step over one control interval.
+
+    It may also have `state_names` and `control_names`, which a run then takes over.
+    """
+
+    def step(self, x: Array, u: Array, dt: float, /) -> ArrayLike:
+        """Return the state after an interval, shape (nx,).
+
+        Args:
+            x: State at the start of the interval, shape (nx,).
+            u: Control held over it, shape (nu,).
+            dt: Length of the interval [s].
+        """
+
+
+class SteppedPlant:
+    """An object with `step(x, u, dt)` as a plant with one step per interval.
+
+    Attributes:
+        dt: Length of a control interval [s].
+        substeps: Always 1.
+        state_names: The object's names of the states, if it has any.
+        control_names: The object's names of the controls, if it has any.
+        output_names: Names of the outputs, of a system of python-control; else empty.
+
+    Example:
+        >>> import numpy as np
+        >>> import swarmstart as ss
+        >>> class Tank:
+        ...     def step(self, x, u, dt):
+        ...         return x + dt * (u - 0.5 * x)
+        >>> plant = ss.SteppedPlant(Tank(), dt=0.1)
+        >>> plant(np.array([1.0]), np.array([0.0]))
+        array([[0.95]])
+    """
+
+    substeps = 1
+
+    def __init__(self, steps: Steps, *, dt: float) -> None:
+        """Keep the object.
+
+        Args:
+            steps: The object.
+            dt: Length of a control interval [s].
+        """
+        self.dt, self._steps = dt, steps
+        self.state_names: tuple[str, ...] = tuple(getattr(steps, "state_names", ()))
+        self.control_names: tuple[str, ...] = tuple(getattr(steps, "control_names", ()))
+        self._system = steps if isinstance(steps, SystemSteps) else None
+        self.output_names = () if self._system is None else self._system.output_names
+
+    def with_interval(self, dt: float) -> SteppedPlant:
+        """Return the same plant with control intervals of another length [s]."""
+        return SteppedPlant(self._steps, dt=dt)
+
+    def __call__(self, state: Array, control: Array, time: float = 0.0) -> Array:
+        """Return the state after the interval, shape (nx, 1); see Plant."""
+        if self._system is not None:
+            after: ArrayLike = self._system.step(state, control, self.dt, time)
+        else:
+            after = self._steps.step(state.copy(), control.copy(), self.dt)
+        after = numbers_of("the state that step() returns", after)
+        if after.size != state.size:
+            raise InvalidProblemError(
+                f"step() must return a state of shape ({state.size},), got "
+                f"{after.shape}"
+            )
+        return after.reshape(-1, 1)
+
+    @property
+    def nx(self) -> int | None:
+        """Number of states, of a system of python-control; else None: not known."""
+        return None if self._system is None else len(self.state_names)
+
+    def outputs(self, states: Array, controls: Array, times: Array) -> Array:
+        """Return the outputs of a system of python-control, shape (ny, n); see Plant.
+
+        Of any other object there are none.
+        """
+        if self._system is None:
+            return np.empty((0, times.size))
+        return self._system.outputs(states, controls, times)
+
+
+AnyPlant = Plant | SteppedPlant | Steps
+
+
+def plant_of(plant: object, dt: float) -> Plant | SteppedPlant:
+    """Return a plant in the form that a closed loop uses.
+
+    Args:
+        plant: A `Plant`, an object with `step(x, u, dt)`, or a system of
+            python-control.
+        dt: Length of a control interval [s].
+
+    Raises:
+        InvalidProblemError: If it is not a plant, or a system of python-control that
+            has no states or another sampling time.
+    """
+    if isinstance(plant, Plant | SteppedPlant):
+        return plant
+    if is_system(plant):
+        return SteppedPlant(SystemSteps(plant, dt=dt), dt=dt)
+    if isinstance(plant, Steps):
+        return SteppedPlant(plant, dt=dt)
+    raise InvalidProblemError(
+        "plant must be a swarmstart.Plant, a system of python-control, or have "
+        f"step(x, u, dt), got {shortened(plant)}"
+    )

@@ -1,0 +1,267 @@
+"""Collocation within an interval: the states at its points are unknowns of the NLP.
+
+    x_k, X_1, X_2, ... (all elements of all checks)   instead of an integrator's steps
+    rows: D X - h f(X, z, u, p, s(t)) = 0 at each point, divided by the states' sizes
+
+Only states with a rate are collocated; the others stay constant. Algebraic variables z
+of nonlinear equations are unknowns as well, at the start of an interval and at each
+point, with their equations g(x, z, u, p) = 0 as rows (lifting.py), so that the NLP
+needs no Newton iterations of its own. Costs are integrated with the same points.
+Constraints hold at the checks, as in multiple shooting.
+
+The inner unknowns of an interval are, in this order: the states with a rate at each
+point; z at the start and at each point.
+
+Source: Biegler (2010), Nonlinear Programming, chapter 10.
+"""
+
+from typing import NamedTuple, TypeVar
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.ocp.integration.radau import radau_coefficients
+from swarmstart.ocp.nlp.lifting import lifted
+from swarmstart.ocp.rollout.shooting import Shooting
+from swarmstart.ocp.statement.problem import OptimalControlProblem
+
+Array = NDArray[np.float64]
+Values = TypeVar("Values", ca.SX, NDArray[np.float64])
+
+
+class Layout(NamedTuple):
+    """Layout of the collocation in an interval.
+
+    Attributes:
+        moving: Numbers of the states that have a rate.
+        points: Number of collocation points in an element.
+        elements: Number of elements from one check to the next.
+        checks: Number of checks in an interval.
+        lifted: Number of algebraic variables that are unknowns.
+    """
+
+    moving: tuple[int, ...]
+    points: int
+    elements: int
+    checks: int
+    lifted: int
+
+    @property
+    def places(self) -> int:
+        """Number of collocation points in an interval."""
+        return self.points * self.elements * self.checks
+
+    @property
+    def states(self) -> int:
+        """Number of unknown states in an interval."""
+        return self.places * len(self.moving)
+
+    @property
+    def size(self) -> int:
+        """Number of inner unknowns of an interval, and of their equations."""
+        return self.states + self.lifted * (self.places + 1 if self.lifted else 0)
+
+
+def layout_of(problem: OptimalControlProblem) -> Layout | None:
+    """Return the layout; None for multiple shooting, or if no state has a rate."""
+    radau, model = problem.collocation, problem.model
+    moving = tuple(i for i in range(model.nx) if not model.ode[i].is_zero())
+    if radau is None or not moving:
+        return None
+    return Layout(
+        moving=moving,
+        points=radau.points,
+        elements=radau.elements or problem.substeps,
+        checks=problem.checks,
+        lifted=int(model.elimination.residual.numel()),
+    )
+
+
+def inner_unknowns(problem: OptimalControlProblem) -> int:
+    """Return the number of unknowns that collocation adds to an interval."""
+    layout = layout_of(problem)
+    return 0 if layout is None else layout.size
+
+
+def inner_sizes(problem: OptimalControlProblem, states: Array) -> Array:
+    """Return the natural sizes of an interval's inner unknowns.
+
+    Args:
+        problem: The problem.
+        states: Sizes of the states, shape (nx,).
+    """
+    layout = layout_of(problem)
+    if layout is None:
+        return np.empty(0)
+    sizes = [np.tile(states[list(layout.moving)], layout.places)]
+    if layout.lifted:
+        scale = np.asarray(problem.model.elimination.scale, dtype=np.float64)
+        sizes.append(np.tile(scale, layout.places + 1))
+    return np.concatenate(sizes)
+
+
+def lifts(problem: OptimalControlProblem) -> bool:
+    """Return whether algebraic variables are unknowns of the NLP."""
+    layout = layout_of(problem)
+    return layout is not None and layout.lifted > 0
+
+
+class Inner:
+    """Inside of an interval: integrator steps, or collocation.
+
+    The rows that collocation adds are collected check by check.
+    """
+
+    def __init__(
+        self,
+        shooting: Shooting,
+        begin: tuple[ca.SX, ca.SX, ca.SX, ca.SX],
+        unknown: ca.SX,
+    ) -> None:
+        """Start an interval.
+
+        Args:
+            shooting: The problem's functions.
+            begin: State, controls, parameters and signals at its start.
+            unknown: Inner unknowns, not scaled; empty in multiple shooting.
+        """
+        state, self._u, self._p, s = begin
+        self._shooting, self._layout = shooting, layout_of(shooting.problem)
+        self._defects: list[ca.SX] = []
+        self._at = [(state, s)]
+        layout = self._layout
+        if layout is not None:
+            states, z = unknown[: layout.states, 0], unknown[layout.states :, 0]
+            self._states = ca.reshape(states, len(layout.moving), layout.places)
+            self._z = ca.reshape(z, layout.lifted, layout.places + 1)
+
+    def check(
+        self, state: ca.SX, ends: tuple[ca.SX, ca.SX], k: int
+    ) -> tuple[ca.SX, ca.SX]:
+        """Return the state after check k, and the integral of cost / unit over it.
+
+        Args:
+            state: State at the start of the check, shape (nx, 1).
+            ends: Signals at both ends of the check.
+            k: Number of the check in the interval, from 0.
+        """
+        u, p, layout = self._u, self._p, self._layout
+        if layout is None:
+            return self._shooting.check_step(state, u, p, ends, after_jump=k == 0)
+        own = layout.points * layout.elements
+        unknown = self._states[:, k * own : (k + 1) * own]
+        reached = collocated_check(self._shooting, state, (u, p), ends, unknown)
+        self._defects += reached.defects
+        self._at += reached.at
+        return reached.state, reached.cost
+
+    def rows(self, sizes: ca.SX, residuals: ca.SX) -> ca.SX:
+        """Return the collocation rows, which must be 0, without unit.
+
+        Args:
+            sizes: Natural sizes of the states, shape (nx, 1).
+            residuals: Sizes of the algebraic equations, shape (nz, 1).
+        """
+        layout = self._layout
+        if layout is None:
+            return ca.SX(0, 1)
+        rows = [row / sizes[list(layout.moving)] for row in self._defects]
+        if layout.lifted:
+            found = self._shooting.problem.model.elimination
+            residual = self._at_points(found.residual, self._symbols)
+            rows += [
+                residual(x, self._u, self._p, s, self._z[:, i]) / residuals
+                for i, (x, s) in enumerate(self._at)
+            ]
+        return ca.vertcat(ca.SX(0, 1), *rows)
+
+    def lifted(self, cost: ca.SX, g: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Return cost and rows with the unknown z in place of Newton's iterations.
+
+        Args:
+            cost: Cost of the interval, a scalar.
+            g: Its rows, shape (m, 1).
+        """
+        layout = self._layout
+        if layout is None or not layout.lifted:
+            return cost, g
+        found = self._shooting.problem.model.elimination
+        solution = self._at_points(found.solution, ca.SX(0, 1))
+        values = [solution(x, self._u, self._p, s, ca.SX(0, 1)) for x, s in self._at]
+        both = lifted(ca.vertcat(cost, g), ca.vertcat(*values), ca.vec(self._z))
+        return both[0], both[1:, 0]
+
+    @property
+    def _symbols(self) -> ca.SX:
+        return self._shooting.problem.model.elimination.symbols
+
+    def _at_points(self, expression: ca.SX, z: ca.SX) -> ca.Function:
+        """Return (x, u, p, s, z) -> an expression."""
+        names = [*self._shooting.problem.symbols().values(), z]
+        return ca.Function("at_points", names, [expression])
+
+
+class Reached(NamedTuple):
+    """Result of one collocated check.
+
+    Attributes:
+        state: State at its end, shape (nx, 1).
+        cost: Integral of the stage cost / unit over it.
+        defects: Collocation rows, which must be 0, in the units of the states.
+        at: (state, signals) at each collocation point.
+    """
+
+    state: ca.SX
+    cost: ca.SX
+    defects: list[ca.SX]
+    at: list[tuple[ca.SX, ca.SX]]
+
+
+def collocated_check(
+    shooting: Shooting,
+    state: ca.SX,
+    known: tuple[ca.SX, ca.SX],
+    ends: tuple[ca.SX, ca.SX],
+    unknown: ca.SX,
+) -> Reached:
+    """Return the result of one check by collocation.
+
+    Args:
+        shooting: The problem's functions.
+        state: State at the start of the check, shape (nx, 1).
+        known: Controls, which are held, and parameters.
+        ends: Signals at both ends of the check.
+        unknown: The check's states at its points, shape (moving, points * elements).
+    """
+    problem, layout, (u, p) = shooting.problem, layout_of(shooting.problem), known
+    if layout is None:
+        raise ValueError("expected a problem with collocation")
+    coefficients = radau_coefficients(layout.points)
+    h = problem.dt / problem.checks / layout.elements
+    moving, ns = list(layout.moving), problem.model.ns
+    cost, defects, at = ca.SX(0), [], []
+    for element in range(layout.elements):
+        first = element * layout.points
+        own = unknown[:, first : first + layout.points]
+        through = ca.horzcat(state[moving], own)
+        for i, (time, weight) in enumerate(
+            zip(coefficients.times, coefficients.weights, strict=True)
+        ):
+            x = ca.SX(state)
+            x[moving] = own[:, i]
+            s = between(ends, (element + float(time)) / layout.elements)
+            slope = through @ ca.DM(coefficients.slopes[i])
+            rate = shooting.dynamics(x, u, p, s[:ns, 0])
+            defects.append(slope - h * rate[moving])
+            if problem.quadrature == "integral":
+                cost += h * float(weight) * shooting.stage_cost(x, u, p, s)
+            at.append((x, s))
+        state = at[-1][0]
+    return Reached(state, cost, defects, at)
+
+
+def between(ends: tuple[Values, Values], part: float) -> Values:
+    """Interpolate the signals linearly between both ends of a check."""
+    between_them: Values = ends[0] + part * (ends[1] - ends[0])
+    return between_them

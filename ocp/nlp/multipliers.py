@@ -1,0 +1,162 @@
+"""Multipliers of an answer, in the units of the user: costates and shadow prices.
+
+With L = cost + costate' (state after an interval - state there) + multiplier' (value -
+limit), stationary at the answer,
+
+    costate     the gradient of the optimal cost to go with respect to the state there
+    multiplier  the optimal cost changes by -multiplier for each unit by which its limit
+                is raised. For minimised costs it is at least 0 at an upper limit and at
+                most 0 at a lower one; for maximised costs the signs are reversed
+
+A limit of a path constraint has a multiplier at every check. Those of an interval are
+added up, so the sum over all intervals is the worth of the limit as a whole.
+
+Source: Nocedal and Wright (2006), Numerical Optimization, section 12.8; Bryson and Ho
+(1975), Applied Optimal Control, chapter 2, for the costate as a gradient.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.ocp.nlp.nlp_assembly import decided_states, inputs_of
+from swarmstart.ocp.nlp.optimality import NlpPoint
+from swarmstart.ocp.statement.problem import OptimalControlProblem
+from swarmstart.ocp.system.constraint_forms import label
+from swarmstart.ocp.system.constraints import Constraint
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Multipliers:
+    """Multipliers of an answer; signs and sums are explained in the module's head.
+
+    Attributes:
+        costates: Costates at the ends of the intervals, shape (nx, N) [cost / unit of a
+            state].
+        controls: Multipliers of the bounds of the controls, shape (nu, N).
+        states: Multipliers of the bounds of the states, shape (nx, N).
+        path: Multipliers of each path constraint, by its name, shape (rows, N). Soft
+            constraints come last; the multiplier of a row is at most the cost of its
+            excess.
+        terminal: Multipliers of each terminal constraint, by its name, shape (rows,).
+        decided: Multipliers of the bounds of decisions besides the controls: starts and
+            parameters by their names, a free end time as "end time".
+    """
+
+    costates: Array
+    controls: Array
+    states: Array
+    path: Mapping[str, Array]
+    terminal: Mapping[str, Array]
+    decided: Mapping[str, float]
+
+    def __repr__(self) -> str:
+        """Return each constraint with the worth of its limit, in a few lines."""
+        lines = [
+            f"Multipliers of {self.costates.shape[1]} intervals; the first costate: "
+            f"{_numbers(self.costates[:, 0])}"
+        ]
+        sums = [(name, rows.sum(axis=1)) for name, rows in self.path.items()]
+        sums += self.terminal.items()
+        lines += [f"  {name}: {_numbers(values)}" for name, values in sums]
+        return "\n".join(lines)
+
+
+def _numbers(values: Array) -> str:
+    return ", ".join(f"{value:.4g}" for value in values)
+
+
+def multipliers_of(point: NlpPoint, stated: OptimalControlProblem) -> Multipliers:
+    """Return the multipliers of a point in the units of the user.
+
+    Args:
+        point: The answer as a point of the NLP.
+        stated: The problem that it answers; the NLP may be that of its core, and have
+            margins and more checks.
+    """
+    core, parts = point.program.problem, point.program.parts
+    nx, nu, N = core.model.nx, inputs_of(core), core.intervals
+    splits = np.cumsum(parts.argument_sizes(core))[:-1]
+    _, shared, *weights, _ = np.split(point.q, splits)
+    sizes_x, sizes_u, _ = np.split(shared[core.model.np :], [nx, nx + nu])
+    cost = stated.sense * point.cost_size
+    lam_x, lam_start = np.split(cost * point.lam_x, [(nu + nx) * N])
+    of_bounds = lam_x.reshape((nu + nx, N), order="F")
+    of_parts = _of_parts(point, cost)
+    found = [
+        np.zeros((c.rows(c.expression).lower.size, N))
+        for c in (*core.path_constraints, *core.terminal_constraints, *core.soft)
+    ]
+    for part, lam, weight in zip(parts.present, of_parts, weights, strict=True):
+        column = slice(None) if part is parts.interval else slice(0, 1)
+        kept = len(lam) - len(weight)
+        for (number, row), value, w in zip(
+            part.rows.places, lam[kept:], weight, strict=True
+        ):
+            found[number][row, column] += value * w
+    own, last = stated.model.nx, len(core.path_constraints)
+    soft = len(found) - len(core.soft)
+    of_path = [*found[: len(core.stated)], *found[soft:]]
+    controls = (of_bounds[:nu] / sizes_u[:, None])[: core.model.nu]
+    states = of_bounds[nu:] / sizes_x[:, None]
+    if last > len(core.stated):  # Bounds at inner checks.
+        states[core.bounded_states] += found[len(core.stated)]
+    return Multipliers(
+        costates=(of_parts[0][:nx] / sizes_x[:, None])[:own],
+        controls=controls,
+        states=states[:own],
+        path=_named((*stated.stated, *stated.soft), (), of_path),
+        terminal={
+            name: values[:, 0]
+            for name, values in _named(
+                stated.terminal_constraints,
+                core.terminal_constraints,
+                found[last:soft],
+            ).items()
+        },
+        decided=_of_starts(core, lam_start / sizes_x[decided_states(core)]),
+    )
+
+
+def _of_parts(point: NlpPoint, cost: float) -> list[Array]:
+    """Return the multipliers of each part's rows, shape (rows, its intervals).
+
+    The rows that tie the controls of blocks come last and are left out.
+    """
+    parts, N = point.program.parts.present, point.program.problem.intervals
+    heights = [int(part.value.numel_out(0)) for part in parts]
+    counts = [N, *[1 for _ in parts[1:]]]
+    ends = np.cumsum([h * n for h, n in zip(heights, counts, strict=True)])
+    return [
+        lam.reshape((height, -1), order="F") if height else np.empty((0, count))
+        for lam, height, count in zip(
+            np.split(cost * point.lam_g, ends)[:-1], heights, counts, strict=True
+        )
+    ]
+
+
+def _named(
+    stated: Sequence[Constraint], core: Sequence[Constraint], found: Sequence[Array]
+) -> dict[str, Array]:
+    """Return multipliers by the names of their constraints, which are made unique."""
+    named: dict[str, Array] = {}
+    for number, values in enumerate(found):
+        name = label((stated if number < len(stated) else core)[number])
+        again = sum(1 for used in named if used == name or used.startswith(f"{name} ("))
+        named[f"{name} ({again + 1})" if name in named else name] = values
+    return named
+
+
+def _of_starts(core: OptimalControlProblem, multipliers: Array) -> dict[str, float]:
+    """Return the multipliers of the bounds of each decision about the start."""
+    found, place = {}, 0
+    for one in core.free_starts:
+        count = len(one.states)
+        name = core.model.state_names[one.states[0]]
+        found[name] = float(multipliers[place : place + count].sum())
+        place += count
+    return found

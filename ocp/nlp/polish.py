@@ -1,0 +1,643 @@
+"""Polish: an NLP solver started from a guess; the better of the two is kept.
+
+The NLP (transcription.py) need not measure constraints as the search does: it uses
+smooth rows at points. So its answer is evaluated like any individual, and returned only
+if it is better by (violation, cost) on the same evaluator. An answer is called a local
+optimum only if the project's own test (optimality.py) finds it stationary, independent
+of the solver's report.
+
+A good start is feasible to 1e-3 and comes from a search or an earlier answer. From it
+IPOPT starts with a small barrier and small pushes; with its defaults it would first
+move away from the start, and might not return. If this does not converge, the defaults
+are tried once.
+
+Collocation (collocation.py) does not integrate the dynamics as the evaluator does. If
+the evaluator finds another cost or a broken limit, the NLP is solved again with its
+rows of motion shifted to the evaluator's states (correction.py), until both agree.
+
+A search's best point need not lie in the basin of the best local optimum. The search's
+archive (`heuristics/running/archive.py`) keeps the best points that are apart in the
+box, and each of them is a guess for the NLP solver.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import count
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from swarmstart.heuristics.running.interrupts import heeded
+from swarmstart.ocp.common.errors import InvalidProblemError, SolveError
+from swarmstart.ocp.nlp.carried import Carried
+from swarmstart.ocp.nlp.correction import MOST_CORRECTIONS, corrected
+from swarmstart.ocp.nlp.nlp_solvers import NlpSolvers, Solvers
+from swarmstart.ocp.nlp.nlp_sources import last_line
+from swarmstart.ocp.nlp.optimality import NlpPoint, is_stationary
+from swarmstart.ocp.nlp.polish_options import (
+    IPOPT_STATUS,
+    IpoptOptions,
+    PolishOptions,
+    PolishStatus,
+)
+from swarmstart.ocp.nlp.start import Start
+from swarmstart.ocp.nlp.transcription import Given, Limits, NonlinearProgram
+from swarmstart.ocp.nlp.watching import (
+    UNWATCHED,
+    Answer,
+    Ratios,
+    Watch,
+    Work,
+    work_of,
+)
+from swarmstart.ocp.rollout.fitness import (
+    NOTHING,
+    Fitness,
+    Known,
+    at_nodes,
+    shared_arguments,
+)
+from swarmstart.ocp.rollout.fixed_steps import FixedSteps, StepChoice
+from swarmstart.ocp.rollout.scaling import Sizes
+from swarmstart.ocp.statement.guess import bounded_controls
+from swarmstart.ocp.statement.problem import OptimalControlProblem
+
+Array = NDArray[np.float64]
+SAME_COST = 1e-6
+"""Relative difference below which two costs count as one local optimum."""
+GOOD_START = 1e-3
+"""Largest violation of a start that the solver stays near."""
+_STEPS_OF_ERROR = 10
+"""Number of allowed step errors by which costs may differ."""
+_STEEP = 1e3
+"""Value of the NLP's cost when the cost has its natural size."""
+
+
+class _How(NamedTuple):
+    """Settings of one solve.
+
+    Attributes:
+        solvers: The NLP with its solvers.
+        near: Whether the solver stays near the guess.
+        held: Numbers of the controls that are held.
+        is_guess: Whether the states are a guess that gives the sizes of unbounded
+            states.
+        carried: Multipliers to start from; None without them.
+    """
+
+    solvers: Solvers
+    near: bool
+    held: Sequence[int]
+    is_guess: bool
+    carried: Carried | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Asked:
+    """Input of a solver: start, arguments and limits, with the data they are made from.
+
+    The multipliers, of rows and of bounds, are in the NLP's units; None without them.
+    """
+
+    first: Array
+    q: Array
+    limits: Limits
+    sizes: Sizes
+    parameters: Array
+    signals: Array
+    multipliers: tuple[Array, Array] | None = None
+    x0: Array | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Answer:
+    """A solver's answer in the NLP's units, and its statistics."""
+
+    point: NlpPoint
+    stats: Mapping[str, Any]
+    sizes: Sizes
+    rollouts: float
+
+    @property
+    def effort(self) -> tuple[int, int]:
+        """Iterations of the solver, and its evaluations of the objective."""
+        counts = (self.stats.get(name, 0) for name in ("iter_count", "n_call_nlp_f"))
+        iterations, evaluations = map(int, counts)
+        return iterations, evaluations
+
+    def agrees(
+        self, value: tuple[float, float], problem: OptimalControlProblem
+    ) -> bool:
+        """Return whether the evaluator finds the same cost and no broken limit."""
+        point = self.point
+        slope = point.program.derivatives["grad_f"](point.w, point.q)
+        differs = abs(float(slope[0]) * point.cost_size - value[0])
+        size = self.sizes.cost * _STEEP
+        return differs <= SAME_COST * size and value[1] <= problem.tolerance
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Polished:
+    """The better of a guess and the NLP solver's answer from it.
+
+    Attributes:
+        controls: Controls, shape (nu, N), within the bounds.
+        x0: Initial state, including the decisions about it, shape (nx,).
+        cost: Cost on the problem's evaluator.
+        violation: Violation on the problem's evaluator.
+        improved: False if the guess was kept.
+        status: Status of the solver at its end.
+        iterations: The solver's iterations.
+        evaluations: Evaluations of the objective by the solver.
+        point: The solver's answer in the NLP's units; None if it did not converge.
+        rollouts: Cost of the polish in rollouts, derivatives included; see watching.py.
+    """
+
+    controls: Array
+    x0: Array
+    cost: float
+    violation: float
+    improved: bool
+    status: PolishStatus
+    iterations: int
+    evaluations: int
+    point: NlpPoint | None = None
+    rollouts: float = 0.0
+
+    def __repr__(self) -> str:
+        """Return status, cost and effort in one line."""
+        return (
+            f"Polished: {self.status.value}, cost {self.cost:.9g}, violation "
+            f"{self.violation:.3g}, {self.iterations} iterations"
+        )
+
+
+class Polisher:
+    """An NLP solver on the multiple-shooting NLP of one problem, built once.
+
+    With step size control, the steps of the NLP are chosen for each guess
+    (fixed_steps.py), and there is one NLP for each number of them.
+    """
+
+    def __init__(
+        self,
+        fitness: Fitness,
+        options: PolishOptions | None = None,
+        *,
+        watch: Watch = UNWATCHED,
+    ) -> None:
+        """Build the solver.
+
+        Args:
+            fitness: Evaluator of the problem, which also judges the answer.
+            options: Options of the solver; None means IPOPT with this package's
+                defaults.
+            watch: Observer of the work, which may stop it.
+
+        Raises:
+            InvalidProblemError: If the solver refuses an option.
+        """
+        self._options = options or IpoptOptions()
+        self._fitness, self.watch = fitness, watch
+        self._choice: StepChoice | None = None
+        if fitness.problem.is_adaptive and not fitness.problem.collocation:
+            self._choice = StepChoice(fitness.shooting)
+        self._solvers = NlpSolvers(
+            fitness.shooting, self._options, is_watched=watch is not UNWATCHED
+        )
+
+    @property
+    def program(self) -> NonlinearProgram | None:
+        """The NLP; None if its steps are chosen for each guess."""
+        return self._solvers.program
+
+    @property
+    def ratios(self) -> Ratios | None:
+        """Cost of its derivatives; None if steps are chosen for each guess."""
+        return None if self._choice is not None else self._solvers(None).ratios
+
+    def prepare(self) -> None:
+        """Build the solver for starts near an answer now, not at the first use."""
+        if self._choice is None:
+            self._solvers(None).near()
+
+    def __call__(  # noqa: PLR0913 - a guess, what is known of it and what is held
+        self,
+        controls: Array,
+        x0: ArrayLike,
+        known: Known = NOTHING,
+        *,
+        states: Array | None = None,
+        is_guess: bool = False,
+        near: bool = False,
+        held: Sequence[int] = (),
+        carried: Carried | None = None,
+    ) -> Polished:
+        """Return the better of a guess and the local optimum found from it.
+
+        Args:
+            controls: The guess, shape (nu, N), clipped to the bounds; not changed.
+            x0: Initial state, shape (nx,), with the guess of the decisions about it.
+            known: Parameters and signals.
+            states: Start of the solver for the states at the nodes, shape (nx, nodes);
+                they need not be consistent with the controls. None: the states that the
+                controls lead to.
+            is_guess: Whether the states give the sizes of unbounded states.
+            near: Whether the guess is an answer of a search or a solver that the solver
+                should stay near if it is feasible to 1e-3.
+            held: Numbers of the controls that are held.
+            carried: Multipliers of an earlier answer to start from. If that does not
+                converge, the solver starts without them. None: no multipliers.
+
+        Returns:
+            The better of the guess and the solver's answer.
+
+        Raises:
+            InvalidProblemError: If a shape is not the problem's, or a value is not
+                finite.
+            SolveError: If the solver cannot be run at all.
+            KeyboardInterrupt: On Ctrl-C, which CasADi would otherwise discard.
+        """
+        problem, fitness = self._fitness.problem, self._fitness
+        controls = bounded_controls(problem, controls)
+        before = fitness.value(controls, x0, known)
+        if states is None:
+            states = fitness.states(controls, x0, known)
+        elif np.shape(states) != (shape := (problem.model.nx, problem.nodes)):
+            raise InvalidProblemError(
+                f"states must have shape {shape}, got {np.shape(states)}"
+            )
+        x0, states = fitness.with_threshold(x0, states, known)
+        near = near and before[1] <= GOOD_START
+        steps = self._steps(controls, states, x0, known)
+        how = _How(self._solvers(steps), near, held, is_guess)
+        found = None
+        if carried is not None and self._options.plugin == "ipopt":
+            warm = how._replace(near=True, carried=carried)
+            found = self._tried(controls, states, x0, known, before, warm)
+        if found is None or found.status is not PolishStatus.CONVERGED:
+            begun = self._tried(controls, states, x0, known, before, how)
+            found = (
+                begun
+                if found is None
+                else better_of(found, begun, tolerance=problem.tolerance)
+            )
+        ended = found.status is PolishStatus.CONVERGED or self.watch.is_over
+        if near and not ended:
+            how = how._replace(near=False)
+            again = self._tried(controls, states, x0, known, before, how)
+            found = better_of(found, again, tolerance=problem.tolerance)
+        if not self.watch.is_over:
+            found = self._with_finer_steps(found, steps, known, held)
+        self.watch.answered((found.controls, found.x0), found.cost, found.violation)
+        return found
+
+    def _steps(
+        self, controls: Array, states: Array, x0: ArrayLike, known: Known
+    ) -> FixedSteps | None:
+        """Return the steps that an NLP needs at a guess; None: the problem's own."""
+        if self._choice is None:
+            return None
+        arguments = self._fitness.arguments(x0, known)
+        begun = np.hstack([arguments[0][:, None], states[:, 1:]])
+        return self._choice(controls, begun, arguments)
+
+    def _with_finer_steps(
+        self,
+        found: Polished,
+        steps: FixedSteps | None,
+        known: Known,
+        held: Sequence[int],
+    ) -> Polished:
+        """Return an answer, polished again if it needs more steps than its guess."""
+        if self._choice is None or steps is None:
+            return found
+        states = self._fitness.states(found.controls, found.x0, known)
+        needed = self._steps(found.controls, states, found.x0, known)
+        if needed is None or not np.isfinite(states).all() or sum(needed) <= sum(steps):
+            return found
+        x0, states = self._fitness.with_threshold(found.x0, states, known)
+        before = found.cost, found.violation
+        near = before[1] <= GOOD_START
+        how = _How(self._solvers(needed), near, held, False)
+        again = self._tried(found.controls, states, x0, known, before, how)
+        best = again if again.status is PolishStatus.CONVERGED else found
+        return replace(
+            best,
+            improved=found.improved or again.improved,
+            iterations=found.iterations + again.iterations,
+            evaluations=found.evaluations + again.evaluations,
+            rollouts=found.rollouts + again.rollouts,
+        )
+
+    def _tried(
+        self,
+        controls: Array,
+        states: Array,
+        x0: ArrayLike,
+        known: Known,
+        before: tuple[float, float],
+        how: "_How",
+    ) -> Polished:
+        """Return the better of a guess of known value and the solver's answer."""
+        problem = self._fitness.problem
+        given = np.asarray(x0, dtype=np.float64).ravel()
+        asked = self._asked(controls, states, given, known, how)
+        answer = self._solve(asked, how.solvers, near=how.near)
+        better, start, after = self._evaluated(answer, controls, given, known, how)
+        status = self._judged(answer)
+        iterations, evaluations = answer.effort
+        rollouts = answer.rollouts
+        for _ in range(MOST_CORRECTIONS if how.solvers.program.inner_guess else 0):
+            if status is not PolishStatus.CONVERGED or answer.agrees(after, problem):
+                break
+            if self.watch.is_over:
+                break
+            known_here = asked.sizes, asked.parameters, asked.signals
+            shifted = corrected(answer.point, *known_here)
+            if shifted is None:
+                break
+            again = replace(
+                asked, first=shifted[0], limits=shifted[1], multipliers=None
+            )
+            answer = self._solve(again, how.solvers, near=True)
+            better, start, after = self._evaluated(answer, controls, given, known, how)
+            status = self._judged(answer)
+            iterations += answer.effort[0]
+            evaluations += answer.effort[1]
+            rollouts += answer.rollouts
+        point = answer.point
+        ended = status is PolishStatus.CONVERGED
+        improved = is_better(after, before, tolerance=problem.tolerance) or (
+            ended and _pays_for_violation(point, before, after, problem.tolerance)
+        )
+        cost, violation = after if improved else before
+        if status is PolishStatus.CONVERGED and not improved:
+            if not _agree(before, after, problem):
+                status = PolishStatus.WORSE
+        return Polished(
+            controls=better if improved else controls,
+            x0=start if improved else given,
+            cost=cost,
+            violation=violation,
+            improved=improved,
+            status=status,
+            iterations=iterations,
+            evaluations=evaluations,
+            point=point if status is PolishStatus.CONVERGED else None,
+            rollouts=rollouts,
+        )
+
+    def _evaluated(
+        self,
+        answer: "_Answer",
+        controls: Array,
+        x0: Array,
+        known: Known,
+        how: "_How",
+    ) -> tuple[Array, Array, tuple[float, float]]:
+        """Return controls and start of an answer within bounds, with their value."""
+        found = how.solvers.program.split(answer.point.w, answer.sizes)
+        better, start = _within(self._fitness.problem, x0, *found)
+        better[list(how.held)] = controls[list(how.held)]
+        if not (np.isfinite(better).all() and np.isfinite(start).all()):
+            return better, start, (np.inf, np.inf)
+        return better, start, self._fitness.value(better, start, known)
+
+    def _judged(self, answer: "_Answer") -> PolishStatus:
+        """Return the status of an answer; of others than IPOPT, from its point."""
+        if self._options.plugin == "ipopt":
+            return IPOPT_STATUS.get(
+                str(answer.stats["return_status"]), PolishStatus.NUMERICAL_FAILURE
+            )
+        if is_stationary(answer.point):
+            return PolishStatus.CONVERGED
+        return PolishStatus.NUMERICAL_FAILURE
+
+    def _asked(
+        self,
+        controls: Array,
+        states: Array,
+        x0: Array,
+        known: Known,
+        how: "_How",
+    ) -> "_Asked":
+        """Return the input of the solver for a guess."""
+        program, problem = how.solvers.program, self._fitness.problem
+        nodes = np.hstack([x0[:, None], states[:, 1:]])
+        sizes = self._sizes(controls, states, x0, known, is_guess=how.is_guess)
+        start, parameters, flat = shared_arguments(problem, x0, known)
+        signals = at_nodes(problem, flat)
+        q = program.arguments(start, parameters, flat, sizes)
+        limits = program.limits(sizes)
+        if program.inner_guess is not None:  # It needs no rollout.
+            nodes = np.where(np.isfinite(nodes).all(axis=0), nodes, x0[:, None])
+        first = program.variables(controls, nodes[:, :: problem.checks], sizes)
+        if program.inner_guess is not None:
+            pieces = program.inner_guess.pieces_of(nodes)
+            given = Given(controls, pieces, parameters, signals)
+            first = program.with_points(first, given, sizes)
+        first = program.with_slacks(first, q, limits)
+        program.hold(limits, first, how.held)
+        multipliers = None
+        if how.carried is not None:
+            multipliers = how.carried.placed(program, first, q, sizes.cost)
+        return _Asked(first, q, limits, sizes, parameters, signals, multipliers, x0)
+
+    def _solve(self, asked: "_Asked", solvers: Solvers, *, near: bool) -> "_Answer":
+        """Return the solver's answer.
+
+        Args:
+            asked: Input of the solver.
+            solvers: The NLP with its solvers.
+            near: Whether the solver stays near its start.
+        """
+        begun = {}
+        if asked.multipliers is None:
+            solver = solvers.near() if near else solvers.far
+        else:
+            solver = solvers.warm()
+            begun = dict(zip(("lam_g0", "lam_x0"), asked.multipliers, strict=True))
+        given = {"x0": asked.first, "p": asked.q, **begun, **asked.limits._asdict()}
+        if solvers.iterates is not None:
+            solvers.iterates.told = self._told(asked, solvers)
+        try:
+            with heeded():
+                answer = solver(**given)
+        except RuntimeError as error:
+            raise SolveError(
+                f"{self._options.plugin} could not be run: {last_line(error)}"
+            ) from error
+        w, lam_g, lam_x = (
+            np.array(answer[name]).ravel() for name in ("x", "lam_g", "lam_x")
+        )
+        point = NlpPoint(
+            program=solvers.program,
+            cost_size=asked.sizes.cost,
+            w=w,
+            q=asked.q,
+            lam_g=lam_g,
+            lam_x=lam_x,
+            limits=asked.limits,
+        )
+        stats = solver.stats()
+        work = work_of(stats)
+        self.watch.solved(work, solvers.ratios)
+        return _Answer(point, stats, asked.sizes, work.evaluations(solvers.ratios))
+
+    def _told(self, asked: "_Asked", solvers: Solvers) -> Callable[[Array], bool]:
+        """Return the callback for the iterates of a solve, which informs the watch."""
+        problem, ratios = self._fitness.problem, solvers.ratios
+        each, iterations = Work(1, 1, 1).evaluations(ratios), count()
+
+        def told(w: Array) -> bool:
+            def answer() -> Answer:
+                x0 = np.empty(0) if asked.x0 is None else asked.x0
+                return _within(problem, x0, *solvers.program.split(w, asked.sizes))
+
+            so_far = next(iterations) * each + Work(1, 1).evaluations(ratios)
+            return self.watch.iterated(so_far, answer)
+
+        return told
+
+    def _sizes(
+        self,
+        controls: Array,
+        states: Array,
+        x0: ArrayLike,
+        known: Known,
+        *,
+        is_guess: bool,
+    ) -> Sizes:
+        """Return the sizes, with the cost's so small that IPOPT scales the cost.
+
+        IPOPT scales an objective down until no slope is above 100, but never up.
+        """
+        sizes = self._fitness.arguments.sizes_along(
+            controls, states, x0, known, is_guess=is_guess
+        )
+        return replace(sizes, cost=sizes.cost / _STEEP)
+
+
+def polish_basins(
+    polisher: Polisher,
+    starts: Sequence[Start],
+    x0: ArrayLike,
+    known: Known,
+    *,
+    tolerance: float,
+    near: bool,
+) -> tuple[Polished, int]:
+    """Polish from each start; return the best answer, and the evaluations of all.
+
+    Args:
+        polisher: The polisher.
+        starts: Starts, at least one; among equal answers the first is kept.
+        x0: Initial state, shape (nx,).
+        known: Parameters and signals.
+        tolerance: Largest violation that counts as feasible.
+        near: Whether the starts are answers that the solver should stay near; see
+            Polisher.
+    """
+    best, *others = (
+        polisher(
+            start.controls,
+            x0 if start.x0 is None else start.x0,
+            known,
+            states=start.states,
+            is_guess=start.is_guess,
+            near=near and start.states is None,
+            carried=start.carried,
+        )
+        for start in starts
+    )
+    evaluations = best.evaluations
+    for one in others:
+        evaluations += one.evaluations
+        found, so_far = ((p.cost, p.violation) for p in (one, best))
+        if is_better(found, so_far, tolerance=tolerance):
+            best = one
+    return best, evaluations
+
+
+def better_of(one: Polished, other: Polished, *, tolerance: float) -> Polished:
+    """Return the better of two answers, with the effort of both.
+
+    Among equal ones, one that converged is preferred.
+    """
+    costs = [(p.cost, p.violation) for p in (one, other)]
+    takes_other = is_better(costs[1], costs[0], tolerance=tolerance) or (
+        other.status is PolishStatus.CONVERGED
+        and not is_better(costs[0], costs[1], tolerance=tolerance)
+    )
+    best = other if takes_other else one
+    return replace(
+        best,
+        improved=one.improved or other.improved,
+        iterations=one.iterations + other.iterations,
+        evaluations=one.evaluations + other.evaluations,
+        rollouts=one.rollouts + other.rollouts,
+    )
+
+
+def _within(
+    problem: OptimalControlProblem, x0: Array, controls: Array, decided: Array
+) -> tuple[Array, Array]:
+    """Return controls, equal in each block, and the initial state within bounds."""
+    lower, upper = (limit[:, None] for limit in problem.control_limits)
+    start, place = x0.copy(), 0
+    for one in problem.nlp_starts:
+        value = np.clip(decided[place], one.value.lower, one.value.upper)
+        start[list(one.states)] = value
+        place += len(one.states)
+    return np.clip(problem.averaged(controls), lower, upper), start
+
+
+def is_better(
+    one: tuple[float, float], other: tuple[float, float], *, tolerance: float
+) -> bool:
+    """Return whether (cost, violation) `one` is better, violation first.
+
+    Violations up to the tolerance count as zero; a value that is not finite is never
+    better.
+    """
+    if not np.isfinite(one).all():
+        return False
+    if not np.isfinite(other).all():
+        return True
+    broken, broken_other = (v if v > tolerance else 0.0 for v in (one[1], other[1]))
+    return (broken, one[0]) < (broken_other, other[0])
+
+
+def _pays_for_violation(
+    point: NlpPoint,
+    before: tuple[float, float],
+    after: tuple[float, float],
+    tolerance: float,
+) -> bool:
+    """Return whether a costlier answer is explained by the tolerance of constraints.
+
+    A guess may be cheaper than the optimum because it breaks constraints within the
+    tolerance: a violation is worth its multiplier.
+    """
+    if not (
+        after[1] <= before[1] <= tolerance and np.isfinite([*before, *after]).all()
+    ):
+        return False
+    worth = np.abs(point.lam_g).max(initial=0) * point.cost_size * before[1]
+    return bool(after[0] - before[0] <= 2 * worth)
+
+
+def _agree(
+    one: tuple[float, float], other: tuple[float, float], problem: OptimalControlProblem
+) -> bool:
+    """Return whether two (cost, violation) are feasible and of the same cost.
+
+    With step size control, costs count as equal if they differ by less than the
+    tolerance can resolve, since an NLP takes fixed steps.
+    """
+    feasible, same = max(one[1], other[1]) <= problem.tolerance, SAME_COST
+    if problem.is_adaptive:
+        same = max(same, _STEPS_OF_ERROR * (problem.integrator_tolerance or 0.0))
+    return feasible and bool(np.isclose(one[0], other[0], rtol=same, atol=0.0))

@@ -1,0 +1,177 @@
+"""Options of the NLP solvers for the polish.
+
+From a good start IPOPT begins with a small barrier and small pushes. With its defaults
+it would first move away from the start, and might not return.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+from types import MappingProxyType
+from typing import Any
+
+import casadi as ca
+
+from swarmstart.ocp.common.errors import InvalidProblemError
+from swarmstart.ocp.common.limits import require_count
+
+_NEAR: Mapping[str, Any] = MappingProxyType(
+    {"mu_init": 1e-5, "bound_push": 1e-6, "bound_frac": 1e-6, "slack_bound_push": 1e-6,
+     "slack_bound_frac": 1e-6}
+)  # fmt: skip
+
+_WARM: Mapping[str, Any] = MappingProxyType(
+    {"warm_start_init_point": "yes", "mu_strategy": "adaptive",
+     **{f"warm_start_{pushed}": 1e-9
+        for pushed in ("bound_push", "bound_frac", "slack_bound_push",
+                       "slack_bound_frac", "mult_bound_push")}}
+)  # fmt: skip
+"""For a start with multipliers: the barrier follows from their fit to the point."""
+
+
+_SILENT = {"print_header": False, "print_iteration": False, "print_status": False}
+_QUIET: Mapping[str, Mapping[str, Any]] = MappingProxyType(
+    {
+        "sqpmethod": {
+            **_SILENT,
+            "qpsol_options": {"printLevel": "none", "error_on_fail": False},
+        },
+        "qrsqp": {**_SILENT, "qpsol_options": {"error_on_fail": False}},
+        "feasiblesqpmethod": {**_SILENT, "qpsol_options": {"error_on_fail": False}},
+        "fatrop": {"fatrop.print_level": 0},
+    }
+)
+"""Options that keep the other solvers of CasADi from printing."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class IpoptOptions:
+    """Options of IPOPT.
+
+    Attributes:
+        max_iterations: Largest number of iterations.
+        tolerance: IPOPT's convergence tolerance `tol`; the NLP's variables are scaled
+            to one.
+        max_seconds: Largest wall time [s]; None means no limit.
+        options: Further options of IPOPT by their own names, such as {"mu_strategy":
+            "adaptive"}; they take precedence over the ones set here.
+
+    Raises:
+        InvalidProblemError: If a number is not positive.
+
+    Example:
+        >>> import swarmstart as ss
+        >>> options = ss.IpoptOptions(max_iterations=50, max_seconds=2.0)
+        >>> options.settings(near=False)["ipopt.max_iter"]
+        50
+    """
+
+    max_iterations: int = 300
+    tolerance: float = 1e-8
+    max_seconds: float | None = None
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Validate the values that IPOPT would refuse later."""
+        require_count("max_iterations", self.max_iterations)
+        if not self.tolerance > 0:
+            raise InvalidProblemError(
+                f"tolerance must be positive, got {self.tolerance}"
+            )
+        if self.max_seconds is not None and not self.max_seconds > 0:
+            raise InvalidProblemError(
+                f"max_seconds must be positive, got {self.max_seconds}"
+            )
+
+    @property
+    def plugin(self) -> str:
+        """Name of the solver in CasADi."""
+        return "ipopt"
+
+    def settings(self, *, near: bool, warm: bool = False) -> dict[str, Any]:
+        """Return the options as CasADi takes them.
+
+        Args:
+            near: Whether the start is good and the solver should stay near it.
+            warm: Whether the start has multipliers, too.
+        """
+        told: dict[str, Any] = {
+            "print_level": 0,
+            "sb": "yes",
+            "max_iter": self.max_iterations,
+            "tol": self.tolerance,
+            # By default IPOPT relaxes bounds by 1e-8. Clipping its controls to the
+            # bounds would then break active path constraints.
+            "bound_relax_factor": 0.0,
+            **(_WARM if warm else _NEAR if near else {}),
+        }
+        if self.max_seconds is not None:
+            told["max_wall_time"] = self.max_seconds
+        told.update(self.options)
+        return {f"ipopt.{name}": value for name, value in told.items()}
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class NlpOptions:
+    """Options of another NLP solver of CasADi, such as sqpmethod or fatrop.
+
+    Attributes:
+        plugin: Name of the solver in CasADi.
+        options: Options of the plug-in, as CasADi's `nlpsol` takes them.
+
+    Raises:
+        InvalidProblemError: If the plug-in is not installed.
+
+    Example:
+        >>> import swarmstart as ss
+        >>> ss.NlpOptions(plugin="sqpmethod", options={"max_iter": 20}).plugin
+        'sqpmethod'
+    """
+
+    plugin: str
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Validate the name of the plug-in."""
+        if not isinstance(self.plugin, str) or not ca.has_nlpsol(self.plugin):
+            raise InvalidProblemError(
+                "plugin must be an NLP solver of CasADi that is installed, such as "
+                f"ipopt or sqpmethod, got {self.plugin!r}"
+            )
+
+    def settings(self, *, near: bool, warm: bool = False) -> dict[str, Any]:
+        """Return the options as CasADi takes them.
+
+        Args:
+            near: Not used.
+            warm: Not used.
+        """
+        del near, warm
+        quiet = dict(_QUIET.get(self.plugin, {}))
+        if self.options.get("qpsol", "qpoases") != "qpoases":
+            quiet["qpsol_options"] = {"error_on_fail": False}  # Names differ.
+        return {**quiet, **self.options}
+
+
+PolishOptions = IpoptOptions | NlpOptions
+
+
+class PolishStatus(Enum):
+    """Status of an NLP solver at its end."""
+
+    CONVERGED = "converged to a local optimum"
+    ITERATION_LIMIT = "stopped at the limit of iterations or time"
+    INFEASIBLE = "found no feasible point near the guess"
+    NUMERICAL_FAILURE = "broke off for a numerical reason"
+    WORSE = "converged to a point that is worse than the guess"
+
+
+IPOPT_STATUS = {
+    "Solve_Succeeded": PolishStatus.CONVERGED,
+    "Solved_To_Acceptable_Level": PolishStatus.CONVERGED,
+    "Maximum_Iterations_Exceeded": PolishStatus.ITERATION_LIMIT,
+    "Maximum_CpuTime_Exceeded": PolishStatus.ITERATION_LIMIT,
+    "Maximum_WallTime_Exceeded": PolishStatus.ITERATION_LIMIT,
+    "User_Requested_Stop": PolishStatus.ITERATION_LIMIT,  # By a watch.
+    "Infeasible_Problem_Detected": PolishStatus.INFEASIBLE,
+}

@@ -1,0 +1,288 @@
+"""Observation of the work of an NLP solver, a search and lanes, while they run.
+
+A watch counts the work, keeps the best answer so far, and reports when a budget is
+spent. An NLP solver then stops after the present iteration, and no further solve is
+started. A watch that stops nothing changes no result.
+
+The work of an NLP solver is counted in rollouts, by the instructions of the functions
+of one interval, end and start (nlp_assembly.py):
+
+    rollouts    points at which the solver evaluated cost or rows
+    gradients   points at which it evaluated the cost's slope or the Jacobian
+    hessians    points at which it evaluated second derivatives
+    evaluations = rollouts + (gradients * instructions of slope and Jacobian
+                  + hessians * instructions of the Hessian) / instructions of a rollout
+
+Both ratios are fixed for a problem, so that equal work is the same number on a fast and
+on a slow machine. CasADi reports the counts only at the end of a solve. While it runs,
+an iteration counts as one of each; trial steps of a line search are added at the end.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.heuristics import SearchResult
+from swarmstart.heuristics.running.search import Individual
+from swarmstart.ocp.nlp.transcription import NonlinearProgram
+from swarmstart.ocp.rollout.shooting import Shooting
+
+Array = NDArray[np.float64]
+Answer = tuple[Array, Array]
+"""Controls (nu, N), and the initial state with the decisions about it (nx,)."""
+_CALLS = "n_call_nlp_"
+
+
+class Ratios(NamedTuple):
+    """Cost of derivatives, in rollouts.
+
+    Attributes:
+        gradient: The cost's slope and the Jacobian at a point.
+        hessian: The second derivatives at a point.
+    """
+
+    gradient: float
+    hessian: float
+
+
+@dataclass(frozen=True, slots=True)
+class Work:
+    """Work of an NLP solver.
+
+    Attributes:
+        rollouts: Points with cost or rows.
+        gradients: Points with first derivatives.
+        hessians: Points with second derivatives.
+    """
+
+    rollouts: int = 0
+    gradients: int = 0
+    hessians: int = 0
+
+    def __add__(self, other: "Work") -> "Work":
+        """Return the sum of both."""
+        return Work(
+            self.rollouts + other.rollouts,
+            self.gradients + other.gradients,
+            self.hessians + other.hessians,
+        )
+
+    def evaluations(self, ratios: Ratios) -> float:
+        """Return the work in rollouts."""
+        return (
+            self.rollouts
+            + self.gradients * ratios.gradient
+            + self.hessians * ratios.hessian
+        )
+
+
+def work_of(stats: Mapping[str, Any]) -> Work:
+    """Return the work of a solve.
+
+    Separate evaluations of cost and rows, or of slope and Jacobian, are at the same
+    points; the larger count is taken.
+
+    Args:
+        stats: Statistics as CasADi's solver reports them.
+    """
+    counts = {"hess": 0, "grad": 0, "value": 0}
+    for name, count in stats.items():
+        if not name.startswith(_CALLS) or name == "n_call_nlp_grad":
+            continue  # The last: CasADi's own multipliers.
+        what = name.removeprefix(_CALLS)
+        kind = "grad" if "grad" in what or "jac" in what else "value"
+        kind = "hess" if "hess" in what else kind
+        counts[kind] = max(counts[kind], int(count))
+    return Work(counts["value"], counts["grad"], counts["hess"])
+
+
+def ratios_of(program: NonlinearProgram, shooting: Shooting) -> Ratios:
+    """Return the cost of an NLP's derivatives, in rollouts.
+
+    With step size control, a rollout counts as the NLP's own fixed steps.
+
+    Args:
+        program: The NLP.
+        shooting: Functions of its problem.
+    """
+    problem, parts = program.problem, program.parts.present
+    times = [problem.intervals, *[1] * (len(parts) - 1)]
+
+    def instructions(*names: str) -> int:
+        return sum(
+            count * getattr(part, name).n_instructions()
+            for count, part in zip(times, parts, strict=True)
+            for name in names
+        )
+
+    rollout = instructions("cost", "value")
+    if not problem.is_adaptive:
+        each = shooting.stage_without_path.n_instructions()
+        rollout = each * problem.intervals + shooting.terminal.n_instructions()
+    return Ratios(
+        gradient=instructions("cost_slope", "slopes") / rollout,
+        hessian=instructions("curvature") / rollout,
+    )
+
+
+class Watch(Protocol):
+    """Observer that counts the work and decides when to stop."""
+
+    @property
+    def is_over(self) -> bool:
+        """True if a budget is spent, so that no further work is started."""
+
+    def searching(self) -> AbstractContextManager[None]:
+        """Observe a search until the context ends.
+
+        The work of an NLP solver meanwhile is part of the search's own evaluations.
+        """
+
+    def advanced(
+        self,
+        evaluations: int,
+        best: Callable[[], Individual],
+        answer: Callable[[Array], Answer],
+    ) -> None:
+        """Receive the progress of a search, at times that depend on the clock.
+
+        Args:
+            evaluations: Evaluations of the search so far.
+            best: Returns its best point.
+            answer: Converts a point to an answer.
+        """
+
+    def searched(self, result: SearchResult) -> None:
+        """Receive the result of a search, with its history."""
+
+    def counted(self, evaluations: float) -> None:
+        """Receive other work, in rollouts."""
+
+    def iterated(self, evaluations: float, answer: Callable[[], Answer] | None) -> bool:
+        """Receive an iterate of an NLP solver; return whether it may continue.
+
+        Args:
+            evaluations: Approximate work of this solve so far, in rollouts.
+            answer: Returns the iterate; None if it does not belong to the problem
+                itself.
+        """
+
+    def solved(self, work: Work, ratios: Ratios) -> None:
+        """Receive the work of a solve."""
+
+    def answered(self, answer: Answer, cost: float, violation: float) -> None:
+        """Receive an answer of a solver, with its value at the checks."""
+
+
+class Unwatched:
+    """No observation: nothing is counted, and nothing is stopped."""
+
+    is_over = False
+
+    def searching(self) -> AbstractContextManager[None]:
+        """Do nothing; the same holds for all methods below."""
+        return nullcontext()
+
+    def advanced(
+        self,
+        evaluations: int,
+        best: Callable[[], Individual],
+        answer: Callable[[Array], Answer],
+    ) -> None:
+        """Do nothing."""
+
+    def searched(self, result: SearchResult) -> None:
+        """Do nothing."""
+
+    def counted(self, evaluations: float) -> None:
+        """Do nothing."""
+
+    def iterated(self, evaluations: float, answer: Callable[[], Answer] | None) -> bool:
+        """Return True."""
+        del evaluations, answer
+        return True
+
+    def solved(self, work: Work, ratios: Ratios) -> None:
+        """Do nothing."""
+
+    def answered(self, answer: Answer, cost: float, violation: float) -> None:
+        """Do nothing."""
+
+
+UNWATCHED = Unwatched()
+
+
+class WorkAlone(Unwatched):
+    """Report another problem's work to a watch, without its answers."""
+
+    def __init__(self, watch: Watch) -> None:
+        """Keep the watch."""
+        self._watch = watch
+
+    @property
+    def is_over(self) -> bool:  # type: ignore[override]
+        """True if a budget is spent."""
+        return self._watch.is_over
+
+    def iterated(self, evaluations: float, answer: Callable[[], Answer] | None) -> bool:
+        """Report an iterate, without its values."""
+        del answer
+        return self._watch.iterated(evaluations, None)
+
+    def solved(self, work: Work, ratios: Ratios) -> None:
+        """Report the work of a solve."""
+        self._watch.solved(work, ratios)
+
+
+class Iterates(ca.Callback):
+    """Callback that CasADi calls after each iteration of an NLP solver.
+
+    Attributes:
+        told: Iterate, in the NLP's units -> whether to continue; set for each solve.
+    """
+
+    def __init__(self, nlp: Mapping[str, Any]) -> None:
+        """Keep the NLP's sizes.
+
+        Args:
+            nlp: The NLP, as `nlpsol` takes it.
+        """
+        super().__init__()
+        rows = nlp["g"].numel() if "g" in nlp else 0
+        parameters = nlp["p"].numel() if "p" in nlp else 0
+        w = nlp["x"].numel()
+        self._sizes = {
+            "x": w, "f": 1, "g": rows, "lam_x": w, "lam_g": rows, "lam_p": parameters
+        }  # fmt: skip
+        self.told: Callable[[Array], bool] = lambda _: True
+        self.construct("iterates", {})
+
+    def get_n_in(self) -> int:
+        """Return the number of the solver's outputs."""
+        return int(ca.nlpsol_n_out())
+
+    def get_n_out(self) -> int:
+        """Return 1: the flag to stop."""
+        return 1
+
+    def get_name_in(self, i: int) -> str:
+        """Return the name of an output of the solver."""
+        return str(ca.nlpsol_out(i))
+
+    def get_name_out(self, i: int) -> str:
+        """Return the name that CasADi expects."""
+        del i
+        return "ret"
+
+    def get_sparsity_in(self, i: int) -> ca.Sparsity:
+        """Return the shape of an output of the solver."""
+        return ca.Sparsity.dense(self._sizes[ca.nlpsol_out(i)], 1)
+
+    def eval(self, arguments: Sequence[ca.DM]) -> list[int]:
+        """Return 0 to continue, 1 to stop."""
+        return [0 if self.told(np.array(arguments[0]).ravel()) else 1]

@@ -1,0 +1,79 @@
+"""A control interval integrated with step size control.
+
+    begin   z from the state at the start
+    ticks   z -> z, from one check to the next (adaptive.py), for each check
+    close   cost and violation of the interval, from the states at its checks
+
+The arguments are those of an interval (shooting.py): x, u, p, S. The last entries of p
+are the natural sizes of the integrated quantities.
+"""
+
+from collections.abc import Callable
+
+import casadi as ca
+
+from swarmstart.ocp.integration.adaptive import (
+    column_at_begin,
+    column_at_check,
+    followed,
+    ticked,
+    values_of,
+)
+from swarmstart.ocp.integration.rosenbrock import Rate
+from swarmstart.ocp.statement.problem import OptimalControlProblem
+from swarmstart.ocp.statement.whole_numbers import whole_symbols
+
+Rates = Callable[[ca.SX, ca.SX, tuple[ca.SX, ca.SX]], Rate]
+"""(u, p, signals at both ends of a check) -> rate of the integrated quantities."""
+
+
+def tick_of(
+    problem: OptimalControlProblem, rates: Rates, *, tolerance: float
+) -> ca.Function:
+    """Return (z, u, p, s) -> z after one tick; s: signals at both ends of a check.
+
+    Args:
+        problem: The problem.
+        rates: The rates of the problem.
+        tolerance: Allowed relative error of a step.
+    """
+    model, size = problem.model, problem.model.nx + problem.integrals
+    z, given = ca.SX.sym("z", 2 * size + 2), ca.SX.sym("u", model.nu)
+    p = ca.SX.sym("p", model.np + problem.automatic)
+    s = ca.SX.sym("s", problem.ns, 2)
+    u = whole_symbols(given, problem.integer, problem.control_limits)
+    after = ticked(
+        rates(u, p[: model.np, 0], (s[:, 0], s[:, 1])),
+        z,
+        p[p.numel() - size :, 0],
+        duration=problem.dt / problem.checks,
+        tolerance=tolerance,
+    )
+    return ca.Function("tick", [z, given, p, s], ca.cse([after]))
+
+
+def adaptive_stage(
+    problem: OptimalControlProblem, tick: ca.Function, close: ca.Function
+) -> ca.Function:
+    """Return the stage (x, u, p, S) -> (states, cost, violation), built from calls.
+
+    Args:
+        problem: The problem.
+        tick: The tick, as `tick_of` returns it.
+        close: (x, u, p, S, states at the checks, integrals) -> the outputs of the
+            stage.
+    """
+    names = ["x", "u", "p", "signals"]
+    x, u, p, s = (ca.MX.sym(name, *close.size_in(i)) for i, name in enumerate(names))
+    follow, nx = followed(tick), problem.model.nx
+    z = column_at_begin(x, integrals=problem.integrals, steps=problem.substeps)
+    reached = []
+    for k in range(problem.checks):
+        z = column_at_check(z) if k else z
+        z = follow(z, u, p, s[:, k : k + 2])
+        reached.append(z[:nx])
+    integrals = values_of(z)[nx:]
+    outputs = close(x, u, p, s, ca.horzcat(*reached), integrals)
+    return ca.Function(
+        "stage", [x, u, p, s], list(outputs), names, ["states", "cost", "violation"]
+    )

@@ -1,0 +1,550 @@
+"""Cost and violation of a whole population of control sequences.
+
+A decision vector is ca.vec of the controls (nu, N), interval after interval, followed
+by the decisions about the start: one number for each of `problem.free_starts`. For a
+single control sequence, the initial state holds these numbers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cached_property
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from swarmstart.heuristics import Pointers
+from swarmstart.ocp.common.errors import InvalidProblemError
+from swarmstart.ocp.common.expressions import symbol_names
+from swarmstart.ocp.common.limits import numbers_of, require_count
+from swarmstart.ocp.compiled.backend import (
+    BatchEvaluator,
+    BoundEvaluator,
+    evaluator,
+    require_precision,
+)
+from swarmstart.ocp.compiled.casadi_map import CasadiMap
+from swarmstart.ocp.compiled.simd import Ticking, compile_rollout
+from swarmstart.ocp.compiled.vectors.vector_ir import Precision
+from swarmstart.ocp.integration.adaptive import FIRST, MOST_TICKS
+from swarmstart.ocp.rollout.scaling import Sizes
+from swarmstart.ocp.rollout.shooting import Shooting, shooting_of
+from swarmstart.ocp.statement.lowering import Lowered
+from swarmstart.ocp.statement.problem import OptimalControlProblem
+
+Array = NDArray[np.float64]
+
+
+class Objective:
+    """Cost and violation of populations, from one state; compiled if possible."""
+
+    def __init__(self, outputs: BoundEvaluator, dim: int) -> None:
+        """Wrap a rollout with fixed state, parameters and signals.
+
+        Args:
+            outputs: Population -> cost and violation, (2, size).
+            dim: Number of variables, nu * N.
+        """
+        self._outputs = outputs
+        self._dim = dim
+
+    def __call__(self, population: Array) -> tuple[Array, Array]:
+        """Return cost and violation, each (size,), of a population (dim, size).
+
+        Raises:
+            InvalidProblemError: If the population has another shape.
+        """
+        if population.ndim != 2 or population.shape[0] != self._dim:  # noqa: PLR2004
+            raise InvalidProblemError(
+                f"a population must have shape ({self._dim}, size), "
+                f"got {population.shape}"
+            )
+        values = self._outputs(population)
+        return values[0], values[1]  # Unpacking takes three times as long.
+
+    def attach(self, asked: Array, cost: Array, violation: Array) -> Pointers | None:
+        """Bind to buffers; see `heuristics.CompiledObjective`."""
+        return self._outputs.attach(asked, (cost, violation))
+
+
+class BlockObjective(Objective):
+    """Objective in fewer variables, each of which stands for several decisions."""
+
+    def __init__(self, every: Objective, places: NDArray[np.intp], dim: int) -> None:
+        """Wrap the objective of all decisions.
+
+        Args:
+            every: The objective.
+            places: Index of the variable for each decision.
+            dim: Number of variables.
+        """
+        super().__init__(every._outputs, dim)
+        self._places = places
+
+    def __call__(self, population: Array) -> tuple[Array, Array]:
+        """Return cost and violation, each (size,), of a population (dim, size)."""
+        values = self._outputs(np.ascontiguousarray(population[self._places]))
+        return values[0], values[1]
+
+    def attach(self, asked: Array, cost: Array, violation: Array) -> Pointers | None:
+        """Return None: only the call from Python is possible."""
+        del asked, cost, violation
+        return None
+
+
+class Known(NamedTuple):
+    """Known data of one planning problem besides its initial state.
+
+    Attributes:
+        parameters: Values of the parameters that are not decided, shape (np,).
+        signals: Values of the signals at the nodes, shape (ns, nodes).
+        time: Time at the start of the horizon [s].
+        previous: Control of the interval before, shape (nu,); None: the allowed value
+            nearest to zero.
+
+    Example:
+        >>> import casadi as ca
+        >>> import swarmstart as ss
+        >>> x, u, k = ca.SX.sym("x"), ca.SX.sym("u"), ca.SX.sym("k")
+        >>> problem = ss.OptimalControlProblem(
+        ...     ss.Model(states=x, controls=u, ode=k * u, parameters=k), horizon=1.0,
+        ...     intervals=5, stage_cost=u**2, terminal=[(x, 1)],
+        ...     bounds=ss.Bounds(controls=(-2, 2)),
+        ... )
+        >>> known = ss.Known(parameters=[2.0])
+        >>> found = ss.solve(problem, [0.0], known=known, search=None, lanes=0, seed=0)
+        >>> round(found.cost, 4)
+        0.25
+    """
+
+    parameters: ArrayLike = ()
+    signals: ArrayLike = ()
+    time: float = 0.0
+    previous: ArrayLike | None = None
+
+
+NOTHING = Known()
+
+LEAST_COST, MOST_COST = 1e-4, 1e3
+"""Range around the cost's natural size; a trajectory's cost within it is its size."""
+LEAST_STATE = 1e-8
+"""The same range for the natural size of a state of a stiff problem."""
+
+
+class Fitness:
+    """Evaluator of one problem, compiled once, for any initial state.
+
+    Attributes:
+        problem: The problem.
+        shooting: Its compiled functions.
+        arguments: Returns the arguments that all individuals share.
+        backend: Name of the backend that evaluates populations.
+
+    Example:
+        >>> import casadi as ca, numpy as np
+        >>> import swarmstart as ss
+        >>> x, u = ca.SX.sym("x"), ca.SX.sym("u")
+        >>> problem = ss.OptimalControlProblem(
+        ...     ss.Model(states=x, controls=u, ode=u), horizon=1.0, intervals=4,
+        ...     stage_cost=u**2, bounds=ss.Bounds(controls=(-2, 2)), terminal=[x - 1],
+        ... )
+        >>> fitness = ss.Fitness(problem, backend="casadi")
+        >>> objective = fitness.objective([0.0])
+        >>> cost, violation = objective(np.array([[0.0, 1.0]] * 4))
+        >>> print(cost, violation > 0)
+        [0. 1.] [ True False]
+    """
+
+    def __init__(
+        self,
+        problem: OptimalControlProblem | Shooting,
+        *,
+        backend: str | None = None,
+        precision: Precision = "double",
+        threads: int = 1,
+    ) -> None:
+        """Compile the rollout of a problem.
+
+        Args:
+            problem: The problem, or its compiled functions.
+            backend: Backend that evaluates populations: "llvm" (machine code), "casadi"
+                or "auto"; None asks SWARMSTART_BACKEND, then auto.
+            precision: Precision of the machine code's arithmetic, as in
+                `compile_batch`. "single" is enough for a first look at many points, not
+                for constraints to 1e-6.
+            threads: Largest number of threads that share a population in machine code.
+
+        Raises:
+            InvalidProblemError: If the backend or the precision is unknown, or
+                `threads` is not a positive whole number.
+        """
+        require_precision(precision)
+        require_count("threads", threads)
+        self.shooting = shooting = shooting_of(problem)
+        self.problem = problem = shooting.problem
+        decided = problem.start_decisions
+        self._evaluate: BatchEvaluator = evaluator(
+            lambda: compile_rollout(
+                shooting.stage_without_path,
+                shooting.terminal,
+                intervals=problem.intervals,
+                signals_per_interval=problem.ns * problem.checks,
+                decided=tuple(map(decided.get, range(problem.model.nx))),
+                begin=shooting.begin if shooting.has_begin else None,
+                ticking=_ticking(shooting, precision),
+                precision=precision,
+                threads=threads,
+            ),
+            lambda: CasadiMap(shooting.rollout),
+            backend,
+        )
+        self._trajectory = shooting.trajectory
+        self.arguments = Arguments(shooting)
+
+    @property
+    def backend(self) -> str:
+        """Name of the backend that evaluates populations."""
+        return self._evaluate.backend
+
+    def objective(self, x0: ArrayLike, known: Known = NOTHING) -> Objective:
+        """Return population (decisions, size) -> cost (size,) and violation (size,).
+
+        Args:
+            x0: Initial state, shape (nx,); copied.
+            known: Parameters and signals; copied.
+
+        Raises:
+            InvalidProblemError: If a shape is not the problem's, or x0 is not finite.
+        """
+        bound = self._evaluate.bind(self.arguments(x0, known))
+        return Objective(bound, self.problem.decisions)
+
+    def value(
+        self, controls: Array, x0: ArrayLike, known: Known = NOTHING
+    ) -> tuple[float, float]:
+        """Return cost and violation of one control sequence.
+
+        Args:
+            controls: Controls, shape (nu, N).
+            x0: Initial state, shape (nx,).
+            known: Parameters and signals.
+        """
+        objective = self.objective(x0, known)
+        cost, violation = objective(self.decision(controls, x0)[:, None])
+        return float(cost[0]), float(violation[0])
+
+    def states(self, controls: Array, x0: ArrayLike, known: Known = NOTHING) -> Array:
+        """Return the states at the nodes, shape (nx, nodes).
+
+        Args:
+            controls: Controls, shape (nu, N).
+            x0: Initial state, shape (nx,).
+            known: Parameters and signals.
+        """
+        return self.followed(controls, x0, known)[0]
+
+    def followed(
+        self, controls: Array, x0: ArrayLike, known: Known = NOTHING
+    ) -> tuple[Array, float]:
+        """Return the states at the nodes, and the largest scaled excess of the start.
+
+        The excess is of state bounds and of path constraints without controls, relative
+        to their scales; 0 if the start keeps them.
+
+        Args:
+            controls: Shape (nu, N).
+            x0: Initial state, shape (nx,).
+            known: Parameters and signals.
+        """
+        shared = self.arguments(x0, known)
+        states, outside = self._trajectory(self.decision(controls, x0), *shared)
+        return np.array(states), float(outside)
+
+    def with_threshold(
+        self, x0: ArrayLike, states: Array, known: Known
+    ) -> tuple[ArrayLike, Array]:
+        """Return start and states with the extra decisions that make the cost smooth.
+
+        Args:
+            x0: Initial state, shape (nx,).
+            states: At the nodes, shape (nx, nodes).
+            known: Parameters and signals.
+        """
+        epigraph = self.problem.epigraph
+        if epigraph is None:
+            return x0, states
+        x, p, flat = shared_arguments(self.problem, x0, known)
+        at_end = self._member_costs(
+            states[:, -1], p, flat[flat.size - self.problem.ns :]
+        )
+        values = epigraph.values(np.array(at_end).ravel())
+        states = np.array(states)
+        x[epigraph.states], states[epigraph.states] = values, values[:, None]
+        return x, states
+
+    @cached_property
+    def _member_costs(self) -> ca.Function:
+        """(x, p, s) at the end -> the members' costs."""
+        problem = self.problem
+        symbols, epigraph = problem.symbols(), problem.epigraph
+        return ca.Function(
+            "member_costs",
+            [symbols["states"], symbols["parameters"], symbols["signals"]],
+            [epigraph.costs if epigraph else ca.SX(0, 1)],
+        )
+
+    def decision(self, controls: Array, x0: ArrayLike) -> Array:
+        """Return the decision vector of controls, which need not be finite.
+
+        Args:
+            controls: Shape (nu, N).
+            x0: Initial state, shape (nx,), including the decisions about the start.
+        """
+        shape = (self.problem.model.nu, self.problem.intervals)
+        if np.shape(controls) != shape:
+            raise InvalidProblemError(
+                f"controls must have shape {shape}, got {np.shape(controls)}"
+            )
+        starts = self.problem.free_starts
+        if not starts:
+            return flatten(controls)
+        state = np.asarray(x0, dtype=np.float64).ravel()
+        return np.concatenate(
+            [flatten(controls), [state[one.states[0]] for one in starts]]
+        )
+
+
+_SINGLE = 1e-3
+"""Smallest tolerance of steps that are computed in single precision."""
+
+
+def _ticking(shooting: Shooting, precision: Precision) -> Ticking | None:
+    """Return the ticks of an interval; None if its function contains the steps."""
+    problem = shooting.problem
+    if not problem.is_adaptive:
+        return None
+    tolerance = problem.integrator_tolerance or 0.0
+    if precision == "single":
+        tolerance = max(tolerance, _SINGLE)
+    return Ticking(
+        tick=shooting.tick_to(tolerance),
+        checks=problem.checks,
+        first=FIRST / problem.substeps,
+        most=MOST_TICKS,
+    )
+
+
+def started(problem: OptimalControlProblem, x0: ArrayLike, decided: Array) -> Array:
+    """Return an initial state with the decisions about it.
+
+    Args:
+        problem: The problem.
+        x0: Initial state, shape (nx,).
+        decided: One number for each of the problem's free starts.
+    """
+    state = np.array(x0, dtype=np.float64).ravel()
+    for one, value in zip(problem.free_starts, decided, strict=True):
+        state[list(one.states)] = value
+    return state
+
+
+class Arguments:
+    """Arguments of a rollout that all individuals share; see shooting.py."""
+
+    def __init__(self, shooting: Shooting) -> None:
+        """Keep the functions of a problem."""
+        self._problem, self._sizing = shooting.problem, shooting.sizing
+        self._unit = shooting.costs[0]
+        self._last: tuple[bytes, Array] | None = None
+
+    def __call__(self, x0: ArrayLike, known: Known) -> tuple[Array, Array, Array]:
+        """Return x0, parameters with weights, and ca.vec of the signals; copied.
+
+        Raises:
+            InvalidProblemError: If a shape is not the problem's, or a value is not
+                finite.
+        """
+        state, parameters, signals = shared_arguments(self._problem, x0, known)
+        if not self._problem.automatic:
+            return state, parameters, signals
+        asked = b"".join(values.tobytes() for values in (state, parameters, signals))
+        if self._last is None or self._last[0] != asked:
+            self._last = asked, self._automatic(self.sizes(state, known))
+        return state, np.concatenate([parameters, self._last[1]]), signals
+
+    def _automatic(self, sizes: Sizes) -> Array:
+        """Return the numbers of a rollout that depend on the initial state."""
+        if not self._problem.is_adaptive:
+            return sizes.weights
+        costs = [sizes.cost / self._unit] * self._problem.integrals
+        return np.concatenate([sizes.weights, sizes.states, costs])
+
+    def sizes(
+        self,
+        x0: ArrayLike,
+        known: Known,
+        guess: Array | None = None,
+        states: Array | None = None,
+    ) -> Sizes:
+        """Return the natural sizes for an initial state; see scaling.py."""
+        problem = self._problem
+        state, parameters, flat = shared_arguments(problem, x0, known)
+        return self._sizing(state, parameters, at_nodes(problem, flat), guess, states)
+
+    def sizes_along(
+        self,
+        controls: Array,
+        states: Array,
+        x0: ArrayLike,
+        known: Known,
+        *,
+        is_guess: bool = False,
+    ) -> Sizes:
+        """Return the natural sizes, with the cost's size along a trajectory.
+
+        For a stiff problem the sizes of the states are adapted as well: fast states may
+        stay far below the size that their rates at the start suggest.
+
+        Args:
+            controls: Shape (nu, N).
+            states: At the nodes, shape (nx, nodes).
+            x0: Initial state, shape (nx,).
+            known: Parameters and signals.
+            is_guess: Whether the states give the sizes of unbounded states.
+        """
+        problem = self._problem
+        start, parameters, flat = shared_arguments(problem, x0, known)
+        signals = at_nodes(problem, flat)
+        natural = self.sizes(x0, known, controls, states if is_guess else None)
+        if problem.integrator == "stiff" and np.isfinite(states).all():
+            reach = np.abs(states).max(axis=1)
+            floor = LEAST_STATE * natural.states
+            names = problem.model.state_names
+            kept = [i for one in problem.nlp_starts for i in one.states]
+            kept += [names.index(name) for name in problem.scales if name in names]
+            floor[kept] = natural.states[kept]
+            natural = replace(natural, states=np.clip(reach, floor, natural.states))
+            cost = self._sizing.cost_around(start, parameters, signals[:, 0], natural)
+            natural = replace(natural, cost=cost)
+        along = self._sizing.cost_along(states, controls, parameters, signals)
+        if not np.isfinite(along):
+            return natural
+        least, most = LEAST_COST * natural.cost, MOST_COST * natural.cost
+        return replace(natural, cost=min(max(along, least), most))
+
+
+def shared_arguments(
+    problem: OptimalControlProblem, x0: ArrayLike, known: Known
+) -> tuple[Array, Array, Array]:
+    """Return x0, parameters and ca.vec of the signals, validated and copied.
+
+    Raises:
+        InvalidProblemError: If a shape is not the problem's, or a value is not finite.
+    """
+    signals = numbers_of("signals", known.signals)
+    if problem.ns == 0 and signals.size == 0:
+        signals = np.empty((0, problem.nodes))
+    return (
+        _shaped("x0", x0, (problem.model.nx,)),
+        _shaped("parameters", known.parameters, (problem.model.np,)),
+        flatten(_shaped("signals", signals, (problem.ns, problem.nodes))),
+    )
+
+
+def core_known(lowered: Lowered, known: Known) -> Known:
+    """Convert the known data of a stated problem to those of its core.
+
+    Args:
+        lowered: The problem with its core.
+        known: The known data of the stated problem.
+    """
+    return Known(
+        lowered.parameters(known.parameters, known.time),
+        lowered.signals(known.signals),
+    )
+
+
+def stated_known(
+    lowered: Lowered, x0: Array, parameters: Array, signals: Array
+) -> Known:
+    """Return the known data of a stated problem, with the parameters it decides.
+
+    Args:
+        lowered: The problem with its core.
+        x0: Initial state of the core.
+        parameters: Parameters of the core.
+        signals: Signals of the core at the nodes.
+    """
+    model, given = lowered.stated.model, lowered.known_parameters
+    decided = lowered.decided_parameters(x0)
+    names = symbol_names(model.parameters)
+    values = np.array([decided.get(name, np.nan) for name in names])
+    values[given] = parameters[: len(given)]
+    if not model.time.numel():
+        return Known(values, signals)
+    without_tau = np.delete(signals, model.ns, axis=0)
+    return Known(values, without_tau, time=float(parameters[-1]))
+
+
+def at_nodes(problem: OptimalControlProblem, flat: Array) -> Array:
+    """Return the signals at the nodes, shape (ns, nodes), from ca.vec of them."""
+    return flat.reshape((problem.ns, problem.nodes), order="F")
+
+
+def replay(
+    problem: OptimalControlProblem | Shooting,
+    controls: Array,
+    x0: ArrayLike,
+    known: Known = NOTHING,
+) -> tuple[Array, float, float]:
+    """Return states (nx, nodes), cost and violation of one control sequence.
+
+    The stage is called once per interval. This suits a single evaluation of a problem,
+    for which compiling the rollout would take longer than it saves.
+
+    Args:
+        problem: The problem, or its compiled functions.
+        controls: Shape (nu, N).
+        x0: Initial state, shape (nx,).
+        known: Parameters and signals.
+    """
+    shooting = shooting_of(problem)
+    problem = shooting.problem
+    x, p, flat = Arguments(shooting)(x0, known)
+    signals, checks = at_nodes(problem, flat), problem.checks
+    interval, states = shooting.stage, [x[:, None]]
+    cost, violation = map(float, shooting.begin(x, p, signals[:, 0]))
+    for k in range(problem.intervals):
+        nodes = signals[:, k * checks : (k + 1) * checks + 1]
+        after, spent, broken = interval(states[-1][:, -1], controls[:, k], p, nodes)
+        states.append(np.array(after))
+        cost, violation = cost + float(spent), violation + float(broken)
+    end = shooting.terminal(states[-1][:, -1], p, signals[:, -1])
+    cost, violation = cost + float(end[0]), violation + float(end[1])
+    if not np.isfinite([cost, violation]).all():
+        violation = np.inf
+    return np.hstack(states), cost, violation
+
+
+def flatten(sequence: Array) -> Array:
+    """Return ca.vec of an array (rows, columns): column after column."""
+    return np.asarray(sequence, dtype=np.float64).reshape(-1, order="F")
+
+
+def unflatten(vector: Array, rows: int) -> Array:
+    """Return the array (rows, columns) that `flatten` made into a vector; a copy."""
+    return np.array(vector, dtype=np.float64).reshape((rows, -1), order="F")
+
+
+def _shaped(role: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
+    """Return a validated copy: the caller may change x0 while the objective lives."""
+    array = numbers_of(role, values)
+    if len(shape) == 1 and array.shape == (*shape, 1):
+        array = array[:, 0]  # A column, as of CasADi's DM.
+    if array.shape != shape:
+        raise InvalidProblemError(f"{role} must have shape {shape}, got {array.shape}")
+    if not np.isfinite(array).all():
+        raise InvalidProblemError(f"{role} must be finite, got {array}")
+    return array

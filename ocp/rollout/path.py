@@ -1,0 +1,379 @@
+"""Path of an answer, integrated ten times finer, with its constraints evaluated.
+
+A problem's constraints are required at its nodes only; the path is the actual motion of
+the model. It is integrated by the classical Runge-Kutta method (by RODAS4 if the
+problem's integrator is "stiff") with ten steps for each step of the problem. All
+constraints are evaluated at all of these points: at the start of each step with its
+control, and at the end of every interval. If the problem uses step size control, the
+steps between these points have their own lengths, at a tolerance ten times smaller.
+"""
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.ocp.integration.adaptive import FIRST, column_at_check, finer, follower
+from swarmstart.ocp.integration.integrators import integrate, verifying_integrator
+from swarmstart.ocp.integration.rosenbrock import Rate
+from swarmstart.ocp.rollout.checking import Checker, Excess, Points
+from swarmstart.ocp.rollout.kinks import kinks_of
+from swarmstart.ocp.rollout.scaling import Sizes
+from swarmstart.ocp.rollout.shooting import Shooting, shooting_of
+from swarmstart.ocp.rollout.soft import SoftRows
+from swarmstart.ocp.statement.problem import OptimalControlProblem
+
+Array = NDArray[np.float64]
+FINER = 10
+_SHOWN = 5
+"""Number of broken rows that a summary shows."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Path:
+    """A finely integrated path with the constraints that it breaks.
+
+    Attributes:
+        times: Times of the fine steps, shape (n,) [s].
+        states: States there, shape (nx, n).
+        controls: Controls held from each time to the next, shape (nu, n - 1).
+        outputs: Outputs of the model there, with the control held from each time on,
+            shape (ny, n).
+        cost: Cost along the path; multiplied by -1 if it is maximised.
+        magnitude: Integral of |stage cost| plus |terminal cost|.
+        outside: Constraints that the start breaks.
+        broken: The worst excess of each constraint row, the worst first.
+        kinks: Names of the kinks and jumps that the path touches.
+        not_finite: (time, name of the state) of the first state that is not finite;
+            None: all are finite.
+    """
+
+    times: Array
+    states: Array
+    controls: Array
+    outputs: Array
+    cost: float
+    magnitude: float
+    outside: tuple[Excess, ...]
+    broken: tuple[Excess, ...]
+    kinks: tuple[str, ...]
+    not_finite: tuple[float, str] | None
+
+    def __repr__(self) -> str:
+        """Return the cost and the broken constraints in a few lines."""
+        broken = [f"  {excess}" for excess in self.broken[:_SHOWN]]
+        head = f"Path of {self.times.size} points over {self.times[-1]:g} s"
+        return "\n".join([f"{head}: cost {self.cost:.9g}", *broken])
+
+
+class Tracer:
+    """Integrates the path of control sequences of one problem; compiled once.
+
+    Attributes:
+        problem: The problem.
+        shooting: Its functions.
+        checker: Measures the problem's constraints.
+    """
+
+    def __init__(
+        self, problem: OptimalControlProblem | Shooting, checker: Checker | None = None
+    ) -> None:
+        """Compile the fine integration.
+
+        Args:
+            problem: The problem, or its compiled functions.
+            checker: Measures the problem's constraints; None: a new one.
+        """
+        self.shooting = shooting = shooting_of(problem)
+        self.checker = checker or Checker(shooting)
+        self.problem = problem = shooting.problem
+        self._steps = problem.checks * problem.substeps * FINER
+        self._at_once = self._steps
+        if not problem.model.jumps:
+            self._at_once *= problem.intervals
+        fine = _adaptive_step if problem.is_adaptive else _fine_step
+        self._fine = fine(shooting, problem.dt / self._steps).mapaccum(
+            "path", self._at_once
+        )
+        names = [*problem.symbols().values()]
+        outputs = ca.vertcat(ca.SX(0, 1), *problem.model.outputs.values())
+        self._outputs = ca.Function("outputs", names, [outputs])
+        self._stage_cost = ca.Function("stage_cost", names, [problem.stage_cost])
+        self._step_cost = ca.Function("step_cost", names, [problem.step_cost])
+        ends = [names[0], names[2], names[3]]
+        self._kinks = kinks_of(problem)
+        self._end_cost = ca.Function("end_cost", ends, [problem.terminal_cost])
+        self._first_cost = ca.Function("first_cost", ends, [problem.initial_cost])
+
+    def __call__(
+        self, controls: Array, x0: Array, p: Array, signals: Array, sizes: Sizes
+    ) -> Path:
+        """Return the path of controls.
+
+        Args:
+            controls: Shape (nu, N).
+            x0: Initial state, shape (nx,).
+            p: Parameters, shape (np,).
+            signals: At the nodes, shape (ns, nodes).
+            sizes: The natural sizes.
+        """
+        problem, m = self.problem, self._steps
+        u = np.repeat(controls, m, axis=1)
+        times = np.linspace(0.0, problem.length, u.shape[1] + 1)
+        s = signals_between(problem, signals, times)
+        times = times * (self.shooting.lowered.end_time(x0) / problem.length)
+        states, before, sums = self._followed(x0, u, self._shared(p, sizes), s)
+        if problem.clock:
+            times = states[problem.model.state_names.index(problem.clock)]
+        at = [states[:, ::m], s[:, ::m]]
+        if problem.quadrature != "integral":
+            side = slice(0, -1) if problem.quadrature == "left" else slice(1, None)
+            rates = self._values(self._stage_cost, at, side, controls, p)
+            sums = problem.dt * np.array([rates.sum(), np.abs(rates).sum()])
+        if self.shooting.soft is not None:
+            sums = sums + self._softened(
+                self.shooting.soft, states, before, (u, s, controls), p
+            )
+        single = self._values(self._step_cost, at, slice(0, -1), controls, p)
+        ends = (
+            self._first_cost(x0, p, s[:, 0]),
+            self._end_cost(states[:, -1], p, s[:, -1]),
+        )
+        single = np.append(single, [float(cost) for cost in ends])
+        outside = self.checker.at_start(x0, p, s[:, 0], lambda: sizes)
+        points = Points(
+            np.concatenate([times[:-1], times[m::m]]),
+            np.hstack([states[:, :-1], before]),
+            np.hstack([u, controls]),
+            np.hstack([s[:, :-1], s[:, m::m]]),
+        )
+        last = Points(times[-1:], states[:, -1:], controls[:, -1:], s[:, -1:])
+        broken = self.checker.along(
+            _in_time(points),
+            p,
+            sizes,
+            outside=outside,
+            left=last if problem.model.jumps else None,
+        )
+        broken += self.checker.at_end(states[:, -1], p, s[:, -1], sizes, times[-1])
+        return Path(
+            times=times,
+            states=states,
+            controls=u,
+            outputs=self._output_values(states, u, p, s),
+            cost=float(sums[0] + single.sum()),
+            magnitude=float(sums[1] + np.abs(single).sum()),
+            outside=tuple(outside),
+            kinks=self._touched(Points(times, states, controls, s), before, p, sizes),
+            broken=tuple(sorted(broken, key=lambda e: -e.relative)),
+            not_finite=first_not_finite(problem, times, states),
+        )
+
+    def _shared(self, p: Array, sizes: Sizes) -> Array:
+        """Return the arguments common to all fine steps: p, or as `_adaptive_step`."""
+        if not self.problem.is_adaptive:
+            return p
+        return np.concatenate([p, sizes.states, [sizes.cost, sizes.cost, 1.0]])
+
+    def _followed(
+        self, x0: Array, u: Array, p: Array, s: Array
+    ) -> tuple[Array, Array, Array]:
+        """Return the states, those before each interval's end changes them, and sums.
+
+        The sums are the integrals of the cost and of its absolute value.
+
+        Args:
+            x0: Initial state, shape (nx,).
+            u: Controls of each fine step.
+            p: As `_shared` returns it.
+            s: Signals along the path.
+        """
+        m, nx = self._steps, x0.size
+        y, found, before = np.append(x0, [0.0, 0.0]), [x0[:, None]], []
+        if self.problem.is_adaptive:
+            y = np.concatenate([y, np.abs(y), [0.0, 1.0]])
+        at_once = self._at_once
+        for first in range(0, u.shape[1], at_once):
+            part = slice(first, first + at_once)
+            many = np.tile(p[:, None], (1, at_once))
+            if self.problem.is_adaptive:
+                many[-1, ::m] = FIRST  # The controls jump.
+            after = slice(first + 1, first + at_once + 1)
+            both = np.array(self._fine(y, u[:, part], many, s[:, part], s[:, after]))
+            y = both[:, -1]
+            before.append(both[:nx, m - 1 :: m].copy())
+            if self.problem.model.jumps:
+                known = s[: self.problem.model.ns, first + at_once]
+                own = p[: self.problem.model.np]
+                jumped = self.shooting.jump(y[:nx], u[:, first], own, known)
+                y[:nx] = both[:nx, -1] = np.array(jumped).ravel()
+            found.append(both[:nx])
+        return np.hstack(found), np.hstack(before), y[nx : nx + 2]
+
+    def _output_values(self, states: Array, u: Array, p: Array, s: Array) -> Array:
+        """Return the outputs along the path, shape (ny, n)."""
+        n = states.shape[1]
+        if not self.problem.model.outputs:
+            return np.empty((0, n))
+        held = np.hstack([u, u[:, -1:]])
+        many = np.tile(p[:, None], (1, n))
+        return np.array(self._outputs(states, held, many, s))
+
+    def _softened(
+        self,
+        soft: SoftRows,
+        states: Array,
+        before: Array,
+        known: tuple[Array, Array, Array],
+        p: Array,
+    ) -> Array:
+        """Return the cost of broken soft constraints, twice.
+
+        Args:
+            soft: The soft constraints.
+            states: Along the path, shape (nx, n).
+            before: States before each interval's end changes them, shape (nx, N).
+            known: Controls of each fine step, signals along the path, and controls of
+                each interval.
+            p: Parameters, shape (np,).
+        """
+        (u, s, controls), m = known, self._steps
+        many, each = (
+            np.tile(p[:, None], (1, n)) for n in (u.shape[1], before.shape[1])
+        )
+        e = soft.excesses_along(
+            (states[:, :-1], u, many, s[:, :-1]),
+            (before, controls, each, s[:, m::m]),
+            states[:, m::m],
+        )
+        rate = np.array(soft.price(states[:, :-1:m], each, s[:, :-1:m], e))
+        return np.full(2, self.problem.dt * rate.sum())
+
+    def _touched(
+        self, path: Points, before: Array, p: Array, sizes: Sizes
+    ) -> tuple[str, ...]:
+        """Return the kinks that the path touches, with both ends of each interval.
+
+        Args:
+            path: All points of the path, with one column of controls for each interval.
+            before: States before each interval's end changes them, shape (nx, N).
+            p: Parameters, shape (np,).
+            sizes: The sizes.
+        """
+        states, controls = path.states, path.controls
+        if not self._kinks.names or not np.isfinite(states).all():
+            return ()
+        m, N = self._steps, self.problem.intervals
+        columns = (np.arange(N)[:, None] * m + np.arange(m + 1)).ravel()
+        seen = states[:, columns]
+        seen[:, m :: m + 1] = before
+        u = np.repeat(controls, m + 1, axis=1)
+        many = np.tile(p[:, None], (1, columns.size))
+        sides, reach = self._kinks.sides(
+            seen, u, many, path.signals[:, columns],
+            *(np.tile(v[:, None], (1, columns.size))
+              for v in (sizes.states, sizes.controls)),
+        )  # fmt: skip
+        return self._kinks.touched(np.array(sides), np.array(reach), N)
+
+    def _values(
+        self,
+        cost: ca.Function,
+        at: list[Array],
+        side: slice,
+        controls: Array,
+        p: Array,
+    ) -> Array:
+        """Return a cost at one end of each interval, shape (N,)."""
+        many = np.tile(p[:, None], (1, controls.shape[1]))
+        states, signals = (values[:, side] for values in at)
+        return np.array(cost(states, controls, many, signals)).ravel()
+
+
+def first_not_finite(
+    problem: OptimalControlProblem, times: Array, states: Array
+) -> tuple[float, str] | None:
+    """Return (time, name of the state) of the first number that is not finite."""
+    bad = ~np.isfinite(states)
+    if not bad.any():
+        return None
+    column = int(np.argmax(bad.any(axis=0)))
+    row = int(np.argmax(bad[:, column]))
+    return float(times[column]), problem.model.state_names[row]
+
+
+def _fine_step(shooting: Shooting, h: float) -> ca.Function:
+    """Return ((x, cost, |cost|), u, p, s before, s after) -> the same after h."""
+    model = shooting.problem.model
+    y, p = ca.SX.sym("y", model.nx + 2), ca.SX.sym("p", model.np)
+    rate, u, before, after = _fine_rate(shooting, p, h)
+    method = verifying_integrator(shooting.problem.integrator)
+    stepped = integrate(method, rate, y, start=0.0, duration=h, steps=1)
+    return ca.Function("fine", [y, u, p, before, after], ca.cse([stepped]))
+
+
+def _fine_rate(
+    shooting: Shooting, p: ca.SX, h: float
+) -> tuple[Rate, ca.SX, ca.SX, ca.SX]:
+    """Return the rate of (x, cost, |cost|) over h; and u, s before, s after."""
+    problem, f = shooting.problem, shooting.dynamics
+    model = problem.model
+    cost = ca.Function("cost", [*problem.symbols().values()], [problem.stage_cost])
+    u = ca.SX.sym("u", model.nu)
+    before, after = ca.SX.sym("s0", problem.ns), ca.SX.sym("s1", problem.ns)
+    counts = float(problem.quadrature == "integral")
+
+    def rate(t: float, z: ca.SX) -> ca.SX:
+        x, s = z[: model.nx], before + t / h * (after - before)
+        spent = counts * cost(x, u, p, s)
+        return ca.vertcat(f(x, u, p, s[: model.ns]), spent, ca.fabs(spent))
+
+    return rate, u, before, after
+
+
+def _adaptive_step(shooting: Shooting, h: float) -> ca.Function:
+    """Return (z, u, shared, s before, s after) -> z after h; see adaptive.py.
+
+    The y of z is (x, cost, |cost|); shared is (p, sizes of y, longest first step as a
+    fraction of h).
+    """
+    model = shooting.problem.model
+    shared = ca.SX.sym("shared", model.np + model.nx + 3)
+    rate, u, before, after = _fine_rate(shooting, shared[: model.np, 0], h)
+    follow = follower(
+        rate,
+        [u, shared, before, after],
+        shared[model.np : model.np + model.nx + 2],
+        duration=h,
+        tolerance=finer(shooting.problem.integrator_tolerance or 0.0),
+    )
+    z, *known = (ca.MX.sym(f"a{i}", *follow.size_in(i)) for i in range(follow.n_in()))
+    begun = column_at_check(z)
+    begun = ca.vertcat(begun[:-1], ca.fmin(begun[-1], known[1][-1]))
+    return ca.Function("fine", [z, *known], [follow(begun, *known)])
+
+
+def signals_between(
+    problem: OptimalControlProblem, signals: Array, times: Array
+) -> Array:
+    """Return the signals at given times, shape (ns, n), linear between the nodes.
+
+    Args:
+        problem: The problem.
+        signals: At its nodes, shape (ns, nodes).
+        times: Shape (n,) [s].
+    """
+    rows = [np.interp(times, problem.times, row) for row in signals]
+    return np.array(rows).reshape(problem.ns, times.size)
+
+
+def _in_time(points: Points) -> Points:
+    """Return points in the order of their times."""
+    ends = np.argsort(points.times, kind="stable")
+    return Points(
+        points.times[ends],
+        points.states[:, ends],
+        points.controls[:, ends],
+        points.signals[:, ends],
+    )

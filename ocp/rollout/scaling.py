@@ -1,0 +1,427 @@
+"""Natural sizes of states, controls, cost and constraints, from a problem's numbers.
+
+No absolute number enters a decision, so metres and kilometres give the same answer.
+With the horizon T, the initial state x0 and the right-hand side f, the size of
+
+    a state       the largest of the width of its bounds, |x0| and its target, and of a
+                  guess if it has no bounds. If all of these are zero: T max |f_i| at x0
+                  and around it, over the range of the sizes known so far, under the
+                  controls' lower, middle and upper values; else the size that the rate
+                  of a known state implies, s_i / (T |df_i/dx_j|). If the problem's
+                  integrator is "stiff", a rate acts for 1 / |df_i/dx_i| if that is
+                  shorter than T
+    a control     the width of its bounds; without bounds the guess, else s_i / (T
+                  |df_i/du_j|) of the known states
+    a row         its limit, but at least a thousandth of the size of its expression;
+                  for a limit of zero, the size of the expression: its value at x0, or
+                  around x0 if the value at x0 is negligible
+    the cost      T |stage cost| + |terminal cost|, the largest at those points
+
+A size that the problem gives by name (`scales`) replaces that of the state or control.
+A start, a target or a guess that is negligible beside the sizes from the dynamics
+counts as zero. All sizes are homogeneous: values in units larger by a power of two give
+sizes that are larger by exactly that power.
+"""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from swarmstart.ocp.rollout.soft import SoftRows
+from swarmstart.ocp.statement.problem import OptimalControlProblem
+from swarmstart.ocp.system.constraint_forms import known_scales
+
+Array = NDArray[np.float64]
+
+_PARTS = (0.618, -0.382)
+"""Moves around the start, relative to the sizes; irregular, to avoid half turns."""
+_NEGLIGIBLE = 1e-6
+"""Relative size below which a start, target or guess is negligible."""
+_LIMIT_SHARE = 1e-3
+"""Smallest scale of a nonzero limit, relative to the size of its expression."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Sizes:
+    """Natural sizes, all positive.
+
+    Attributes:
+        states: Shape (nx,).
+        controls: Shape (nu,).
+        cost: Of the whole cost.
+        rows: Sizes of the rows of each constraint: path, terminal and soft ones.
+        weights: 1 / size of the rows whose scale the problem leaves open, except the
+            soft ones.
+    """
+
+    states: Array
+    controls: Array
+    cost: float
+    rows: tuple[Array, ...]
+    weights: Array
+
+
+class Sizing:
+    """Natural sizes of one problem for any initial state; compiled once."""
+
+    def __init__(self, problem: OptimalControlProblem) -> None:
+        """Compile the expressions that are evaluated around the initial state."""
+        self._problem = problem
+        symbols = [*problem.symbols().values()]
+        f = _rate(problem)
+        path = [c.rows(c.expression) for c in problem.path_constraints]
+        ends = [c.rows(c.expression) for c in problem.terminal_constraints]
+        soft = [c.rows(c.expression) for c in problem.soft]
+        stage_cost = problem.stage_cost
+        if soft:
+            stage_cost += SoftRows(problem).rate()
+        self._limits = [
+            np.maximum(*(np.where(np.isfinite(b), np.abs(b), 0.0) for b in r[1:]))
+            for r in (*path, *ends, *soft)
+        ]
+        outputs = [
+            f,
+            stage_cost + problem.step_cost / problem.dt,
+            problem.terminal_cost + problem.initial_cost,
+            *[r.values for r in (*path, *ends, *soft)],
+        ]
+        self._at = ca.Function("at", symbols, [ca.vertcat(*outputs)])
+        self._splits = np.cumsum([o.numel() for o in outputs])[:-1]
+        self._slopes = ca.Function(
+            "slopes", symbols, [ca.jacobian(f, ca.vertcat(symbols[0], symbols[1]))]
+        )
+        self._target = _target_function(problem)
+        self._known = [*problem.row_scales(), *map(known_scales, problem.soft)]
+        self._hard = len(path) + len(ends)
+        self._given = [
+            np.array([problem.scales.get(name, 0.0) for name in names])
+            for names in (problem.model.state_names, problem.model.control_names)
+        ]
+
+    def __call__(
+        self,
+        x0: Array,
+        parameters: Array,
+        signals: Array,
+        guess: ArrayLike | None = None,
+        along: Array | None = None,
+    ) -> Sizes:
+        """Return the sizes for an initial state.
+
+        Args:
+            x0: Initial state, shape (nx,).
+            parameters: Shape (np,).
+            signals: At the nodes, shape (ns, nodes).
+            guess: Controls, shape (nu, N), which give the sizes of unbounded controls.
+            along: A guess of the states at the nodes, shape (nx, nodes), which gives
+                the sizes of unbounded states.
+        """
+        with np.errstate(over="ignore", invalid="ignore"):  # Such values give no size.
+            return self._found(x0, parameters, signals, guess, along)
+
+    def _found(
+        self,
+        x0: Array,
+        parameters: Array,
+        signals: Array,
+        guess: ArrayLike | None,
+        along: Array | None,
+    ) -> Sizes:
+        first, last = signals[:, 0], signals[:, -1]
+        middle = _middle(*self._problem.control_limits)
+        slopes = np.abs(np.array(self._slopes(x0, middle, parameters, first)))
+        at = _Point(x0, parameters, first, slopes)
+        states = self._first_states(x0, parameters, last)
+        if along is not None and np.isfinite(along).all():
+            said = (self._widths > 0) | (self._given[0] > 0)
+            reach = np.abs(along).max(axis=1)
+            states = np.where(said, states, np.maximum(states, reach))
+        controls = self._first_controls()
+        states = self._without_tiny(at, states, controls, None)
+        if controls.all():
+            guess = None  # Bounds or given sizes suffice.
+        if guess is not None:
+            _, expected = self._filled(at, states, controls, None)
+            given = np.asarray(guess, dtype=np.float64)
+            guessed = np.abs(given).max(axis=1, initial=0)
+            tiny = guessed < _NEGLIGIBLE * expected
+            guess = np.where(tiny[:, None], 0.0, given)
+            controls = np.where((controls > 0) | tiny, controls, guessed)
+            states = self._without_tiny(at, states, controls, guess)
+        filled = self._filled(at, states, controls, guess)
+        self._fill_costs(at, *filled, guess)
+        states, controls = (np.where(sizes > 0, sizes, 1.0) for sizes in filled)
+        for one in self._problem.free_starts:
+            together = list(one.states)
+            if not self._given[0][together].any():
+                states[together] = states[together].max()
+        values = self._around(at, states, controls, guess)
+        rows = self._rows(values[3:])
+        return Sizes(
+            states=states,
+            controls=controls,
+            cost=self._cost(values),
+            rows=rows,
+            weights=np.concatenate(
+                [
+                    np.empty(0),
+                    *[
+                        1 / size[np.isnan(known)]
+                        for size, known in zip(
+                            rows[: self._hard], self._known, strict=False
+                        )
+                    ],
+                ]
+            ),
+        )
+
+    def _cost(self, values: list[Array]) -> float:
+        """Return the size of the cost from all outputs around a start."""
+        stage, end = (
+            float(np.nan_to_num(np.abs(v), nan=0, posinf=0).max()) for v in values[1:3]
+        )
+        cost = self._problem.length * stage + end
+        return cost if 0 < cost < np.inf else 1.0
+
+    def cost_around(
+        self, x0: Array, parameters: Array, signals: Array, sizes: Sizes
+    ) -> float:
+        """Return the size of the cost around an initial state, for given sizes.
+
+        Args:
+            x0: Initial state, shape (nx,).
+            parameters: Shape (np,).
+            signals: At the start, shape (ns,).
+            sizes: Sizes of states and controls.
+        """
+        at = _Point(x0, parameters, signals, np.empty(0))
+        with np.errstate(over="ignore", invalid="ignore"):
+            return self._cost(self._around(at, sizes.states, sizes.controls, None))
+
+    def target(self, parameters: Array, signals: Array) -> Array:
+        """Return the end state wherever an equality fixes it, else NaN.
+
+        Args:
+            parameters: Shape (np,).
+            signals: At the end, shape (ns,).
+        """
+        return np.array(self._target(parameters, signals)).ravel()
+
+    def _fill_costs(
+        self, at: "_Point", states: Array, controls: Array, guess: ArrayLike | None
+    ) -> None:
+        """Give one size to all states that are costs, in place; see risk.py."""
+        epigraph = self._problem.epigraph
+        if epigraph is None:
+            return
+        ours = [*epigraph.accrued, *epigraph.states]
+        states[ours] = states[ours].max()
+        known = [np.where(sizes > 0, sizes, 1.0) for sizes in (states, controls)]
+        known[0][ours] = states[ours]
+        end = np.abs(self._around(at, known[0], known[1], guess)[2])
+        largest = float(np.nan_to_num(end, nan=0, posinf=0).max())
+        states[ours] = np.maximum(states[ours], largest)
+
+    def cost_along(
+        self, states: Array, controls: Array, parameters: Array, signals: Array
+    ) -> float:
+        """Return the sum of dt |stage cost| plus |terminal cost| at the nodes.
+
+        Args:
+            states: At the nodes, shape (nx, nodes).
+            controls: Shape (nu, N).
+            parameters: Shape (np,).
+            signals: At the nodes, shape (ns, nodes).
+        """
+        problem = self._problem
+        x, s = states[:, :: problem.checks], signals[:, :: problem.checks]
+        u = np.hstack([controls, controls[:, -1:]])
+        p = np.tile(parameters[:, None], (1, u.shape[1]))
+        stage, end = np.split(np.abs(np.array(self._at(x, u, p, s))), self._splits)[1:3]
+        return float(problem.dt * stage[0, :-1].sum() + end[0, -1])
+
+    def _first_states(self, x0: Array, parameters: Array, signals: Array) -> Array:
+        """Return sizes from bounds, start and target; 0 if these give none."""
+        given, target = self._given[0], self.target(parameters, signals)
+        least = np.maximum(self._widths, np.abs(x0))
+        found = np.maximum(least, np.abs(np.nan_to_num(target)))
+        return np.where(given > 0, given, found)
+
+    @cached_property
+    def _widths(self) -> Array:
+        """Widths of the states' bounds, or of their free start; 0 without bounds."""
+        lower, upper = (limits.copy() for limits in self._problem.state_limits)
+        for one in self._problem.free_starts:
+            for i in one.states:
+                if not np.isfinite(upper[i] - lower[i]):
+                    lower[i], upper[i] = one.value.lower, one.value.upper
+        return np.where(np.isfinite(upper - lower), upper - lower, 0.0)
+
+    def _first_controls(self) -> Array:
+        """Return sizes from bounds; 0 if these give none."""
+        lower, upper = self._problem.control_limits
+        size = np.where(np.isfinite(upper - lower), upper - lower, 0.0)
+        bound = np.maximum(
+            *(np.where(np.isfinite(b), abs(b), 0) for b in (lower, upper))
+        )
+        given = self._given[1]
+        return np.where(given > 0, given, np.where(size > 0, size, bound))
+
+    def _filled(
+        self, at: "_Point", states: Array, controls: Array, guess: ArrayLike | None
+    ) -> tuple[Array, Array]:
+        """Return the sizes, with zeros replaced from the dynamics if possible."""
+        T, nx = self._lasting(at), states.size
+        for _ in range(2 * (nx + controls.size)):
+            if states.all() and controls.all():
+                break
+            rates = np.abs(self._around(at, states, controls, guess)[0])
+            reach = np.nan_to_num(T * rates, nan=0, posinf=0).max(axis=1, initial=0)
+            found = np.where(states > 0, states, reach)
+            if np.array_equal(found, states):
+                both = self._needed(at, np.concatenate([states, controls]))
+                found, controls = both[:nx], both[nx:]
+                if np.array_equal(found, states) and not controls.all():
+                    break
+            states = found
+        return states, controls
+
+    def _without_tiny(
+        self, at: "_Point", direct: Array, known: Array, guess: ArrayLike | None
+    ) -> Array:
+        """Return sizes of states, with negligible ones set to 0.
+
+        A start of 1e-300 counts as zero.
+        """
+        T = self._lasting(at)
+        states, controls = self._filled(at, direct, known, guess)
+        rates = np.abs(self._around(at, states, controls, guess)[0])
+        reach = np.nan_to_num(T * rates, nan=0, posinf=0).max(axis=1, initial=0)
+        needed = self._by_rate(at, states)[:, : states.size]
+        np.fill_diagonal(needed, np.inf)  # Only the other states' needs count.
+        need = needed.min(axis=0, initial=np.inf)
+        derived = np.maximum(reach, np.where(np.isfinite(need), need, 0.0))
+        said = (self._widths > 0) | (self._given[0] > 0)
+        tiny = (direct < _NEGLIGIBLE * derived) & ~said
+        return np.where(tiny, 0.0, direct)
+
+    def _lasting(self, at: "_Point") -> Array:
+        """Return the time for which a rate moves its state, at most T, shape (nx, 1).
+
+        A state of a stiff model soon reaches the point of zero rate, not T |f|.
+        """
+        T, nx = self._problem.length, at.x0.size
+        decay = np.diag(at.slopes[:, :nx]) if self._problem.integrator == "stiff" else 0
+        return np.full((nx, 1), T) / np.fmax(1.0, T * decay * np.ones(nx))[:, None]
+
+    def _needed(self, at: "_Point", sizes: Array) -> Array:
+        """Return sizes of states and controls, one step back from known rates."""
+        needed = self._by_rate(at, sizes[: at.x0.size])
+        least = needed.min(axis=0, initial=np.inf)
+        return np.where((sizes > 0) | ~np.isfinite(least), sizes, least)
+
+    def _by_rate(self, at: "_Point", states: Array) -> Array:
+        """Return the size of each state and control that each state's rate implies.
+
+        Shape (nx, nx + nu), infinity if the rate does not depend on it.
+        """
+        with np.errstate(divide="ignore", invalid="ignore"):
+            needed = states[:, None] / (self._problem.length * at.slopes)
+        needed[~((needed > 0) & (needed < np.inf))] = np.inf
+        return np.asarray(needed)
+
+    def _around(
+        self, at: "_Point", states: Array, controls: Array, guess: ArrayLike | None
+    ) -> list[Array]:
+        """Return all outputs at x0 and around it, each (rows, points)."""
+        key = states.tobytes() + controls.tobytes() + bytes([guess is None])
+        if key not in at.seen:
+            at.seen[key] = self._seen_around(at, states, controls, guess)
+        return at.seen[key]
+
+    def _seen_around(
+        self, at: "_Point", states: Array, controls: Array, guess: ArrayLike | None
+    ) -> list[Array]:
+        lower, upper = self._problem.control_limits
+        middle = _middle(lower, upper)
+        if guess is not None:
+            free = ~(np.isfinite(lower) & np.isfinite(upper))
+            middle = np.where(free, np.asarray(guess, dtype=np.float64)[:, 0], middle)
+        u = [
+            np.where(np.isfinite(bound), bound, middle + sign * controls)
+            for bound, sign in ((lower, -1.0), (upper, 1.0))
+        ]
+        alone = np.kron(np.diag(states), _PARTS)  # One state moved at a time.
+        both = np.outer(states, _PARTS)
+        moves = [np.zeros((states.size, 3)), alone, np.repeat(both, 3, axis=1)]
+        x = at.x0[:, None] + np.hstack(moves)
+        three = np.stack([middle, *u], axis=1)
+        still = np.repeat(middle[:, None], alone.shape[1], axis=1)
+        v = np.hstack([three, still, three, three])
+        n = x.shape[1]
+        p, s = (np.tile(c[:, None], (1, n)) for c in (at.parameters, at.signals))
+        found = np.array(self._at(x, v, p, s))
+        return np.split(found, self._splits)
+
+    def _rows(self, values: list[Array]) -> tuple[Array, ...]:
+        """Return the size of each row from its expression around the start."""
+        rows = []
+        for known, limit, value in zip(self._known, self._limits, values, strict=True):
+            size = np.abs(np.nan_to_num(value, nan=0, posinf=0, neginf=0))
+            at_start, around = size[:, :3].max(axis=1), size.max(axis=1, initial=0)
+            natural = np.where(at_start > _NEGLIGIBLE * around, at_start, around)
+            found = np.where(
+                limit > 0, np.maximum(limit, _LIMIT_SHARE * natural), natural
+            )
+            found = np.where(found > 0, found, 1.0)
+            rows.append(np.where(np.isnan(known), found, known))
+        return tuple(rows)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Point:
+    """Point to evaluate around: state, parameters, signals, and |df / d(x, u)|.
+
+    Results are kept, since the same is often asked twice.
+    """
+
+    x0: Array
+    parameters: Array
+    signals: Array
+    slopes: Array
+    seen: dict[bytes, list[Array]] = field(default_factory=dict)
+
+
+def _rate(problem: OptimalControlProblem) -> ca.SX:
+    """Return the rates of the states, with the change at an interval's end added."""
+    model = problem.model
+    if not model.jumps:
+        return model.ode
+    return model.ode + (model.next_state - model.states) / problem.dt
+
+
+def _middle(lower: Array, upper: Array) -> Array:
+    """Return the middle of bounds; if one is infinite, the value nearest to zero."""
+    with np.errstate(invalid="ignore"):
+        middle = lower + (upper - lower) / 2
+    nearest = np.clip(np.zeros_like(lower), lower, upper)
+    return np.where(np.isfinite(middle), middle, nearest)
+
+
+def _target_function(problem: OptimalControlProblem) -> ca.Function:
+    """Return (p, s) -> the end state wherever an equality fixes it, else NaN."""
+    x, p, s = problem.model.states, problem.model.parameters, problem.signals
+    target = ca.SX(np.full(problem.model.nx, np.nan))
+    for constraint in problem.terminal_constraints:
+        rows = constraint.rows(constraint.expression)
+        slopes = ca.jacobian(rows.values, x)
+        offset = ca.substitute(rows.values, x, ca.SX.zeros(x.numel()))
+        for i in np.flatnonzero(rows.lower == rows.upper):
+            slope = ca.sparsify(slopes[int(i), :])
+            if slope.nnz() == 1 and slope.nz[0].is_constant():
+                j = slope.sparsity().get_col()[0]
+                target[j] = (float(rows.lower[i]) - offset[int(i)]) / slope.nz[0]
+    return ca.Function("target", [p, s], [ca.densify(target)])

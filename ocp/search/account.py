@@ -1,0 +1,229 @@
+"""Origin of an answer, and the results of all other starts."""
+
+import math
+from dataclasses import asdict, dataclass, field
+from typing import Any, Literal, get_args
+
+from swarmstart.ocp.lanes.optima import Optimum, Unseen
+from swarmstart.ocp.nlp.polish import SAME_COST
+
+Origin = Literal[
+    "zero controls",
+    "the middle of the bounds",
+    "the guess",
+    "the lanes",
+    "the search",
+    "guesses of states",
+]
+"""Kinds of starts, in order: among equal answers, the one of the first kind counts."""
+
+SHOWN = 3
+"""Number of optima that a summary shows."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Tried:
+    """Result of one start.
+
+    Attributes:
+        origin: The kind of start.
+        cost: Cost of the NLP solver's answer from this start; minimised.
+        violation: Violation of that answer.
+        feasible: Whether the violation is within the problem's tolerance.
+        iterations: Iterations of the solver.
+        evaluations: Evaluations of the objective by the solver.
+        seconds: Wall time [s].
+    """
+
+    origin: Origin
+    cost: float
+    violation: float
+    feasible: bool
+    iterations: int
+    evaluations: int
+    seconds: float = field(compare=False)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Lanes:
+    """Results of the local solves that ran in parallel lanes.
+
+    Attributes:
+        starts: Number of starts, including those of other origins.
+        method: "sweeps" or "slopes".
+        optima: Distinct local optima, the cheapest first, with their counts.
+        unseen: Estimated share of such starts that would end in an optimum not seen
+            yet. It holds for these starts and this solution method only, not for all
+            optima. None: the starts were not a random sample, so there is no estimate.
+        iterations: Steps of all lanes together.
+        seconds: Wall time [s].
+    """
+
+    starts: int
+    method: str
+    optima: tuple[Optimum, ...]
+    unseen: Unseen | None
+    iterations: int
+    seconds: float = field(compare=False)
+
+    def told(self, sense: float = 1.0) -> dict[str, Any]:
+        """Return all fields as a dictionary for JSON.
+
+        Args:
+            sense: 1 for a minimised cost, -1 for a maximised one.
+        """
+        optima = [{"cost": sense * one.cost, "count": one.count} for one in self.optima]
+        return asdict(self) | {"optima": optima}
+
+    def line(self, sense: float = 1.0) -> str:
+        """Return the result in one line.
+
+        Args:
+            sense: 1 for a minimised cost, -1 for a maximised one.
+        """
+        shown = [f"{sense * one.cost:.7g} ({one.count})" for one in self.optima[:SHOWN]]
+        more = len(self.optima) - SHOWN
+        listed = ", ".join(shown) + (f" and {more} more" if more > 0 else "")
+        said = f"{self.starts} starts: {listed or 'no optimum'}"
+        if self.unseen is None:
+            return said
+        most = f"{self.unseen.most:.0%}"
+        return f"{said}; at most {most} of such starts end in others (95% interval)"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Effort:
+    """Effort of one part of the solution.
+
+    Attributes:
+        evaluations: Evaluations of the problem.
+        seconds: Wall time without compilation [s].
+    """
+
+    evaluations: int
+    seconds: float = field(compare=False)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class StartsAccount:
+    """Account of all starts that led to an answer.
+
+    Attributes:
+        won: The kind of start that the answer comes from. Of answers that agree to
+            1e-6, the earlier start wins.
+        tried: Results of the NLP solver, in the order of its runs.
+        lanes: Results of the local solves in lanes; None without such solves.
+        without_lanes: Reason why there were no lanes; empty if there were.
+        search: Effort of the search; None without a search.
+    """
+
+    won: Origin
+    tried: tuple[Tried, ...]
+    lanes: Lanes | None
+    without_lanes: str = ""
+    search: Effort | None = None
+
+    @property
+    def polish(self) -> Effort:
+        """Effort of the NLP solver for all starts."""
+        return Effort(
+            evaluations=sum(one.evaluations for one in self.tried),
+            seconds=sum(one.seconds for one in self.tried),
+        )
+
+    @property
+    def found_after(self) -> float:
+        """Seconds, without compilation, until an answer as good as the best was found.
+
+        The order of work is: polish from the cold starts and the guess, search, lanes.
+        """
+        feasible = [one.cost for one in self.tried if one.feasible]
+        least = min(feasible, default=math.inf)
+        enough = least + SAME_COST * abs(least)
+        seconds, waits = 0.0, True
+        for one in self.tried:
+            if waits and one.origin not in _FIRST:
+                waits = False
+                parts = (self.search, self.lanes)
+                seconds += sum(part.seconds for part in parts if part is not None)
+            seconds += one.seconds
+            if one.feasible and one.cost <= enough:
+                return seconds
+        return seconds
+
+    def best_of(self, origin: Origin) -> Tried | None:
+        """Return the best result from starts of one kind; None without such a start."""
+        found = [one for one in self.tried if one.origin == origin]
+        return min(found, key=lambda one: (not one.feasible, one.cost), default=None)
+
+    def told(self, sense: float = 1.0) -> dict[str, Any]:
+        """Return the account as a dictionary for JSON.
+
+        Args:
+            sense: 1 for a minimised cost, -1 for a maximised one.
+        """
+        return {
+            "won": self.won,
+            "tried": [_told(one, sense) for one in self.tried],
+            "lanes": None if self.lanes is None else self.lanes.told(sense),
+            "without_lanes": self.without_lanes,
+            "search": None if self.search is None else asdict(self.search),
+        }
+
+    def lines(self, sense: float = 1.0) -> list[str]:
+        """Return the account in three lines.
+
+        Args:
+            sense: 1 for a minimised cost, -1 for a maximised one.
+        """
+        gave = []
+        for origin in dict.fromkeys(one.origin for one in self.tried):
+            best = self.best_of(origin)
+            if best is not None:
+                cost = f"{sense * best.cost:.7g}" if best.feasible else "infeasible"
+                gave.append(f"{origin} {cost}")
+        lanes = f"none: {self.without_lanes}"
+        if self.lanes is not None:
+            lanes = self.lanes.line(sense)
+        return [
+            f"  won         {self.won}{self._not_needed()}; {self._seconds()}",
+            f"  polished    {'; '.join(gave) or 'nothing'}",
+            f"  lanes       {lanes}",
+        ]
+
+    def _not_needed(self) -> str:
+        """Return a note on parts that the answer did not need; empty if all were."""
+        best = self.best_of(self.won)
+        if best is None or not best.feasible:
+            return ""
+        dearer = {"the lanes": self.lanes, "the search": self.search}
+        needless = [
+            name
+            for name, part in dearer.items()
+            if part is not None and _ORDER.index(name) > _ORDER.index(self.won)
+        ]
+        if not needless:
+            return ""
+        verb = "were" if "the lanes" in needless else "was"
+        return f" ({' and '.join(needless)} {verb} not needed)"
+
+    def _seconds(self) -> str:
+        parts = {
+            "search": self.search,
+            "lanes": self.lanes,
+            "polish": self.polish,
+        }
+        return ", ".join(
+            f"{name} {part.seconds:.2g} s" for name, part in parts.items() if part
+        )
+
+
+_ORDER = get_args(Origin)
+_FIRST = _ORDER[:3]
+
+
+def _told(one: Tried, sense: float) -> dict[str, Any]:
+    """Return the result of a start for JSON, which has no infinite numbers."""
+    values = {"cost": sense * one.cost, "violation": one.violation}
+    finite = {k: v if math.isfinite(v) else None for k, v in values.items()}
+    return asdict(one) | finite

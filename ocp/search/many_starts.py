@@ -1,0 +1,318 @@
+"""From many starts to one answer: lanes, distinct optima, NLP solver.
+
+    cold       the NLP solver from zero controls, from the middle of the bounds and from
+               the user's guess; the population search
+    lanes      local solves from these, from the search's points and from smooth random
+               controls (lanes/solver.py); the distinct optima are counted
+    polish     the NLP solver from the best three optima of the lanes, from the search's
+               points, and from states that reach a fixed end (state_guesses.py)
+    again      the NLP solver once more from the best answer with its own settings, if
+               it had been kept near its start, so that it can leave a saddle point
+
+The answer is never worse than the result of any single start. Of answers that agree to
+1e-6, the one from the first kind of start is taken. Features that lanes do not support
+(blocks, stiff models) are left to the NLP solver, and the account says so.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from swarmstart.machine_code.compile_time import stopwatch
+from swarmstart.ocp.compiled.aside import aside
+from swarmstart.ocp.compiled.engine import NoCompilerError
+from swarmstart.ocp.lanes.optima import distinct_optima, unseen_share
+from swarmstart.ocp.lanes.solver import LaneSolver, NoLanesError, random_starts
+from swarmstart.ocp.nlp.polish import SAME_COST, Polished, Polisher, is_better
+from swarmstart.ocp.nlp.polish_options import PolishStatus
+from swarmstart.ocp.nlp.start import Start
+from swarmstart.ocp.rollout.fitness import Fitness, Known, started
+from swarmstart.ocp.search.account import Lanes, Origin, StartsAccount, Tried
+from swarmstart.ocp.search.search_space import side_by_side
+from swarmstart.ocp.search.state_guesses import state_guesses
+from swarmstart.ocp.statement.guess import middle_controls, zero_controls
+
+Array = NDArray[np.float64]
+
+LANES = 64
+"""Number of random starts of `solve`."""
+POLISHED = 3
+"""Number of optima of the lanes that are polished."""
+_GUESSES = 8
+"""Largest number of guesses of states."""
+_MOST_WORK = 5_000_000
+"""Iterations times instructions of a rollout after which no further start of a kind is
+polished: an iteration of a large problem may take a tenth of a second."""
+_NEAR: tuple[Origin, ...] = ("the lanes", "the search")
+"""Kinds of starts that are answers, which the NLP solver stays near."""
+
+
+class Origined(NamedTuple):
+    """A start with its origin."""
+
+    origin: Origin
+    start: Start
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Answered:
+    """The best answer from many starts, and the results of all."""
+
+    polished: Polished
+    evaluations: int
+    account: StartsAccount
+
+
+class ManyStartsInterrupted(KeyboardInterrupt):
+    """Ctrl-C during the solves from many starts.
+
+    Attributes:
+        partial: The best answer so far.
+    """
+
+    def __init__(self, partial: Answered) -> None:
+        """Keep the best answer so far."""
+        super().__init__("interrupted among many starts; the best is in .partial")
+        self.partial = partial
+
+
+class ManyStarts:
+    """Local solves from many starts of one problem; built once."""
+
+    def __init__(self, fitness: Fitness, polisher: Polisher, random: int) -> None:
+        """Start to compile the lanes; the cold starts need not wait for them.
+
+        Args:
+            fitness: The problem's evaluator.
+            polisher: Its NLP solver.
+            random: Number of random starts.
+        """
+        self._fitness, self._polisher, self._random = fitness, polisher, random
+        self._solver, self._refused = None, ""
+        try:
+            with aside():
+                self._solver = LaneSolver(
+                    fitness.shooting,
+                    constrained_slopes=False,
+                    program=polisher.program,
+                )
+        except NoLanesError as error:
+            self._refused = str(error)
+
+    def prepare(self) -> None:
+        """Wait for machine code that is still being compiled."""
+        if self._solver is None:
+            return
+        try:
+            float(self._solver.rollouts_per_iteration)
+        except NoCompilerError as error:
+            self._solver, self._refused = None, str(error)
+
+    def __call__(
+        self,
+        guess: Start | None,
+        search: Callable[[], Sequence[Start]],
+        x0: ArrayLike,
+        known: Known,
+        rng: np.random.Generator,
+    ) -> Answered:
+        """Return the best answer.
+
+        Args:
+            guess: The user's guess, if there is one.
+            search: Runs the search and returns its points, the best first.
+            x0: Initial state of the core, shape (nx,).
+            known: Parameters and signals.
+            rng: Source of all randomness.
+
+        Raises:
+            ManyStartsInterrupted: On Ctrl-C after the first start.
+        """
+        fitness, lanes = self._fitness, None
+        tries = _Tries(self._polisher, x0, known, fitness.problem.tolerance)
+        cold = self._cold()
+        if guess is not None:
+            cold.append(Origined("the guess", guess))
+        try:
+            for one in cold:
+                tries.polish(one)
+            over = self._polisher.watch.is_over
+            found = [Origined("the search", one) for one in ([] if over else search())]
+            starts = [one.start for one in (*cold, *found)]
+            lanes, optima = self._in_lanes(starts, x0, known, rng)
+            guesses = state_guesses(fitness, x0, known, _GUESSES, rng)
+            self._several(tries, [Origined("the lanes", one) for one in optima])
+            self._several(tries, found)
+            self._several(
+                tries, [Origined("guesses of states", one) for one in guesses]
+            )
+            if not self._polisher.watch.is_over:
+                tries.polish_again()
+        except KeyboardInterrupt:
+            if not tries.answers:
+                raise
+            raise ManyStartsInterrupted(self._answered(tries, lanes)) from None
+        return self._answered(tries, lanes)
+
+    def _several(self, tries: "_Tries", starts: Sequence[Origined]) -> None:
+        """Polish from starts of one kind, the best first, within the work limit."""
+        shooting = self._fitness.shooting
+        each = shooting.stage_without_path.n_instructions() * shooting.problem.intervals
+        work = 0
+        for one in starts:
+            if work > _MOST_WORK or self._polisher.watch.is_over:
+                return
+            work += tries.polish(one).iterations * each
+
+    def _answered(self, tries: "_Tries", lanes: Lanes | None) -> Answered:
+        """Return the best answer, and the results of all starts."""
+        best = tries.best
+        account = StartsAccount(
+            won=tries.tried[best].origin,
+            tried=tuple(tries.tried),
+            lanes=lanes,
+            without_lanes="" if lanes else self._refused or "interrupted",
+        )
+        evaluations = sum(one.evaluations for one in tries.answers)
+        return Answered(tries.answers[best], evaluations, account)
+
+    def _cold(self) -> list[Origined]:
+        """Return zero controls, and the middle of the bounds if it differs."""
+        problem = self._fitness.problem
+        zero, middle = zero_controls(problem), middle_controls(problem)
+        cold = [Origined("zero controls", Start(zero))]
+        if not np.array_equal(middle, zero):
+            cold.append(Origined("the middle of the bounds", Start(middle)))
+        return cold
+
+    def _in_lanes(
+        self,
+        starts: Sequence[Start],
+        x0: ArrayLike,
+        known: Known,
+        rng: np.random.Generator,
+    ) -> tuple[Lanes | None, list[Start]]:
+        """Return the account of the lanes, and their best optima."""
+        solver, problem = self._solver, self._fitness.problem
+        if solver is None or self._polisher.watch.is_over:
+            return None, []
+        with stopwatch() as watch:
+            state = np.asarray(x0, dtype=np.float64).ravel()
+            controls, decided = random_starts(problem, self._random, rng)
+            given = side_by_side(problem, starts, state)
+            controls = np.dstack([given[0], controls])
+            decided = np.hstack([given[1], decided])
+            try:
+                found = solver(x0, controls, decided, known=known, rng=rng)
+            except NoCompilerError as error:  # Raised at the first use.
+                self._solver, self._refused = None, str(error)
+                return None, []
+            taken = int(found.iterations.sum())
+            self._polisher.watch.counted(taken * solver.rollouts_per_iteration)
+            optima = distinct_optima(found)
+            best = [
+                Start(
+                    found.controls[:, :, one.lane],
+                    x0=started(problem, state, found.starts[:, one.lane]),
+                )
+                for one in optima[:POLISHED]
+            ]
+            lanes = Lanes(
+                starts=controls.shape[2],
+                method=solver.method,
+                optima=tuple(optima),
+                unseen=unseen_share([one.count for one in optima]),
+                iterations=taken,
+                seconds=watch.seconds,
+            )
+        return lanes, best
+
+
+class _Tries:
+    """Results of the NLP solver so far.
+
+    Attributes:
+        answers: Its answers.
+        tried: Account of each answer.
+    """
+
+    def __init__(
+        self, polisher: Polisher, x0: ArrayLike, known: Known, tolerance: float
+    ) -> None:
+        self._polisher, self._x0, self._known = polisher, x0, known
+        self._tolerance = tolerance
+        self.answers: list[Polished] = []
+        self.tried: list[Tried] = []
+
+    def polish(self, one: Origined, *, near: bool | None = None) -> Polished:
+        """Polish from a start; near it if it is an answer, unless stated otherwise."""
+        origin, start = one
+        if near is None:
+            near = origin in _NEAR and start.states is None
+        with stopwatch() as watch:
+            answer = self._polisher(
+                start.controls,
+                self._x0 if start.x0 is None else start.x0,
+                self._known,
+                states=start.states,
+                is_guess=start.is_guess,
+                near=near,
+                carried=start.carried,
+            )
+            self.answers.append(answer)
+            self.tried.append(
+                Tried(
+                    origin=origin,
+                    cost=answer.cost,
+                    violation=answer.violation,
+                    feasible=bool(
+                        np.isfinite(answer.cost) and answer.violation <= self._tolerance
+                    ),
+                    iterations=answer.iterations,
+                    evaluations=answer.evaluations,
+                    seconds=watch.seconds,
+                )
+            )
+        return answer
+
+    def polish_again(self) -> None:
+        """Polish the best answer again, not near its start, if it was kept near."""
+        origin, answer = self.tried[self.best].origin, self.answers[self.best]
+        if origin in _NEAR and np.isfinite(answer.cost + answer.violation):
+            start = Start(answer.controls, x0=answer.x0)
+            self.polish(Origined(origin, start), near=False)
+
+    @property
+    def best(self) -> int:
+        """Number of the best answer; among equal ones the first that converged."""
+        best = 0
+        for number in range(1, len(self.answers)):
+            if is_better(
+                *(self._value(i) for i in (number, best)), tolerance=self._tolerance
+            ):
+                best = number
+        order = get_args(Origin)
+        equal = [i for i in range(len(self.answers)) if self._equals(i, best)]
+        return min(
+            equal,
+            key=lambda i: (
+                self.answers[i].status is not PolishStatus.CONVERGED,
+                order.index(self.tried[i].origin),
+            ),
+        )
+
+    def _value(self, number: int) -> tuple[float, float]:
+        answer = self.answers[number]
+        return answer.cost, answer.violation
+
+    def _equals(self, number: int, best: int) -> bool:
+        """Return whether an answer equals the best, except for rounding."""
+        if number == best:
+            return True
+        (cost, violation), (least, broken) = self._value(number), self._value(best)
+        if not max(violation, broken) <= self._tolerance:
+            return False
+        return abs(cost - least) <= SAME_COST * max(abs(cost), abs(least))

@@ -1,0 +1,4 @@
+"""The system: a model and its forms, algebraic equations, constraints, python-control.
+
+A model holds names, symbols and equations; it knows no horizon and no cost.
+"""

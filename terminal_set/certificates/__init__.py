@@ -1,0 +1,4 @@
+"""Terminal sets and their certificates: K, P and level, with the evidence for them.
+
+`design.py` makes the set that bounds alone allow; `proving` certifies it.
+"""

@@ -1,0 +1,363 @@
+"""Terminal sets: a linear law and the region in which it takes over (the dual mode).
+
+    inside Omega = {e : e'Pe <= alpha}, e = x - x_ref:  u = u_ref - K e
+
+Two designs, side by side:
+
+    sampled     gain and P of the discrete Riccati equation for the input held dt;
+                corrected level. The design for a controller that holds its input.
+    continuous  gain of the continuous Riccati equation, P of (5.12) corrected,
+                corrected level. The design for a continuous input.
+
+A continuous design that is held may be unstable: the chapter's formation, held 1 s, has
+the spectral radius 10.8 (`held_spectral_radius`), whatever P and alpha are.
+
+All levels here come from bounds on inputs and states alone. They do not show that e'Pe
+decreases under the nonlinear dynamics, nor do they cover states between two samples:
+that needs a certificate, which may lower alpha (`certification.py`).
+
+Source: the chapter, eq. (5.8)-(5.14); H. Chen and F. Allgoewer, A quasi-infinite
+horizon nonlinear model predictive control scheme with guaranteed stability, Automatica
+34 (1998), whose P is that of `continuous_terminal_set` with kappa.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from swarmstart.errors import SwarmstartError
+from swarmstart.terminal_set.certificates.certificate import Certificate
+from swarmstart.terminal_set.linear.arrays import (
+    Array,
+    Mask,
+    NotPositiveError,
+    columns_of,
+    finite_array,
+)
+from swarmstart.terminal_set.linear.ellipsoid import Ellipsoid
+from swarmstart.terminal_set.linear.level import (
+    level_from_inputs,
+    level_from_states,
+)
+from swarmstart.terminal_set.linear.linearisation import hold, linearise
+from swarmstart.terminal_set.linear.lqr import continuous_lqr, sampled_lqr
+from swarmstart.terminal_set.linear.lyapunov import (
+    continuous_lyapunov,
+    sampled_lyapunov,
+)
+from swarmstart.terminal_set.linear.reference import Reference
+from swarmstart.terminal_set.linear.stability import CONTINUOUS, SAMPLED, growth
+
+if TYPE_CHECKING:
+    import control
+
+
+@dataclass(eq=False)
+class InvalidReserveError(SwarmstartError, ValueError):
+    """The decay kept in reserve is negative, or more than the loop has.
+
+    Attributes:
+        kappa: The requested reserve, in 1/s, or a fraction of e'Pe per step.
+        decay: Decay of the slowest mode of the closed loop, likewise.
+    """
+
+    kappa: float
+    decay: float
+
+    def __str__(self) -> str:
+        """Return a message with the available decay."""
+        return (
+            f"kappa must be at least 0 and less than {self.decay:.6g}, the decay of "
+            f"the slowest mode, got {self.kappa:.6g}"
+        )
+
+
+@dataclass(eq=False)
+class ForeignCertificateError(SwarmstartError, ValueError):
+    """A set was given the certificate of another set.
+
+    Attributes:
+        name: Name of what differs; "alpha" if the set is larger than the certified one.
+    """
+
+    name: str
+
+    def __str__(self) -> str:
+        """Return a message with the difference."""
+        if self.name == "alpha":
+            return "alpha is larger than the level that the certificate proves"
+        return f"the certificate is of a set with another {self.name}"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class TerminalSet:
+    """A linear law and the ellipsoid it is meant for; arrays copied and read-only.
+
+    Attributes:
+        K: Gain of u = u_ref - K e, shape (nu, nx). The chapter's K is -K.
+        P: Shape of the ellipsoid, (nx, nx), symmetric positive definite.
+        alpha: Level of the ellipsoid, > 0.
+        x_ref: Reference state of the design, shape (nx,), SI units.
+        u_ref: Reference input, shape (nu,).
+        dt: Time for which the input is held [s]; None for a continuous input.
+        design: Name of the design: "sampled", "continuous", "literal" or the user's.
+        certificate: Proof of the set; None if there is only its design.
+        ellipsoid: {e : e'Pe <= alpha}; made from P and alpha.
+
+    Raises:
+        InvalidShapeError: If sizes do not agree.
+        NotFiniteError: If an array holds NaN or infinity.
+        AsymmetricMatrixError: If P is not symmetric.
+        IndefiniteMatrixError: If P is not positive definite.
+        NotPositiveError: If alpha or dt is not positive and finite.
+        ForeignCertificateError: If the certificate is of another set or a smaller one.
+    """
+
+    K: Array
+    P: Array
+    alpha: float
+    x_ref: Array
+    u_ref: Array
+    dt: float | None
+    design: str
+    certificate: Certificate | None = field(default=None, repr=False)
+    ellipsoid: Ellipsoid = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Check and copy."""
+        ellipsoid = Ellipsoid(P=self.P, alpha=self.alpha)
+        if self.dt is not None and not 0 < self.dt < np.inf:
+            raise NotPositiveError("dt", self.dt)
+        nx = len(ellipsoid.P)
+        u_ref = finite_array("u_ref", self.u_ref, (None,))
+        checked = {
+            "K": finite_array("K", self.K, (u_ref.size, nx)),
+            "P": ellipsoid.P,
+            "x_ref": finite_array("x_ref", self.x_ref, (nx,)),
+            "u_ref": u_ref,
+            "ellipsoid": ellipsoid,
+        }
+        for name, value in checked.items():
+            object.__setattr__(self, name, value)
+        if self.certificate is not None:
+            self._require_own(self.certificate)
+
+    def _require_own(self, certificate: Certificate) -> None:
+        """Validate that a certificate is of this set."""
+        reference = certificate.reference
+        for name, value in (
+            ("K", certificate.K),
+            ("P", certificate.P),
+            ("x_ref", reference.x_ref),
+            ("u_ref", reference.u_ref),
+        ):
+            if not np.array_equal(getattr(self, name), value):
+                raise ForeignCertificateError(name)
+        if self.dt != certificate.dt:
+            raise ForeignCertificateError("dt")
+        if self.alpha > certificate.alpha:
+            raise ForeignCertificateError("alpha")
+
+    def feedback(self, e: ArrayLike) -> Array:
+        """Compute the law's input relative to u_ref, du = -K e.
+
+        Args:
+            e: Deviation x - x_ref, shape (nx,), or many, shape (nx, n).
+
+        Returns:
+            u - u_ref, shape (nu,) or (nu, n).
+
+        Raises:
+            InvalidShapeError: If e has another number of rows.
+        """
+        return np.asarray(-self.K @ columns_of("e", e, len(self.P)))
+
+    def value(self, e: ArrayLike) -> Array:
+        """Compute e'Pe.
+
+        Args:
+            e: Deviation x - x_ref, shape (nx,), or many, shape (nx, n).
+
+        Returns:
+            The value, shape () or (n,).
+
+        Raises:
+            InvalidShapeError: If e has another number of rows.
+        """
+        return self.ellipsoid.value(e)
+
+    def contains(self, e: ArrayLike) -> Mask:
+        """Return whether e'Pe <= alpha, so that the linear law may take over.
+
+        Args:
+            e: Deviation x - x_ref, shape (nx,), or many, shape (nx, n).
+
+        Returns:
+            True for deviations inside, shape () or (n,).
+
+        Raises:
+            InvalidShapeError: If e has another number of rows.
+        """
+        return self.ellipsoid.contains(e)
+
+    def linear_law(
+        self, *, states: Sequence[str] = (), controls: Sequence[str] = ()
+    ) -> control.StateSpace:
+        """Return the law du = -K e as a system of python-control without states.
+
+        Put behind the plant in deviations from the reference, it closes the loop with
+        the sign it has: `control.feedback(plant, law, sign=1)`. The loop transfer
+        function, of which `control.margin` wants the opposite sign, is -law * plant.
+
+        Args:
+            states: Names of the states, which are its inputs; empty: numbered.
+            controls: Names of the controls, which are its outputs; empty: numbered.
+
+        Returns:
+            The law, sampled with dt if its input is held.
+
+        Example:
+            >>> import control, numpy as np
+            >>> import swarmstart as ss
+            >>> near = ss.TerminalSet(
+            ...     K=[[1.0, 2.0]], P=np.eye(2), alpha=1.0, x_ref=[0, 0], u_ref=[0],
+            ...     dt=None, design="my own",
+            ... )
+            >>> law = near.linear_law(states=["x", "v"], controls=["u"])
+            >>> cart = control.ss([[0, 1], [0, 0]], [[0], [1]], np.eye(2), 0)
+            >>> control.feedback(cart, law, sign=1).poles().real.tolist()
+            [-1.0, -1.0]
+        """
+        import control
+
+        return control.StateSpace(
+            [], [], [], -self.K, 0 if self.dt is None else self.dt,
+            inputs=list(states) or None, outputs=list(controls) or None,
+            name="linear_law",
+        )  # fmt: skip
+
+
+def sampled_terminal_set(
+    dynamics: ca.Function,
+    reference: Reference,
+    *,
+    dt: float,
+    Q: ArrayLike,
+    R: ArrayLike,
+    kappa: float = 0.0,
+) -> TerminalSet:
+    """Design the set for an input held over dt, which is the chapter's controller.
+
+    P solves F'PF = (1 - kappa)(P - Q*) with F = Ad - Bd K and Q* = Q + K'RK; with
+    kappa = 0 it is the Riccati matrix.
+
+    Args:
+        dynamics: f(x, u) -> xdot, SI units.
+        reference: Reference and bounds.
+        dt: Time for which the input is held, > 0, s.
+        Q: State weight per step, shape (nx, nx), symmetric positive semidefinite.
+        R: Input weight per step, shape (nu, nu), symmetric positive definite.
+        kappa: Fraction of e'Pe kept in reserve for the nonlinear part, at least 0 and
+            below the decrease of the slowest mode in a step.
+
+    Returns:
+        K of the discrete Riccati equation, P as above, alpha from the bounds. State
+        bounds hold at the samples, not necessarily between them.
+
+    Raises:
+        InvalidReserveError: If kappa is negative or too large.
+        SwarmstartError: As `linearise`, `hold`, `sampled_lqr` say; NotPositiveError
+            also if no bound limits alpha.
+
+    Example:
+        A double integrator, |u| <= 1 held for 0.1 s:
+
+        >>> import casadi as ca
+        >>> import numpy as np
+        >>> import swarmstart as ss
+        >>> x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+        >>> cart = ca.Function("cart", [x, u], [ca.vertcat(x[1], u)])
+        >>> rest = ss.Reference(x_ref=[0, 0], u_ref=[0], u_lower=[-1], u_upper=[1])
+        >>> terminal = ss.sampled_terminal_set(
+        ...     cart, rest, dt=0.1, Q=np.eye(2), R=np.eye(1)
+        ... )
+        >>> terminal.K.round(3).tolist(), round(terminal.alpha, 2)
+        ([[0.917, 1.636]], 6.67)
+    """
+    A, B = linearise(dynamics, reference.x_ref, reference.u_ref)
+    Ad, Bd = hold(A, B, dt)
+    gain = sampled_lqr(Ad, Bd, Q, R)
+    K, P, F = gain.K, gain.P, Ad - Bd @ gain.K
+    lost = 1 - growth(F, SAMPLED) ** 2
+    if not 0 <= kappa < lost:
+        raise InvalidReserveError(kappa, lost)
+    if kappa:
+        Q_star = np.asarray(Q) + K.T @ np.asarray(R) @ K
+        P = sampled_lyapunov(F / np.sqrt(1 - kappa), Q_star)
+    return _set_up_to_bounds(K, P, reference, dt)
+
+
+def continuous_terminal_set(
+    dynamics: ca.Function,
+    reference: Reference,
+    *,
+    Q: ArrayLike,
+    R: ArrayLike,
+    kappa: float = 0.0,
+) -> TerminalSet:
+    """Design the set for a continuous input, (5.9)-(5.14) corrected.
+
+    P solves (F + kappa I)'P + P(F + kappa I) = -Q* with F = A - B K and
+    Q* = Q + K'RK; with kappa = 0 it is the Riccati matrix.
+
+    Args:
+        dynamics: f(x, u) -> xdot, SI units.
+        reference: Reference and bounds.
+        Q: State weight, shape (nx, nx), symmetric positive semidefinite.
+        R: Input weight, shape (nu, nu), symmetric positive definite.
+        kappa: Decay [1/s] kept in reserve for the nonlinear part, at least 0 and below
+            that of the slowest mode of F. It must be positive if e'Pe is to bound the
+            cost to go of the nonlinear system: with 0 the linear part has no margin.
+
+    Returns:
+        K of the continuous Riccati equation, P as above, alpha from the bounds.
+
+    Raises:
+        InvalidReserveError: If kappa is negative or not below the slowest mode's decay.
+        SwarmstartError: As `linearise`, `continuous_lqr`, `continuous_lyapunov` say;
+            NotPositiveError also if no bound limits alpha.
+    """
+    A, B = linearise(dynamics, reference.x_ref, reference.u_ref)
+    K = continuous_lqr(A, B, Q, R).K
+    F = A - B @ K
+    decay = -growth(F, CONTINUOUS)
+    if not 0 <= kappa < decay:
+        raise InvalidReserveError(kappa, decay)
+    P = continuous_lyapunov(
+        F + kappa * np.eye(len(F)), np.asarray(Q) + K.T @ np.asarray(R) @ K
+    )
+    return _set_up_to_bounds(K, P, reference, None)
+
+
+def _set_up_to_bounds(
+    K: Array, P: Array, reference: Reference, dt: float | None
+) -> TerminalSet:
+    """Return the set whose level is the smaller one of input and state bounds."""
+    return TerminalSet(
+        K=K,
+        P=P,
+        alpha=min(
+            level_from_inputs(K, P, reference.u_max),
+            level_from_states(P, reference.e_max),
+        ),
+        x_ref=reference.x_ref,
+        u_ref=reference.u_ref,
+        dt=dt,
+        design="continuous" if dt is None else "sampled",
+    )

@@ -1,0 +1,262 @@
+"""Upper bounds of a function on the cells of a ball, by Taylor's theorem.
+
+With e = T z, about a point m of a cell, with d the distances z - m in it,
+
+    c <= c(m) + sup g'd + sup d'Hd/2 + sup |D^3 c [d, d, d]| / 6,
+
+with g and H at m, and the third derivatives over the whole cell. On a cell with a kink
+only the first derivatives may be used (`smoothness.py`):
+
+    c <= c(m) + sup g'd,
+
+with g over the whole cell. On a cell with a cut there is no bound.
+
+All are evaluated in intervals in the coordinates e, in which linear parts of a model
+are constants, and then transformed by T as numbers. Intervals of transformed
+expressions would be many times wider, since intervals do not cancel.
+
+Source: Neumaier (1990), Interval Methods for Systems of Equations; Makino and Berz
+(2003), Taylor models and other validated functional inclusion methods.
+"""
+
+from __future__ import annotations
+
+from copy import copy
+from itertools import combinations_with_replacement
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.terminal_set.interval_arithmetic.cells import PADDING, Cells, added_up
+from swarmstart.terminal_set.interval_arithmetic.intervals import (
+    IntervalEvaluation,
+    interval_function,
+)
+from swarmstart.terminal_set.interval_arithmetic.smoothness import Kinks
+from swarmstart.terminal_set.linear.arrays import Array, Mask
+
+
+class TaylorForm:
+    """Upper bounds of a function on cells."""
+
+    def __init__(self, c: ca.Function, T: Array) -> None:
+        """Build the functions that are evaluated.
+
+        Args:
+            c: e (n, 1) -> a number.
+            T: e = T z, shape (n, n).
+
+        Raises:
+            UnknownIntervalOperationError: If c has an operation without interval form.
+        """
+        e = ca.SX.sym("e", len(T))
+        value = c(e)
+        self._kinks = Kinks(c)
+        hessian, gradient = ca.hessian(value, e)
+        self._pairs, pairs = _symmetric_entries(len(T), 2)
+        self._triples, triples = _symmetric_entries(len(T), 3)
+        bends = ca.vertcat(*[hessian[pair] for pair in pairs])
+        turns = ca.jacobian(bends, e)
+        third = [turns[int(self._pairs[i, j]), k] for i, j, k in triples]
+        self._value_and_slope, self._hessian, self._third = (
+            evaluated(column, e, takes_jumps=True)
+            for column in (ca.vertcat(value, gradient), bends, ca.vertcat(*third))
+        )
+        self._T, self._size = T, np.abs(T)
+
+    def turned(self, T: Array) -> TaylorForm:
+        """Return the same form in other coordinates.
+
+        Args:
+            T: e = T z, shape (n, n).
+        """
+        other = copy(self)
+        other._T, other._size = T, np.abs(T)
+        return other
+
+    def __call__(self, cells: Cells) -> tuple[Array, Array]:
+        """Bound c on cells.
+
+        Args:
+            cells: m cells.
+
+        Returns:
+            Upper bounds, (m,); variation of c along rho and each w, (1 + nx, m).
+        """
+        with np.errstate(invalid="ignore", over="ignore"):
+            bound, spread = self._bounded(cells)
+            box = self._box(cells)
+            kinks, cuts = self._kinks(*box)
+            if kinks.any():
+                first, wide = self._bounded_by_slopes(cells, *box)
+                bound = np.where(kinks, first, bound)
+                spread = np.where(kinks, wide, spread)
+        bound, spread = np.where(cuts, np.inf, bound), np.where(cuts, np.nan, spread)
+        # If nothing is known, the widest side is cut.
+        known = np.isfinite(spread).all(axis=0)
+        return bound, np.where(known, spread, cells.half)
+
+    def _bounded(self, cells: Cells) -> tuple[Array, Array]:
+        """Return bounds and spread, NaN if a derivative is unbounded."""
+        size, d = self._size, cells.reach
+        at = self._T @ cells.z
+        low, high = self._value_and_slope(at, at)
+        slope = self._T.T @ ((low[1:] + high[1:]) / 2)
+        unsure = size.T @ ((high[1:] - low[1:]) / 2 + PADDING * np.abs(high[1:]))
+        bends, wide = self.hessians(at, at)
+        most = np.abs(bends) + wide
+        own = np.einsum("mii->im", bends + wide)
+        sizes = np.einsum("mii->im", most).copy()
+        np.einsum("mii->mi", most)[...] = 0.0
+        crossed = np.einsum("mij,jm->im", most, d)
+        pull = crossed + sizes * d
+        bent = (np.maximum(own, 0.0) * d + crossed) * d / 2
+        # The point is T z rounded, which changes the slopes and the value.
+        rounded = PADDING * (size @ np.abs(cells.z))
+        moved = np.abs(high[1:]) * rounded
+        unsure += np.einsum("mij,jm->im", wide, np.abs(cells.z))
+        third = self._third_order(cells, d)
+        steps, along = cells.linear(slope)
+        terms = [steps, unsure * d, moved, bent, third * d / 6]
+        spread = cells.spread(along, pull + third / 2)
+        return added_up(high[0], np.vstack(terms)), spread
+
+    def _box(self, cells: Cells) -> tuple[Array, Array]:
+        """Return boxes of e around the cells."""
+        at, reach = self._T @ cells.z_middle, self._size @ cells.z_reach * (1 + PADDING)
+        return at - reach, at + reach
+
+    def _bounded_by_slopes(
+        self, cells: Cells, lower: Array, upper: Array
+    ) -> tuple[Array, Array]:
+        """Return bounds and spread by first derivatives over the boxes of the cells."""
+        size, at = self._size, self._T @ cells.z
+        _, high = self._value_and_slope(at, at)
+        middle, radius = middle_and_radius(*self._value_and_slope(lower, upper))
+        slope, unsure = self._T.T @ middle[1:], size.T @ radius[1:]
+        rounded = PADDING * (size @ np.abs(cells.z))
+        moved = (np.abs(middle[1:]) + radius[1:]) * rounded
+        # The transformed slopes are rounded too.
+        unsure += PADDING * (size.T @ np.abs(middle[1:]))
+        steps, along = cells.linear(slope)
+        terms = np.vstack([steps, unsure * cells.reach, moved])
+        return added_up(high[0], terms), cells.spread(along, unsure)
+
+    def kinks(self, lower: Array, upper: Array) -> tuple[Mask, Mask]:
+        """Return the boxes that may have kinks, and those with cuts, as masks (m,).
+
+        Args:
+            lower: Lower corners of boxes of e, shape (n, m).
+            upper: Upper corners.
+        """
+        return self._kinks(lower, upper)
+
+    def hessians(self, lower: Array, upper: Array) -> tuple[Array, Array]:
+        """Return T'(Hessian of c)T over boxes of e: middles and radii, (m, n, n).
+
+        Args:
+            lower: Lower corners, shape (n, m).
+            upper: Upper corners.
+        """
+        middle, radius = middle_and_radius(*self._hessian(lower, upper))
+        middle, radius = middle.T[:, self._pairs], radius.T[:, self._pairs]
+        with np.errstate(invalid="ignore", over="ignore"):
+            return self._T.T @ middle @ self._T, self._size.T @ radius @ self._size
+
+    def beyond_second_order(self, cells: Cells, d: Array) -> Array:
+        """Bound the third-order term of a Taylor series about a point.
+
+        Args:
+            cells: Cells that contain the point and the argument of the series.
+            d: Largest distance between the two along each axis, (n, m).
+
+        Returns:
+            Upper bounds of |D^3 c [d, d, d]| / 6 over the cells, shape (m,); infinite
+            in those with a kink or a cut.
+        """
+        with np.errstate(invalid="ignore", over="ignore"):
+            third = self._third_order(cells, d)
+        kinks, cuts = self._kinks(*self._box(cells))
+        return np.where(kinks | cuts, np.inf, added_up(0 * d[0], third * d / 6))
+
+    def hessian_slopes(self, lower: Array, upper: Array) -> Array:
+        """Bound the rate of change of T'(Hessian of c)T along the last axis, (m, n, n).
+
+        Args:
+            lower: Lower corners of boxes of e, shape (n, m).
+            upper: Upper corners.
+        """
+        middle, radius = middle_and_radius(*self._third(lower, upper))
+        tensor = np.abs(_turned(middle.T[:, self._triples], self._T))
+        tensor += _turned(radius.T[:, self._triples], self._size)
+        return np.asarray(tensor[..., -1])
+
+    def _third_order(self, cells: Cells, d: Array) -> Array:
+        """Bound |D^3 c [x, x, .]| over cells, |x_i| <= d_i, (n, m)."""
+        middle, radius = middle_and_radius(*self._third(*self._box(cells)))
+        tensor = _turned(middle.T[:, self._triples], self._T)
+        along = _twice_along(np.abs(tensor), d.T)
+        # This bound of the radius is enough, and faster.
+        wide = _twice_along(radius.T[:, self._triples], (self._size @ d).T)
+        return np.asarray((along + wide @ self._size).T)
+
+
+def _turned(tensor: Array, T: Array) -> Array:
+    """Return sum t_ijk T_ia T_jb T_kc of m tensors (m, n, n, n)."""
+    for _ in range(3):
+        # Apply T to the last axis, which then becomes the first one.
+        turned = (tensor.reshape(-1, len(T)) @ T).reshape(tensor.shape)
+        tensor = np.ascontiguousarray(np.moveaxis(turned, 3, 1))
+    return tensor
+
+
+def evaluated(
+    expression: ca.SX, v: ca.SX, *, takes_jumps: bool = False
+) -> IntervalEvaluation:
+    """Return the interval evaluation of a column.
+
+    Args:
+        expression: The column.
+        v: The column of symbols that it depends on.
+        takes_jumps: Whether derivatives of kinks are accepted, as hulls of both sides;
+            the caller must then look for the kinks (`smoothness.py`).
+
+    Raises:
+        UnknownIntervalOperationError: If it has an operation without interval form.
+    """
+    function = ca.Function("the_change_of_V", [v], [ca.cse(expression)])
+    return interval_function(function, takes_jumps=takes_jumps)
+
+
+def middle_and_radius(low: Array, high: Array) -> tuple[Array, Array]:
+    """Return middles and radii, these with room for the rounding of products."""
+    size = np.maximum(np.abs(low), np.abs(high))
+    with np.errstate(invalid="ignore", over="ignore"):
+        return (low + high) / 2, (high - low) / 2 + PADDING * size
+
+
+def _symmetric_entries(
+    size: int, order: int
+) -> tuple[NDArray[np.intp], list[tuple[int, ...]]]:
+    """Return the number of the distinct entry for each entry of a symmetric tensor.
+
+    Args:
+        size: Range of each index.
+        order: Number of indices.
+
+    Returns:
+        Numbers of the distinct entries, shape (size,) * order; their indices.
+    """
+    different = list(combinations_with_replacement(range(size), order))
+    numbers = {indices: number for number, indices in enumerate(different)}
+    entries = np.empty((size,) * order, dtype=np.intp)
+    for indices in np.ndindex(entries.shape):
+        entries[indices] = numbers[tuple(sorted(indices))]
+    return entries, different
+
+
+def _twice_along(tensor: Array, d: Array) -> Array:
+    """Return sum_jk t_ijk d_j d_k of m tensors (m, n, n, n), d (m, n); (m, n)."""
+    matrices = (tensor @ d[:, None, :, None])[..., 0]
+    return np.asarray((matrices @ d[:, :, None])[..., 0])

@@ -1,0 +1,265 @@
+"""Upper bounds of the change of e'Pe on boxes of radii and directions.
+
+With z = T^-1 e, T'PT = I, the ellipsoid e'Pe <= alpha is the ball |z| <= r,
+r^2 = alpha; T also diagonalises the quadratic part of c (`decrease.py`). On a box of
+rho and w (`cells.py`), u = w / |w|, either
+
+    c(rho T u) / rho^2 <= u'Mu + rho sup b + rho^2 sup d   over [0, rho_hi] x w
+
+or, if rho_lo > 0, c itself is bounded by its Taylor form (`taylor.py`). The first
+bound holds at the origin too. M is half the Hessian of c at 0; with m(s) the motion
+(the rate, or the state after a step) at e = s T u,
+
+    continuous  b = (PTu)'m''(s),      d = 0
+    held        b = m'(0)'P m''(s),    d = m''(s)'P m''(s) / 4.
+
+Even if the motion has a kink at the centre, m(rho) / rho is a mean of m'(s)
+(`smoothness.py`), so that over the same box
+
+    continuous  c(rho T u) / rho^2 <= sup 2 (PTu)'m'(s) + (Tu)'Q_m Tu
+    held        c(rho T u) / rho^2 <= sup m'(s)'P m'(s) - 1 + (Tu)'Q_m Tu.
+
+u'Mu over a box of directions is bounded by its extreme candidates (M is diagonal except
+for rounding, which is added). Everything is evaluated in intervals with outward
+rounding, or rounded up by more than the rounding of the sum.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from swarmstart.terminal_set.interval_arithmetic.cells import (
+    PADDING,
+    Cells,
+    added_up,
+    squares,
+)
+from swarmstart.terminal_set.interval_arithmetic.smoothness import (
+    NEIGHBOURHOOD,
+    Kinks,
+    require_bounded,
+)
+from swarmstart.terminal_set.interval_arithmetic.taylor import TaylorForm, evaluated
+from swarmstart.terminal_set.linear.arrays import Array
+from swarmstart.terminal_set.proving.decrease import Change
+
+
+class Undecided(NamedTuple):
+    """Boxes that are not decided yet.
+
+    Attributes:
+        lower: Lower corners, shape (1 + nx, m).
+        upper: Upper corners.
+        spread: Variation of c along each coordinate; the largest one is cut.
+    """
+
+    lower: Array
+    upper: Array
+    spread: Array
+
+
+class DecreaseBounds:
+    """Proofs that c < 0 on boxes of (rho, w).
+
+    Attributes:
+        T: e = T z, shape (nx, nx).
+        defect: A bound of |T'PT - I|.
+    """
+
+    def __init__(self, change: Change) -> None:
+        """Build the functions that are evaluated.
+
+        Args:
+            change: c with its motion, P and Q_m.
+
+        Raises:
+            UnknownIntervalOperationError: If c has an operation without interval form.
+            NotSmoothError: If c jumps at the reference, or leaves its domain.
+        """
+        zero, one = np.zeros((len(change.P), 1)), np.eye(len(change.P))
+        form = TaylorForm(change.function, one)
+        kinks = Kinks(change.motion)
+        kinks.require_no_cut(zero, zero, change.motion.name())
+        self._is_kinked = bool(kinks(zero, zero)[0].any())
+        _, around = form.hessians(zero - NEIGHBOURHOOD, zero + NEIGHBOURHOOD)
+        if not np.all(np.isfinite(around)):
+            require_bounded(change.motion, zero[:, 0])
+        self.T = _diagonalising(change)
+        self.defect = defect(self.T, change.P, one)
+        self._form = form.turned(self.T)
+        middle, radius = self._form.hessians(zero, zero)
+        self._M = beside_diagonal(middle[0], radius[0])
+        self._rays = _Rays(change, self.T)
+
+    def __call__(self, lower: Array, upper: Array) -> Undecided:
+        """Return the boxes for which c < 0 is not shown.
+
+        Args:
+            lower: Lower corners, shape (1 + nx, m).
+            upper: Upper corners, same shape.
+        """
+        quadratic, remainder = self._about_centre(lower, upper)
+
+        def away_from_centre(lower: Array, upper: Array) -> tuple[Array, Array]:
+            return self._form(Cells(lower, upper))
+
+        return undecided(away_from_centre, lower, upper, quadratic, remainder)
+
+    def _about_centre(self, lower: Array, upper: Array) -> tuple[Array, Array]:
+        """Return upper bounds of u'Mu and of rho b + rho^2 d, each (m,).
+
+        If the centre has a kink, they are those of the bound by slopes at it, and of
+        the remainder.
+        """
+        from_zero = lower.copy()
+        from_zero[0] = 0.0
+        _, (b, d) = self._rays.bends(from_zero, upper)
+        rho = np.where(b > 0, upper[0], lower[0])
+        remainder = added_up(0 * rho, np.stack([rho * b, upper[0] ** 2 * d]))
+        quadratic = quadratic_bound(*self._M, lower[1:], upper[1:])
+        kinks, cuts = self._rays.kinks(from_zero, upper)
+        if not self._is_kinked:
+            return quadratic, np.where(kinks | cuts, np.inf, remainder)
+        if kinks.any():
+            _, (whole,) = self._rays.slopes(from_zero, upper)
+            at_zero = upper.copy()
+            at_zero[0] = 0.0
+            _, (centre,) = self._rays.slopes(from_zero, at_zero)
+            # The bound is the sum, which is rounded up once more.
+            rest = np.where(np.isfinite(whole), whole - centre, np.inf)
+            rest += PADDING * (np.abs(whole) + np.abs(centre))
+            quadratic = np.where(kinks, centre, quadratic)
+            remainder = np.where(kinks, rest, remainder)
+        return quadratic, np.where(cuts, np.inf, remainder)
+
+
+def undecided(
+    bounded: Callable[[Array, Array], tuple[Array, Array]],
+    lower: Array,
+    upper: Array,
+    quadratic: Array,
+    remainder: Array,
+) -> Undecided:
+    """Return the boxes for which c < 0 follows from neither of its bounds.
+
+    Args:
+        bounded: Lower and upper corners of boxes with rho > 0 -> upper bounds of c,
+            (m,), and its variation along each coordinate, (1 + nx, m).
+        lower: Lower corners, shape (1 + nx, m).
+        upper: Upper corners.
+        quadratic: Upper bounds of u'Mu, (m,).
+        remainder: Upper bounds of c / rho^2 - u'Mu.
+    """
+    left = ~(quadratic + remainder < 0)
+    lower, upper, quadratic = lower[:, left], upper[:, left], quadratic[left]
+    spread = upper - lower
+    # Near the centre, once the quadratic part is negative, the radius matters most.
+    inner = lower[0] == 0
+    spread[0] = np.where(inner, np.where(quadratic < 0, np.inf, 0.0), spread[0])
+    shown = np.zeros(inner.size, dtype=bool)
+    outer = np.flatnonzero(~inner)
+    if outer.size:
+        bound, spread[:, outer] = bounded(lower[:, outer], upper[:, outer])
+        shown[outer] = bound < 0
+    return Undecided(lower[:, ~shown], upper[:, ~shown], spread[:, ~shown])
+
+
+def beside_diagonal(middle: Array, radius: Array) -> tuple[Array, float]:
+    """Return the diagonal of M = H/2, and a bound of its off-diagonal part.
+
+    Args:
+        middle: Middle of H, shape (nx, nx).
+        radius: Its radius.
+    """
+    M = middle / 2
+    beside = radius / 2 + np.abs(M - np.diag(np.diag(M)))
+    return np.diag(M).copy(), float(beside.sum(axis=1).max())
+
+
+def quadratic_bound(
+    diagonal: Array, beside: float, lower: Array, upper: Array
+) -> Array:
+    """Return an upper bound of u'Mu over boxes of w, shape (m,).
+
+    sum d_i s_i / sum s_i with s_i = w_i^2 between their ends is largest if the s_i of
+    the largest d_i are at their upper ends and the others at their lower ends.
+
+    Args:
+        diagonal: Diagonal of M, shape (nx,).
+        beside: A bound of its off-diagonal part.
+        lower: Lower corners, shape (nx, m).
+        upper: Upper corners.
+    """
+    least, most = squares(lower, upper)
+    order = np.argsort(-diagonal)
+    d = diagonal[order][:, None]
+    s, best = least[order].copy(), np.full(lower.shape[1], -np.inf)
+    for k in range(len(order) + 1):
+        if k:
+            s[k - 1] = most[order[k - 1]]
+        total = s.sum(axis=0)
+        with np.errstate(invalid="ignore"):
+            value = np.where(total > 0, (d * s).sum(axis=0) / total, -np.inf)
+        best = np.maximum(best, value)
+    return np.asarray(best + PADDING * np.abs(diagonal).max() + beside)
+
+
+def _diagonalising(change: Change) -> Array:
+    """Return T with T'PT = I and T'(Hessian of c at 0)T diagonal, to rounding."""
+    e = ca.SX.sym("e", len(change.P))
+    hessian = ca.Function("hessian", [e], [ca.hessian(change.function(e), e)[0]])
+    root = np.linalg.inv(np.linalg.cholesky(change.P)).T
+    _, turn = np.linalg.eigh(root.T @ np.array(hessian(0)) @ root)
+    return np.asarray(root @ turn)
+
+
+class _Rays:
+    """The motion along rays from the centre, (s, w) -> ...
+
+    Attributes:
+        kinks: Its kinks and cuts.
+        bends: (s, w) -> (b, d) of the bound by second derivatives.
+        slopes: (s, w) -> a bound of c / s^2 by first derivatives.
+    """
+
+    def __init__(self, change: Change, T: Array) -> None:
+        """Build the functions that are evaluated."""
+        nx, P = len(T), ca.DM(change.P)
+        s, w = ca.SX.sym("s"), ca.SX.sym("w", nx)
+        direction = ca.DM(T) @ (w / ca.norm_2(w))
+        moved = change.motion(s * direction)
+        first = ca.jacobian(moved, s)
+        second = ca.jacobian(first, s)
+        if change.is_held:
+            # P is S'S to rounding: squares have tighter intervals than a form in P.
+            S: Array = np.linalg.inv(T).astype(np.float64)
+            wider = 1 + defect(S, np.eye(nx), change.P) * np.linalg.norm(T) ** 2
+            b = ca.dot(P @ ca.substitute(first, s, 0), second)
+            d = wider / 4 * ca.sumsqr(ca.DM(S) @ second)
+            slope = wider * ca.sumsqr(ca.DM(S) @ first)
+            slope -= 1 - defect(T, change.P, np.eye(nx))
+        else:
+            b, d = ca.dot(P @ direction, second), ca.SX(0)
+            slope = 2 * ca.dot(P @ direction, first)
+        slope += ca.bilin(ca.DM(change.Q_m), direction, direction)
+        v = ca.vertcat(s, w)
+        self.kinks = Kinks(ca.Function(change.motion.name(), [v], [moved]))
+        self.bends = evaluated(ca.vertcat(b, d), v, takes_jumps=True)
+        self.slopes = evaluated(slope, v, takes_jumps=True)
+
+
+def defect(T: Array, P: Array, expected: Array) -> float:
+    """Return a bound of |T'PT - expected|, rounding included.
+
+    Args:
+        T: Shape (nx, nx).
+        P: Shape (nx, nx).
+        expected: Shape (nx, nx).
+    """
+    off = np.abs(T.T @ P @ T - expected)
+    size = np.abs(T).T @ np.abs(P) @ np.abs(T)
+    return float((off + 4 * len(P) * np.finfo(float).eps * size).sum(axis=1).max())

@@ -1,0 +1,195 @@
+"""Proof of a level: e'Pe decreases on a whole ellipsoid, by interval branch and bound.
+
+With z = T^-1 e, T'PT = I, the ellipsoid e'Pe <= alpha is the ball |z| <= r,
+r^2 = alpha. 2n boxes of (rho, w), rho the radius and w on a face of the cube
+[-1, 1]^n, z = rho w / |w|, cover it exactly. On every box it is shown that
+c(T z) < 0 (`enclosure.py`), or the box is cut in two.
+
+The proof shows c < 0 for 0 < |z| <= r, a ball that holds the ellipsoid of the given
+level, with c the expression itself and its floating-point constants taken as exact. For
+a held input it is about the integrator's map, not the flow. It does not cover the time
+between samples, nor the bounds of inputs and states (`level.py`).
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from swarmstart.terminal_set.certificates.evidence import Proof
+from swarmstart.terminal_set.linear.arrays import Array, NotPositiveError
+from swarmstart.terminal_set.proving.decrease import Change
+from swarmstart.terminal_set.proving.enclosure import DecreaseBounds, Undecided
+
+CHUNK = 8192
+COVER = 1e-9
+"""Least relative excess of the ball's radius over sqrt(alpha), for rounding of T."""
+
+
+def prove_level(
+    change: Change,
+    alpha: float,
+    *,
+    max_boxes: int = 2_000_000,
+    max_seconds: float = 60.0,
+) -> Proof:
+    """Try to prove that e'Pe decreases in a whole ellipsoid.
+
+    Args:
+        change: Change from `continuous_change` or `held_change`.
+        alpha: Level of the ellipsoid, > 0.
+        max_boxes: Largest number of boxes.
+        max_seconds: Time limit [s].
+
+    Returns:
+        The outcome. If it is not proven and has no counterexample, the level is open.
+
+    Raises:
+        NotPositiveError: If alpha is not positive and finite.
+        UnknownIntervalOperationError: If c has an operation without interval form.
+    """
+    if not 0 < alpha < np.inf:
+        raise NotPositiveError("alpha", alpha)
+    began = clock.perf_counter()
+    bounds = _bounds_of(change)
+    radius = radius_of(alpha, bounds.defect)
+    if not np.isfinite(radius):
+        seconds = clock.perf_counter() - began
+        return Proof(proven=False, alpha=alpha, boxes=0, seconds=seconds)
+
+    def broken(left: Undecided) -> Array | None:
+        return _counterexample(change.function, bounds.T, left)
+
+    limits = Limits(max_boxes=max_boxes, until=began + max_seconds)
+    search = search_ball(bounds, len(change.P), radius, limits=limits, broken=broken)
+    return Proof(
+        proven=search.finished,
+        alpha=alpha,
+        boxes=search.boxes,
+        seconds=clock.perf_counter() - began,
+        counterexample=search.counterexample,
+    )
+
+
+@lru_cache(maxsize=1)
+def _bounds_of(change: Change) -> DecreaseBounds:
+    """Return the bounds of a change, cached for several levels."""
+    return DecreaseBounds(change)
+
+
+def radius_of(alpha: float, defect: float) -> float:
+    """Return a radius whose ball of z holds an ellipsoid of e.
+
+    Args:
+        alpha: Level of the ellipsoid.
+        defect: A bound d of |T'PT - I|: e'Pe >= (1 - d) |z|^2.
+
+    Returns:
+        At least sqrt(alpha / (1 - d)); infinite if T is too inaccurate.
+    """
+    if not defect < 0.5:  # noqa: PLR2004
+        return float("inf")
+    return float(np.sqrt(alpha)) * (1 + COVER + defect)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Limits:
+    """Limits at which a search stops.
+
+    Attributes:
+        max_boxes: Largest number of boxes.
+        until: Time of `time.perf_counter` at which it stops [s].
+    """
+
+    max_boxes: int
+    until: float
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Search:
+    """The outcome of a search of a ball.
+
+    Attributes:
+        finished: Whether every box was decided.
+        boxes: Number of boxes examined.
+        counterexample: A counterexample; None if none was met.
+    """
+
+    finished: bool
+    boxes: int
+    counterexample: Array | None = None
+
+
+def search_ball(
+    bounds: Callable[[Array, Array], Undecided],
+    nx: int,
+    radius: float,
+    *,
+    limits: Limits,
+    broken: Callable[[Undecided], Array | None] = lambda left: None,
+) -> Search:
+    """Cut a ball into boxes until all are decided.
+
+    Args:
+        bounds: Lower and upper corners of boxes of (rho, w) -> those undecided.
+        nx: Dimension of the ball.
+        radius: Its radius.
+        limits: Limits at which the search stops.
+        broken: Undecided boxes -> a counterexample among them, if any.
+    """
+    stack, boxes = [_faces(nx, radius)], 0
+    while stack:
+        lower, upper = stack.pop()
+        if lower.shape[1] > CHUNK:
+            stack.append((lower[:, CHUNK:], upper[:, CHUNK:]))
+            lower, upper = lower[:, :CHUNK], upper[:, :CHUNK]
+        boxes += lower.shape[1]
+        left = bounds(lower, upper)
+        if not left.lower.size:
+            continue
+        found = broken(left)
+        is_cut_out = bool((left.spread.max(axis=0) <= 0).any())
+        too_long = boxes > limits.max_boxes or clock.perf_counter() > limits.until
+        if found is not None or is_cut_out or too_long:
+            return Search(finished=False, boxes=boxes, counterexample=found)
+        stack.append(_halves(left))
+    return Search(finished=True, boxes=boxes)
+
+
+Boxes = tuple[Array, Array]
+"""Lower and upper corners of boxes of (rho, w), each (1 + nx, m)."""
+
+
+def _faces(nx: int, radius: float) -> Boxes:
+    """Return the boxes that cover the ball: rho in [0, r], w on a face of the cube."""
+    lower, upper = np.full((1 + nx, 2 * nx), -1.0), np.full((1 + nx, 2 * nx), 1.0)
+    lower[0], upper[0] = 0.0, radius
+    for axis in range(nx):
+        for side, end in enumerate((-1.0, 1.0)):
+            lower[1 + axis, 2 * axis + side] = upper[1 + axis, 2 * axis + side] = end
+    return lower, upper
+
+
+def _halves(boxes: Undecided) -> Boxes:
+    """Return the boxes cut in two along the coordinate of the largest spread."""
+    axis, each = boxes.spread.argmax(axis=0), np.arange(boxes.lower.shape[1])
+    middle = (boxes.lower[axis, each] + boxes.upper[axis, each]) / 2
+    below, above = boxes.upper.copy(), boxes.lower.copy()
+    below[axis, each], above[axis, each] = middle, middle
+    return np.hstack([boxes.lower, above]), np.hstack([below, boxes.upper])
+
+
+def _counterexample(c: ca.Function, T: Array, boxes: Undecided) -> Array | None:
+    """Return the nearest box end at which c is not below 0, or not a number."""
+    w = (boxes.lower[1:] + boxes.upper[1:]) / 2
+    e = T @ (boxes.upper[0] * w / np.linalg.norm(w, axis=0))
+    breaks = ~(np.array(c.map(e.shape[1])(e)).ravel() < 0)
+    if not breaks.any():
+        return None
+    nearest = int(np.argmin(np.where(breaks, boxes.upper[0], np.inf)))
+    return np.asarray(e[:, nearest])

@@ -1,0 +1,28 @@
+"""A run's record states whether its linear law is certified."""
+
+from __future__ import annotations
+
+import pytest
+
+from swarmstart.cases.campaign.running.run import run
+from swarmstart.cases.format.scenario import read_document, resolve
+
+
+@pytest.mark.parametrize(
+    ("variant", "enabled", "is_said"),
+    [
+        ("literal", "true", True),
+        ("literal", "false", False),
+        ("corrected", "true", False),
+    ],
+)
+def test_sets_that_are_not_certified_are_named_in_the_status(
+    variant: str, enabled: str, is_said: bool
+) -> None:
+    """The literal law has no certificate; it is used if the scenario asks for it."""
+    assignments = ("steps=1", f"dual_mode.enabled={enabled}")
+    resolved = resolve(
+        read_document("formation_v"), variant=variant, assignments=assignments
+    )
+    said = run(resolved, seed=0).status
+    assert said.endswith("terminal sets are not certified") == is_said

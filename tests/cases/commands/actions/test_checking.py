@@ -1,0 +1,36 @@
+"""`check`: every variant is looked at, and what they share is said once."""
+
+from importlib.resources import files
+from pathlib import Path
+
+import pytest
+
+from swarmstart.cases.commands.actions.checking import check
+from swarmstart.cases.format.scenario import InvalidScenarioError
+
+V = (files("swarmstart.cases") / "scenarios" / "formation_v.yaml").read_text()
+
+
+def flaws(tmp_path: Path, old: str, new: str) -> list[str]:
+    assert V.count(old) == 1
+    path = tmp_path / "changed.yaml"
+    path.write_text(V.replace(old, new))
+    with pytest.raises(InvalidScenarioError) as told:
+        check(str(path))
+    return [flaw.what for flaw in told.value.flaws]
+
+
+def test_valid_scenario_is_named_with_its_variants() -> None:
+    assert check("formation_v").endswith(": valid (literal, corrected)")
+    assert check("passing_side").endswith(": valid")
+
+
+def test_flaw_of_both_variants_is_told_once(tmp_path: Path) -> None:
+    (told,) = flaws(tmp_path, "\nsteps: 60 ", "\nsteps: -60 ")
+    assert "-60" in told
+
+
+@pytest.mark.parametrize("variant", ["literal", "corrected"])
+def test_flaw_of_either_variant_is_found(tmp_path: Path, variant: str) -> None:
+    (told,) = flaws(tmp_path, f"\n  {variant}:\n", f"\n  {variant}:\n    steps: -7\n")
+    assert "-7" in told

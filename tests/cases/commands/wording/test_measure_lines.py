@@ -1,0 +1,34 @@
+"""The table of measures: value, unit and meaning; why a measure is undefined."""
+
+from swarmstart.cases.commands.wording.measure_lines import measure_table, value_text
+from swarmstart.cases.commands.wording.measure_list import measures_of_run
+from swarmstart.cases.format.scenario import read_document, resolve
+
+
+def test_values_have_unit_and_meaning_and_an_undefined_one_its_reason() -> None:
+    resolved = resolve(read_document("formation_v"))
+    values = {"settle_time_s": ("undefined",), "linear_steps": ("3",)}
+    notes = {"settle_time_s": "undefined: never"}
+    head, first, *_, last = measure_table(
+        resolved, values, ("measure", "value", "unit", "meaning"), notes
+    )
+    assert head.split() == ["measure", "value", "unit", "meaning"]
+    assert first.split()[:3] == ["settle_time_s", "undefined", "s"]
+    assert last.split()[:3] == ["linear_steps", "3", "-"]
+    assert max(map(len, (head, first, last))) <= 80
+
+
+def test_own_and_decided_measures_are_explained() -> None:
+    known = measures_of_run(resolve(read_document("pendulum")))
+    assert known["final_angle"]["meaning"].endswith("angle.end")
+    assert "end_time" in measures_of_run(resolve(read_document("brachistochrone")))
+
+
+def test_lists_are_cut_and_undefined_entries_are_dashes() -> None:
+    assert value_text([1.5, None]) == "[1.5, -]"
+    assert value_text([0.0] * 100) == "[0, 0, 0, 0, 0, 0, ... 100 in all]"
+    assert (value_text(None), value_text(7), value_text(1 / 3)) == (
+        "-",
+        "7",
+        "0.333333",
+    )

@@ -1,0 +1,392 @@
+"""Improvement of an answer: when, how often, and which answer is kept."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from swarmstart.heuristics import LSHADE, Budget
+from swarmstart.ocp import (
+    Bounds,
+    IpoptOptions,
+    Model,
+    OptimalControlProblem,
+    PathConstraint,
+    Plan,
+    Planner,
+    PolishStatus,
+    SearchReport,
+    SearchSettings,
+    Separation,
+    Solution,
+    SolutionStatus,
+    Source,
+    verified,
+)
+from swarmstart.ocp.answer import improving
+from swarmstart.ocp.answer.improving import (
+    Answer,
+    followed_down,
+    repaired,
+    settled_answer,
+)
+from swarmstart.ocp.rollout.checking import Excess
+from swarmstart.ocp.rollout.fitness import NOTHING
+
+X, U = ca.SX.sym("x"), ca.SX.sym("u")
+
+
+def stated(cost: ca.SX, end: ca.SX, *constraints: Any) -> OptimalControlProblem:
+    """x' = u over 1 s in two intervals, |u| <= 2."""
+    return OptimalControlProblem(
+        Model(states=X, controls=U, ode=U),
+        horizon=1.0,
+        intervals=2,
+        stage_cost=cost,
+        terminal_cost=end,
+        bounds=Bounds(controls=(-2, 2)),
+        constraints=constraints,
+    )
+
+
+def planner_of(problem: OptimalControlProblem, **how: Any) -> Planner:
+    given = {"search": None, "polish": IpoptOptions(), "backend": "casadi", **how}
+    return Planner(problem, **given)
+
+
+def answered(planner: Planner, guess: float = 0.0) -> Solution:
+    """Return the answer of the polish alone from equal controls."""
+    plan = planner.plan(
+        [0.0], guess=np.full((1, 2), guess), rng=np.random.default_rng(0)
+    )
+    return verified(planner.problem, plan, [0.0])
+
+
+def looked_at(planner: Planner, solution: Solution) -> Solution:
+    answer = Answer(solution, planner, NOTHING)
+    return settled_answer(planner, answer, [0.0], NOTHING, np.random.default_rng(0))
+
+
+SADDLE = stated(U**2 / 9, 4 * ca.cos(X))
+
+
+def test_saddle_is_left_and_the_way_down_is_verified_and_counted() -> None:
+    planner = planner_of(SADDLE)
+    before = answered(planner)
+    assert "saddle" in before.reason
+    after = looked_at(planner, before)
+    assert after.status is SolutionStatus.CONVERGED
+    # With equal parts u: the minimum of u^2 / 9 + 4 cos u within |u| <= 2.
+    assert after.cost == pytest.approx(4 / 9 + 4 * np.cos(2))
+    assert after.plan.evaluations > before.plan.evaluations
+    assert after.plan.source is before.plan.source
+
+
+def test_descent_that_the_finer_path_does_not_confirm_is_not_taken() -> None:
+    """At x = 0 the cost is 1 on any grid; two steps miss the waves elsewhere."""
+    planner = planner_of(stated(ca.cos(60 * X) + U**2 / 100, ca.SX(0)))
+    before = answered(planner)
+    assert before.status is SolutionStatus.FEASIBLE
+    assert looked_at(planner, before) is before
+
+
+def test_only_a_stationary_answer_of_unknown_curvature_is_looked_at() -> None:
+    planner = planner_of(SADDLE)
+    before = answered(planner)
+    sure = replace(before, status=SolutionStatus.CONVERGED)
+    broken = replace(before, status=SolutionStatus.BROKEN)
+    kinked = replace(before, path=replace(before.path, kinks=("fabs(x)",)))
+    moving = replace(before, plan=replace(before.plan, point=None))
+    for other in (sure, broken, kinked, moving):
+        assert looked_at(planner, other) is other
+    assert looked_at(planner_of(SADDLE, polish=None), before) is before
+
+
+def followed(planner: Planner, solution: Solution) -> Solution:
+    return followed_down(planner, solution, [0.0], NOTHING, np.random.default_rng(0))
+
+
+KINKED = stated(ca.fabs(U - 1), (X - 2) ** 2 / 4)
+"""Along u = 1 the modulus costs nothing; beyond, it costs more than the end gains."""
+
+
+def test_kinks_are_followed_down_to_the_optimum_between_them() -> None:
+    planner = planner_of(KINKED)
+    plan = planner.evaluated(np.zeros((1, 2)), [0.0], source=Source.GUESS)
+    stuck = verified(KINKED, replace(plan, evaluations=5), [0.0])
+    found = followed(planner, stuck)
+    # u = 1 all along: |u - 1| is 0 and (1 - 2)^2 / 4 is left.
+    assert found.cost == pytest.approx(0.25, abs=1e-4)
+    assert found.status is SolutionStatus.FEASIBLE  # Stationary when rounded only.
+    assert found.plan.evaluations > 5
+
+
+def test_only_kinked_and_polished_answers_are_followed_down() -> None:
+    smooth = planner_of(SADDLE)
+    at_saddle = answered(smooth)
+    assert followed(smooth, at_saddle) is at_saddle  # It has no kinks,
+    planner = planner_of(KINKED)
+    plan = planner.evaluated(np.zeros((1, 2)), [0.0], source=Source.GUESS)
+    stuck = verified(KINKED, plan, [0.0])
+    sure = replace(stuck, status=SolutionStatus.CONVERGED)
+    assert followed(planner, sure) is sure  # is sure already,
+    assert followed(planner_of(KINKED, polish=None), stuck) is stuck  # or unpolished.
+
+
+def test_better_answer_is_never_given_up_for_a_rounded_one() -> None:
+    planner = planner_of(KINKED)
+    best = planner.evaluated(np.ones((1, 2)), [0.0], source=Source.GUESS)
+    solution = verified(KINKED, best, [0.0])
+    assert followed(planner, solution) is solution
+
+
+def test_rounding_begins_far_from_the_answer_and_goes_on_near_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    told: list[bool] = []
+
+    class Recording(Planner):
+        def plan(self, *given: Any, near: bool = False, **how: Any) -> Any:
+            told.append(near)
+            return super().plan(*given, near=near, **how)
+
+    planner = planner_of(KINKED)
+    plan = planner.evaluated(np.zeros((1, 2)), [0.0], source=Source.GUESS)
+    stuck = verified(KINKED, plan, [0.0])
+    monkeypatch.setattr(improving, "Planner", Recording)
+    followed(planner, stuck)
+    assert told == [False] + [True] * 4
+
+
+class Rounds:
+    """Records the calls of `repaired`, with prescribed answers.
+
+    Attributes:
+        planners: Planners made for the attempts.
+        asked: Arguments (attempt, excesses before) of `hurried`.
+        checks: Arguments of `slack_at_checks`.
+        coarser: Arguments of `added`.
+        shared: Arguments `for_all` of `tightened`.
+        answers: Results of `verified`, one after the other.
+    """
+
+    def __init__(
+        self, monkeypatch: pytest.MonkeyPatch, answers: list[Solution]
+    ) -> None:
+        self.planners: list[Planner] = []
+        self.asked: list[tuple[int, dict[Any, float]]] = []
+        self.checks: list[int] = []
+        self.coarser: list[float] = []
+        self.shared: list[float] = []
+        self.answers = answers
+        for name in ("hurried", "slack_at_checks", "added", "tightened", "Planner"):
+            monkeypatch.setattr(improving, name, self._noting(name))
+        monkeypatch.setattr(improving, "verified", lambda *_: self.answers.pop(0))
+
+    def _noting(self, name: str) -> Callable[..., Any]:
+        original = getattr(improving, name)
+
+        def noted(*given: Any, **how: Any) -> Any:
+            if name == "hurried":
+                self.asked.append((given[2], given[1]))
+            elif name == "slack_at_checks":
+                self.checks.append(given[4])
+            elif name == "added":
+                self.coarser.append(given[3])
+            elif name == "tightened":
+                self.shared.append(how["for_all"])
+            found = original(*given, **how)
+            if name == "Planner":
+                self.planners.append(found)
+            return found
+
+        return noted
+
+
+ABOVE = stated(U**2, (X - 1) ** 2, PathConstraint(expression=X, upper=0.5, scale=2.0))
+
+
+def broken(
+    solution: Solution, amount: float, cost: float = 1.0, *, confirmed: bool = False
+) -> Solution:
+    """Return an answer that breaks the upper limit of the only row."""
+    excess = Excess(
+        name="row", amount=amount, scale=2.0, time=1.0, constraint=0, row=0, above=True
+    )
+    status = SolutionStatus.FEASIBLE if confirmed else SolutionStatus.BROKEN
+    return replace(
+        solution,
+        status=status,
+        cost=cost,
+        verified_violation=excess.relative,
+        path=replace(solution.path, broken=() if confirmed else (excess,)),
+    )
+
+
+@pytest.fixture(scope="module")
+def above() -> tuple[Planner, Solution]:
+    planner = planner_of(ABOVE)
+    return planner, answered(planner)
+
+
+def test_each_attempt_has_more_checks_and_margins_that_fall_with_their_distance(
+    above: tuple[Planner, Solution], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    planner, solution = above
+    amounts = (0.4, 0.1, 0.05, 0.025)
+    before, *answers = (broken(solution, amount) for amount in amounts)
+    rounds = Rounds(monkeypatch, answers)
+    found = repaired(
+        planner, before, [0.0], NOTHING, rng=np.random.default_rng(0)
+    ).solution
+    assert rounds.asked == [
+        (0, {}), (1, {(0, 0, True): 0.4}), (2, {(0, 0, True): 0.1})
+    ]  # fmt: skip
+    assert [p.problem.checks for p in rounds.planners] == [1, 2, 4]
+    assert (rounds.checks, rounds.coarser) == ([1, 1, 2], [1, 1 / 2, 2 / 4])
+    # What is wanted besides: 1.25 and 1.5 times, over the effect (at least 1/4) so far.
+    wanted = [1.25 * 0.1 / (1 - 0.1 / 0.4), 1.5 * 0.05 / (1 - 0.05 / 0.1)]
+    assert rounds.shared == pytest.approx([0, *(w / 2 / 4 for w in wanted)])
+    assert found.verified_violation == pytest.approx(0.025 / 2)  # The best of them.
+    assert rounds.answers == []
+
+
+@pytest.mark.parametrize("last", [0.1, 0.9])
+def test_repair_ends_with_the_first_answer_that_breaks_nothing(
+    above: tuple[Planner, Solution], monkeypatch: pytest.MonkeyPatch, last: float
+) -> None:
+    """A confirmed answer is better, even if it is costlier."""
+    planner, solution = above
+    answers = [broken(solution, 0, cost=last, confirmed=True), solution]
+    rounds = Rounds(monkeypatch, answers)
+    before = broken(solution, 0.4, cost=0.5)
+    found = repaired(planner, before, [0.0], NOTHING, rng=np.random.default_rng(0))
+    assert (found.solution.cost, len(rounds.planners)) == (last, 1)
+    assert found.planner is rounds.planners[0]
+
+
+def test_answer_that_breaks_more_than_before_is_not_kept(
+    above: tuple[Planner, Solution], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    planner, solution = above
+    Rounds(monkeypatch, [broken(solution, 0.5 + k, cost=0.0) for k in range(3)])
+    before = broken(solution, 0.4)
+    found = repaired(planner, before, [0.0], NOTHING, rng=np.random.default_rng(0))
+    assert found == Answer(before, planner, NOTHING)
+
+
+@pytest.mark.parametrize(
+    "status",
+    [SolutionStatus.FEASIBLE, SolutionStatus.INFEASIBLE, SolutionStatus.MISMATCH],
+)
+def test_margins_are_tried_only_where_they_could_help(
+    above: tuple[Planner, Solution], status: SolutionStatus
+) -> None:
+    planner, solution = above
+    before = replace(broken(solution, 0.4), status=status)
+    found = repaired(planner, before, [0.0], NOTHING, rng=np.random.default_rng(0))
+    assert found == Answer(before, planner, NOTHING)
+
+
+APART = Separation(relative=ca.vertcat(X - 0.5, 1), distance=0.5, along="segments")
+
+
+@pytest.mark.parametrize(
+    ("status", "rounds"),
+    [
+        (SolutionStatus.BROKEN, 1),
+        (SolutionStatus.INFEASIBLE, 1),
+        (SolutionStatus.MISMATCH, 0),
+        (SolutionStatus.NOT_FINITE, 0),
+    ],
+)
+def test_what_points_leave_infeasible_along_segments_is_given_margins(
+    monkeypatch: pytest.MonkeyPatch, status: SolutionStatus, rounds: int
+) -> None:
+    planner = planner_of(stated(U**2, (X - 1) ** 2, APART))
+    solution = answered(planner)
+    worse = replace(broken(solution, 0.4), status=status)
+    made = Rounds(monkeypatch, [worse, broken(solution, 0, confirmed=True)])
+    before = broken(solution, 0.4, cost=1.0)
+    repaired(planner, before, [0.0], NOTHING, rng=np.random.default_rng(0))
+    assert len(made.planners) == 1 + rounds
+
+
+@pytest.mark.parametrize(
+    ("costs", "kept"), [([3.0, 2.0], 2.0), ([0.9, 2.0], 0.9), ([3.0, 4.0], 1.0)]
+)
+def test_segments_are_first_polished_as_points_and_the_cheapest_confirmed_is_kept(
+    monkeypatch: pytest.MonkeyPatch, costs: list[float], kept: float
+) -> None:
+    """The NLP sees points only, so it knows nothing of segments."""
+    planner = planner_of(stated(U**2, (X - 1) ** 2, APART))
+    solution = answered(planner)
+    one, other = (broken(solution, 0, cost=c, confirmed=True) for c in costs)
+    rounds = Rounds(monkeypatch, [one, other])
+    before = broken(solution, 0.4, cost=1.0, confirmed=kept == 1.0)
+    found = repaired(planner, before, [0.0], NOTHING, rng=np.random.default_rng(0))
+    assert [c.along for c in rounds.planners[0].problem.stated] == ["points"]  # type: ignore[attr-defined]
+    assert rounds.planners[0].problem.checks == 1
+    assert len(rounds.planners) == 1  # What is confirmed needs no margin.
+    assert found.solution.cost == (1.0 if kept == 1.0 else costs[0])
+
+
+@pytest.mark.parametrize(
+    ("given", "left"),
+    [
+        (Budget(evaluations=20_000), Budget(evaluations=2000)),
+        (Budget(evaluations=500), Budget(evaluations=400)),
+        (Budget(seconds=5.0), Budget(seconds=0.5)),
+        (Budget(evaluations=8000, seconds=2.0), Budget(evaluations=800, seconds=0.2)),
+    ],
+)
+def test_search_of_an_attempt_has_a_tenth_of_the_budget(
+    above: tuple[Planner, Solution],
+    monkeypatch: pytest.MonkeyPatch,
+    given: Budget,
+    left: Budget,
+) -> None:
+    _, solution = above
+    search = SearchSettings(algorithm=LSHADE(size=20), budget=given)
+    planner = planner_of(ABOVE, search=search, polish=None)
+    rounds = Rounds(monkeypatch, [broken(solution, 0, confirmed=True)])
+    made: list[SearchSettings] = []
+
+    def planned(self: Planner, *given: Any, **how: Any) -> Any:
+        assert self.search is not None
+        made.append(self.search)
+        return solution.plan
+
+    monkeypatch.setattr(Planner, "plan", planned)
+    before = broken(solution, 0.4)
+    repaired(planner, before, [0.0], NOTHING, rng=np.random.default_rng(0))
+    assert [s.budget for s in made] == [left]
+    assert len(rounds.planners) == 1
+
+
+def test_polished_attempt_is_not_searched_again_and_adds_its_effort(
+    above: tuple[Planner, Solution], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, solution = above
+    search = SearchSettings(algorithm=LSHADE(size=20), budget=Budget(evaluations=100))
+    both = planner_of(ABOVE, search=search)
+    plans: list[Plan] = []
+
+    def noted(_: OptimalControlProblem, plan: Plan, *__: Any) -> Solution:
+        plans.append(plan)
+        return solution
+
+    monkeypatch.setattr(improving, "verified", noted)
+    report = SearchReport(3.0, 0.25, np.array([5.0, 3.0]))
+    plan = replace(solution.plan, evaluations=7, search=report)
+    before = replace(broken(solution, 0.4), plan=plan)
+    found = repaired(both, before, [0.0], NOTHING, rng=np.random.default_rng(0))
+    assert found.planner.search is None
+    (made,) = plans
+    assert made.evaluations > 7
+    assert (made.search.cost, made.search.violation) == (3.0, 0.25)
+    assert made.search.history.tolist() == [5.0, 3.0]
+    assert made.polish_status is PolishStatus.CONVERGED

@@ -1,0 +1,128 @@
+"""Integrators against closed forms."""
+
+from typing import get_args
+
+import casadi as ca
+import numpy as np
+import pytest
+from scipy.linalg import expm, solve_continuous_lyapunov
+
+from swarmstart.ocp import (
+    INTEGRATORS,
+    Integrator,
+    InvalidProblemError,
+    Model,
+    held_step,
+)
+from swarmstart.ocp.integration.integrators import integrate
+
+LOGISTIC_AT_2 = 1 / (1 + 9 * np.exp(-2.0))  # x' = x (1 - x), x(0) = 0.1
+
+
+@pytest.mark.parametrize(("method", "order"), [("euler", 1), ("rk4", 4), ("stiff", 4)])
+def test_error_falls_with_the_order_of_the_method(method: str, order: int) -> None:
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    model = Model(states=x, controls=u, ode=x * (1 - x))
+    errors = [
+        abs(
+            float(held_step(model, 2.0, method=method, substeps=n)(0.1, 0, []))
+            - LOGISTIC_AT_2
+        )
+        for n in (32, 64, 128)
+    ]
+    rates = np.log2(np.divide(errors[:-1], errors[1:]))
+    np.testing.assert_allclose(rates, order, atol=0.15)
+
+
+def test_one_rk4_step_of_a_linear_system_is_the_taylor_polynomial() -> None:
+    rng = np.random.default_rng(0)
+    A, B, x0, u0 = (rng.normal(size=s) for s in [(3, 3), (3, 2), (3,), (2,)])
+    x, u = ca.SX.sym("x", 3), ca.SX.sym("u", 2)
+    model = Model(states=x, controls=u, ode=ca.DM(A) @ x + ca.DM(B) @ u)
+    h = 0.7
+    # (x, u)' = M (x, u) while u is held; RK4 sums the series to the fourth power.
+    M = np.block([[A, B], [np.zeros((2, 5))]]) * h
+    powers = [np.eye(5), M, M @ M / 2, M @ M @ M / 6, M @ M @ M @ M / 24]
+    expected = (sum(powers) @ np.concatenate([x0, u0]))[:3]
+    one = np.array(held_step(model, h)(x0, u0, [])).ravel()
+    np.testing.assert_allclose(one, expected, rtol=1e-13)
+    # 64 steps are off by 64 (|M| h / 64)^5 / 120, some 1e-8 of the exponential.
+    exact = (expm(M) @ np.concatenate([x0, u0]))[:3]
+    many = np.array(held_step(model, h, substeps=64)(x0, u0, [])).ravel()
+    np.testing.assert_allclose(many, exact, rtol=1e-8)
+
+
+def test_unicycle_flies_an_arc_while_its_turn_rate_is_held(unicycle: Model) -> None:
+    v, psi, w, t = 15.0, 0.4, np.pi / 18, 1.0
+    exact = [
+        v,
+        psi + w * t,
+        -60 + v / w * (np.sin(psi + w * t) - np.sin(psi)),
+        2 - v / w * (np.cos(psi + w * t) - np.cos(psi)),
+    ]
+    end = held_step(unicycle, t)([v, psi, -60, 2], [0, w], [])
+    # One step a second is exact to some 5e-6 m.
+    np.testing.assert_allclose(np.array(end).ravel(), exact, rtol=0, atol=5e-6)
+
+
+@pytest.mark.parametrize("method", ["rk4", "stiff"])
+@pytest.mark.parametrize("after_jump", [False, True])
+def test_cubic_of_time_is_integrated_exactly_from_any_start(
+    method: str, after_jump: bool
+) -> None:
+    end = integrate(
+        method, lambda t, _: ca.SX(t**3), ca.SX(0), start=1.0, duration=2.0, steps=3,
+        after_jump=after_jump,
+    )  # fmt: skip
+    assert float(ca.DM(end)) == pytest.approx((3**4 - 1**4) / 4, rel=1e-13)
+
+
+@pytest.mark.parametrize("rate", [20.0, 200.0, 1000.0, 5000.0])
+def test_layer_after_a_jump_is_followed_at_any_rate(rate: float) -> None:
+    """The square of a state that leaves its equilibrium, integrated."""
+    A = np.array([[-rate, 0.6 * rate], [rate, -0.6 * rate - 1.0]])
+    x0, duration = np.array([1.0, 0.0]), 0.25
+    # x' = A x: the integral of x'x is x0'S x0, S of A'S + S A = e'e - I, e = exp(A t).
+    after = expm(A * duration)
+    S = solve_continuous_lyapunov(A.T, after.T @ after - np.eye(2))
+    exact = np.append(after @ x0, x0 @ S @ x0)
+
+    def error(after_jump: bool) -> float:
+        found = integrate(
+            "stiff",
+            lambda _, y: ca.vertcat(ca.DM(A) @ y[:2], ca.sumsqr(y[:2])),
+            ca.SX([*x0, 0.0]),
+            start=0.0,
+            duration=duration,
+            steps=4,
+            after_jump=after_jump,
+        )
+        return float(np.abs(np.array(ca.DM(found)).ravel() - exact).max())
+
+    assert error(after_jump=True) < 3e-4
+    assert error(after_jump=False) > 3 * error(after_jump=True)
+
+
+@pytest.mark.parametrize(
+    ("dt", "options", "message"),
+    [
+        (0.0, {}, "dt must be positive, got 0.0"),
+        (np.nan, {}, "dt must be positive, got nan"),
+        (
+            1.0,
+            {"method": "rk5"},
+            "integrator must be one of rk4, euler, stiff, got 'rk5'",
+        ),
+        (1.0, {"substeps": 0}, "substeps must be an integer of at least 1, got 0"),
+        (1.0, {"substeps": 1.5}, "substeps must be an integer of at least 1, got 1.5"),
+    ],
+)
+def test_refuses_what_is_no_step(
+    dt: float, options: dict[str, str | int], message: str, double_integrator: Model
+) -> None:
+    with pytest.raises(InvalidProblemError, match=message):
+        held_step(double_integrator, dt, **options)  # type: ignore[arg-type]
+
+
+def test_names_known_before_anything_runs_are_those_of_the_integrators() -> None:
+    assert get_args(Integrator) == tuple(INTEGRATORS)

@@ -1,0 +1,290 @@
+"""The finer path: against an independent integrator, and cuts in closed form."""
+
+from typing import Literal
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
+from swarmstart.ocp import (
+    Integrator,
+    Model,
+    OptimalControlProblem,
+    PathConstraint,
+    disc,
+)
+from swarmstart.ocp.rollout.path import Path, Tracer
+from swarmstart.ocp.rollout.scaling import Sizing
+
+Array = NDArray[np.float64]
+NONE = np.empty(0)
+X, U, S = ca.SX.sym("x", 2), ca.SX.sym("u"), ca.SX.sym("s")
+
+
+def traced(
+    problem: OptimalControlProblem,
+    controls: Array,
+    x0: list[float],
+    *,
+    parameters: Array = NONE,
+    signals: Array | None = None,
+) -> Path:
+    start = np.array(x0, dtype=np.float64)
+    known = np.empty((0, problem.nodes)) if signals is None else signals
+    sizes = Sizing(problem)(start, parameters, known)
+    return Tracer(problem)(controls, start, parameters, known, sizes)
+
+
+@pytest.mark.parametrize("quadrature", ["integral", "left", "right"])
+@pytest.mark.parametrize("integrator", ["rk4", "euler", "stiff"])
+def test_path_is_that_of_an_independent_integrator(
+    pendulum: Model,
+    quadrature: Literal["integral", "left", "right"],
+    integrator: Integrator,
+) -> None:
+    """States and cost, with parameters, and with signals linear between the nodes."""
+    x, u, p = pendulum.states, pendulum.controls, ca.SX.sym("p")
+    s = ca.SX.sym("s", 2)
+    problem = OptimalControlProblem(
+        Model(states=x, controls=u, parameters=p, ode=pendulum.ode * p),
+        horizon=1.5,
+        intervals=3,
+        stage_cost=(x[0] - s[0]) * (1 + u**2) + s[1] * x[1],
+        terminal_cost=-p * x[1] * s[1],
+        signals=s,
+        quadrature=quadrature,
+        integrator=integrator,
+        checks=2,
+        substeps=3,
+    )
+    rng = np.random.default_rng(0)
+    controls, signals = rng.normal(size=(1, 3)), rng.normal(size=(2, problem.nodes))
+    path = traced(
+        problem, controls, [0.4, -0.2], parameters=np.array([0.7]), signals=signals
+    )
+
+    def cost_rate(t: float, y: Array, held: float) -> float:
+        a, b = (np.interp(t, problem.times, row) for row in signals)
+        return float((y[0] - a) * (1 + held**2) + b * y[1])
+
+    y = np.array([0.4, -0.2, 0.0, 0.0])
+    nodes, summed = [y], []
+    for k, (begin, end) in enumerate(
+        zip(problem.times, problem.times[1:], strict=False)
+    ):
+        held = float(controls[0, k // 2])
+
+        def rate(t: float, y: Array, held: float = held) -> list[float]:
+            spent = cost_rate(t, y, held)
+            turned = 0.7 * (held - 9.81 * np.sin(y[0]))
+            return [0.7 * y[1], turned, spent, abs(spent)]
+
+        flown = solve_ivp(
+            rate, (begin, end), y, method="DOP853", rtol=1e-10, atol=1e-12
+        )
+        ends = cost_rate(begin, y, held), cost_rate(end, flown.y[:, -1], held)
+        summed.append(problem.dt * (ends[0] if quadrature == "left" else ends[1]))
+        y = flown.y[:, -1]
+        nodes.append(y)
+    chosen = summed[0::2] if quadrature == "left" else summed[1::2]
+    integral = quadrature == "integral"
+    last = -0.7 * y[1] * signals[1, -1]
+    spent = y[2] if integral else sum(chosen)
+    size = y[3] if integral else np.abs(chosen).sum()
+    # RK4 with steps of 1/120 s: h^4 of the pendulum's fifth derivatives.
+    np.testing.assert_allclose(
+        path.states[:, ::30], np.array(nodes)[:, :2].T, atol=1e-6
+    )
+    assert path.cost == pytest.approx(spent + last, abs=1e-6)
+    # |cost| has a kink inside a step.
+    assert path.magnitude == pytest.approx(size + abs(last), rel=1e-4)
+
+
+@pytest.mark.parametrize("intervals", [1, 3])
+@pytest.mark.parametrize("checks", [1, 2])
+def test_path_has_ten_points_to_each_step(
+    double_integrator: Model, intervals: int, checks: int
+) -> None:
+    problem = OptimalControlProblem(
+        double_integrator, horizon=2.0, intervals=intervals, checks=checks, substeps=3
+    )
+    controls = np.arange(1.0, intervals + 1)[None]
+    path = traced(problem, controls, [0, 0])
+    assert path.times.size == path.states.shape[1] == intervals * checks * 30 + 1
+    assert path.times[-1] == 2.0
+    np.testing.assert_array_equal(path.controls[0, :: checks * 30], controls[0])
+    assert path.not_finite is None
+    assert not (path.broken or path.outside or path.kinks)
+
+
+def straight(**stated: object) -> OptimalControlProblem:
+    """A point that moves to the right at 1 m/s and up with its control."""
+    given = {"horizon": 4.0, "intervals": 4, "substeps": 4, **stated}
+    model = Model(states=X, controls=U, ode=ca.vertcat(1, U))
+    return OptimalControlProblem(model, **given)  # type: ignore[arg-type]
+
+
+@given(
+    height=st.floats(-0.9, 0.9),
+    centre=st.floats(-1.9, 1.9),
+    slope=st.floats(-0.3, 0.3),
+)
+@settings(max_examples=15, deadline=None)
+def test_line_past_a_disc_cuts_what_geometry_says(
+    height: float, centre: float, slope: float
+) -> None:
+    """A line at a distance a from the centre of a disc of radius r cuts r - a."""
+    at = np.array([2.0 + centre * 0.5, slope * 2.0 + height])
+    problem = straight(intervals=1, constraints=[disc(X, centre=at, radius=0.95)])
+    if np.linalg.norm(at) <= 0.95:
+        return
+    path = traced(problem, np.array([[slope]]), [0, 0])
+    direction = np.array([1.0, slope])
+    t = float(at @ direction / (direction @ direction))
+    distance = float(np.linalg.norm(t * direction - at))
+    amount = 0.95 - distance
+    if amount < 1e-2:
+        return
+    (found,) = path.broken
+    # 40 points in 4 s: at most 0.05 s from the nearest point.
+    off = 0.05 * np.linalg.norm(direction)
+    assert amount - (np.hypot(distance, off) - distance) - 1e-9 <= found.amount
+    assert found.amount <= amount + 1e-9
+    assert found.time == pytest.approx(t, abs=0.05 + 1e-9)
+    assert (found.scale, found.above) == (0.95, False)
+
+
+def test_constraint_cut_between_checks_only_is_found() -> None:
+    """From foot to foot of a bump: the checks see only its feet."""
+    bump = PathConstraint(expression=ca.sin(np.pi * X[0]) ** 2 - X[1], upper=1e-9)
+    found = traced(straight(constraints=[bump]), np.zeros((1, 4)), [0, 0]).broken
+    assert found[0].amount == pytest.approx(1, abs=1e-8)
+    assert found[0].time % 1 == 0.5
+
+
+@pytest.mark.parametrize(
+    ("weight", "controls", "amount", "time"),
+    [
+        (0.5, [2.0, 0, 0, 0], 1.0, 1.0),  # Worst at the end of the first interval,
+        (0.5, [0, 0, 0, 3.0], 2.5, 4.0),  # of the last,
+        (-0.5, [0, 0, -1.5, 0], 0.5, 2.0),  # as the third begins,
+        (-0.5, [-1.25, 1.25, 0, 0], 0.25, 0.0),  # and as the first begins.
+    ],
+)
+def test_mixed_constraint_counts_at_both_ends_of_an_interval(
+    weight: float, controls: list[float], amount: float, time: float
+) -> None:
+    """-1 <= u + weight y <= 2, with y' = u from 0."""
+    both = PathConstraint(expression=U + weight * X[1], lower=-1, upper=2)
+    (found,) = traced(straight(constraints=[both]), np.array([controls]), [0, 0]).broken
+    assert found.amount == pytest.approx(amount)
+    assert found.time == time
+    assert found.above == (weight > 0)
+
+
+def test_rows_of_signals_are_linear_between_nodes() -> None:
+    problem = straight(
+        signals=S, intervals=2, constraints=[X[1] <= S], terminal=[X[1] - S],
+        stage_cost=S,
+    )  # fmt: skip
+    signals = np.array([[1.0, -1.0, 0.0]])
+    path = traced(problem, np.array([[0.0, -1.0]]), [0, 0], signals=signals)
+    # y is 0 to 2 s, then falls to -2; the signal is below it from 1 s, by 1 at 2 s.
+    at = {e.constraint: (e.amount, e.time) for e in path.broken}
+    assert at[0] == pytest.approx((1, 2))
+    assert at[1] == pytest.approx((2, 4))
+    assert path.cost == pytest.approx(0 - 1)
+
+
+def test_a_start_is_judged_by_the_signal_as_it_begins() -> None:
+    """It falls from 1 by 1 per second: only at the start it is 0.5 above the limit."""
+    signals = np.array([[1.0, 0.0, -1.0, -2.0, -3.0]])
+    problem = straight(signals=S, constraints=[X[1] <= S])
+    (found,) = traced(problem, np.zeros((1, 4)), [0, 1.5], signals=signals).outside
+    assert found.amount == pytest.approx(0.5, rel=1e-12)
+
+
+def test_path_that_leaves_the_numbers_tells_when_and_where() -> None:
+    """x' = x^2 from 1 becomes infinite at 1 s."""
+    x, u = ca.SX.sym("pole"), ca.SX.sym("u")
+    problem = OptimalControlProblem(
+        Model(states=ca.vertcat(ca.SX.sym("calm"), x), controls=u,
+              ode=ca.vertcat(u, x**2)),
+        horizon=3.0,
+        intervals=3,
+        stage_cost=ca.fabs(x),
+    )  # fmt: skip
+    path = traced(problem, np.zeros((1, 3)), [0, 1])
+    assert path.not_finite is not None
+    time, name = path.not_finite
+    assert name == "pole"
+    assert 1 <= time < 1.5
+    assert path.kinks == ()
+
+
+def test_ends_of_a_path_are_seen_on_the_side_of_each_interval() -> None:
+    """The last point belongs to the last control, each node to both its intervals."""
+    upper = PathConstraint(expression=U * X[0], upper=3.5)
+    (found,) = traced(
+        straight(constraints=[upper]), np.array([[0, 0, 0, 1.0]]), [0, 0]
+    ).broken
+    assert found.amount == pytest.approx(0.5)
+    assert found.time == 4.0
+
+
+@pytest.mark.parametrize("quadrature", ["integral", "left", "right"])
+def test_magnitude_adds_what_the_cost_takes_off(
+    quadrature: Literal["integral", "left", "right"],
+) -> None:
+    problem = straight(stage_cost=U, terminal_cost=-5 * X[0], quadrature=quadrature)
+    path = traced(problem, np.array([[1.0, -1.0, 1.0, -1.0]]), [0, 0])
+    assert path.cost == pytest.approx(-20)
+    assert path.magnitude == pytest.approx(4 + 20)
+
+
+def test_path_of_three_states_and_its_kinks() -> None:
+    """A switch that depends on a state, a control, a parameter and a signal."""
+    x, p = ca.SX.sym("x", 3), ca.SX.sym("p")
+    side = x[2] - S - p * U
+    problem = OptimalControlProblem(
+        Model(states=x, controls=U, parameters=p, ode=ca.vertcat(1, 0, U)),
+        horizon=4.0,
+        intervals=4,
+        stage_cost=ca.fabs(side),
+        signals=S,
+        checks=2,
+    )
+    signals = np.linspace(0, 4, 9)[None]  # The signal is the time.
+
+    def touches(controls: list[float], start: float, parameter: float) -> bool:
+        path = traced(
+            problem, np.array([controls]), [0, 7, start],
+            parameters=np.array([parameter]), signals=signals,
+        )  # fmt: skip
+        np.testing.assert_allclose(path.states[0], path.times, atol=1e-12)
+        np.testing.assert_array_equal(path.states[1], 7)
+        nodes = start + np.concatenate([[0], np.cumsum(controls)])
+        steps = (path.times.size - 1) // 4
+        np.testing.assert_allclose(path.states[2, ::steps], nodes, atol=1e-12)
+        return bool(path.kinks)
+
+    # At the start of an interval the side is start + sum of u - t - p u; it moves by u
+    # - 1.
+    assert touches([1, 1, 1, 1], 0.5, 0.5)  # It is 0 all along,
+    assert not touches([1, 1, 1, 1], 0.7, 0.5)  # or 0.2.
+    assert touches([1, 1, 1, -1], 0.7, 0.5)  # It falls from 1.2 to -0.8 in the last
+    assert touches([-1, 1, 1, 1], 0.7, 0.5)  # or first interval,
+    assert not touches([1, 1, 1, 0.5], 1.9, 2.0)  # or jumps from -0.1 to 0.9.
+    assert touches([1, -1, 1, 1], 0.7, 1.0)  # From 1.7 to -0.3, beside -0.3 and -2.3.
+
+
+def test_states_that_are_lost_touch_nothing_that_can_be_told() -> None:
+    problem = straight(stage_cost=ca.fabs(X[1]))
+    assert traced(problem, np.zeros((1, 4)), [0, 0]).kinks == ("fabs(x_1)",)
+    lost = traced(problem, np.zeros((1, 4)), [np.nan, 0])
+    assert lost.kinks == ()
+    assert lost.not_finite == (0.0, "x_0")

@@ -1,0 +1,189 @@
+"""A model is called stiff exactly if the stability function of the steps says so."""
+
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from swarmstart.ocp import (
+    Bounds,
+    Known,
+    Model,
+    OptimalControlProblem,
+    Planner,
+    Solution,
+    SolutionStatus,
+    Source,
+    solve,
+    verified,
+)
+from swarmstart.ocp.rollout.path import Tracer
+from swarmstart.ocp.rollout.scaling import Sizing
+from swarmstart.ocp.rollout.shooting import Shooting
+from swarmstart.ocp.rollout.stiffness import GROWTH, FastMode, fastest_mode
+from swarmstart.tests.ocp import catalyst
+
+Array = NDArray[np.float64]
+
+
+def linear(A: list[list[float]], **stated: object) -> OptimalControlProblem:
+    """Return x' = A x + u in the first state, over 20 steps of 0.1 s."""
+    x, u = ca.SX.sym("x", len(A)), ca.SX.sym("u")
+    push = ca.vertcat(u, ca.SX.zeros(len(A) - 1))
+    given = {"substeps": 4, "stage_cost": ca.sumsqr(x) + u**2, **stated}
+    return OptimalControlProblem(
+        Model(states=x, controls=u, ode=ca.DM(A) @ x + push),
+        horizon=2.0,
+        intervals=5,
+        bounds=Bounds(controls=(-1, 1)),
+        **given,  # type: ignore[arg-type]
+    )
+
+
+def found(problem: OptimalControlProblem, controls: Array | None = None,
+          x0: Array | None = None) -> FastMode | None:  # fmt: skip
+    """Return the mode found along the path of controls, zero by default."""
+    start = np.ones(problem.model.nx) if x0 is None else x0
+    u = np.zeros((1, problem.intervals)) if controls is None else controls
+    nothing, none = np.empty(0), np.empty((0, problem.nodes))
+    shooting = Shooting(problem)
+    sizes = Sizing(problem)(start, nothing, none)
+    path = Tracer(shooting)(u, start, nothing, none, sizes)
+    return fastest_mode(shooting, path, start, Known())
+
+
+def judged(problem: OptimalControlProblem, x0: list[float]) -> Solution:
+    planner = Planner(problem, search=None, backend="casadi")
+    controls = np.zeros((1, problem.intervals))
+    return verified(problem, planner.evaluated(controls, x0, source=Source.GUESS), x0)
+
+
+@pytest.mark.parametrize(("integrator", "limit"), [("rk4", 2.7853), ("euler", 2.0)])
+def test_mode_is_named_from_the_edge_of_the_stable_region_on(
+    integrator: str, limit: float
+) -> None:
+    for part, named in ((0.999, False), (1.001, True)):
+        mode = found(linear([[-10 * limit * part]], integrator=integrator))
+        assert (mode is not None) == named
+        if mode is not None:
+            assert mode.is_stiff
+            assert mode.rate == pytest.approx(10 * limit * part)
+            stable = replace(linear([[-10 * limit]], integrator=integrator),
+                             substeps=mode.substeps)  # fmt: skip
+            assert found(stable) is None
+
+
+@pytest.mark.parametrize("integrator", ["rk4", "euler"])
+def test_growth_is_what_a_step_does(integrator: str) -> None:
+    problem = linear([[-7.0]], integrator=integrator, substeps=1)
+    u, x0 = np.zeros((1, 5)), [1.0]
+    plan = Planner(problem, search=None, backend="casadi").evaluated(
+        u, x0, source=Source.GUESS
+    )
+    one = plan.states[0, 1] / plan.states[0, 0]
+    assert GROWTH[integrator](-7.0 * 0.4) == pytest.approx(one, rel=1e-13)
+
+
+def test_growing_swinging_and_slow_modes_are_no_stiffness() -> None:
+    assert found(linear([[30.0]])) is None
+    assert found(linear([[-3.0]])) is None
+    assert found(linear([[0.0, 25.0], [-25.0, 0.0]])) is None
+    damped = found(linear([[-1.0, 40.0], [-40.0, -1.0]]))
+    assert damped is not None and not damped.is_stiff
+    answer = judged(linear([[-1.0, 40.0], [-40.0, -1.0]]), [1, 0])
+    assert not answer.status.is_confirmed
+    assert answer.advice.startswith("a mode swings at 40 rad/s at 0 s")
+    assert "stiff" not in answer.advice
+
+
+def test_implicit_steps_are_never_called_too_long() -> None:
+    assert found(linear([[-1e6]], integrator="stiff")) is None
+
+
+def test_one_stiff_interval_of_many_is_enough() -> None:
+    # Fast at u = 0.6 only: 7.5 per second, where 300 substeps allow for 4.2.
+    problem = catalyst.problem(integrator="rk4", substeps=300)
+    fast, slow = np.array([[0.6]]), np.array([[0.9]])
+    once = np.hstack([slow, slow, fast, *[slow] * 7])
+    mode = found(problem, once, catalyst.X0)
+    assert mode is not None and mode.is_stiff
+    assert 400 <= mode.time <= 600
+    assert found(problem, np.hstack([slow] * 10), catalyst.X0) is None
+
+
+def test_edge_of_a_domain_is_no_stiffness() -> None:
+    # x' = -sqrt(x) rests after 2 s; its slope -1 / (2 sqrt(x)) has no bound before.
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    problem = OptimalControlProblem(
+        Model(states=x, controls=u, ode=-ca.sqrt(x) + u), horizon=1.999, intervals=20
+    )
+    assert found(problem) is None
+    assert found(replace(problem, horizon=2.5)) is None  # Beyond, of the root of < 0.
+
+
+def test_one_step_with_a_mode_of_any_rate_is_no_stiffness() -> None:
+    # The second state decays at 1 / sqrt(x): a million per second at the start only.
+    x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+    problem = OptimalControlProblem(
+        Model(states=x, controls=u, ode=ca.vertcat(1, u - x[1] / ca.sqrt(x[0]))),
+        horizon=2.0,
+        intervals=20,
+    )
+    assert found(problem, x0=np.array([1e-12, 0.0])) is None
+
+
+def test_explosion_is_looked_at_where_an_implicit_path_is() -> None:
+    # On the slow branch of van der Pol's equation; the explicit path explodes at once.
+    x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+    ode = ca.vertcat(x[1], 100 * (1 - x[0] ** 2) * x[1] - x[0] + u)
+    problem = OptimalControlProblem(
+        Model(states=x, controls=u, ode=ode),
+        horizon=20.0,
+        intervals=10,
+        stage_cost=x[0] ** 2 + u**2,
+        bounds=Bounds(controls=(-0.1, 0.1)),
+    )
+    explicit = solve(problem, [2.0, 0.0], budget=200, seed=0)
+    assert explicit.status is SolutionStatus.NOT_FINITE
+    assert "a mode decays at 300 per second at 0 s" in explicit.advice
+    assert "use integrator='stiff'" in explicit.advice
+    implicit = replace(problem, integrator="stiff")
+    assert solve(implicit, [2.0, 0.0], budget=200, seed=0).status.is_confirmed
+
+
+def test_advice_of_a_stiff_model_leads_to_a_confirmed_answer() -> None:
+    problem = linear([[-1.0, 1.0], [0.0, -900.0]])
+    problem = replace(problem, stage_cost=ca.sumsqr(problem.model.states[0]))
+    explicit = solve(problem, [1, 1], search=None, backend="casadi", seed=0)
+    assert not explicit.status.is_confirmed
+    assert explicit.advice == (
+        "the model is stiff: a mode decays at 900 per second at 0 s, which makes steps "
+        "of 0.1 s of rk4 unstable; use integrator='stiff', or set substeps to at least "
+        "144"
+    )
+    implicit = replace(problem, integrator="stiff")
+    confirmed = solve(implicit, [1, 1], search=None, backend="casadi", seed=0)
+    assert confirmed.status.is_confirmed
+    assert confirmed.advice == ""
+
+
+def test_signals_of_model_and_costs_are_told_apart() -> None:
+    x, u, wind, wanted = (ca.SX.sym(name) for name in ("x", "u", "wind", "wanted"))
+    problem = OptimalControlProblem(
+        Model(states=x, controls=u, signals=wind, ode=-wind * (x - u)),
+        horizon=2.0,
+        intervals=4,
+        stage_cost=1 + (x - wanted) ** 2,
+        bounds=Bounds(controls=(-1, 1)),
+        signals=wanted,
+    )
+    nodes = np.ones(problem.nodes)
+    known = Known(signals=np.vstack([300 * nodes, 0.5 * nodes]))
+    answer = solve(problem, [1.0], known=known, search=None, backend="casadi", seed=0)
+    assert "a mode decays at 300 per second" in answer.advice
+    implicit = replace(problem, integrator="stiff")
+    answer = solve(implicit, [1.0], known=known, search=None, backend="casadi", seed=0)
+    assert answer.status.is_confirmed, answer
+    np.testing.assert_allclose(answer.controls, 0.5, atol=1e-2)

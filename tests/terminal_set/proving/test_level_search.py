@@ -1,0 +1,160 @@
+"""The largest proven level: as near to what breaks it as is worth while."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from swarmstart.benchmarks.terminal_set_systems import SYSTEMS
+from swarmstart.terminal_set import (
+    Change,
+    Ellipsoid,
+    Proof,
+    Reference,
+    Refutation,
+    continuous_change,
+    continuous_terminal_set,
+    prove_level,
+    proven_level,
+)
+from swarmstart.terminal_set.proving import level_search
+
+
+@pytest.fixture(scope="module")
+def upright() -> tuple[Change, float]:
+    """A pendulum, the angle from upright: c, and the level of its bounds."""
+    x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+    pendulum = ca.Function("p", [x, u], [ca.vertcat(x[1], 9.81 * ca.sin(x[0]) + u)])
+    reference = Reference(
+        x_ref=np.zeros(2), u_ref=np.zeros(1),
+        u_lower=np.array([-50.0]), u_upper=np.array([50.0]),
+    )  # fmt: skip
+    found = continuous_terminal_set(pendulum, reference, Q=np.eye(2), R=np.eye(1))
+    return continuous_change(pendulum, found), found.alpha
+
+
+def test_below_a_counterexample_as_much_is_proven_as_can_be(
+    upright: tuple[Change, float],
+) -> None:
+    change, top = upright
+    level = proven_level(change, top, rng=np.random.default_rng(0))
+    assert level.refutation is not None and level.refutation.alpha < top
+    assert level.alpha == pytest.approx(0.99 * level.refutation.alpha, rel=1e-12)
+    assert prove_level(change, level.alpha).proven
+
+
+def test_the_bounds_level_is_proven_where_nothing_speaks_against_it(
+    upright: tuple[Change, float],
+) -> None:
+    change, _ = upright
+    level = proven_level(change, 1.0, rng=np.random.default_rng(0))
+    assert level.refutation is None and level.alpha == 1.0
+
+
+FEATURES = {
+    "pole of the damping": 1.0,  # at x0 = -1
+    "tank": 1.0,  # at x = -1
+    "thin jump": 1.0,  # c = 0 at r = 1
+    "thin bump": 1.0 - 1e-3 * np.sqrt(np.log(1.5)),  # there its edge is 0
+    "nearly a centre": 1.0,
+}
+
+
+def change_of(name: str) -> tuple[Change, float]:
+    system = SYSTEMS[name]()
+    assert system.given is not None
+    room = float(system.reference.e_max[0])
+    return continuous_change(system.dynamics, system.given), room**2
+
+
+@pytest.mark.parametrize(("name", "end"), FEATURES.items())
+def test_a_level_is_tight_where_no_search_finds_a_counterexample_near(
+    name: str, end: float
+) -> None:
+    """Shares of 0.92, 0.5 and 0.125 of what was refuted left 0.5 to 0.94 of it."""
+    change, top = change_of(name)
+    level = proven_level(change, top, rng=np.random.default_rng(0))
+    assert 0.98 * end < level.alpha < end
+    boxes = max(10 * level.proof.boxes, 50_000)
+    assert not prove_level(change, 1.02 * level.alpha, max_boxes=boxes).proven
+
+
+def test_a_counterexample_of_the_proof_counts_where_it_is_the_nearest() -> None:
+    change, top = change_of("thin bump")
+    level = proven_level(change, top, rng=np.random.default_rng(0))
+    refutation = level.refutation
+    assert refutation is not None and abs(refutation.alpha - 1) < 1e-3
+    assert float(change.function(refutation.e)) == refutation.change >= 0
+    assert refutation.alpha == pytest.approx(float(refutation.e @ refutation.e))
+
+
+def test_a_state_at_which_the_model_is_not_defined_is_no_refutation() -> None:
+    change, top = change_of("tank")
+    assert proven_level(change, top, rng=np.random.default_rng(0)).refutation is None
+
+
+@pytest.mark.parametrize("name", ["thin jump", "pole of the damping"])
+def test_the_time_is_kept_in_whatever_the_search_is_doing(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """After so many proofs time is up: what was proven till then is the answer."""
+    change, top = change_of(name)
+    found = proven_level(change, top, rng=np.random.default_rng(0))
+    tried = 0
+
+    def counted(*arguments: object, **options: object) -> Proof:
+        nonlocal tried
+        tried += 1
+        return prove_level(*arguments, **options)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(
+        "swarmstart.terminal_set.proving.level_search.prove_level", counted
+    )
+    monkeypatch.setattr(
+        "swarmstart.terminal_set.proving.level_search.clock.perf_counter",
+        lambda: 100.0 * (tried >= 4),
+    )
+    stopped = proven_level(change, top, rng=np.random.default_rng(0), max_seconds=50.0)
+    assert tried == 4
+    assert stopped.alpha < found.alpha
+
+
+@pytest.mark.parametrize(("part", "last"), [(0.9, 0.9), (1.1, 1.1 / 4)])
+def test_levels_are_quartered_to_a_part_in_1e12_and_then_none_is_proven(
+    part: float, last: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A level that ends a part in 1e12 or more above that is quartered once more."""
+    tried: list[float] = []
+
+    def unproven(change: Change, alpha: float, **limits: object) -> Proof:
+        tried.append(alpha)
+        return Proof(proven=False, alpha=alpha, boxes=1, seconds=0.0)
+
+    refuted = part * 1e-12 / (0.92 * 0.54 * 0.25**19)
+    nearest = Refutation(alpha=refuted, e=np.ones(1), change=0.0)
+    monkeypatch.setattr(level_search, "prove_level", unproven)
+    monkeypatch.setattr(level_search, "refuted_level", lambda *_, **__: nearest)
+    change, _ = change_of("tank")
+    level = proven_level(change, 1.0, rng=np.random.default_rng(0))
+    assert level.alpha == 0.0
+    assert tried[-1] == pytest.approx(last * 1e-12, rel=1e-9, abs=0)
+    first = [1.0, 0.92 * refuted, 0.92 * 0.54 * refuted]
+    assert tried[:3] == pytest.approx(first, rel=1e-9)
+
+
+def test_a_model_that_is_not_defined_everywhere_gets_a_smaller_set() -> None:
+    """sqrt(1 + x): the bounds' level reaches far beyond x = -1."""
+    x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+    xdot = ca.vertcat(x[1], ca.sqrt(x[0] + 1) - 1 + u)
+    dynamics = ca.Function("root", [x, u], [xdot])
+    bounds = Reference(
+        x_ref=np.zeros(2), u_ref=np.zeros(1),
+        u_lower=-50 * np.ones(1), u_upper=50 * np.ones(1),
+    )  # fmt: skip
+    found = continuous_terminal_set(dynamics, bounds, Q=np.eye(2), R=np.eye(1))
+    level = proven_level(
+        continuous_change(dynamics, found), found.alpha, rng=np.random.default_rng(0)
+    )
+    assert 0 < level.alpha < found.alpha
+    assert Ellipsoid(P=found.P, alpha=level.alpha).extent()[0] < 1

@@ -1,0 +1,160 @@
+"""Levels refuted: published and measured limits, and points that break them."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from swarmstart.terminal_set import (
+    NotPositiveError,
+    Reference,
+    TerminalSet,
+    continuous_terminal_set,
+    sampled_terminal_set,
+)
+from swarmstart.terminal_set.certificates.evidence import Refutation
+from swarmstart.terminal_set.proving.decrease import (
+    Change,
+    continuous_change,
+    held_change,
+)
+from swarmstart.terminal_set.proving.refutation import refuted_level
+
+Array = NDArray[np.float64]
+
+
+def rng(seed: int = 0) -> np.random.Generator:
+    return np.random.default_rng(seed)
+
+
+@pytest.fixture(scope="module")
+def chen() -> tuple[ca.Function, TerminalSet, Array]:
+    """Chen and Allgoewer (1998), kappa 0.95: dynamics, set, and Q* = Q + K'RK."""
+    x, u, mu = ca.SX.sym("x", 2), ca.SX.sym("u"), 0.5
+    xdot = ca.vertcat(
+        x[1] + u * (mu + (1 - mu) * x[0]), x[0] + u * (mu - 4 * (1 - mu) * x[1])
+    )
+    dynamics = ca.Function("chen", [x, u], [xdot])
+    reference = Reference(
+        x_ref=np.zeros(2),
+        u_ref=np.zeros(1),
+        u_lower=np.array([-2.0]),
+        u_upper=np.array([2.0]),
+    )
+    Q, R = 0.5 * np.eye(2), np.eye(1)
+    found = continuous_terminal_set(dynamics, reference, Q=Q, R=R, kappa=0.95)
+    return dynamics, found, Q + found.K.T @ R @ found.K
+
+
+def refuted(change: Change, alpha_max: float, seed: int = 0) -> Refutation:
+    found = refuted_level(change, alpha_max=alpha_max, rng=rng(seed))
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize(
+    ("share", "level"), [(1.0, 0.7320), (0.5, 0.83843), (0.0, 0.95108)]
+)
+def test_the_example_of_chen_and_allgoewer(
+    chen: tuple[ca.Function, TerminalSet, Array], share: float, level: float
+) -> None:
+    """The paper says 0.7 of the first: dV <= -e'Q*e."""
+    dynamics, found, Q_star = chen
+    assert found.alpha == pytest.approx(12.5656, abs=1e-3)
+    change = continuous_change(dynamics, found, Q_m=share * Q_star)
+    one = refuted(change, found.alpha)
+    assert one.alpha == pytest.approx(level, abs=1e-4)
+
+
+def test_the_reversed_van_der_pol_oscillator() -> None:
+    """A region of attraction inside the unstable cycle; published: 2.25 to 2.3."""
+    x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+    xdot = ca.vertcat(-x[1], x[0] - (1 - x[0] ** 2) * x[1]) + 0 * u
+    dynamics = ca.Function("reversed", [x, u], [xdot])
+    P = np.array([[1.5, -0.5], [-0.5, 1.0]])  # A'P + PA = -I
+    own = TerminalSet(
+        K=np.zeros((1, 2)), P=P, alpha=1.0, x_ref=np.zeros(2), u_ref=np.zeros(1),
+        dt=None, design="given",
+    )  # fmt: skip
+    one = refuted(continuous_change(dynamics, own), 100.0)
+    assert one.alpha == pytest.approx(2.304, abs=0.002)
+
+
+def test_the_formation_held_for_a_second_decreases_far_beyond_its_input_bound(
+    formation: ca.Function, leader: Reference
+) -> None:
+    found = sampled_terminal_set(formation, leader, dt=1.0, Q=np.eye(4), R=np.eye(2))
+    x, u = ca.SX.sym("x", 4), ca.SX.sym("u", 2)
+    rate = [formation(x, u)]
+    for part in (0.5, 0.5, 1.0):
+        rate.append(formation(x + part * rate[-1], u))
+    after = x + (rate[0] + 2 * rate[1] + 2 * rate[2] + rate[3]) / 6
+    change = held_change(ca.Function("rk4", [x, u], [after]), found)
+    assert refuted_level(change, alpha_max=found.alpha, rng=rng()) is None
+    assert refuted(change, 100.0).alpha == pytest.approx(3.4346, abs=1e-3)
+
+
+def test_the_printed_matrix_does_not_even_contract_near_the_centre(
+    formation: ca.Function, leader: Reference, printed_p: Array
+) -> None:
+    """So the nearest counterexample lies as near as one looks."""
+    gain = continuous_terminal_set(formation, leader, Q=np.eye(4), R=np.eye(2)).K
+    printed = TerminalSet(
+        K=gain, P=printed_p, alpha=0.017, x_ref=leader.x_ref, u_ref=leader.u_ref,
+        dt=None, design="literal",
+    )  # fmt: skip
+    one = refuted(continuous_change(formation, printed), 0.017)
+    assert one.alpha < 0.017 / 100
+
+
+@pytest.mark.parametrize("alpha_max", [3.0, 300.0, 3e4])
+def test_where_one_begins_to_look_makes_no_difference(
+    chen: tuple[ca.Function, TerminalSet, Array], alpha_max: float
+) -> None:
+    dynamics, found, Q_star = chen
+    change = continuous_change(dynamics, found, Q_m=Q_star)
+    levels = [refuted(change, alpha_max, seed).alpha for seed in range(3)]
+    np.testing.assert_allclose(levels, 0.7320, atol=1e-4)
+
+
+def test_the_counterexample_is_one_and_nothing_nearer_is(
+    chen: tuple[ca.Function, TerminalSet, Array],
+) -> None:
+    dynamics, found, Q_star = chen
+    change = continuous_change(dynamics, found, Q_m=Q_star)
+    one = refuted(change, found.alpha)
+    assert float(change.function(one.e)) == one.change >= 0
+    assert one.e @ found.P @ one.e == one.alpha
+    assert not one.e.flags.writeable
+    # A fine grid of directions, just inside.
+    angles = np.linspace(0, 2 * np.pi, 20_001)
+    L = np.linalg.cholesky(found.P)
+    circle = np.linalg.solve(L.T, np.array([np.cos(angles), np.sin(angles)]))
+    for share in (0.999, 0.9, 0.5, 0.01):
+        e = np.sqrt(share * one.alpha) * circle
+        assert np.array(change.function.map(angles.size)(e)).max() < 0
+
+
+def test_a_linear_loop_is_never_refuted() -> None:
+    x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+    dynamics = ca.Function("integrators", [x, u], [ca.vertcat(x[1], u)])
+    reference = Reference(
+        x_ref=np.zeros(2), u_ref=np.zeros(1),
+        u_lower=np.array([-1.0]), u_upper=np.array([1.0]),
+    )  # fmt: skip
+    found = continuous_terminal_set(dynamics, reference, Q=np.eye(2), R=np.eye(1))
+    change = continuous_change(dynamics, found)
+    assert refuted_level(change, alpha_max=1e6, rng=rng()) is None
+
+
+@pytest.mark.parametrize("alpha_max", [0.0, -1.0, np.inf, np.nan])
+def test_refuses_a_level_that_is_none(
+    chen: tuple[ca.Function, TerminalSet, Array], alpha_max: float
+) -> None:
+    dynamics, found, _ = chen
+    with pytest.raises(NotPositiveError, match="alpha_max must be a positive number"):
+        refuted_level(
+            continuous_change(dynamics, found), alpha_max=alpha_max, rng=rng()
+        )

@@ -1,0 +1,165 @@
+"""The curve of the Runge-Kutta map: its residual is enclosed, and f_x around it."""
+
+from __future__ import annotations
+
+from typing import TypeVar
+
+import casadi as ca
+import numpy as np
+import pytest
+from numpy.polynomial import Polynomial
+from numpy.typing import NDArray
+
+from swarmstart.terminal_set import TerminalSet
+from swarmstart.terminal_set.proving import residual as residual_module
+from swarmstart.terminal_set.proving.residual import Residual
+
+Array = NDArray[np.float64]
+Number = TypeVar("Number", float, Polynomial)
+GAIN, P, DT = 0.5, 4.0, 0.4
+
+
+def law(K: Array, P: Array, x_ref: Array) -> TerminalSet:
+    return TerminalSet(
+        K=K, P=P, alpha=1.0, x_ref=x_ref, u_ref=np.zeros(len(K)), dt=None, design="own"
+    )
+
+
+def squared(substeps: int = 1) -> Residual:
+    """x' = x^2 + u: every stage, the map and its residual are polynomials in s."""
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    f = ca.Function("f", [x, u], [x**2 + u])
+    own = law(np.array([[GAIN]]), np.array([[P]]), np.array([0.3]))
+    return Residual(f, own, dt=DT, substeps=substeps)
+
+
+def step(x: Number, u: float, s: Number) -> Number:
+    k1 = x**2 + u
+    k2 = (x + s / 2 * k1) ** 2 + u
+    k3 = (x + s / 2 * k2) ** 2 + u
+    k4 = (x + s * k3) ** 2 + u
+    return x + s / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+
+
+def fourth(z: float, time: float, steps_before: int = 0) -> float:
+    """Return r4 of the curve by polynomials, in the coordinate z = 2 e."""
+    x, u = 0.3 + z / 2, -GAIN * z / 2
+    for _ in range(steps_before):
+        x = step(x, u, DT / 2)
+    curve = step(Polynomial([x]), u, Polynomial([0.0, 1.0]))
+    residual = curve.deriv() - curve**2 - u
+    assert np.abs(residual.coef[:4]).max() < 1e-15  # of order four
+    return 2 * float(residual.deriv(4)(time))
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_the_fourth_derivative_is_that_of_the_polynomial(number: int) -> None:
+    residual = squared(substeps=2)
+    for z, time in ((0.7, 0.0), (-1.0, 0.05), (0.2, 0.2)):
+        start = residual.start(number, np.array([[z]]), np.zeros((1, 1)))
+        (middle, radius), (slope, blur) = residual.fourth(start, (time, time))
+        exact = fourth(z, time, number)
+        assert abs(middle[0, 0] - exact) <= radius[0, 0] + 1e-13 < 1e-8
+        near = fourth(z + 1e-5, time, number) - fourth(z - 1e-5, time, number)
+        assert slope[0, 0, 0] == pytest.approx(near / 2e-5, rel=1e-6)
+        assert blur[0, 0, 0] < 1e-8
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_over_a_box_and_times_every_value_and_slope_is_enclosed(number: int) -> None:
+    residual = squared(substeps=2)
+    start = residual.start(number, np.array([[0.4]]), np.array([[0.1]]))
+    (middle, radius), (slope, blur) = residual.fourth(start, (0.05, 0.1))
+    for z in np.linspace(0.3, 0.5, 9):
+        for time in np.linspace(0.05, 0.1, 5):
+            exact = fourth(z, time, number)
+            assert abs(exact - middle[0, 0]) <= radius[0, 0]
+            near = fourth(z + 1e-5, time, number) - fourth(z - 1e-5, time, number)
+            assert abs(near / 2e-5 - slope[0, 0, 0]) <= blur[0, 0, 0] + 1e-6
+
+
+def test_the_field_is_enclosed_in_the_whole_tube_and_no_wider() -> None:
+    """f_x = 2 x; of v with |v|_P <= 1, up to 1/2, f_x v turns by 2 v dx/dz."""
+    residual, tube = squared(), 0.2
+    start = residual.start(0, np.array([[0.4]]), np.zeros((1, 1)))
+    times = (0.1, 0.1)
+    (middle, radius), (turn, blur) = residual.field(start, times, tube)
+    at = step(0.3 + 0.2, -GAIN * 0.2, 0.1)
+    assert middle[0, 0, 0] == pytest.approx(2 * at, rel=1e-12)
+    assert radius[0, 0, 0] == pytest.approx(2 * tube / 2, rel=1e-6)
+    moved = (step(0.3 + 0.2 + 1e-6, -GAIN * (0.2 + 1e-6), 0.1)) - at
+    size = abs(turn[0, 0, 0]) + blur[0, 0, 0]
+    assert size == pytest.approx(2 * 0.5 * moved / 1e-6, rel=1e-5)
+
+
+def test_coordinates_are_those_of_the_ellipsoid(formation: ca.Function) -> None:
+    """e = T z with e'Pe = |z|^2, and a start of boxes is around e and u."""
+    rng = np.random.default_rng(0)
+    root = rng.normal(size=(4, 4))
+    own = law(rng.normal(size=(2, 4)), root @ root.T, np.array([15.0, 0.2, 1, 2]))
+    residual = Residual(formation, own, dt=0.5, substeps=1)
+    z = rng.normal(size=(4, 3))
+    e = residual.T @ z
+    np.testing.assert_allclose(own.value(e), (z**2).sum(axis=0), rtol=1e-12)
+    start = residual.start(0, z, np.full((4, 3), 0.1))
+    for moved in (z, z + 0.1, z - 0.1, z + 0.1 * np.array([[1.0], [-1], [1], [-1]])):
+        e = residual.T @ moved
+        xu = np.vstack([own.x_ref[:, None] + e, own.feedback(e)])
+        assert np.all((start.lower <= xu) & (xu <= start.upper))
+
+
+@pytest.mark.parametrize("reach", [0.0, 2.0])
+def test_rounding_of_the_start_is_that_of_all_that_is_added(
+    reach: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Made visible: a quarter of |x_ref|, of |e| and of the width of its box."""
+    monkeypatch.setattr(residual_module, "ULPS", 0.25)
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    f = ca.Function("f", [x, u], [-x + u])
+    own = law(np.array([[GAIN]]), np.eye(1), np.array([3.0]))
+    z = np.array([[5.0]])
+    start = Residual(f, own, dt=0.1, substeps=1).start(0, z, np.full((1, 1), reach))
+    half = (start.upper - start.lower)[:, 0] / 2
+    assert half[0] == pytest.approx(reach + 0.25 * (3 + 5 + reach), rel=1e-9)
+    assert half[1] == pytest.approx(GAIN * (reach + 0.25 * (5 + reach)), rel=1e-9)
+
+
+@pytest.mark.parametrize("number", [0, 1, 2, 3])
+def test_a_later_step_begins_where_the_map_is_and_with_its_slopes(
+    formation: ca.Function, number: int
+) -> None:
+    """Of x and u along e, by differences of the classical Runge-Kutta map."""
+    rng, h = np.random.default_rng(1), 0.05
+    own = law(rng.normal(size=(2, 4)), np.eye(4), np.array([15.0, 0.2, 1, 2]))
+    residual = Residual(formation, own, dt=4 * h, substeps=4)
+    map_of = ca.simpleRK(formation, 1, 4)
+
+    def after(e: Array) -> Array:
+        x, u = own.x_ref + e, own.u_ref - own.K @ e
+        for _ in range(number):
+            x = np.array(map_of(x, u, h)).ravel()
+        return np.concatenate([x, u])
+
+    z = 0.1 * rng.normal(size=(4, 1))
+    e, d = (residual.T @ z).ravel(), 1e-5
+    start = residual.start(number, z, 0 * z)
+    np.testing.assert_allclose(start.lower[:, 0], after(e), atol=1e-12)
+    np.testing.assert_allclose(start.upper[:, 0], after(e), atol=1e-12)
+    near = [(after(e + w) - after(e - w)) / (2 * d) for w in d * np.eye(4)]
+    np.testing.assert_allclose(start.slopes[0][0], np.transpose(near), atol=1e-7)
+    assert start.slopes[1].shape == (1, 6, 4) and start.slopes[1].max() < 1e-10
+
+
+@pytest.mark.parametrize("name", ["fabs", "fmax"])
+def test_nothing_is_said_of_a_box_with_a_kink(name: str) -> None:
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    bent = ca.fabs(x - 1) if name == "fabs" else ca.fmax(x, 1)
+    f = ca.Function("f", [x, u], [-x + 0.1 * bent * x + u])
+    own = law(np.zeros((1, 1)), np.eye(1), np.zeros(1))
+    residual = Residual(f, own, dt=0.1, substeps=1)
+    for z, is_known in ((0.5, True), (1.02, False), (2.0, True)):
+        start = residual.start(0, np.array([[z]]), np.zeros((1, 1)))
+        with np.errstate(invalid="ignore"):
+            _, (_, blur) = residual.fourth(start, (0.0, 0.1))
+            (_, radius), _ = residual.field(start, (0.0, 0.1), 1e-3)
+        assert np.isfinite(blur).all() == np.isfinite(radius).all() == is_known
