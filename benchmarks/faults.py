@@ -38,7 +38,7 @@ from swarmstart.benchmarks.tables import row
 ROOT = Path(__file__).resolve().parent.parent
 FILES = {
     "proofs": (
-        *(f"terminal_set/{name}.py" for name in (
+        *(f"terminal_set/*/{name}.py" for name in (
             "intervals", "interval_functions", "interval_kernel", "smoothness",
             "cells", "taylor", "enclosure", "decrease", "growth", "held_motion",
             "flow_error", "hold_margins", "residual",
@@ -48,14 +48,14 @@ FILES = {
         )),
         "terminal_set/checker/*.py",
     ),
-    "statuses": tuple(f"ocp/{name}.py" for name in (
+    "statuses": tuple(f"ocp/*/{name}.py" for name in (
         "status", "solution", "checking", "constraints", "separation", "optimality",
         "dual_mode", "improving", "repair", "path", "kinks",
     )),
     "verdicts": tuple(f"cases/{name}.py" for name in (
-        "campaign/claims", "campaign/verdicts", "campaign/judging/statistics",
-        "campaign/replication", "record/trajectory_arrays", "kinds/planar",
-        "commands/checking",
+        "campaign/running/claims", "campaign/studies/verdicts",
+        "campaign/judging/statistics", "campaign/studies/replication",
+        "record/trajectory_arrays", "kinds/planar", "commands/actions/checking",
     )),
 }  # fmt: skip
 """Patterns of the files that faults are drawn from, by what they make sound."""

@@ -3,7 +3,7 @@
     python benchmarks/same_bits.py --write before.json     before the change
     python benchmarks/same_bits.py --against before.json   after it
 
-20 short runs of 12 scenarios, in both variants where there are two, and 30 solves. A
+20 short runs, of the chapter's scenarios in both variants, and 30 solves. A
 digest is that of every number of the answer, bit for bit, but for wall times. Digests
 differ between machines and versions of the libraries, so they are not kept.
 """

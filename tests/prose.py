@@ -18,7 +18,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parent.parent
-ROOMS = ("ocp", "heuristics", "terminal_set", "cases", "benchmarks", "tests")
+ROOMS = (
+    *("machine_code", "ocp", "heuristics", "terminal_set", "cases", "benchmarks"),
+    "tests",
+)
 AIRCRAFT = re.compile(
     r"formation|wingman|reconfiguration|transfer|swap|drone|planar|vortex|chapter"
     r"|assignment|climb|markov|errata|rocket|uav|shuttle|claims|bars|flight",

@@ -1,1 +1,1 @@
-"""What every room of `ocp` uses: errors, limits, expressions, units, progress."""
+"""Common ground of `ocp`: errors, limits, expressions, units, progress."""

@@ -48,25 +48,16 @@ def copied(folder: Path) -> Path:
     package = folder / "swarmstart"
     package.mkdir(parents=True)
     (package / "__init__.py").write_text('__version__ = "0.1.0"\n')
-    for name in (
-        "errors.py",
-        "machine_code/code_cache.py",
-        "machine_code/compile_time.py",
-        "machine_code/fingerprint.py",
-        "machine_code/kernel.py",
-    ):
-        shutil.copy(ROOT / name, package / name)
-    shutil.copytree(
-        ROOT / "heuristics",
-        package / "heuristics",
-        ignore=shutil.ignore_patterns("__pycache__"),
-    )
+    shutil.copy(ROOT / "errors.py", package / "errors.py")
+    for room in ("machine_code", "heuristics"):
+        skipped = shutil.ignore_patterns("__pycache__")
+        shutil.copytree(ROOT / room, package / room, ignore=skipped)
     return folder
 
 
 def negate_costs(folder: Path) -> None:
     """Turn the order round, in a function that kernels of other modules call."""
-    file = folder / "swarmstart" / "heuristics" / "order.py"
+    file = folder / "swarmstart" / "heuristics" / "laws" / "order.py"
     text = file.read_text(encoding="utf-8")
     line = "        return penalised_a < cost_b + weight * violation_b\n"
     assert line in text

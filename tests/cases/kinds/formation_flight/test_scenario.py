@@ -103,7 +103,7 @@ def test_a_given_plan_is_flown_as_given_and_seen_measured_and_drawn(
     measures = measure(scenario, flight, trajectory)
     assert measures["evaluations"] == decision.plans[0].evaluations
     assert measures["infeasible_steps"] == 0
-    assert len(draw(scenario, flight, trajectory, tmp_path)) == 3
+    assert len(draw(scenario, flight, trajectory, tmp_path)) == 2  # no dual mode
     assert measures["plan_cost"] == decision.plans[0].cost
 
 
