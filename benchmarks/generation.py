@@ -30,7 +30,7 @@ from swarmstart.heuristics.running.search import Search
 from swarmstart.heuristics.running.stopping import UNLIMITED, Limits
 from swarmstart.heuristics.searches.jde import TAU_1, TAU_2
 from swarmstart.heuristics.searches.success_history import FIRST_MEMORY, SPREAD
-from swarmstart.machine_code.kernel import kernel
+from swarmstart.machine_code.numba_kernels import kernel
 
 Array = NDArray[np.float64]
 

@@ -35,7 +35,7 @@ from swarmstart.heuristics import (
     minimize,
     static_penalty,
 )
-from swarmstart.machine_code.kernel import Array
+from swarmstart.machine_code.numba_kernels import Array
 
 INEQUALITIES: Mapping[int, float] = {
     1: -15.0,

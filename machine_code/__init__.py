@@ -3,3 +3,58 @@
 The room knows nothing of what is computed. A file of its cache is used only if it
 belongs to this user, and its key covers the code, the libraries and the processor.
 """
+
+# ruff: noqa: I001  (it would write one statement for each name)
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:  # Loaded when first used: kernels need Numba, the clock does not.
+    from swarmstart.machine_code.code_cache import (
+        LIMIT_BYTES as LIMIT_BYTES,
+        cache_refusal as cache_refusal,
+        cache_usage as cache_usage,
+        clear_cache as clear_cache,
+        load_code as load_code,
+        store_code as store_code,
+    )
+    from swarmstart.machine_code.compile_time import (
+        Stopwatch as Stopwatch,
+        compiling as compiling,
+        held_while_compiling as held_while_compiling,
+        stopwatch as stopwatch,
+    )
+    from swarmstart.machine_code.fingerprints import (
+        source as source,
+        sources as sources,
+    )
+    from swarmstart.machine_code.numba_kernels import (
+        Array as Array,
+        Count as Count,
+        address_of as address_of,
+        call_at as call_at,
+        free_kernel as free_kernel,
+        ieee_kernel as ieee_kernel,
+        is_kept as is_kept,
+        kernel as kernel,
+        prepare as prepare,
+    )
+
+_NAMES = {
+    "code_cache": """
+        LIMIT_BYTES cache_refusal cache_usage clear_cache load_code store_code
+    """,
+    "compile_time": "Stopwatch compiling held_while_compiling stopwatch",
+    "fingerprints": "source sources",
+    "numba_kernels": """
+        Array Count address_of call_at free_kernel ieee_kernel is_kept kernel prepare
+    """,
+}
+_HOMES = {name: home for home, names in _NAMES.items() for name in names.split()}
+__all__ = list(_HOMES)
+
+
+def __getattr__(name: str) -> Any:
+    """Import a name of the room when it is first used."""
+    if name in _HOMES:
+        return getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

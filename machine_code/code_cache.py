@@ -62,7 +62,7 @@ def folder() -> Path:
     return Path(base, "swarmstart", "machine-code")
 
 
-def load(key: str) -> bytes | None:
+def load_code(key: str) -> bytes | None:
     """Return the code kept under a key; None if it is missing or not trusted.
 
     Args:
@@ -81,7 +81,7 @@ def load(key: str) -> bytes | None:
     return code if digest == _digest(key, code) else None
 
 
-def store(key: str, code: bytes) -> None:
+def store_code(key: str, code: bytes) -> None:
     """Store code under a key if that is safe; else do nothing.
 
     Args:
@@ -98,7 +98,7 @@ def store(key: str, code: bytes) -> None:
             _make_room(where)
 
 
-def refusal() -> str | None:
+def cache_refusal() -> str | None:
     """Return the reason why the cache's folder is not used; None if it is usable."""
     where = folder()
     if not where.is_absolute():
@@ -109,9 +109,9 @@ def refusal() -> str | None:
     return None if _is_private(where) else own
 
 
-def usage() -> Usage:
+def cache_usage() -> Usage:
     """Return the folder, the number of files and the size of the cache."""
-    where, refused = folder(), refusal()
+    where, refused = folder(), cache_refusal()
     kept = [] if refused else _files(where)
     return Usage(
         folder=where,
@@ -121,7 +121,7 @@ def usage() -> Usage:
     )
 
 
-def clear() -> int:
+def clear_cache() -> int:
     """Remove all files of the cache, unless its folder is refused.
 
     Running processes keep the code that they have loaded.

@@ -20,7 +20,7 @@ from swarmstart.cases.kinds.formation_flight.problem import dynamics_of, referen
 from swarmstart.cases.kinds.formation_flight.scenario import FormationScenario
 from swarmstart.cases.kinds.models.unicycle import unicycle
 from swarmstart.errors import SwarmstartError
-from swarmstart.ocp.integration.integrators import integrate
+from swarmstart.ocp.integration import integrate
 from swarmstart.terminal_set import (
     Reference,
     TerminalSet,

@@ -20,7 +20,7 @@ from swarmstart.cases.drawing.series import escaped
 from swarmstart.cases.drawing.tracks import Scene, inside_discs
 from swarmstart.cases.record.files import replacing
 from swarmstart.errors import SwarmstartError
-from swarmstart.ocp.common.progress import ProgressCallback, tell_nothing
+from swarmstart.ocp.common import ProgressCallback, tell_nothing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

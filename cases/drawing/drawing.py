@@ -16,7 +16,7 @@ from swarmstart.cases.drawing import palette
 from swarmstart.cases.record.files import write_atomically
 from swarmstart.cases.record.record import PNG
 from swarmstart.ocp import Trajectory
-from swarmstart.ocp.common.progress import ProgressCallback, tell_nothing
+from swarmstart.ocp.common import ProgressCallback, tell_nothing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

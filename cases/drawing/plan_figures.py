@@ -18,8 +18,7 @@ from swarmstart.cases.drawing.series import escaped, make_logarithmic, name_line
 from swarmstart.cases.drawing.slack import KnownAt, arguments_of, made_at
 from swarmstart.cases.record.trajectory_arrays import new_plans
 from swarmstart.ocp import Fitness, Known, OptimalControlProblem, Trajectory
-from swarmstart.ocp.rollout.fitness import NOTHING
-from swarmstart.ocp.rollout.shooting import Shooting
+from swarmstart.ocp.rollout import NOTHING, Shooting
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

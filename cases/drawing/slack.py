@@ -20,16 +20,16 @@ from swarmstart.cases.record.trajectory_arrays import (
     new_plans,
 )
 from swarmstart.ocp import Constraint, Known, OptimalControlProblem, Plan, Trajectory
-from swarmstart.ocp.rollout.checking import ConstraintRows
-from swarmstart.ocp.rollout.fitness import (
+from swarmstart.ocp.rollout import (
     Arguments,
+    ConstraintRows,
+    Shooting,
     at_nodes,
     core_known,
     shared_arguments,
+    signals_between,
 )
-from swarmstart.ocp.rollout.path import signals_between
-from swarmstart.ocp.rollout.shooting import Shooting
-from swarmstart.ocp.statement.lowering import Lowered
+from swarmstart.ocp.statement import Lowered
 
 Array = NDArray[np.float64]
 KnownAt = Callable[[int], Known]

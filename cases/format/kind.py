@@ -26,9 +26,9 @@ from swarmstart.ocp import (
     TrajectoryFamily,
     verified,
 )
-from swarmstart.ocp.answer.plan import start_of
-from swarmstart.ocp.loop.controller import ReferenceSignals
-from swarmstart.ocp.statement.guess import Appended
+from swarmstart.ocp.answer import start_of
+from swarmstart.ocp.loop import ReferenceSignals
+from swarmstart.ocp.statement import Appended
 from swarmstart.terminal_set import TerminalSet
 
 Array = NDArray[np.float64]

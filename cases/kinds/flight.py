@@ -29,9 +29,9 @@ from swarmstart.ocp import (
     RecedingHorizon,
     Team,
 )
-from swarmstart.ocp.integration.integrators import verifying_integrator
-from swarmstart.ocp.loop.controller import known_at
-from swarmstart.ocp.rollout.fitness import replay
+from swarmstart.ocp.integration import verifying_integrator
+from swarmstart.ocp.loop import known_at
+from swarmstart.ocp.rollout import replay
 
 Array = NDArray[np.float64]
 P = TypeVar("P", bound=Posed)

@@ -15,7 +15,7 @@ from swarmstart.cases.record.files import write_text
 from swarmstart.cases.record.record import MARK, finished_key
 from swarmstart.errors import SwarmstartError
 from swarmstart.ocp import BoundKind, LowerBound, OptimalityGap, Solution
-from swarmstart.ocp.lower_bound.stated.evidence import Evidence
+from swarmstart.ocp.lower_bound.stated import Evidence
 
 CERTIFICATE = "bound_certificate.json"
 CONTENT_OF = "swarmstart.ocp.lower_bound.certificate:certificate_content"

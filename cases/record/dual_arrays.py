@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.ocp import Plan, Step, Trajectory
-from swarmstart.ocp.nlp.duals import Duals, duals_of
+from swarmstart.ocp.nlp import Duals, duals_of
 
 Array = NDArray[np.float64]
 

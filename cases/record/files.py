@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.errors import SwarmstartError
-from swarmstart.heuristics.running.interrupts import put_off
+from swarmstart.heuristics.running import put_off
 
 try:
     import fcntl

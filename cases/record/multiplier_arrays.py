@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.ocp.nlp.multipliers import Multipliers
+from swarmstart.ocp.nlp import Multipliers
 
 Array = NDArray[np.float64]
 PREFIX = "multipliers_"

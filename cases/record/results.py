@@ -51,7 +51,7 @@ from swarmstart.cases.record.trajectory_arrays import (
     trajectory_of,
 )
 from swarmstart.ocp import Solution, Trajectory
-from swarmstart.ocp.nlp.multipliers import Multipliers
+from swarmstart.ocp.nlp import Multipliers
 
 RESULT, SOLUTION = "result.json", "solution.npz"
 T = TypeVar("T")

@@ -17,7 +17,7 @@ from swarmstart.ocp import (
     Step,
     Trajectory,
 )
-from swarmstart.ocp.common.profile import Profile
+from swarmstart.ocp.common import Profile
 
 Array = NDArray[np.float64]
 

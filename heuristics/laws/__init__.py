@@ -3,3 +3,31 @@
 A search is settings, a state and two kernels (`algorithm.py`); these are written in
 terms of what is here.
 """
+
+from swarmstart.heuristics.laws.algorithm import (
+    first_size_of,
+    require,
+    require_name,
+    require_size,
+)
+from swarmstart.heuristics.laws.box import (
+    Box,
+)
+from swarmstart.heuristics.laws.descent import (
+    DescentOptions,
+    descend,
+)
+from swarmstart.heuristics.laws.order import (
+    STATIC_PENALTY,
+)
+
+__all__ = [
+    "STATIC_PENALTY",
+    "Box",
+    "DescentOptions",
+    "descend",
+    "first_size_of",
+    "require",
+    "require_name",
+    "require_size",
+]

@@ -30,7 +30,7 @@ from swarmstart.heuristics.laws.order import (
     precedes,
     set_level,
 )
-from swarmstart.machine_code.kernel import Array, Count, kernel
+from swarmstart.machine_code import Array, Count, kernel
 
 MOST_NUMBERS = 20_000_000
 """Of a population: 160 MB, and a search holds several of that size."""

@@ -19,7 +19,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from swarmstart.heuristics.laws.box import between, clip
-from swarmstart.machine_code.kernel import kernel
+from swarmstart.machine_code import kernel
 
 BoundHandling = Literal["clip", "absorb", "reflect", "midpoint", "redraw", "none"]
 NAMES: tuple[str, ...] = get_args(BoundHandling)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from swarmstart.heuristics.laws.algorithm import require
 from swarmstart.heuristics.laws.box import Box, InvalidPointsError
 from swarmstart.heuristics.laws.sampling import Sampling, sample
-from swarmstart.machine_code.kernel import Array
+from swarmstart.machine_code import Array
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -42,7 +42,7 @@ from typing import NamedTuple
 import numpy as np
 
 from swarmstart.errors import SwarmstartError
-from swarmstart.machine_code.kernel import Array, Count, kernel
+from swarmstart.machine_code import Array, Count, kernel
 
 STATIC_PENALTY = 0
 FEASIBILITY_FIRST = 1

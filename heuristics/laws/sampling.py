@@ -21,7 +21,7 @@ from typing import Literal
 import numpy as np
 
 from swarmstart.heuristics.laws.box import Box
-from swarmstart.machine_code.kernel import Array, kernel
+from swarmstart.machine_code import Array, kernel
 
 
 def sample_uniform(box: Box, size: int, *, rng: np.random.Generator) -> Array:

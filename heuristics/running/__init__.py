@@ -2,3 +2,37 @@
 
 `minimize` is the whole way in one call, `Search` the same step by step (ask and tell).
 """
+
+from swarmstart.heuristics.running.first_use import (
+    kernels_ahead,
+)
+from swarmstart.heuristics.running.interrupts import (
+    heeded,
+    put_off,
+)
+from swarmstart.heuristics.running.memetic import (
+    Improved,
+    LocalSolves,
+    run_memetic,
+)
+from swarmstart.heuristics.running.result import (
+    StopReason,
+    locked,
+)
+from swarmstart.heuristics.running.search import (
+    Individual,
+    Search,
+)
+
+__all__ = [
+    "Improved",
+    "Individual",
+    "LocalSolves",
+    "Search",
+    "StopReason",
+    "heeded",
+    "kernels_ahead",
+    "locked",
+    "put_off",
+    "run_memetic",
+]

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numba
 
 from swarmstart.heuristics.laws.algorithm import Algorithm
-from swarmstart.machine_code.code_cache import refusal
+from swarmstart.machine_code import cache_refusal
 
 log = logging.getLogger(__name__)
 
@@ -106,7 +106,7 @@ def _is_possible() -> bool:
     here = getattr(os, "sched_getaffinity", lambda _: range(os.cpu_count() or 1))(0)
     jit = not numba.config.DISABLE_JIT  # type: ignore[attr-defined, unused-ignore]
     fit = bool(sys.executable) and len(here) > 1 and _IN_HELPER not in os.environ
-    return jit and fit and refusal() is None
+    return jit and fit and cache_refusal() is None
 
 
 def _started(algorithm: Algorithm, compiled: bool, part: Part) -> Helper:

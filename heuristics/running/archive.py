@@ -18,7 +18,7 @@ import numpy as np
 from swarmstart.heuristics.laws.box import Box
 from swarmstart.heuristics.laws.copying import copy_column, fill_column
 from swarmstart.heuristics.laws.order import RunningOrder, better_at, is_finite
-from swarmstart.machine_code.kernel import Array, Count, kernel
+from swarmstart.machine_code import Array, Count, kernel
 
 
 class Archive(NamedTuple):

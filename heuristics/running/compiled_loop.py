@@ -25,7 +25,7 @@ from swarmstart.heuristics.running.stopping import (
     finished,
     progress_of,
 )
-from swarmstart.machine_code.kernel import Array, Count, call_at, kernel
+from swarmstart.machine_code import Array, Count, call_at, kernel
 
 CHUNK = 1
 """Generations before the first look at the clock."""

@@ -29,8 +29,7 @@ from swarmstart.heuristics.running.minimize import (
 )
 from swarmstart.heuristics.running.result import SearchResult, StopReason
 from swarmstart.heuristics.running.search import Individual, Search
-from swarmstart.machine_code.compile_time import Stopwatch
-from swarmstart.machine_code.kernel import Array
+from swarmstart.machine_code import Array, Stopwatch
 
 GENERATIONS = 10
 """Generations between two checks whether local solves are due; fixed, so that one seed

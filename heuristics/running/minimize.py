@@ -41,8 +41,7 @@ from swarmstart.heuristics.running.stopping import (
     progress_of,
 )
 from swarmstart.heuristics.searches.arguments import algorithm_of, box_of, generator_of
-from swarmstart.machine_code.compile_time import Stopwatch, stopwatch
-from swarmstart.machine_code.kernel import Array, Count
+from swarmstart.machine_code import Array, Count, Stopwatch, stopwatch
 
 Objective = Callable[[Array], ArrayLike | tuple[ArrayLike, ArrayLike]]
 """Population, shape (dim, size), read-only -> cost, or (cost, violation), each (size,).

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from swarmstart.heuristics.running.search import Individual, Snapshot
-from swarmstart.machine_code.kernel import Array
+from swarmstart.machine_code import Array
 
 
 class StopReason(enum.Enum):

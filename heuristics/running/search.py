@@ -43,8 +43,14 @@ from swarmstart.heuristics.running.compiled_loop import (
 from swarmstart.heuristics.running.interrupts import put_off
 from swarmstart.heuristics.running.stopping import GOES_ON, Limits, finished
 from swarmstart.heuristics.searches.default import default_order
-from swarmstart.machine_code.compile_time import compiling, stopwatch
-from swarmstart.machine_code.kernel import Array, address_of, is_kept, prepare
+from swarmstart.machine_code import (
+    Array,
+    address_of,
+    compiling,
+    is_kept,
+    prepare,
+    stopwatch,
+)
 
 ROOM = 4
 """The archive holds this many times the requested basins, since merging basins frees

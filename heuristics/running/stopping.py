@@ -12,7 +12,7 @@ import numpy as np
 
 from swarmstart.heuristics.laws.algorithm import State
 from swarmstart.heuristics.laws.order import RunningOrder
-from swarmstart.machine_code.kernel import kernel
+from swarmstart.machine_code import kernel
 
 GOES_ON, AT_TARGET, STAGNANT = 0, 1, 2
 UNLIMITED = np.iinfo(np.int64).max

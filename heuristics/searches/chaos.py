@@ -10,7 +10,7 @@ Source: chapter 5, eq. (5.17); May (1976), Nature 261.
 
 import numpy as np
 
-from swarmstart.machine_code.kernel import Array, kernel
+from swarmstart.machine_code import Array, kernel
 
 MU = 4.0
 TRAPS = (0.0, 0.25, 0.5, 0.75, 1.0)

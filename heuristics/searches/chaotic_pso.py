@@ -43,7 +43,7 @@ from swarmstart.heuristics.searches.swarm import (
     require_accelerations,
     swarm_best,
 )
-from swarmstart.machine_code.kernel import Array, Count, kernel
+from swarmstart.machine_code import Array, Count, kernel
 
 Reseed = Literal["logistic", "uniform", "none"]
 InitialVelocity = Literal["independent", "smooth"]

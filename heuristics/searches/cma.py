@@ -65,7 +65,7 @@ from swarmstart.heuristics.searches.cma_restarts import (
     record_length,
     write_record,
 )
-from swarmstart.machine_code.kernel import Array, Count, kernel
+from swarmstart.machine_code import Array, Count, kernel
 
 SIZE_MAX = 2**16
 """Number of individuals above which a restart no longer adds any."""

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from swarmstart.machine_code.kernel import Array, kernel
+from swarmstart.machine_code import Array, kernel
 
 ALPHA_COV = 2.0
 

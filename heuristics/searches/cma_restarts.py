@@ -34,7 +34,7 @@ import numpy as np
 
 from swarmstart.heuristics.laws.algorithm import State
 from swarmstart.heuristics.laws.order import RunningOrder, better, ranking
-from swarmstart.machine_code.kernel import Array, Count, kernel
+from swarmstart.machine_code import Array, Count, kernel
 
 TOL_FUN = 1e-14
 TOL_X = 1e-12

@@ -52,7 +52,7 @@ from swarmstart.heuristics.searches.trials import (
     new_plan,
     select,
 )
-from swarmstart.machine_code.kernel import Array, Count, kernel
+from swarmstart.machine_code import Array, Count, kernel
 
 Strategy = Literal["rand/1", "best/1", "current-to-best/1"]
 Crossover = Literal["bin", "exp"]

@@ -40,7 +40,7 @@ from swarmstart.heuristics.laws.order import (
     merits,
     worst_index,
 )
-from swarmstart.machine_code.kernel import Array, Count, kernel
+from swarmstart.machine_code import Array, Count, kernel
 
 
 class GeneticAlgorithmSettings(NamedTuple):

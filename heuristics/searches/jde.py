@@ -39,7 +39,7 @@ from swarmstart.heuristics.searches.trials import (
     new_plan,
     select,
 )
-from swarmstart.machine_code.kernel import Array, Count, kernel
+from swarmstart.machine_code import Array, Count, kernel
 
 F_LOWER, F_WIDTH = 0.1, 0.9
 """F_l and F_u: F is drawn in [F_l, F_l + F_u)."""

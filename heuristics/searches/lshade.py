@@ -77,7 +77,7 @@ from swarmstart.heuristics.searches.trials import (
     new_plan,
     select,
 )
-from swarmstart.machine_code.kernel import Array, Count, kernel
+from swarmstart.machine_code import Array, Count, kernel
 
 LEAST_SIZE = 4
 """Least size of a population: a trial needs two others and two leaders."""

@@ -47,7 +47,7 @@ from swarmstart.heuristics.searches.swarm import (
     ring_best,
     swarm_best,
 )
-from swarmstart.machine_code.kernel import Array, Count, kernel
+from swarmstart.machine_code import Array, Count, kernel
 
 PHI_LEAST = 4.0
 """Sum of accelerations at which constriction begins (Clerc and Kennedy 2002)."""

@@ -18,7 +18,7 @@ from swarmstart.heuristics.laws.algorithm import (
 from swarmstart.heuristics.laws.box import Box, between
 from swarmstart.heuristics.laws.copying import copy_points
 from swarmstart.heuristics.laws.order import RunningOrder
-from swarmstart.machine_code.kernel import Array, Count, kernel
+from swarmstart.machine_code import Array, Count, kernel
 
 
 class RandomSearchSettings(NamedTuple):

@@ -20,7 +20,7 @@ from swarmstart.heuristics.laws.order import (
     is_finite,
 )
 from swarmstart.heuristics.searches.trials import draw_index
-from swarmstart.machine_code.kernel import Array, Count, kernel
+from swarmstart.machine_code import Array, Count, kernel
 
 FIRST_MEMORY = 0.5
 """M_F and M_CR at the beginning."""

@@ -29,7 +29,7 @@ from swarmstart.heuristics.laws.bound_handling import REDRAW, repair, turned
 from swarmstart.heuristics.laws.box import clip
 from swarmstart.heuristics.laws.copying import copy_column
 from swarmstart.heuristics.laws.order import RunningOrder, better, precedes
-from swarmstart.machine_code.kernel import Array, kernel
+from swarmstart.machine_code import Array, kernel
 
 
 class SwarmSettings(Settings, Protocol):

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from swarmstart.heuristics.laws.algorithm import Settings
 from swarmstart.heuristics.laws.bound_handling import REDRAW, repair
 from swarmstart.heuristics.laws.order import RunningOrder, precedes
-from swarmstart.machine_code.kernel import Array, Count, kernel
+from swarmstart.machine_code import Array, Count, kernel
 
 Mask = NDArray[np.bool_]
 

@@ -2,3 +2,27 @@
 
 A plan is what a solver found; a `Solution` is a plan that was checked on a finer path.
 """
+
+from swarmstart.ocp.answer.bounded import (
+    BoundInterrupted,
+    bounded,
+)
+from swarmstart.ocp.answer.improving import (
+    improved,
+    repaired,
+)
+from swarmstart.ocp.answer.plan import (
+    Plan,
+    Source,
+    start_of,
+)
+
+__all__ = [
+    "BoundInterrupted",
+    "Plan",
+    "Source",
+    "bounded",
+    "improved",
+    "repaired",
+    "start_of",
+]

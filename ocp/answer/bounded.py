@@ -5,7 +5,7 @@ import math
 from numpy.typing import ArrayLike
 
 from swarmstart.errors import SwarmstartError
-from swarmstart.heuristics.running.interrupts import heeded
+from swarmstart.heuristics.running import heeded
 from swarmstart.ocp.answer.solution import Solution
 from swarmstart.ocp.common.progress import ProgressCallback, tell_nothing
 from swarmstart.ocp.lower_bound import bounding

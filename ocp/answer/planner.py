@@ -19,9 +19,9 @@ from swarmstart.heuristics import (
     SearchInterrupted,
     default_order,
 )
-from swarmstart.heuristics.laws.algorithm import first_size_of
-from swarmstart.heuristics.running.interrupts import heeded
-from swarmstart.machine_code.compile_time import stopwatch
+from swarmstart.heuristics.laws import first_size_of
+from swarmstart.heuristics.running import heeded
+from swarmstart.machine_code import stopwatch
 from swarmstart.ocp.answer.plan import (
     NO_SEARCH,
     Account,

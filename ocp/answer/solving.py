@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.heuristics import Budget, Order, generator_of
-from swarmstart.heuristics.running.interrupts import heeded
-from swarmstart.machine_code.compile_time import stopwatch
+from swarmstart.heuristics.running import heeded
+from swarmstart.machine_code import stopwatch
 from swarmstart.ocp.answer.bounded import BoundInterrupted, bounded
 from swarmstart.ocp.answer.improving import improved
 from swarmstart.ocp.answer.plan import PlanningInterrupted

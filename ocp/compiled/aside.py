@@ -11,7 +11,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextvars import ContextVar
 from functools import cache, cached_property
 
-from swarmstart.machine_code.compile_time import compiling
+from swarmstart.machine_code import compiling
 from swarmstart.ocp.compiled.engine import Compiled, link
 
 _is_aside: ContextVar[bool] = ContextVar("_is_aside", default=False)

@@ -22,9 +22,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.machine_code.code_cache import load, store
-from swarmstart.machine_code.compile_time import compiling
-from swarmstart.machine_code.fingerprint import sources
+from swarmstart.machine_code import compiling, load_code, sources, store_code
 from swarmstart.ocp.compiled.casadi_map import BoundMap, CasadiMap
 from swarmstart.ocp.compiled.engine import (
     Compiled,
@@ -231,7 +229,7 @@ def _kernel() -> Compiled:
     makers = sources(f"{__name__}", "swarmstart.ocp.compiled.engine")
     key = hashlib.sha256(repr((makers, here, VECTORS)).encode()).hexdigest()
     with compiling():
-        code = load(key)
+        code = load_code(key)
         if code is None:
             target = Target(
                 lanes=_lanes(),
@@ -239,7 +237,7 @@ def _kernel() -> Compiled:
                 has_scale=here.has_scale,
             )
             code = translate(module_of(_emit, target, inputs=5, outputs=1))
-            store(key, code)
+            store_code(key, code)
         return link(code)
 
 

@@ -12,9 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.heuristics import Pointers
-from swarmstart.machine_code.code_cache import load, store
-from swarmstart.machine_code.compile_time import compiling
-from swarmstart.machine_code.fingerprint import source, sources
+from swarmstart.machine_code import compiling, load_code, source, sources, store_code
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.compiled.aside import Later, code_of
 from swarmstart.ocp.compiled.emitter import (
@@ -480,7 +478,7 @@ def compile_rollout(  # noqa: PLR0913 - a rollout's parts
 def cached(key: str, emit: Callable[[], str]) -> Compiled | Later:
     """Return machine code from the cache, or make and store it; see aside.py."""
     with compiling():
-        code = load(key)
+        code = load_code(key)
         if code is not None:
             return link(code)
         ir = emit()
@@ -488,7 +486,7 @@ def cached(key: str, emit: Callable[[], str]) -> Compiled | Later:
 
         def make() -> bytes:
             made = translate(ir)
-            store(key, made)
+            store_code(key, made)
             return made
 
         made = code_of(make)

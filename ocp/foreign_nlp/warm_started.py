@@ -24,7 +24,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.machine_code.compile_time import Stopwatch, stopwatch
+from swarmstart.machine_code import Stopwatch, stopwatch
 from swarmstart.ocp.common.errors import InvalidProblemError, SolveError
 from swarmstart.ocp.foreign_nlp.elimination import eliminated
 from swarmstart.ocp.foreign_nlp.nlp_given import GivenNlp

@@ -1,1 +1,27 @@
 """Integrators: a step of each, equal steps, steps with size control, collocation."""
+
+from swarmstart.ocp.integration.adaptive import (
+    COARSEST,
+    FINEST,
+)
+from swarmstart.ocp.integration.integrators import (
+    PARTS,
+    Integrator,
+    integrate,
+    verifying_integrator,
+)
+from swarmstart.ocp.integration.radau import (
+    Radau,
+    Transcription,
+)
+
+__all__ = [
+    "COARSEST",
+    "FINEST",
+    "PARTS",
+    "Integrator",
+    "Radau",
+    "Transcription",
+    "integrate",
+    "verifying_integrator",
+]

@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.machine_code.kernel import prepare
+from swarmstart.machine_code import prepare
 from swarmstart.ocp.compiled.threads import together
 from swarmstart.ocp.lanes.answers import LaneAnswers
 from swarmstart.ocp.lanes.block import Block, Layout, layout_of

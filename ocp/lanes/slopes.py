@@ -11,8 +11,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.heuristics.laws.box import Box
-from swarmstart.heuristics.laws.descent import DescentOptions, descend
+from swarmstart.heuristics.laws import Box, DescentOptions, descend
 from swarmstart.ocp.lanes.answers import LaneAnswers
 from swarmstart.ocp.lanes.posed import Posed
 from swarmstart.ocp.lanes.schedule import LaneOptions, Schedule

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.heuristics import generator_of
-from swarmstart.machine_code.compile_time import stopwatch
+from swarmstart.machine_code import stopwatch
 from swarmstart.ocp.common.errors import DivergedError, InvalidProblemError
 from swarmstart.ocp.common.expressions import shortened
 from swarmstart.ocp.common.limits import numbers_of

@@ -38,7 +38,7 @@ from swarmstart.ocp.lower_bound.tubes.tube import NoTubeError, tube_of
 from swarmstart.ocp.rollout.fitness import NOTHING, Known
 from swarmstart.ocp.rollout.status import SolutionStatus
 from swarmstart.ocp.statement.problem import OptimalControlProblem
-from swarmstart.terminal_set.interval_arithmetic.intervals import (
+from swarmstart.terminal_set.interval_arithmetic import (
     UnknownIntervalOperationError,
     interval_function,
 )

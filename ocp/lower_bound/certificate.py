@@ -20,8 +20,8 @@ import numpy as np
 
 from swarmstart.ocp.lower_bound.stated.evidence import Array, Evidence, Step, Tube
 from swarmstart.ocp.lower_bound.stated.statement import Statement
-from swarmstart.terminal_set.certificates.certificate import digest
-from swarmstart.terminal_set.interval_arithmetic.tape import Instruction, tape_of
+from swarmstart.terminal_set.certificates import digest
+from swarmstart.terminal_set.interval_arithmetic import Instruction, tape_of
 
 FORMAT = "swarmstart lower bound certificate"
 VERSION = 1

@@ -23,7 +23,7 @@ from swarmstart.ocp.lower_bound.checker.certificate_file import (
     read_certificate,
 )
 from swarmstart.ocp.lower_bound.checker.statements import findings
-from swarmstart.terminal_set.checker.command import checked, parsed
+from swarmstart.terminal_set.checker import checked, parsed
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -21,7 +21,7 @@ from swarmstart.ocp.lower_bound.stated.evidence import Polynomial, Pruning, Tube
 from swarmstart.ocp.lower_bound.stated.statement import Statement
 from swarmstart.ocp.lower_bound.taylor_form import PADDING
 from swarmstart.ocp.lower_bound.tubes import tube_set as tubes
-from swarmstart.terminal_set.interval_arithmetic.intervals import interval_function
+from swarmstart.terminal_set.interval_arithmetic import interval_function
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

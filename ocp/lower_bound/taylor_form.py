@@ -21,7 +21,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.terminal_set.interval_arithmetic.intervals import (
+from swarmstart.terminal_set.interval_arithmetic import (
     IntervalEvaluation,
     interval_function,
 )

@@ -2,3 +2,45 @@
 
 A polish begins at a `Start` and ends with a status, never with an error.
 """
+
+from swarmstart.ocp.nlp.duals import (
+    Duals,
+    duals_of,
+)
+from swarmstart.ocp.nlp.multipliers import (
+    Multipliers,
+    multipliers_of,
+)
+from swarmstart.ocp.nlp.polish import (
+    Polisher,
+    is_better,
+)
+from swarmstart.ocp.nlp.polish_options import (
+    PolishOptions,
+)
+from swarmstart.ocp.nlp.start import (
+    Start,
+)
+from swarmstart.ocp.nlp.watching import (
+    UNWATCHED,
+    Answer,
+    Ratios,
+    Watch,
+    Work,
+)
+
+__all__ = [
+    "UNWATCHED",
+    "Answer",
+    "Duals",
+    "Multipliers",
+    "PolishOptions",
+    "Polisher",
+    "Ratios",
+    "Start",
+    "Watch",
+    "Work",
+    "duals_of",
+    "is_better",
+    "multipliers_of",
+]

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 
-from swarmstart.machine_code.compile_time import compiling
+from swarmstart.machine_code import compiling
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.nlp.nlp_sources import last_line
 from swarmstart.ocp.nlp.polish_options import PolishOptions

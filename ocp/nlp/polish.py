@@ -28,7 +28,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from swarmstart.heuristics.running.interrupts import heeded
+from swarmstart.heuristics.running import heeded
 from swarmstart.ocp.common.errors import InvalidProblemError, SolveError
 from swarmstart.ocp.nlp.carried import Carried
 from swarmstart.ocp.nlp.correction import MOST_CORRECTIONS, corrected

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.heuristics import SearchResult
-from swarmstart.heuristics.running.search import Individual
+from swarmstart.heuristics.running import Individual
 from swarmstart.ocp.nlp.transcription import NonlinearProgram
 from swarmstart.ocp.rollout.shooting import Shooting
 

@@ -3,3 +3,37 @@
 The compiled evaluator of populations is `Fitness`; `status.py` has the words for what
 the finer path shows.
 """
+
+from swarmstart.ocp.rollout.checking import (
+    ConstraintRows,
+)
+from swarmstart.ocp.rollout.fitness import (
+    NOTHING,
+    Arguments,
+    Known,
+    Objective,
+    at_nodes,
+    core_known,
+    replay,
+    shared_arguments,
+)
+from swarmstart.ocp.rollout.path import (
+    signals_between,
+)
+from swarmstart.ocp.rollout.shooting import (
+    Shooting,
+)
+
+__all__ = [
+    "NOTHING",
+    "Arguments",
+    "ConstraintRows",
+    "Known",
+    "Objective",
+    "Shooting",
+    "at_nodes",
+    "core_known",
+    "replay",
+    "shared_arguments",
+    "signals_between",
+]

@@ -2,3 +2,25 @@
 
 The account says which start led to which answer, and what it took.
 """
+
+from swarmstart.ocp.search.account import (
+    StartsAccount,
+)
+from swarmstart.ocp.search.many_starts import (
+    LANES,
+)
+from swarmstart.ocp.search.search_settings import (
+    search_settings,
+)
+from swarmstart.ocp.search.search_space import (
+    SearchSpace,
+    space_of,
+)
+
+__all__ = [
+    "LANES",
+    "SearchSpace",
+    "StartsAccount",
+    "search_settings",
+    "space_of",
+]

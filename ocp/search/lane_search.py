@@ -27,10 +27,15 @@ from swarmstart.heuristics import (
     StopReason,
     minimize,
 )
-from swarmstart.heuristics.running.memetic import Improved, LocalSolves, run_memetic
-from swarmstart.heuristics.running.result import locked
-from swarmstart.heuristics.running.search import Individual, Search
-from swarmstart.machine_code.compile_time import stopwatch
+from swarmstart.heuristics.running import (
+    Improved,
+    Individual,
+    LocalSolves,
+    Search,
+    locked,
+    run_memetic,
+)
+from swarmstart.machine_code import stopwatch
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.lanes.solver import LaneSolver, NoLanesError
 from swarmstart.ocp.nlp.polish import Polisher

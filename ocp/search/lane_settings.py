@@ -12,7 +12,7 @@ from numbers import Real
 import numpy as np
 
 from swarmstart.heuristics import LSHADE, Algorithm, Box
-from swarmstart.heuristics.laws.algorithm import require
+from swarmstart.heuristics.laws import require
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

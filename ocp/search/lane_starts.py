@@ -12,10 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.heuristics import Order
-from swarmstart.heuristics.running.interrupts import heeded
-from swarmstart.heuristics.running.memetic import Improved
-from swarmstart.heuristics.running.search import Individual
-from swarmstart.machine_code.compile_time import stopwatch
+from swarmstart.heuristics.running import Improved, Individual, heeded
+from swarmstart.machine_code import stopwatch
 from swarmstart.ocp.lanes.answers import LaneAnswers
 from swarmstart.ocp.lanes.optima import Optimum, distinct_optima, unseen_share
 from swarmstart.ocp.lanes.solver import LaneSolver, random_starts

@@ -21,7 +21,7 @@ from typing import NamedTuple, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from swarmstart.machine_code.compile_time import stopwatch
+from swarmstart.machine_code import stopwatch
 from swarmstart.ocp.compiled.aside import aside
 from swarmstart.ocp.compiled.engine import NoCompilerError
 from swarmstart.ocp.lanes.optima import distinct_optima, unseen_share

@@ -39,7 +39,7 @@ from swarmstart.heuristics import (
     Initial,
     SearchResult,
 )
-from swarmstart.heuristics.laws.algorithm import first_size_of
+from swarmstart.heuristics.laws import first_size_of
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.compiled.casadi_map import CasadiMap
 from swarmstart.ocp.nlp.start import Start

@@ -17,7 +17,7 @@ from swarmstart.terminal_set import (
     Weights,
     certified_terminal_set,
 )
-from swarmstart.terminal_set.proving.drift import resting
+from swarmstart.terminal_set.proving import resting
 
 Array = NDArray[np.float64]
 

@@ -2,3 +2,15 @@
 
 A model holds names, symbols and equations; it knows no horizon and no cost.
 """
+
+from swarmstart.ocp.system.constraints import (
+    MovingLimit,
+    Rows,
+    row_excess,
+)
+
+__all__ = [
+    "MovingLimit",
+    "Rows",
+    "row_excess",
+]

@@ -2,3 +2,11 @@
 
 `design.py` makes the set that bounds alone allow; `proving` certifies it.
 """
+
+from swarmstart.terminal_set.certificates.certificate import (
+    digest,
+)
+
+__all__ = [
+    "digest",
+]

@@ -2,3 +2,27 @@
 
 A function is a list of operations (`tape.py`), evaluated on many boxes at once.
 """
+
+from swarmstart.terminal_set.interval_arithmetic.intervals import (
+    IntervalEvaluation,
+    UnknownIntervalOperationError,
+    expanded_tape,
+    interval_function,
+)
+from swarmstart.terminal_set.interval_arithmetic.smoothness import (
+    Kinks,
+)
+from swarmstart.terminal_set.interval_arithmetic.tape import (
+    Instruction,
+    tape_of,
+)
+
+__all__ = [
+    "Instruction",
+    "IntervalEvaluation",
+    "Kinks",
+    "UnknownIntervalOperationError",
+    "expanded_tape",
+    "interval_function",
+    "tape_of",
+]

@@ -25,7 +25,7 @@ import math
 
 import numpy as np
 
-from swarmstart.machine_code.kernel import ieee_kernel
+from swarmstart.machine_code import ieee_kernel
 
 WIDER = 2.3e-16
 """Relative: half a unit for the operation and half a unit for moving its end."""

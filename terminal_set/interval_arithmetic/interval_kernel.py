@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.machine_code.kernel import ieee_kernel
+from swarmstart.machine_code import ieee_kernel
 from swarmstart.terminal_set.interval_arithmetic.interval_functions import (
     FUNCTIONS,
     WIDER,

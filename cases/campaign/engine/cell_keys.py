@@ -20,7 +20,7 @@ from typing import Any
 
 from swarmstart.cases.format.registry import KINDS, SEARCHES
 from swarmstart.cases.record.record import versions
-from swarmstart.machine_code.fingerprint import sources
+from swarmstart.machine_code import sources
 
 DIGITS = 16
 

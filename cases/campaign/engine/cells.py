@@ -42,7 +42,7 @@ from swarmstart.cases.record.files import (
     write_atomically,
 )
 from swarmstart.errors import SwarmstartError
-from swarmstart.heuristics.running.interrupts import heeded, put_off
+from swarmstart.heuristics.running import heeded, put_off
 
 LOCAL = "local"
 POLL_S = 0.2

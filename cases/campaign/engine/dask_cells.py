@@ -20,7 +20,7 @@ from typing import Any
 from swarmstart.cases.campaign.engine.cell_keys import recorded_versions
 from swarmstart.cases.record.files import RecordError
 from swarmstart.errors import SwarmstartError
-from swarmstart.heuristics.running.interrupts import put_off
+from swarmstart.heuristics.running import put_off
 
 CONNECT_S = 10.0
 NO_WORKER_S = 60.0

@@ -18,7 +18,7 @@ import time as clock
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from swarmstart.machine_code.compile_time import held_while_compiling
+from swarmstart.machine_code import held_while_compiling
 
 PLACE = "SWARMSTART_CELL_PROCESS"
 """Environment variable with the number of the process and its reply descriptor."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from swarmstart.cases.format.kind import PlanningProblem, Posed, SeveralPlansError
 from swarmstart.cases.kinds.flight import first_problem
 from swarmstart.ocp import LowerBound, Solution
-from swarmstart.ocp.answer.bounded import bounded
-from swarmstart.ocp.common.progress import ProgressCallback
+from swarmstart.ocp.answer import bounded
+from swarmstart.ocp.common import ProgressCallback
 
 
 def planned_once(posed: Posed, steps: int) -> PlanningProblem:

@@ -54,8 +54,8 @@ from swarmstart.cases.record.record import (
 )
 from swarmstart.cases.record.step_table import STEPS, step_table
 from swarmstart.cases.record.trajectory_arrays import trajectory_arrays
-from swarmstart.heuristics.running.interrupts import heeded, put_off
-from swarmstart.machine_code.compile_time import Stopwatch, stopwatch
+from swarmstart.heuristics.running import heeded, put_off
+from swarmstart.machine_code import Stopwatch, stopwatch
 from swarmstart.ocp import (
     DivergedError,
     LowerBound,
@@ -67,12 +67,15 @@ from swarmstart.ocp import (
     collected,
     fly,
 )
-from swarmstart.ocp.answer.bounded import BoundInterrupted
-from swarmstart.ocp.common.limits import require_seconds
-from swarmstart.ocp.common.profile import piece_at
-from swarmstart.ocp.common.progress import ProgressCallback, tell_nothing
-from swarmstart.ocp.nlp.multipliers import Multipliers, multipliers_of
-from swarmstart.ocp.search.account import StartsAccount
+from swarmstart.ocp.answer import BoundInterrupted
+from swarmstart.ocp.common import (
+    ProgressCallback,
+    piece_at,
+    require_seconds,
+    tell_nothing,
+)
+from swarmstart.ocp.nlp import Multipliers, multipliers_of
+from swarmstart.ocp.search import StartsAccount
 
 if TYPE_CHECKING:
     import control

@@ -22,7 +22,7 @@ from swarmstart.cases.format.kind import SeveralPlansError
 from swarmstart.cases.format.scenario import Resolved, resolve
 from swarmstart.cases.kinds.flight import first_problem
 from swarmstart.cases.record.files import to_json
-from swarmstart.ocp.search.many_starts import LANES
+from swarmstart.ocp.search import LANES
 
 Allow = Callable[[Resolved], Resolved]
 

@@ -35,8 +35,8 @@ from swarmstart.cases.record.record import PNG, Recording
 from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics import Budget
 from swarmstart.ocp import Known, OptimalControlProblem
-from swarmstart.ocp.common.progress import ProgressCallback, tell_nothing
-from swarmstart.ocp.search.search_settings import search_settings
+from swarmstart.ocp.common import ProgressCallback, tell_nothing
+from swarmstart.ocp.search import search_settings
 
 Scenario = str | Path
 Compared = Scenario | tuple[OptimalControlProblem, ArrayLike, *tuple[Known, ...]]

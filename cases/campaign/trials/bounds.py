@@ -20,7 +20,7 @@ from swarmstart.cases.record.bound_content import (
     bound_account,
     write_certificate,
 )
-from swarmstart.ocp.answer.bounded import bounded
+from swarmstart.ocp.answer import bounded
 
 
 def modules_of(job: Mapping[str, Any]) -> tuple[str, ...]:

@@ -21,13 +21,10 @@ from swarmstart.cases.campaign.trials.silence import silenced
 from swarmstart.cases.campaign.trials.solver_names import IPOPT, Solver, polish_of
 from swarmstart.cases.format.kind import PlanningProblem
 from swarmstart.heuristics import Budget, Order, default_order, minimize
-from swarmstart.machine_code.compile_time import stopwatch
+from swarmstart.machine_code import stopwatch
 from swarmstart.ocp import IpoptOptions, Planner, SearchSettings, population_of
-from swarmstart.ocp.nlp.polish_options import PolishOptions
-from swarmstart.ocp.nlp.watching import Work
-from swarmstart.ocp.search.many_starts import LANES
-from swarmstart.ocp.search.search_settings import search_settings
-from swarmstart.ocp.search.search_space import SearchSpace, space_of
+from swarmstart.ocp.nlp import PolishOptions, Work
+from swarmstart.ocp.search import LANES, SearchSpace, search_settings, space_of
 
 SEARCH_SHARE, LEAST_SHARE = 0.9, 0.5
 """Part of the budget that a search has if an NLP solver follows."""

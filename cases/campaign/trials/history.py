@@ -23,11 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.heuristics import SearchResult
-from swarmstart.heuristics.running.result import StopReason
-from swarmstart.heuristics.running.search import Individual
-from swarmstart.machine_code.compile_time import Stopwatch
-from swarmstart.ocp.nlp.polish import is_better
-from swarmstart.ocp.nlp.watching import UNWATCHED, Answer, Ratios, Watch, Work
+from swarmstart.heuristics.running import Individual, StopReason
+from swarmstart.machine_code import Stopwatch
+from swarmstart.ocp.nlp import UNWATCHED, Answer, Ratios, Watch, Work, is_better
 
 Array = NDArray[np.float64]
 PER_DECADE = 10

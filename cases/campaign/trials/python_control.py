@@ -26,9 +26,8 @@ from swarmstart.cases.campaign.trials.building import Built, Trial
 from swarmstart.cases.campaign.trials.history import Meter
 from swarmstart.cases.campaign.trials.peers import BudgetSpent, PeerError
 from swarmstart.ocp import zero_controls
-from swarmstart.ocp.rollout.fitness import at_nodes
-from swarmstart.ocp.rollout.shooting import Shooting
-from swarmstart.ocp.system.constraints import Rows
+from swarmstart.ocp.rollout import Shooting, at_nodes
+from swarmstart.ocp.system import Rows
 
 Array = NDArray[np.float64]
 Numbers = Callable[[Array, Array], Any]

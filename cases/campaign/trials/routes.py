@@ -28,13 +28,11 @@ from swarmstart.cases.campaign.trials.peers import (
 )
 from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics import Budget
-from swarmstart.heuristics.laws.order import STATIC_PENALTY
+from swarmstart.heuristics.laws import STATIC_PENALTY
 from swarmstart.ocp import Planner, Solution, multistart
-from swarmstart.ocp.answer.improving import improved
-from swarmstart.ocp.answer.plan import Plan, Source
-from swarmstart.ocp.nlp.start import Start
-from swarmstart.ocp.nlp.watching import Answer
-from swarmstart.ocp.rollout.fitness import Known, Objective
+from swarmstart.ocp.answer import Plan, Source, improved
+from swarmstart.ocp.nlp import Answer, Start
+from swarmstart.ocp.rollout import Known, Objective
 
 Array = NDArray[np.float64]
 

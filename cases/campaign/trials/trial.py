@@ -36,10 +36,9 @@ from swarmstart.cases.campaign.trials.silence import silenced
 from swarmstart.cases.campaign.trials.solver_names import IPOPT
 from swarmstart.cases.format.kind import PlanningProblem
 from swarmstart.cases.record.files import replacing, to_json
-from swarmstart.machine_code.compile_time import stopwatch
+from swarmstart.machine_code import stopwatch
 from swarmstart.ocp import Planner, Solution, verified
-from swarmstart.ocp.answer.improving import repaired
-from swarmstart.ocp.answer.plan import Source
+from swarmstart.ocp.answer import Source, repaired
 
 LATE, MOMENT_S = 1.1, 0.25
 """The hard limit: a factor of the budget, and a constant [s]."""

@@ -5,7 +5,7 @@ import json
 
 from swarmstart.cases.commands.terminal.output import answer
 from swarmstart.cases.record.files import RecordError
-from swarmstart.machine_code.code_cache import LIMIT_BYTES, clear, usage
+from swarmstart.machine_code import LIMIT_BYTES, cache_usage, clear_cache
 
 _MB = 1e6
 
@@ -19,11 +19,11 @@ def cache_command(options: argparse.Namespace) -> int:
     removed = None
     if options.clear:
         try:
-            removed = clear()
+            removed = clear_cache()
         except OSError as error:
             message = f"{error.filename}: expected to remove it: {error.strerror}"
             raise RecordError(message) from error
-    now = usage()
+    now = cache_usage()
     told = {
         "folder": str(now.folder),
         "files": now.files,

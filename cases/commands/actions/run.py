@@ -38,7 +38,7 @@ from swarmstart.cases.record.bound_content import CERTIFICATE
 from swarmstart.cases.record.files import to_json
 from swarmstart.cases.record.record import Recording
 from swarmstart.errors import SwarmstartError
-from swarmstart.heuristics.running.first_use import kernels_ahead
+from swarmstart.heuristics.running import kernels_ahead
 from swarmstart.ocp import DivergedError, population_of
 
 RESULTS = Path("results")

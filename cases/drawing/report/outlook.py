@@ -20,8 +20,8 @@ from swarmstart.cases.record.record import SCENARIO
 from swarmstart.cases.record.results import Record
 from swarmstart.errors import SwarmstartError
 from swarmstart.ocp import Fitness, Known, Trajectory
-from swarmstart.ocp.loop.controller import known_at
-from swarmstart.ocp.rollout.shooting import Shooting
+from swarmstart.ocp.loop import known_at
+from swarmstart.ocp.rollout import Shooting
 
 Array = NDArray[np.float64]
 Paths = Sequence[tuple[float, Sequence[Array | None]]]

@@ -25,7 +25,7 @@ from swarmstart.ocp import (
     shifted_controls,
     smallest_distance,
 )
-from swarmstart.ocp.nlp.polish import Polisher
+from swarmstart.ocp.nlp import Polisher
 
 Array = NDArray[np.float64]
 

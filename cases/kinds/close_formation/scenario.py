@@ -18,7 +18,7 @@ from swarmstart.cases.format.settings import (
     Range,
     Scenario,
 )
-from swarmstart.ocp.integration.integrators import Integrator
+from swarmstart.ocp.integration import Integrator
 
 
 class AircraftPart(Part):

@@ -12,7 +12,7 @@ from swarmstart.cases.kinds.formation_flight.scenario import FormationScenario
 from swarmstart.cases.kinds.formation_flight.shown_path import shown_of
 from swarmstart.cases.kinds.planar import POSITION
 from swarmstart.ocp import Trajectory
-from swarmstart.ocp.common.progress import ProgressCallback, tell_nothing
+from swarmstart.ocp.common import ProgressCallback, tell_nothing
 
 __all__ = ["animate", "check_writer"]
 

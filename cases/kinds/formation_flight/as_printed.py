@@ -21,11 +21,7 @@ from swarmstart.terminal_set import (
     continuous_lyapunov,
     linearise,
 )
-from swarmstart.terminal_set.linear.arrays import (
-    bound_array,
-    finite_array,
-    positive_definite,
-)
+from swarmstart.terminal_set.linear import bound_array, finite_array, positive_definite
 
 Array = NDArray[np.float64]
 

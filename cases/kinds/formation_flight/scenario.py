@@ -29,7 +29,7 @@ from swarmstart.cases.kinds.planar import (
     near_place_flaws,
     start_speed_flaws,
 )
-from swarmstart.ocp.integration.integrators import Integrator
+from swarmstart.ocp.integration import Integrator
 
 
 class Disc(Point):

@@ -34,8 +34,8 @@ from swarmstart.cases.kinds.problem.stated.symbols import (
 )
 from swarmstart.cases.record.trajectory_arrays import held_controls
 from swarmstart.ocp import Known, Trajectory
-from swarmstart.ocp.loop.controller import known_at
-from swarmstart.ocp.rollout.fitness import replay
+from swarmstart.ocp.loop import known_at
+from swarmstart.ocp.rollout import replay
 
 Array = NDArray[np.float64]
 

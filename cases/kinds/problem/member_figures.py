@@ -21,8 +21,7 @@ from swarmstart.cases.drawing.plan_figures import PlanPath, with_plans
 from swarmstart.cases.format.kind import Flight
 from swarmstart.cases.kinds.problem.stated.posed import ProblemPosed
 from swarmstart.ocp import OptimalControlProblem, Plan, Trajectory
-from swarmstart.ocp.statement.core_problem import END_TIME
-from swarmstart.ocp.statement.lowering import Lowered, lowered
+from swarmstart.ocp.statement import END_TIME, Lowered, lowered
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

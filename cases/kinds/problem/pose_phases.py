@@ -31,7 +31,7 @@ from swarmstart.cases.kinds.problem.stated.symbols import (
 )
 from swarmstart.cases.kinds.problem.stated.values import OverTime
 from swarmstart.ocp import OptimalControlProblem, Start, zero_controls
-from swarmstart.ocp.statement.phases import CLOCK, COUNTER
+from swarmstart.ocp.statement import CLOCK, COUNTER
 
 Array = NDArray[np.float64]
 

@@ -5,7 +5,7 @@ from swarmstart.cases.drawing.problem_figures import figures_of
 from swarmstart.cases.format.kind import Flight, Posed
 from swarmstart.cases.kinds.python.scenario import PythonScenario
 from swarmstart.ocp import Known, Trajectory
-from swarmstart.ocp.loop.controller import known_at
+from swarmstart.ocp.loop import known_at
 
 
 @into_folder

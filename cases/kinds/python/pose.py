@@ -13,7 +13,7 @@ from swarmstart.cases.kinds.problem.stated.symbols import TIME
 from swarmstart.cases.kinds.python.code import UserCodeError, returned
 from swarmstart.cases.kinds.python.scenario import PythonScenario
 from swarmstart.ocp import Known, Model, OptimalControlProblem
-from swarmstart.ocp.loop.controller import ReferenceSignals
+from swarmstart.ocp.loop import ReferenceSignals
 
 Array = NDArray[np.float64]
 MOST_INTERVALS = 10_000

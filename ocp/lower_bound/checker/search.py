@@ -9,7 +9,7 @@ import numpy as np
 
 from swarmstart.ocp.lower_bound.checker.boxes import Boxes, Flags, is_empty, joined
 from swarmstart.ocp.lower_bound.checker.models import Array
-from swarmstart.terminal_set.checker.deadline import Deadline
+from swarmstart.terminal_set.checker import Deadline
 
 BATCH = 1024  # boxes; few enough that their models stay in the cache
 

@@ -19,8 +19,7 @@ from swarmstart.ocp.lower_bound.checker.tube import (
     is_cut_off,
     stated_tube,
 )
-from swarmstart.terminal_set.checker.deadline import Deadline
-from swarmstart.terminal_set.checker.findings import Finding, Verdict
+from swarmstart.terminal_set.checker import Deadline, Finding, Verdict
 
 
 def findings(certificate: Certificate, *, seconds: float) -> Iterator[Finding]:

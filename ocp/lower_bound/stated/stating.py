@@ -16,7 +16,7 @@ from swarmstart.ocp.statement.free import Free
 from swarmstart.ocp.statement.lowering import Lowered, lowered
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 from swarmstart.ocp.system.constraints import Constraint
-from swarmstart.terminal_set.interval_arithmetic.intervals import expanded_tape
+from swarmstart.terminal_set.interval_arithmetic import expanded_tape
 
 Array = NDArray[np.float64]
 MOST_STATES = 3

@@ -35,11 +35,11 @@ from numpy.typing import NDArray
 from swarmstart.ocp.lower_bound.stated.statement import Statement
 from swarmstart.ocp.lower_bound.tubes.support import PAD
 from swarmstart.ocp.lower_bound.tubes.terms import terms_of
-from swarmstart.terminal_set.interval_arithmetic.intervals import (
+from swarmstart.terminal_set.interval_arithmetic import (
     IntervalEvaluation,
+    Kinks,
     interval_function,
 )
-from swarmstart.terminal_set.interval_arithmetic.smoothness import Kinks
 
 Array = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from swarmstart.ocp.lower_bound.tubes.support import PAD
 from swarmstart.tape import OPERATIONS, Node, Tape
-from swarmstart.terminal_set.interval_arithmetic.intervals import expanded_tape
+from swarmstart.terminal_set.interval_arithmetic import expanded_tape
 
 Array = NDArray[np.float64]
 

@@ -34,9 +34,7 @@ from swarmstart.ocp.lower_bound.stated.statement import Statement
 from swarmstart.ocp.lower_bound.tubes.faces import Template, rates_at_faces, template_of
 from swarmstart.ocp.lower_bound.tubes.motion import Motion, motion_of
 from swarmstart.ocp.lower_bound.tubes.support import PAD
-from swarmstart.terminal_set.interval_arithmetic.intervals import (
-    UnknownIntervalOperationError,
-)
+from swarmstart.terminal_set.interval_arithmetic import UnknownIntervalOperationError
 
 Array = NDArray[np.float64]
 

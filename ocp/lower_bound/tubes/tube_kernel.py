@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.machine_code.kernel import ieee_kernel
+from swarmstart.machine_code import ieee_kernel
 from swarmstart.ocp.lower_bound.tubes.support import PAD
 
 Array = NDArray[np.float64]

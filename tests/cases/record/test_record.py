@@ -56,7 +56,7 @@ def test_the_key_depends_on_the_code_that_makes_the_numbers(
     file.touch()
     monkeypatch.setattr(record_module, "__file__", str(file))
     keys = {before}
-    for name in ("ocp/a.py", "ocp/b.py", "machine_code/kernel.py"):
+    for name in ("ocp/a.py", "ocp/b.py", "machine_code/numba_kernels.py"):
         for content in ("x = 1", "x = 2"):
             (tmp_path / name).write_text(content)
             record_module.environment.cache_clear()

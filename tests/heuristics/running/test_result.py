@@ -20,7 +20,7 @@ from swarmstart.heuristics import (
     minimize,
     run,
 )
-from swarmstart.machine_code.kernel import Array
+from swarmstart.machine_code.numba_kernels import Array
 
 BOX = Box(lower=np.full(3, -1.0), upper=np.full(3, 2.0))
 

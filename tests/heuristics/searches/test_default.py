@@ -13,7 +13,7 @@ from swarmstart.heuristics import (
     epsilon_level,
     minimize,
 )
-from swarmstart.machine_code.kernel import Array
+from swarmstart.machine_code.numba_kernels import Array
 
 BOX = Box(lower=np.full(3, -1.0), upper=np.full(3, 2.0))
 

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 import swarmstart.machine_code.code_cache as cache
-from swarmstart.machine_code import fingerprint
+from swarmstart.machine_code import fingerprints
 from swarmstart.ocp.compiled import simd
 from swarmstart.ocp.compiled.engine import machine, translate
 from swarmstart.ocp.compiled.simd import compile_flat, compile_rollout
@@ -97,8 +97,8 @@ def test_folder_that_others_could_write_is_not_used(
     build_and_check()
     assert len(translated) == 3
     assert sorted(os.listdir(fresh_cache)) == before
-    cache.store(KEY, CODE)
-    assert cache.load(KEY) is None
+    cache.store_code(KEY, CODE)
+    assert cache.load_code(KEY) is None
 
 
 def link_file(file: Path) -> None:
@@ -149,25 +149,25 @@ def test_file_that_cannot_be_trusted_is_built_anew(
 def test_file_of_another_user_is_not_loaded(
     fresh_cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    cache.store(KEY, CODE)
-    assert cache.load(KEY) == CODE
+    cache.store_code(KEY, CODE)
+    assert cache.load_code(KEY) == CODE
     monkeypatch.setattr(cache, "_is_private", lambda where: True)
     give_folder_away(fresh_cache, monkeypatch)
-    assert cache.load(KEY) is None
+    assert cache.load_code(KEY) is None
 
 
 def test_folder_in_the_place_of_a_file_is_left_alone(fresh_cache: Path) -> None:
-    cache.store(KEY, CODE)
+    cache.store_code(KEY, CODE)
     (fresh_cache / "other").mkdir()
-    cache.store("other", CODE)
-    assert cache.load("other") is None
+    cache.store_code("other", CODE)
+    assert cache.load_code("other") is None
     assert sorted(os.listdir(fresh_cache)) == [KEY, "other"]
 
 
 def test_code_under_another_s_key_is_not_loaded(fresh_cache: Path) -> None:
-    cache.store(KEY, CODE)
+    cache.store_code(KEY, CODE)
     (fresh_cache / KEY).rename(fresh_cache / "another")
-    assert cache.load("another") is None
+    assert cache.load_code("another") is None
 
 
 def test_home_that_cannot_be_written_does_no_harm(
@@ -196,8 +196,8 @@ def test_user_without_a_home_keeps_nothing(
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
     monkeypatch.setattr(os.path, "expanduser", lambda path: path)
-    cache.store(KEY, CODE)
-    assert cache.load(KEY) is None
+    cache.store_code(KEY, CODE)
+    assert cache.load_code(KEY) is None
     assert os.listdir(tmp_path) == []
 
 
@@ -208,7 +208,7 @@ def test_failed_write_leaves_no_file(
         raise OSError("no space left")
 
     monkeypatch.setattr(os, "replace", fail)
-    cache.store(KEY, CODE)
+    cache.store_code(KEY, CODE)
     assert os.listdir(fresh_cache) == []
 
 
@@ -246,7 +246,7 @@ def test_two_processes_may_build_at_once(fresh_cache: Path) -> None:
         _, complaint = process.communicate(timeout=60)
         assert process.returncode == 0, complaint
     (file,) = fresh_cache.iterdir()
-    assert cache.load(file.name) is not None
+    assert cache.load_code(file.name) is not None
 
 
 def key(
@@ -324,14 +324,14 @@ def test_key_does_not_change_with_what_only_calls_the_code(
 
 def sources_after_a_change(module: str, monkeypatch: pytest.MonkeyPatch) -> str:
     """The hash of the makers after a line is added to a module."""
-    as_it_is = fingerprint.source
+    as_it_is = fingerprints.source
 
     def changed(name: str) -> bytes:
         return as_it_is(name) + (b"\n# changed" if name == module else b"")
 
     assert as_it_is(module)
     with monkeypatch.context() as patch:
-        patch.setattr(fingerprint, "source", changed)
+        patch.setattr(fingerprints, "source", changed)
         patch.setattr(simd, "source", changed)
         return simd._sources.__wrapped__(simd.__name__)
 

@@ -6,7 +6,7 @@ import casadi as ca
 
 from swarmstart.cases.format.settings import LocatedFlaw
 from swarmstart.ocp import OptimalControlProblem, held_step
-from swarmstart.ocp.integration.integrators import PARTS
+from swarmstart.ocp.integration import PARTS
 
 MOST_OPERATIONS = 40_000
 """Largest number of operations in an interval, which take up to 15 s to prepare."""

@@ -21,8 +21,7 @@ from swarmstart.cases.kinds.problem.stated.symbols import (
 )
 from swarmstart.cases.kinds.problem.stated.values import Decided
 from swarmstart.ocp import Free, OptimalControlProblem
-from swarmstart.ocp.statement.core_problem import END_TIME
-from swarmstart.ocp.statement.lowering import lowered
+from swarmstart.ocp.statement import END_TIME, lowered
 
 Array = NDArray[np.float64]
 

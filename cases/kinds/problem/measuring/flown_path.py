@@ -15,9 +15,9 @@ from swarmstart.cases.format.kind import Flight, Posed
 from swarmstart.cases.kinds.problem.stated.model import COSTS
 from swarmstart.cases.record.trajectory_arrays import control_rows, held_controls
 from swarmstart.ocp import OptimalControlProblem, Trajectory, zero_controls
-from swarmstart.ocp.common.expressions import symbol_names
-from swarmstart.ocp.statement.lowering import lowered
-from swarmstart.ocp.system.constraints import row_excess
+from swarmstart.ocp.common import symbol_names
+from swarmstart.ocp.statement import lowered
+from swarmstart.ocp.system import row_excess
 
 Array = NDArray[np.float64]
 P = TypeVar("P", bound=Posed)

@@ -38,7 +38,7 @@ from swarmstart.ocp import (
     Model,
     OptimalControlProblem,
 )
-from swarmstart.ocp.system.constraints import MovingLimit
+from swarmstart.ocp.system import MovingLimit
 
 Array = NDArray[np.float64]
 COSTS = ("stage_cost", "step_cost", "initial_cost", "terminal_cost")

@@ -26,12 +26,14 @@ from swarmstart.cases.kinds.problem.stated.values import (
     Table,
     chosen,
 )
-from swarmstart.ocp.integration.adaptive import COARSEST, FINEST
-from swarmstart.ocp.integration.integrators import Integrator
-from swarmstart.ocp.integration.radau import Radau, Transcription
-from swarmstart.ocp.statement.control_shape import ControlShape
-from swarmstart.ocp.statement.guess import Appended
-from swarmstart.ocp.statement.problem import Quadrature
+from swarmstart.ocp.integration import (
+    COARSEST,
+    FINEST,
+    Integrator,
+    Radau,
+    Transcription,
+)
+from swarmstart.ocp.statement import Appended, ControlShape, Quadrature
 
 MOST_NODES = 10_000
 """Largest number of checks in a horizon."""

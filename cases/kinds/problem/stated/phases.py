@@ -20,7 +20,7 @@ from swarmstart.cases.kinds.problem.stated.model import planning_problem
 from swarmstart.cases.kinds.problem.stated.parts import Constraint, Guess, PlantPart
 from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario
 from swarmstart.ocp import Free, OptimalControlProblem, phases
-from swarmstart.ocp.statement.phases import Phases
+from swarmstart.ocp.statement import Phases
 
 Array = NDArray[np.float64]
 MERGED = ("states", "controls", "algebraic")

@@ -37,8 +37,8 @@ from swarmstart.cases.kinds.problem.stated.values import (
 from swarmstart.cases.kinds.problem.stated.variations import Phase, Uncertain
 from swarmstart.cases.record.first_plan import recorded_plan
 from swarmstart.errors import SwarmstartError
-from swarmstart.ocp.interpolation.tables import Table as LookupTable
-from swarmstart.ocp.search.many_starts import LANES
+from swarmstart.ocp.interpolation import Table as LookupTable
+from swarmstart.ocp.search import LANES
 
 EVALUATIONS = 20_000
 """Default budget of evaluations of a search."""

@@ -23,7 +23,7 @@ from swarmstart.cases.format.document import (
 )
 from swarmstart.cases.format.settings import Number, Part
 from swarmstart.cases.format.yaml_reader import read_bytes
-from swarmstart.ocp.interpolation.tables import Beyond, Method, Table, table
+from swarmstart.ocp.interpolation import Beyond, Method, Table, table
 
 MOST_VALUES = 10_000
 """Largest number of values of a table; problems get too many operations before."""

@@ -20,7 +20,7 @@ from swarmstart.cases.kinds.problem.stated.values import (
     Quantity,
     chosen,
 )
-from swarmstart.ocp.statement.risk import Measure
+from swarmstart.ocp.statement import Measure
 
 MOST_MEMBERS = 1000
 """Largest number of members, the sets of values of uncertain parameters."""

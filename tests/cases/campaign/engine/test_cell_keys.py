@@ -12,7 +12,7 @@ from swarmstart.cases.campaign.running.run_cell import run_cell
 from swarmstart.cases.chapter import computations
 from swarmstart.cases.format.registry import KINDS
 from swarmstart.cases.format.scenario import read_document, resolve
-from swarmstart.machine_code import fingerprint
+from swarmstart.machine_code import fingerprints
 
 RUN = "swarmstart.cases.campaign.running.flown:fly"
 SOLVE = "swarmstart.cases.campaign.trials.solvers:solve_cell"
@@ -36,15 +36,15 @@ def changes(
     monkeypatch: pytest.MonkeyPatch, module: str, work: str, job: dict[str, object]
 ) -> bool:
     """Return whether an edit of a module changes the key."""
-    text = fingerprint.source(
+    text = fingerprints.source(
         module
     )  # Fails for an unknown name, which would change nothing.
     before = key_of(work, job)
     cell_keys._code.cache_clear()
     with monkeypatch.context() as patch:
-        source = fingerprint.source
+        source = fingerprints.source
         patch.setattr(
-            fingerprint,
+            fingerprints,
             "source",
             lambda name: text + b"\n# edited" if name == module else source(name),
         )
@@ -83,7 +83,7 @@ def test_an_edit_of_what_no_result_depends_on_leaves_the_key(
     [
         "swarmstart.ocp.answer.planner",
         "swarmstart.heuristics.searches.de",
-        "swarmstart.machine_code.kernel",
+        "swarmstart.machine_code.numba_kernels",
         "swarmstart.cases.kinds.transfer.kind",
         "swarmstart.cases.kinds.transfer.pose",
         "swarmstart.cases.kinds.flight",
@@ -107,7 +107,7 @@ def test_no_kind_reaches_what_draws(kind: str) -> None:
         name = waiting.pop()
         if name not in seen:
             seen.add(name)
-            waiting += fingerprint._imported(fingerprint.source(name))
+            waiting += fingerprints._imported(fingerprints.source(name))
     assert not [name for name in seen if ".drawing" in name or ".commands" in name]
 
 
@@ -132,13 +132,13 @@ def test_computations_depend_on_the_shipped_scenarios(
 
 def test_sources_are_read_once_for_many_cells(monkeypatch: pytest.MonkeyPatch) -> None:
     read: list[str] = []
-    source = fingerprint.source
+    source = fingerprints.source
 
     def noted(name: str) -> bytes:
         read.append(name)
         return source(name)
 
-    monkeypatch.setattr(fingerprint, "source", noted)
+    monkeypatch.setattr(fingerprints, "source", noted)
     assert len({key_of(WORK, {"number": n}) for n in range(100)}) == 100
     assert len(read) == len(set(read)) > 0
 

@@ -15,7 +15,7 @@ import numba
 import numpy as np
 import pytest
 
-import swarmstart.machine_code.kernel as kernel_module
+import swarmstart.machine_code.numba_kernels as kernel_module
 import swarmstart.ocp
 from swarmstart.tests.processes import environment, python
 
@@ -191,7 +191,7 @@ def test_two_processes_may_compile_at_once(tmp_path: Path) -> None:
 
 RECORD = """
 from typing import NamedTuple
-from swarmstart.machine_code.kernel import kernel
+from swarmstart.machine_code.numba_kernels import kernel
 Point = NamedTuple("Point", [(name, int) for name in "{fields}"])
 @kernel
 def first(point):

@@ -36,9 +36,9 @@ from numba.core.types import unliteral
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from swarmstart.machine_code.code_cache import load, refusal, store
+from swarmstart.machine_code.code_cache import cache_refusal, load_code, store_code
 from swarmstart.machine_code.compile_time import announce, compiling
-from swarmstart.machine_code.fingerprint import (
+from swarmstart.machine_code.fingerprints import (
     CALLED_FROM_PYTHON,
     UnknownValueError,
     fingerprint,
@@ -228,24 +228,24 @@ class _KernelCache(_Cache):
         """Return the code compiled for a signature; None if it is not kept."""
         target_context.refresh()
         key = self._key(signature, target_context.codegen())
-        code = None if key is None else load(key)
+        code = None if key is None else load_code(key)
         if code is None:
             what = _ANNOUNCED.get(_room_of(self._dispatcher), _OTHER)
-            announce(*what, is_kept=refusal() is None)
+            announce(*what, is_kept=cache_refusal() is None)
             return None
         return CompileResult._rebuild(target_context, *pickle.loads(code))
 
     def holds(self, signature: Any, target_context: Any) -> bool:
         """Return whether the code compiled for a signature is kept."""
         key = self._key(signature, target_context.codegen())
-        return key is not None and load(key) is not None
+        return key is not None and load_code(key) is not None
 
     def save_overload(self, signature: Any, result: Any) -> None:
         """Store the code compiled for a signature, if another process could use it."""
         key = self._key(signature, result.library.codegen)
         lifted = any(not one.can_cache for one in result.lifted)
         if key is not None and not lifted and not result.library.has_dynamic_globals:
-            store(key, dumps(result._reduce()))
+            store_code(key, dumps(result._reduce()))
 
     def enable(self) -> None:
         """Do nothing: it is always on."""

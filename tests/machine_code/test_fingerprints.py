@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from swarmstart.machine_code.fingerprint import UnknownValueError, fingerprint, sources
-from swarmstart.machine_code.kernel import ieee_kernel, kernel
+from swarmstart.machine_code.fingerprints import UnknownValueError, fingerprint, sources
+from swarmstart.machine_code.numba_kernels import ieee_kernel, kernel
 from swarmstart.tests.processes import python
 
 CALLEE = """
@@ -160,7 +160,7 @@ def test_a_value_whose_content_is_not_known_is_refused(value: Any) -> None:
 def test_another_process_finds_the_same() -> None:
     names = ("lshade", "accept"), ("cma", "propose")
     code = "import importlib\n"
-    code += "from swarmstart.machine_code.fingerprint import fingerprint\n"
+    code += "from swarmstart.machine_code.fingerprints import fingerprint\n"
     searches = "swarmstart.heuristics.searches"
     for module, name in names:
         code += f"module = importlib.import_module('{searches}.{module}')\n"
@@ -184,17 +184,17 @@ def test_sources_are_those_of_all_modules_imported(
         "swarmstart.other": b"",
     }
     monkeypatch.setattr(
-        "swarmstart.machine_code.fingerprint.source", lambda name: texts[name]
+        "swarmstart.machine_code.fingerprints.source", lambda name: texts[name]
     )
     monkeypatch.setattr(
-        "swarmstart.machine_code.fingerprint._is_module", texts.__contains__
+        "swarmstart.machine_code.fingerprints._is_module", texts.__contains__
     )
     before = sources("swarmstart.a")
     assert sources("swarmstart.a") == before
     for name, text in texts.items():
         changed = {**texts, name: text + b"# changed"}
         monkeypatch.setattr(
-            "swarmstart.machine_code.fingerprint.source",
+            "swarmstart.machine_code.fingerprints.source",
             lambda name, now=changed: now[name],
         )
         assert (sources("swarmstart.a") != before) == (name != "swarmstart.other")
