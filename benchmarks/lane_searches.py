@@ -22,8 +22,8 @@ from swarmstart.cases.kinds.flight import first_problem
 from swarmstart.heuristics import Budget, Initial, default_order, minimize
 from swarmstart.ocp import IpoptOptions, Planner
 from swarmstart.ocp.nlp.polish import polish_basins
-from swarmstart.ocp.search.search_settings import search_settings, traded_order
 from swarmstart.ocp.search.search_space import space_of
+from swarmstart.ocp.search.settings import search_settings, traded_order
 
 Array = NDArray[np.float64]
 SCENARIOS = (

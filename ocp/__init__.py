@@ -48,8 +48,8 @@ from swarmstart.ocp.search.lane_settings import (
     SearchAlgorithm,
     population_of,
 )
-from swarmstart.ocp.search.search_settings import SearchSettings, WarmStart, When
 from swarmstart.ocp.search.search_space import TrajectoryFamily
+from swarmstart.ocp.search.settings import SearchSettings, WarmStart, When
 from swarmstart.ocp.statement.ensemble import ensemble
 from swarmstart.ocp.statement.free import Free
 from swarmstart.ocp.statement.guess import shifted_controls, zero_controls

@@ -3,13 +3,13 @@
 A plan is what a solver found; a `Solution` is a plan that was checked on a finer path.
 """
 
-from swarmstart.ocp.answer.bounded import (
-    BoundInterrupted,
-    bounded,
-)
 from swarmstart.ocp.answer.improving import (
     improved,
     repaired,
+)
+from swarmstart.ocp.answer.interruptible_bound import (
+    BoundInterrupted,
+    bounded,
 )
 from swarmstart.ocp.answer.plan import (
     Plan,

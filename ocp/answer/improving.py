@@ -43,7 +43,7 @@ from swarmstart.ocp.rollout.checking import Excess
 from swarmstart.ocp.rollout.fitness import Fitness, Known
 from swarmstart.ocp.rollout.smoothing import PARTS, kink_sizes, smoothed
 from swarmstart.ocp.rollout.status import SolutionStatus
-from swarmstart.ocp.search.search_settings import SearchSettings
+from swarmstart.ocp.search.settings import SearchSettings
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 
 _REPAIR_SHARE, _FEWEST = 0.1, 400

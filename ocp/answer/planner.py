@@ -63,17 +63,17 @@ from swarmstart.ocp.search.many_starts import (
     ManyStarts,
     ManyStartsInterrupted,
 )
-from swarmstart.ocp.search.search_settings import (
-    SearchGiven,
-    SearchSettings,
-    search_settings,
-    traded_order,
-)
 from swarmstart.ocp.search.search_space import (
     SearchSpace,
     TrajectoryFamily,
     points,
     space_of,
+)
+from swarmstart.ocp.search.settings import (
+    SearchGiven,
+    SearchSettings,
+    search_settings,
+    traded_order,
 )
 from swarmstart.ocp.search.state_guesses import straight_states
 from swarmstart.ocp.statement.control_shape import split_knots

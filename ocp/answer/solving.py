@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from swarmstart.heuristics import Budget, Order, generator_of
 from swarmstart.heuristics.running import heeded
 from swarmstart.machine_code import stopwatch
-from swarmstart.ocp.answer.bounded import BoundInterrupted, bounded
 from swarmstart.ocp.answer.improving import improved
+from swarmstart.ocp.answer.interruptible_bound import BoundInterrupted, bounded
 from swarmstart.ocp.answer.plan import PlanningInterrupted
 from swarmstart.ocp.answer.planner import Planner
 from swarmstart.ocp.answer.solution import Solution, verified
@@ -29,7 +29,7 @@ from swarmstart.ocp.nlp.polish_options import (
 from swarmstart.ocp.nlp.start import Start
 from swarmstart.ocp.rollout.fitness import NOTHING, Known
 from swarmstart.ocp.search.many_starts import LANES
-from swarmstart.ocp.search.search_settings import SearchGiven, search_settings
+from swarmstart.ocp.search.settings import SearchGiven, search_settings
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 
 Array = NDArray[np.float64]

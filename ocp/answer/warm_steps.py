@@ -28,7 +28,7 @@ from swarmstart.ocp.answer.plan import Plan
 from swarmstart.ocp.nlp.polish import is_better
 from swarmstart.ocp.nlp.polish_options import PolishStatus
 from swarmstart.ocp.rollout.fitness import Fitness, Known, at_nodes, shared_arguments
-from swarmstart.ocp.search.search_settings import SearchSettings
+from swarmstart.ocp.search.settings import SearchSettings
 
 JUMP = 0.5
 """Rise of the cost, relative to its size, that counts as a jump."""

@@ -24,7 +24,7 @@ from swarmstart.ocp.foreign_nlp.warm_search import BASINS, RADIUS
 from swarmstart.ocp.foreign_nlp.warm_started import WarmStartedSolver
 from swarmstart.ocp.nlp.nlp_sources import Indices, NlpSource, OptiSource, arguments_of
 from swarmstart.ocp.search.lane_settings import Memetic, Multistart
-from swarmstart.ocp.search.search_settings import (
+from swarmstart.ocp.search.settings import (
     SearchGiven,
     SearchSettings,
     search_settings,

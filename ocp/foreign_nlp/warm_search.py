@@ -25,7 +25,7 @@ from swarmstart.ocp.foreign_nlp.elimination import Elimination
 from swarmstart.ocp.foreign_nlp.nlp_given import GivenNlp
 from swarmstart.ocp.nlp.nlp_sources import Indices, Numbers
 from swarmstart.ocp.search.lane_settings import population_of
-from swarmstart.ocp.search.search_settings import SearchSettings, traded_order
+from swarmstart.ocp.search.settings import SearchSettings, traded_order
 
 Array = NDArray[np.float64]
 Values = Callable[[Array], tuple[Array, Array]]

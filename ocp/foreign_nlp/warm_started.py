@@ -35,7 +35,7 @@ from swarmstart.ocp.foreign_nlp.warm_search import (
     starts,
 )
 from swarmstart.ocp.nlp.nlp_sources import Indices, Numbers, Run
-from swarmstart.ocp.search.search_settings import SearchSettings
+from swarmstart.ocp.search.settings import SearchSettings
 
 Array = NDArray[np.float64]
 Winner = Literal["own start", "searched start"]

@@ -32,7 +32,7 @@ from swarmstart.ocp.loop.controller import Decision, fallback_of
 from swarmstart.ocp.loop.plant import Plant
 from swarmstart.ocp.nlp.polish_options import PolishOptions
 from swarmstart.ocp.rollout.fitness import Known
-from swarmstart.ocp.search.search_settings import SearchGiven
+from swarmstart.ocp.search.settings import SearchGiven
 from swarmstart.ocp.statement.free import Free
 from swarmstart.ocp.statement.phases import (
     CLOCK,

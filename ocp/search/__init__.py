@@ -9,12 +9,12 @@ from swarmstart.ocp.search.account import (
 from swarmstart.ocp.search.many_starts import (
     LANES,
 )
-from swarmstart.ocp.search.search_settings import (
-    search_settings,
-)
 from swarmstart.ocp.search.search_space import (
     SearchSpace,
     space_of,
+)
+from swarmstart.ocp.search.settings import (
+    search_settings,
 )
 
 __all__ = [

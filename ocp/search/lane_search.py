@@ -43,12 +43,12 @@ from swarmstart.ocp.rollout.fitness import Fitness
 from swarmstart.ocp.search.account import Lanes
 from swarmstart.ocp.search.lane_settings import Memetic, Multistart, population_of
 from swarmstart.ocp.search.lane_starts import Members, PolishStarts, RandomStarts, Task
-from swarmstart.ocp.search.search_settings import SearchSettings
 from swarmstart.ocp.search.search_space import (
     ControlSpace,
     SearchSpace,
     first_population,
 )
+from swarmstart.ocp.search.settings import SearchSettings
 
 Array = NDArray[np.float64]
 

@@ -60,7 +60,7 @@ from swarmstart.ocp.rollout.violation import (
     unless_finite,
 )
 from swarmstart.ocp.search.lane_settings import population_of
-from swarmstart.ocp.search.search_settings import SearchSettings
+from swarmstart.ocp.search.settings import SearchSettings
 from swarmstart.ocp.statement.blocks import first_of, variables_of
 from swarmstart.ocp.statement.control_shape import control_of
 from swarmstart.ocp.statement.free import FreeStart

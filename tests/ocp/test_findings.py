@@ -38,7 +38,7 @@ from swarmstart.ocp import (
     verified,
 )
 from swarmstart.ocp.nlp.transcription import multiple_shooting
-from swarmstart.ocp.search.search_settings import search_settings
+from swarmstart.ocp.search.settings import search_settings
 
 Array = NDArray[np.float64]
 BACKENDS = ("llvm", "casadi")

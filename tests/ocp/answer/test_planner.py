@@ -31,7 +31,7 @@ from swarmstart.ocp import (
     Source,
 )
 from swarmstart.ocp.nlp.polish import is_better
-from swarmstart.ocp.search.search_settings import WarmStart
+from swarmstart.ocp.search.settings import WarmStart
 
 Array = NDArray[np.float64]
 Posed = tuple[OptimalControlProblem, Array, Known]

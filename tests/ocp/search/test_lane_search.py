@@ -24,7 +24,7 @@ from swarmstart.ocp import (
 )
 from swarmstart.ocp.lanes.optima import unseen_share
 from swarmstart.ocp.lanes.solver import LaneSolver
-from swarmstart.ocp.search.search_settings import search_settings
+from swarmstart.ocp.search.settings import search_settings
 from swarmstart.tests.ocp.lanes.problems import cart, four_discs, pendulum
 
 pytestmark = pytest.mark.usefixtures("compiler")

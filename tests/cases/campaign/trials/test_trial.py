@@ -30,7 +30,7 @@ from swarmstart.cases.format.kind import PlanningProblem
 from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.heuristics import Budget
 from swarmstart.ocp import Bounds, Known, Model, OptimalControlProblem
-from swarmstart.ocp.search.search_settings import search_settings
+from swarmstart.ocp.search.settings import search_settings
 
 KEYS = {
     "of", "sense", "claimed_cost", "claimed_violation", "claimed_feasible",

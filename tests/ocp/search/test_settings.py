@@ -20,7 +20,7 @@ from swarmstart.ocp import (
     SearchSettings,
     solve,
 )
-from swarmstart.ocp.search.search_settings import (
+from swarmstart.ocp.search.settings import (
     EVALUATIONS,
     SearchGiven,
     search_settings,
