@@ -22,8 +22,7 @@ from swarmstart.ocp import (
     SolutionStatus,
     solve,
 )
-from swarmstart.ocp.nlp.collocation import layout_of
-from swarmstart.ocp.nlp.lifting import lifted
+from swarmstart.ocp.nlp.collocation import layout_of, lifted
 from swarmstart.ocp.nlp.polish import Polisher
 from swarmstart.ocp.nlp.transcription import multiple_shooting
 
