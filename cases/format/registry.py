@@ -3,7 +3,11 @@
 Nothing heavy is imported here, so that `swarmstart list` and `--help` stay quick.
 """
 
+from importlib.metadata import entry_points
+from pkgutil import resolve_name
 from typing import NamedTuple
+
+from swarmstart.cases.format.kind_words import KindWords
 
 
 class SearchEntry(NamedTuple):
@@ -80,41 +84,33 @@ POLISHES = {
 }
 
 
-class KindEntry(NamedTuple):
-    """A kind of scenario as the registry knows it.
-
-    Attributes:
-        kind: "module:attribute" of its Kind.
-        measures: "module:attribute" of its measures: name -> meaning.
-    """
-
-    kind: str
-    measures: str
+def _installed() -> dict[str, str]:
+    """Return the kinds of other installed packages: name -> "module:WORDS"."""
+    return {point.name: point.value for point in entry_points(group=KIND_GROUP)}
 
 
+KIND_GROUP = "swarmstart.kinds"
+"""Group of entry points in which another package announces a kind of its own."""
+_KINDS = "swarmstart.cases.kinds"
 KINDS = {
-    "problem": KindEntry(
-        "swarmstart.cases.kinds.problem.kind:KIND",
-        "swarmstart.cases.kinds.problem.stated.names:MEASURES",
-    ),
-    "python": KindEntry(
-        "swarmstart.cases.kinds.python.kind:KIND",
-        "swarmstart.cases.kinds.problem.stated.names:MEASURES",
-    ),
-    "formation_flight": KindEntry(
-        "swarmstart.cases.kinds.formation_flight.kind:KIND",
-        "swarmstart.cases.kinds.formation_flight.names:MEASURES",
-    ),
-    "close_formation": KindEntry(
-        "swarmstart.cases.kinds.close_formation.kind:KIND",
-        "swarmstart.cases.kinds.close_formation.names:MEASURES",
-    ),
-    "reconfiguration": KindEntry(
-        "swarmstart.cases.kinds.reconfiguration.kind:KIND",
-        "swarmstart.cases.kinds.reconfiguration.names:MEASURES",
-    ),
-    "transfer": KindEntry(
-        "swarmstart.cases.kinds.transfer.kind:KIND",
-        "swarmstart.cases.kinds.transfer.names:MEASURES",
-    ),
+    "problem": f"{_KINDS}.problem.stated.names:WORDS",
+    "python": f"{_KINDS}.python.names:WORDS",
+    "formation_flight": f"{_KINDS}.formation_flight.names:WORDS",
+    "close_formation": f"{_KINDS}.close_formation.names:WORDS",
+    "reconfiguration": f"{_KINDS}.reconfiguration.names:WORDS",
+    "transfer": f"{_KINDS}.transfer.names:WORDS",
 }
+"""Name of a kind -> "module:WORDS" of its `KindWords`; its only registration."""
+KINDS |= {name: words for name, words in _installed().items() if name not in KINDS}
+
+
+def words_of(kind: object) -> KindWords:
+    """Return the words of a kind; those of an unknown kind, as in a record, are empty.
+
+    Args:
+        kind: A key of KINDS, or what a file has in its place.
+    """
+    if not isinstance(kind, str) or kind not in KINDS:
+        return KindWords()
+    words: KindWords = resolve_name(KINDS[kind])
+    return words

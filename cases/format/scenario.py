@@ -29,7 +29,7 @@ from swarmstart.cases.format.document import (
 )
 from swarmstart.cases.format.expressions import ExpressionError
 from swarmstart.cases.format.overrides import assign, overlay, split_assignment
-from swarmstart.cases.format.registry import KINDS, SEARCHES
+from swarmstart.cases.format.registry import KINDS, SEARCHES, words_of
 from swarmstart.cases.format.yaml_reader import parse_yaml, read_yaml
 from swarmstart.errors import SwarmstartError
 
@@ -404,7 +404,7 @@ def _kind(document: Document) -> Kind:
         found = "nothing" if kind is None else _shown(kind)
         what = f"expected kind to be one of {', '.join(KINDS)}; found {found}"
         raise InvalidScenarioError([_flaw(document, ("kind",), what)])
-    found_kind: Kind = resolve_name(KINDS[kind].kind)
+    found_kind: Kind = resolve_name(words_of(kind).kind)
     return found_kind
 
 

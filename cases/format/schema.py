@@ -7,7 +7,7 @@ Editors read draft 7 at most, and pydantic writes 2020-12: so definitions are re
 from pkgutil import resolve_name
 from typing import Any
 
-from swarmstart.cases.format.registry import KINDS
+from swarmstart.cases.format.registry import words_of
 
 DIALECT = "http://json-schema.org/draft-07/schema#"
 
@@ -18,7 +18,7 @@ def scenario_schema(kind: str) -> dict[str, Any]:
     Args:
         kind: A key of KINDS.
     """
-    model = resolve_name(KINDS[kind].kind).scenario
+    model = resolve_name(words_of(kind).kind).scenario
     schema: dict[str, Any] = _draft7(model.model_json_schema(by_alias=True))
     variants = {
         "type": "object",

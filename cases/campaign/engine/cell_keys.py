@@ -18,7 +18,7 @@ from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
-from swarmstart.cases.format.registry import KINDS, SEARCHES
+from swarmstart.cases.format.registry import KINDS, SEARCHES, words_of
 from swarmstart.cases.record.record import versions
 from swarmstart.machine_code import sources
 
@@ -57,7 +57,7 @@ def modules_of_settings(settings: Mapping[str, Any]) -> tuple[str, ...]:
     named = search.get("name") if isinstance(search, Mapping) else search
     places = []
     if isinstance(kind, str) and kind in KINDS:
-        places.append(KINDS[kind].kind)
+        places.append(words_of(kind).kind)
     if isinstance(named, str) and named in SEARCHES:
         places.append(SEARCHES[named].settings)
     return tuple(place.partition(":")[0] for place in places if place)

@@ -7,7 +7,7 @@ from typing import Any
 
 from swarmstart.cases.campaign.engine.cell_keys import modules_of_settings
 from swarmstart.cases.campaign.running.run import run
-from swarmstart.cases.format.registry import KINDS
+from swarmstart.cases.format.registry import words_of
 from swarmstart.cases.format.scenario import resolved_again
 from swarmstart.cases.record.record import Recording
 
@@ -32,5 +32,5 @@ def modules_of(job: Mapping[str, Any]) -> tuple[str, ...]:
     named = modules_of_settings(settings)
     if not job["figures"]:
         return named
-    drawn_by: str = resolve_name(KINDS[settings["kind"]].kind).drawn_by
+    drawn_by: str = resolve_name(words_of(settings["kind"]).kind).drawn_by
     return (*named, drawn_by.partition(":")[0])

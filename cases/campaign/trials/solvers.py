@@ -34,7 +34,7 @@ from swarmstart.cases.campaign.trials.trial import (
 )
 from swarmstart.cases.format.duration import UNITS
 from swarmstart.cases.format.kind import PlanningProblem
-from swarmstart.cases.format.registry import KINDS, SEARCHES
+from swarmstart.cases.format.registry import SEARCHES, words_of
 from swarmstart.cases.format.scenario import resolved_again
 from swarmstart.cases.kinds.flight import first_problem
 from swarmstart.errors import SwarmstartError
@@ -155,7 +155,7 @@ def modules_of(job: Mapping[str, Any]) -> tuple[str, ...]:
         job: As in `solve_cell`.
     """
     solver = solver_of(job["solver"])
-    named = [KINDS[job["settings"]["kind"]].kind]
+    named = [words_of(job["settings"]["kind"]).kind]
     if solver.peer:
         named.append(PEERS[solver.peer].minimize)
     modules = [name.partition(":")[0] for name in named]

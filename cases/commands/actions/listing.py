@@ -18,21 +18,12 @@ from swarmstart.cases.commands.wording.measure_list import (
 )
 from swarmstart.cases.commands.wording.run_times import RUN_TIMES_S, rough
 from swarmstart.cases.format.document import meant, shown
-from swarmstart.cases.format.registry import KINDS, POLISHES, SEARCHES
+from swarmstart.cases.format.registry import KINDS, POLISHES, SEARCHES, words_of
 from swarmstart.cases.format.scenario import shipped
 from swarmstart.errors import SwarmstartError
 
 SCHEMA = 2
 """Version of what --json prints."""
-KIND_TITLES = {
-    "problem": "any system, written in YAML: one plan or a closed loop",
-    "python": "any system, built by a function in a Python file of your own",
-    "formation_flight": "UAVs that take their slots in a formation behind a leader",
-    "close_formation": "a wingman in the vortex of its leader",
-    "reconfiguration": "UAVs that change the shape of their formation",
-    "transfer": "UAVs that change places without a collision",
-}
-"""Kinds of scenario in a few words."""
 _TITLE = re.compile(r"^title: *[\"']?(.*?)[\"']? *$", re.MULTILINE)
 _KIND = re.compile(r"^kind: *(\w+)", re.MULTILINE)
 _VARIANTS = re.compile(r"^variants: *\n((?:(?: +.*)?\n)*)", re.MULTILINE)
@@ -177,9 +168,9 @@ def _measures(asked: Asked) -> dict[str, dict[str, Entry]]:
 def _kinds(asked: Asked) -> dict[str, Entry]:
     kinds = [scenario_entry(path)["kind"] for path in shipped().values()]
     return {
-        kind: {"title": KIND_TITLES[kind], "scenarios": kinds.count(kind)}
+        kind: {"title": words_of(kind).title, "scenarios": kinds.count(kind)}
         for kind in KINDS
-        if _contains(asked.text, "kinds", kind, KIND_TITLES[kind])
+        if _contains(asked.text, "kinds", kind, words_of(kind).title)
         and asked.kind in (None, kind)
     }
 

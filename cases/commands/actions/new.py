@@ -9,24 +9,13 @@ from pathlib import Path
 
 from swarmstart.cases.commands.terminal.output import DONE, answer
 from swarmstart.cases.format.document import printable, shown
+from swarmstart.cases.format.registry import KINDS, words_of
 from swarmstart.cases.format.scenario import LONGEST_NAME, shipped
 from swarmstart.cases.record.files import RecordError, write_text
 from swarmstart.errors import SwarmstartError
 
 ENDINGS = (".yaml", ".yml")
 _NAME = re.compile(rf"[A-Za-z0-9_][A-Za-z0-9_-]{{0,{LONGEST_NAME - 1}}}")
-_FILES = {
-    "problem": {"problem.yaml": ""},
-    "python": {"python.yaml": "", "python.py.txt": ".py"},
-    "formation_flight": {"formation_flight.yaml": ""},
-}
-"""Kind -> template -> ending of the file; empty: that of the scenario."""
-_BEGINNINGS = {
-    "close_formation": "close_formation",
-    "reconfiguration": "reconfiguration",
-    "transfer": "swap_5",
-}
-"""Kind without a template -> shipped scenario to start from."""
 
 
 class NoTemplateError(SwarmstartError, ValueError):
@@ -62,7 +51,7 @@ def new_command(options: argparse.Namespace) -> int:
     file = next(iter(texts))
     written = " and ".join(printable(str(name)) for name in texts)
     typed = shlex.quote(str(file))
-    run = f"{typed} --allow-python" if options.kind == "python" else typed
+    run = f"{typed} --allow-python" if words_of(options.kind).runs_code else typed
     answer(
         f"Wrote {written}. Next:\n  swarmstart check {typed}\n  swarmstart run {run}"
     )
@@ -80,10 +69,13 @@ def new_files(name: str, *, kind: str) -> Mapping[Path, str]:
         InvalidNameError: As of `new_command`.
         NoTemplateError: As of `new_command`.
     """
-    if kind not in _FILES:
+    words = words_of(kind)
+    if not words.templates:
+        known = ", ".join(name for name in KINDS if words_of(name).templates)
+        start = words.example or "SCENARIO"
         raise NoTemplateError(
-            f"expected --kind {', '.join(_FILES)}; found {kind}, without a template; "
-            f"start from: swarmstart run {_BEGINNINGS[kind]} --print-config > NAME.yaml"
+            f"expected --kind {known}; found {kind}, without a template; "
+            f"start from: swarmstart run {start} --print-config > NAME.yaml"
         )
     file = Path(name)
     if file.suffix not in ENDINGS:
@@ -99,12 +91,13 @@ def new_files(name: str, *, kind: str) -> Mapping[Path, str]:
             f"expected a NAME that no shipped scenario has, found {shown(stem)}; "
             "swarmstart list scenarios shows them"
         )
-    templates = importlib.resources.files("swarmstart.cases.commands") / "templates"
+    folder = KINDS[kind].partition(":")[0].rpartition(".")[0]
+    templates = importlib.resources.files(folder) / "templates"
     return {
         file.with_suffix(ending) if ending else file: (templates / template)
         .read_text(encoding="utf-8")
         .replace("NAME", stem)
-        for template, ending in _FILES[kind].items()
+        for template, ending in words.templates.items()
     }
 
 

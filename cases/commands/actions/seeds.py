@@ -26,9 +26,9 @@ from swarmstart.cases.commands.terminal.output import (
 from swarmstart.cases.commands.terminal.progress import Progress
 from swarmstart.cases.commands.wording.failing_seeds import failing_lines, failing_seeds
 from swarmstart.cases.commands.wording.measure_lines import measure_table
-from swarmstart.cases.commands.wording.quantities import plural
 from swarmstart.cases.commands.wording.words_of_seeds import sentences_of_seeds
 from swarmstart.cases.drawing.drawing import write_figures
+from swarmstart.cases.drawing.naming.quantities import plural
 from swarmstart.cases.drawing.seed_figures import seed_figures
 from swarmstart.cases.format.document import printable
 from swarmstart.cases.format.scenario import Resolved

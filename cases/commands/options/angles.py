@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from swarmstart.cases.commands.terminal.output import say
-from swarmstart.cases.commands.wording.quantities import quantity
+from swarmstart.cases.drawing.naming.quantities import quantity
 from swarmstart.cases.drawing.naming.wording import is_number
 from swarmstart.cases.format.document import printable
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.cases.campaign.running.run import Run
-from swarmstart.cases.commands.wording.quantities import KEPT, quantity
+from swarmstart.cases.drawing.naming.quantities import KEPT, quantity
 from swarmstart.cases.drawing.naming.wording import is_number
 from swarmstart.cases.drawing.report.pages.broken_limits import kept_distance
 from swarmstart.cases.kinds.planar import POSITION, STATES, by_uav, pair_distances

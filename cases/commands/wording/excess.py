@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from swarmstart.cases.campaign.running.run import Run
-from swarmstart.cases.commands.wording.quantities import quantity
+from swarmstart.cases.drawing.naming.quantities import quantity
 from swarmstart.cases.drawing.naming.wording import is_number
 from swarmstart.ocp import Trajectory
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from swarmstart.cases.campaign.engine.cells import Outcome
 from swarmstart.cases.commands.wording.measure_list import measures_of_run
-from swarmstart.cases.commands.wording.quantities import quantity
+from swarmstart.cases.drawing.naming.quantities import quantity
 from swarmstart.cases.drawing.naming.wording import is_number
 from swarmstart.cases.format.document import printable
 from swarmstart.cases.format.scenario import Resolved

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from swarmstart.cases.campaign.judging.judgement import compared_pairs, fewest_seeds
 from swarmstart.cases.campaign.studies.comparing import Contest
-from swarmstart.cases.commands.wording.quantities import plural
+from swarmstart.cases.drawing.naming.quantities import plural
 
 
 def too_few_seeds(contests: Sequence[Contest], seeds: int) -> str:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
-from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
 from swarmstart.cases.drawing.naming.units import unit_of_measure
-from swarmstart.cases.format.registry import KINDS
+from swarmstart.cases.format.registry import KINDS, words_of
 from swarmstart.cases.format.scenario import read_document
 
 if TYPE_CHECKING:
@@ -22,7 +21,7 @@ _UNIT = re.compile(r"\s*\[([^\[\]]{1,20})\]\s*$")
 
 def measures_of_kinds(kinds: Iterable[str]) -> dict[str, dict[str, Entry]]:
     """Return the measures that all scenarios of a kind have: kind -> name -> entry."""
-    return {kind: _entries(resolve_name(KINDS[kind].measures)) for kind in kinds}
+    return {kind: _entries(words_of(kind).measures) for kind in kinds}
 
 
 def measures_of_one(name_or_path: str) -> dict[str, dict[str, Entry]]:

@@ -1,7 +1,7 @@
 """Sentences on the result of a run and on its constraints, by kind of scenario."""
 
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Mapping
+from pkgutil import resolve_name
 
 import numpy as np
 
@@ -13,9 +13,10 @@ from swarmstart.cases.commands.wording.collisions import (
     safe_distance,
 )
 from swarmstart.cases.commands.wording.excess import time_of_excess
-from swarmstart.cases.commands.wording.quantities import KEPT, quantity
-from swarmstart.cases.drawing.naming.wording import is_number
+from swarmstart.cases.drawing.naming.quantities import KEPT, quantity
+from swarmstart.cases.drawing.naming.wording import is_number, number_of
 from swarmstart.cases.format.document import printable
+from swarmstart.cases.format.registry import words_of
 from swarmstart.ocp import SolutionStatus
 
 _SETTLING = "settling("
@@ -29,13 +30,17 @@ _MEANINGS = {
 
 def outcome(finished: Run) -> str:
     """Return the result in a sentence: whether it settled and when, or the cost."""
-    told = _OUTCOMES.get(finished.resolved.scenario.kind, _of_problem)
-    return told(finished)
+    words = words_of(finished.resolved.scenario.kind)
+    if words.outcome:
+        told: str = resolve_name(words.outcome)(finished.trajectory, finished.measures)
+        return told
+    ending = resolve_name(words.ending)(finished.measures) if words.ending else ""
+    return f"{_of_problem(finished)} {ending}".strip()
 
 
 def kept_constraints(finished: Run) -> str:
     """Return how near vehicles came, or whether constraints are kept, in a sentence."""
-    if finished.resolved.scenario.kind in ("problem", "python"):
+    if not _is_flight(finished):
         return _constraints(finished)
     parts = [*_distances(finished), _feasible_plans(finished)]
     said = "; ".join(filter(None, parts))
@@ -74,7 +79,7 @@ def _cost(finished: Run, name: str) -> str:
     sense = finished.flight.posed.agents[0].problem.sense
     word = "Cost" if sense > 0 else "Value (maximised)"
     return (
-        f"{word} {quantity(_float(value))}"
+        f"{word} {quantity(number_of(value))}"
         if is_number(value)
         else f"{word} not finite"
     )
@@ -87,79 +92,18 @@ def _own_settling(finished: Run) -> str:
     for name, expression in own.items():
         if str(expression).startswith((_SETTLING, f"max({_SETTLING}")):
             value = finished.measures.get(name)
-            when = f"{quantity(_float(value))} s" if is_number(value) else "not settled"
+            when = (
+                f"{quantity(number_of(value))} s" if is_number(value) else "not settled"
+            )
             said.append(f"{name} {when}")
     return f" Settling time: {', '.join(said)}." if said else ""
-
-
-def _of_formation(finished: Run) -> str:
-    """Return whether UAVs stay in their slots."""
-    measures = finished.measures
-    settle, tail = measures["settle_time_s"], measures["tail_error_m"]
-    if is_number(measures.get("plan_cost")):
-        cost = quantity(_float(measures["plan_cost"]))
-        return f"Cost of the plan {cost}{_polished(finished)}."
-    cost = f"closed-loop cost {quantity(_float(measures['closed_loop_cost']))}"
-    if is_number(settle):
-        said = f"Settled after {quantity(_float(settle))} s"
-        return f"{said}: every UAV then stays within 1 m of its slot; {cost}."
-    return (
-        f"Not settled: in the last 10 s a UAV is up to {quantity(_float(tail), 3)} m "
-        f"off its slot (settled: at most 1 m); {cost}."
-    )
-
-
-def _polished(finished: Run) -> str:
-    """Return how IPOPT ended for the first plan; empty without a polish."""
-    plans = finished.trajectory.decisions[0].plans
-    ended = [one.polish_status for one in plans if one.polish_status is not None]
-    return f"; IPOPT {ended[0].value}" if ended else ""
-
-
-def _of_close_formation(finished: Run) -> str:
-    """Return whether the wingman stays in its slot."""
-    times = [finished.measures.get(name) for name in ("x_settle_s", "y_settle_s")]
-    last = finished.measures.get("position_error_late_ft")
-    off = f"in the last 5 s it is at most {quantity(_float(last), 3)} ft off"
-    if all(map(is_number, times)):
-        latest = quantity(max(map(_float, times)))
-        return (
-            f"Settled {latest} s after the leader's last change: the wingman then "
-            f"stays within 1 ft of its slot in x and y; {off}."
-        )
-    return f"Not settled: the wingman does not stay within 1 ft of its slot; {off}."
-
-
-def _of_reconfiguration(finished: Run) -> str:
-    """Return how far UAVs are from their slots at the end."""
-    error = quantity(_float(finished.measures["position_error_m"]), 3)
-    return (
-        f"At the end every UAV is within {error} m of its slot, relative to the leader."
-    )
-
-
-def _of_transfer(finished: Run) -> str:
-    """Return the cost of the plan and how far UAVs are from their goals."""
-    said, error = _of_problem(finished), finished.measures.get("goal_error_m")
-    if not is_number(error):
-        return said
-    off = quantity(_float(error), 2)
-    return f"{said} At the end every UAV is within {off} m of its goal."
-
-
-_OUTCOMES: Mapping[str, Callable[[Run], str]] = {
-    "formation_flight": _of_formation,
-    "close_formation": _of_close_formation,
-    "reconfiguration": _of_reconfiguration,
-    "transfer": _of_transfer,
-}
 
 
 def _constraints(finished: Run) -> str:
     """Return whether path and terminal constraints are kept, else by how much not."""
     measures, status = finished.measures, status_of_plan(finished)
-    along = _float(measures.get("constraint_excess"))
-    missed = _float(measures.get("terminal_excess"))
+    along = number_of(measures.get("constraint_excess"))
+    missed = number_of(measures.get("terminal_excess"))
     at_end = missed if status is not None else 0.0
     if max(along, at_end) <= KEPT:
         return f"All constraints are kept along the simulated path{_missed(missed)}."
@@ -199,21 +143,20 @@ def _distances(finished: Run) -> list[str]:
     measures, parts = finished.measures, []
     near = measures.get("min_distance_m")
     if is_number(near):
-        when = quantity(closest_time(finished), 4)
+        when, apart = quantity(closest_time(finished), 4), number_of(near)
         parts.append(
-            f"closest distance of two UAVs {quantity(_float(near), 4)} m, at {when} s"
-            f"{_against(_float(near), safe_distance(finished))}"
+            f"closest distance of two UAVs {quantity(apart, 4)} m, at {when} s"
+            f"{_against(apart, safe_distance(finished))}"
         )
     clear = measures.get("obstacle_clearance_m")
     if is_number(clear):
-        inside = " inside it" if _float(clear) < 0 else ""
-        away = quantity(abs(_float(clear)), 3)
+        inside = " inside it" if number_of(clear) < 0 else ""
+        away = quantity(abs(number_of(clear)), 3)
         parts.append(f"closest to the edge of an obstacle {away} m{inside}")
     aircraft = measures.get("min_range_ft")
     if is_number(aircraft):
-        parts.append(
-            f"closest distance of the two aircraft {quantity(_float(aircraft), 4)} ft"
-        )
+        away = quantity(number_of(aircraft), 4)
+        parts.append(f"closest distance of the two aircraft {away} ft")
     return parts
 
 
@@ -248,13 +191,13 @@ def _plans_in_words(finished: Run) -> str:
 
 def breaks_constraint(finished: Run) -> bool:
     """Return whether a flight or a closed loop breaks a constraint on its way."""
-    if finished.resolved.scenario.kind not in ("problem", "python"):
+    if _is_flight(finished):
         return bool(collisions(finished))
     if finished.flight.posed.open_loop:
         return False
-    return not _float(finished.measures.get("constraint_excess")) <= KEPT
+    return not number_of(finished.measures.get("constraint_excess")) <= KEPT
 
 
-def _float(value: Any) -> float:
-    """Return a measure as a number; NaN if it is undefined."""
-    return float(value) if is_number(value) else float("nan")
+def _is_flight(finished: Run) -> bool:
+    """Return whether aircraft fly, which keep distances."""
+    return bool(words_of(finished.resolved.scenario.kind).flown_by)

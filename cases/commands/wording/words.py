@@ -17,11 +17,10 @@ from swarmstart.cases.commands.wording.outcomes import (
     kept_constraints,
     outcome,
 )
-from swarmstart.cases.commands.wording.quantities import duration, plural, quantity
+from swarmstart.cases.drawing.naming.quantities import duration, plural, quantity
 from swarmstart.cases.format.document import printable
+from swarmstart.cases.format.registry import words_of
 
-FLIGHTS = ("formation_flight", "close_formation", "reconfiguration", "transfer")
-"""Kinds whose scenarios are flights of aircraft."""
 SHEET = "a_sheet"
 """Stem of the figure that shows a run on one sheet."""
 LONGEST_TITLE = 100
@@ -76,7 +75,7 @@ def _what(finished: Run) -> str:
     flight, trajectory = finished.flight, finished.trajectory
     steps, end = len(trajectory.decisions), float(trajectory.times[-1])
     length = f"{quantity(end)} s"
-    if finished.resolved.scenario.kind in FLIGHTS:
+    if words_of(finished.resolved.scenario.kind).flown_by:
         return f"flight of {_aircraft(finished)} for {length}, {_plans(finished)}"
     if flight.posed.open_loop:
         intervals = plural(flight.posed.agents[0].problem.intervals, "interval")
@@ -94,10 +93,11 @@ def _vehicles(finished: Run) -> int:
 
 def _aircraft(finished: Run) -> str:
     """Return which aircraft take part."""
-    if finished.resolved.scenario.kind == "close_formation":
-        return "a wingman behind its leader"
+    flown_by = words_of(finished.resolved.scenario.kind).flown_by
+    if " " in flown_by:
+        return flown_by
     uavs = getattr(finished.resolved.scenario, "uavs", ())
-    return f"{plural(len(uavs) or finished.flight.agents, 'UAV')}"
+    return plural(len(uavs) or finished.flight.agents, flown_by)
 
 
 def _plans(finished: Run) -> str:

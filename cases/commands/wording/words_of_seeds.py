@@ -5,13 +5,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from swarmstart.cases.commands.wording.quantities import (
+from swarmstart.cases.commands.wording.words import heading, method, picture
+from swarmstart.cases.drawing.naming.quantities import (
     KEPT,
     duration,
     plural,
     quantity,
 )
-from swarmstart.cases.commands.wording.words import heading, method, picture
 from swarmstart.cases.drawing.naming.wording import is_number
 
 

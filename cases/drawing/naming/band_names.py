@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from swarmstart.cases.drawing.naming.units import label_of
-from swarmstart.cases.drawing.naming.vehicle_rows import PLANAR
+from swarmstart.cases.format.registry import words_of
 
 
 def band_name(name: str, content: Mapping[str, Any]) -> tuple[str, str]:
@@ -19,13 +19,12 @@ def band_name(name: str, content: Mapping[str, Any]) -> tuple[str, str]:
             UAVs without names are numbered from 1 on.
 
     Example:
-        >>> band_name("speed_m_s_0", {"kind": "formation_flight"})
-        ('UAV 1: speed', 'm/s')
-        >>> band_name("speed_m_s_0", {"kind": "transfer", "vehicles": ["UAV 3"]})
-        ('UAV 3: speed', 'm/s')
+        >>> band_name("speed", {"kind": "problem"})
+        ('speed', '')
     """
     base, _, place = name.rpartition("_")
-    if content.get("kind") not in PLANAR or not (base and place.isdecimal()):
+    is_numbered = words_of(content.get("kind")).numbered_rows
+    if not (is_numbered and base and place.isdecimal()):
         return name, ""
     names = list(content.get("vehicles") or ())
     number = int(place)

@@ -4,12 +4,14 @@ import itertools
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pkgutil import resolve_name
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.cases.format.expressions import evaluate, parse
+from swarmstart.cases.format.registry import words_of
 from swarmstart.errors import SwarmstartError
 
 Array = NDArray[np.float64]
@@ -68,7 +70,7 @@ class Surroundings:
 def surroundings_of(
     scenario: Mapping[str, Any], times: Array, positions: Array, headings: Array
 ) -> Surroundings:
-    """Return what is around the vehicles of a planar kind.
+    """Return what is around the vehicles of a recorded run, as its kind says.
 
     Args:
         scenario: As recorded.
@@ -76,63 +78,21 @@ def surroundings_of(
         positions: Of the vehicles, shape (vehicles, 2, F).
         headings: Of the vehicles [rad], shape (vehicles, F).
     """
-    kind = scenario["kind"]
-    if kind == "formation_flight":
-        return _formation(scenario, times)
-    if kind == "transfer":
-        goals = _points(uav["goal"] for uav in scenario["uavs"])
-        return Surroundings(targets=_standing(goals, times), called="goal")
-    if kind == "close_formation":
-        slot = scenario["slot"]
-        place = np.array([[-float(slot["y_ft"]), -float(slot["x_ft"])]])
-        return Surroundings(
-            targets=_standing(place, times),
-            called="slot",
-            leader=np.zeros((2, times.size)),
-            leader_heading=np.full(times.size, np.pi / 2),
-        )
-    leader = int(scenario["leader_uav"]) - 1
-    slots = _points(scenario["slots"])
-    psi = headings[leader] if scenario.get("frame") == "leader" else 0.0 * times
-    around = np.stack(
-        [
-            np.outer(slots[:, 0], np.cos(psi)) - np.outer(slots[:, 1], np.sin(psi)),
-            np.outer(slots[:, 0], np.sin(psi)) + np.outer(slots[:, 1], np.cos(psi)),
-        ],
-        axis=1,
-    )
-    return Surroundings(targets=around + positions[leader], called="slot")
+    place = words_of(scenario.get("kind")).surroundings
+    if not place:
+        return Surroundings()
+    around: Surroundings = resolve_name(place)(scenario, times, positions, headings)
+    return around
 
 
-def _formation(scenario: Mapping[str, Any], times: Array) -> Surroundings:
-    """Return leader, slots and obstacles of a formation flight."""
-    given = scenario["leader"]
-    psi, speed = float(given["heading_rad"]), float(given["speed_m_s"])
-    start = np.array([float(given["x_m"]), float(given["y_m"])])
-    leader = start[:, None] + speed * np.array([[np.cos(psi)], [np.sin(psi)]]) * times
-    slots = _points(uav["slot"] for uav in scenario["uavs"])
-    discs = [
-        Disc(
-            x=float(disc["x_m"]), y=float(disc["y_m"]), radius=float(disc["radius_m"]),
-            name="obstacle",
-        )
-        for disc in scenario.get("obstacles") or []
-    ]  # fmt: skip
-    return Surroundings(
-        discs=discs,
-        targets=slots[:, :, None] + leader,
-        called="slot",
-        leader=leader,
-        leader_heading=np.full(times.size, psi),
-    )
-
-
-def _points(given: Iterable[Mapping[str, Any]]) -> Array:
+def points(given: Iterable[Mapping[str, Any]]) -> Array:
+    """Return places with the keys x_m and y_m, shape (n, 2) [m]."""
     return np.array([[float(one["x_m"]), float(one["y_m"])] for one in given])
 
 
-def _standing(points: Array, times: Array) -> Array:
-    return np.repeat(points[:, :, None], times.size, axis=2)
+def standing(places: Array, times: Array) -> Array:
+    """Return places (n, 2) that stay where they are, at all times, (n, 2, F)."""
+    return np.repeat(places[:, :, None], times.size, axis=2)
 
 
 def place_of(texts: Sequence[Any], states: Collection[str]) -> list[str]:

@@ -4,10 +4,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from swarmstart.cases.format.registry import words_of
 from swarmstart.ocp import Trajectory
 
-PLANAR = ("formation_flight", "reconfiguration", "transfer")
-RELATIVE = "close_formation"
 _PLANAR_STATES = ("speed_m_s", "heading_rad", "x_m", "y_m")
 
 
@@ -38,8 +37,8 @@ def rows_of(flight: Trajectory, scenario: Mapping[str, Any]) -> VehicleRows:
     Raises:
         ValueError: If the flight has fewer rows.
     """
-    kind = scenario.get("kind")
-    if kind in PLANAR:
+    words = words_of(scenario.get("kind"))
+    if words.numbered_rows:
         numbers = _numbers(scenario, flight)
         states = _by_number(flight.state_names, len(numbers))
         controls = _by_number(flight.control_names, len(numbers))
@@ -58,8 +57,7 @@ def rows_of(flight: Trajectory, scenario: Mapping[str, Any]) -> VehicleRows:
         names, held = list(states), list(scenario.get("controls") or {})
         parts = {**states, **(scenario.get("controls") or {})}
         units = {name: str(part.get("unit") or "") for name, part in parts.items()}
-    if kind == RELATIVE:
-        vehicles = ("wingman",)
+    vehicles = words.vehicles or vehicles
     return VehicleRows(
         vehicles=vehicles,
         states=_one_after_another(names, len(vehicles), len(flight.states)),

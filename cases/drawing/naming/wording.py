@@ -21,6 +21,11 @@ def is_number(value: object) -> bool:
     )
 
 
+def number_of(value: Any) -> float:
+    """Return a measure as a number; NaN if it is undefined."""
+    return float(value) if is_number(value) else math.nan
+
+
 def number(value: object, missing: str = NOT_MEASURED, *, digits: int = _DIGITS) -> str:
     """Return a number in a few significant digits, or the word for a missing one.
 

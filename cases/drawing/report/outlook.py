@@ -15,6 +15,7 @@ from swarmstart.cases.drawing.panels import Labels, stacked_limits
 from swarmstart.cases.drawing.plan_figures import Flown, chosen
 from swarmstart.cases.drawing.slack import arguments_of, made_at
 from swarmstart.cases.format.kind import Posed
+from swarmstart.cases.format.registry import words_of
 from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.cases.record.record import SCENARIO
 from swarmstart.cases.record.results import Record
@@ -82,9 +83,7 @@ def outlook_of(record: Record, flight: Trajectory) -> Outlook:
 def _posed(record: Record, scenario: Mapping[str, Any]) -> Posed:
     """Return what the recorded scenario poses; no terminal set is certified anew."""
     document = read_document(str(record.folder.resolve() / SCENARIO))
-    quick = (
-        ["dual_mode.certify=false"] if scenario["kind"] == "formation_flight" else []
-    )
+    quick = words_of(scenario["kind"]).for_pages
     return resolve(document, assignments=quick).posed()
 
 

@@ -24,12 +24,12 @@ from swarmstart.cases.drawing.naming.surroundings import (
 )
 from swarmstart.cases.drawing.naming.units import label_of
 from swarmstart.cases.drawing.naming.vehicle_rows import (
-    PLANAR,
-    RELATIVE,
     VehicleRows,
     rows_of,
 )
 from swarmstart.cases.drawing.report.outlook import Outlook, outlook_of
+from swarmstart.cases.format.kind_words import KindWords
+from swarmstart.cases.format.registry import words_of
 from swarmstart.cases.record.files import RecordError
 from swarmstart.cases.record.results import Record
 from swarmstart.cases.record.trajectory_arrays import held_controls
@@ -239,20 +239,20 @@ def _plane(
     axes = _axes_of(scenario, rows)
     if axes is None:
         return None
-    kind = scenario.get("kind")
+    words = words_of(scenario.get("kind"))
     x, y = (_at(flight, rows.states[name], times) for name in axes)
     named = next((name for name in rows.states if _is_heading(name)), None)
     turned = None if named is None else _at(flight, rows.states[named], times)
     paths = [
-        (time, [_path(path, rows, axes, kind) for path in each])
+        (time, [_path(path, rows, axes, words) for path in each])
         for time, each in outlook.paths
     ]
-    if kind == RELATIVE:  # The leader is x ahead and y to the right of its wingman.
+    if words.relative:  # The leader is x ahead and y to the right of its wingman.
         positions = np.stack([-y, -x], axis=1)
         turned = np.full_like(x, np.pi / 2)
-        words = "Seen from above; the leader is at (0, 0) and heads up the page."
+        told = "Seen from above; the leader is at (0, 0) and heads up the page."
         return Plane(
-            unit="ft", positions=positions, headings=turned, plans=paths, words=words,
+            unit="ft", positions=positions, headings=turned, plans=paths, words=told,
             surroundings=surroundings_of(scenario, times, positions, turned),
         )  # fmt: skip
     positions = np.stack([x, y], axis=1)
@@ -260,10 +260,10 @@ def _plane(
         turned = directions_of(positions)
     around = (
         surroundings_of(scenario, times, positions, turned)
-        if kind in PLANAR
+        if words.numbered_rows
         else Surroundings(discs=discs_of_problem(scenario, axes))
     )
-    unit = "m" if kind in PLANAR else rows.units.get(axes[0], "")
+    unit = "m" if words.numbered_rows else rows.units.get(axes[0], "")
     return Plane(
         unit=unit, positions=positions, headings=turned, surroundings=around,
         plans=paths,
@@ -272,10 +272,10 @@ def _plane(
 
 def _axes_of(scenario: Mapping[str, Any], rows: VehicleRows) -> tuple[str, str] | None:
     """Return the names of the states that are the position of a vehicle."""
-    kind, names = scenario.get("kind"), rows.states
-    if kind in PLANAR:
+    words, names = words_of(scenario.get("kind")), rows.states
+    if words.numbered_rows:
         return ("x_m", "y_m") if {"x_m", "y_m"} <= names.keys() else None
-    if kind == RELATIVE:
+    if words.relative:
         return ("x_ft", "y_ft") if {"x_ft", "y_ft"} <= names.keys() else None
     return position_of(scenario, names, rows.units)
 
@@ -292,14 +292,14 @@ def _at(flight: Trajectory, rows: Sequence[int], times: Array) -> Array:
 
 
 def _path(
-    path: Array | None, rows: VehicleRows, axes: tuple[str, str], kind: Any
+    path: Array | None, rows: VehicleRows, axes: tuple[str, str], words: KindWords
 ) -> Array | None:
     """Return the places of a vehicle's path from its own states (nx, n)."""
     if path is None:
         return None
     place = list(rows.states)
     x, y = (path[place.index(name)] for name in axes)
-    return np.stack([-y, -x] if kind == RELATIVE else [x, y])
+    return np.stack([-y, -x] if words.relative else [x, y])
 
 
 def _series(

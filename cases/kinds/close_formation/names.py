@@ -1,8 +1,10 @@
 """Measures of a close formation: name -> meaning, its unit in brackets at the end.
 
-Imports nothing, so that `swarmstart list` is quick. A count has no unit, and [-] means
-that a number has no unit.
+Imports nothing heavy, so that `swarmstart list` is quick. A count has no unit, and [-]
+means that a number has no unit.
 """
+
+from swarmstart.cases.format.kind_words import DRAWN_PLANNING, KindWords
 
 MEASURES = {
     "x_settle_s": "Time from the leader's last change until x stays within 1 ft of the "
@@ -69,3 +71,27 @@ UNDEFINED = {
     "gap_min": "there is no reference",
 }
 """Reason why a measure can be null, by name of the measure."""
+
+CAPTIONS = {
+    "a_sheet": "(a) Place of the leader seen from the wingman; dashed: the slot. (b) "
+    "Distance from the slot on a logarithmic axis; shaded: settled. (c) Commands; "
+    f"dotted: their bounds. {DRAWN_PLANNING}",
+    "b_motion": "Speed and heading of the wingman (dashed: the leader's), cost J of "
+    "each plan, and the drag saved in the leader's wake (dashed: in the slot).",
+    "c_map": "Track of the wingman over the drag saved (blue; red: lost), seen from "
+    "above and from behind; both aircraft to scale, the wingman at its last place.",
+}
+
+WORDS = KindWords(
+    kind="swarmstart.cases.kinds.close_formation.kind:KIND",
+    title="a wingman in the vortex of its leader",
+    measures=MEASURES,
+    example="close_formation",
+    flown_by="a wingman behind its leader",
+    outcome="swarmstart.cases.kinds.close_formation.outcome:outcome",
+    captions=CAPTIONS,
+    costs=("cost_max",),
+    vehicles=("wingman",),
+    relative=True,
+    surroundings="swarmstart.cases.kinds.close_formation.surroundings:surroundings",
+)

@@ -1,8 +1,10 @@
 """Measures of a formation flight: name -> meaning, its unit in brackets at the end.
 
-Imports nothing, so that `swarmstart list` is quick. A count has no unit, and [-] means
-that a number has no unit.
+Imports nothing heavy, so that `swarmstart list` is quick. A count has no unit, and [-]
+means that a number has no unit.
 """
+
+from swarmstart.cases.format.kind_words import DRAWN_PLANNING, KindWords
 
 MEASURES = {
     "settle_time_s": "Time after which every UAV stays within 1 m of its slot in x and "
@@ -59,3 +61,30 @@ UNDEFINED = {
     "terminal_level": "there is no terminal set",
 }
 """Reason why a measure can be null, by name of the measure."""
+
+CAPTIONS = {
+    "a_sheet": "(a) Tracks to scale, with marks of time; ring: the leader. (b) Error "
+    "of each UAV's place on a logarithmic axis; shaded: settled. (c) Controls; dotted: "
+    f"their bounds. {DRAWN_PLANNING} Of a single plan (d) shows its distances.",
+    "b_relative": "Speed, heading and place of each UAV less those of the leader and "
+    "of its slot, over time; yellow: settled, grey: the linear law.",
+    "c_distances": "Smallest distance of two UAVs, and to an obstacle's edge, along "
+    "the whole path and at the control instants; dotted: the limit.",
+    "d_terminal_set": "Upper left: e'Pe of each UAV; dotted: the level below which the "
+    "linear law may take over. Others: the way of each UAV into the terminal set "
+    "(grey), in pairs of states; dots: steps under the linear law.",
+}
+
+WORDS = KindWords(
+    kind="swarmstart.cases.kinds.formation_flight.kind:KIND",
+    title="UAVs that take their slots in a formation behind a leader",
+    measures=MEASURES,
+    templates={"formation_flight.yaml": ""},
+    flown_by="UAV",
+    outcome="swarmstart.cases.kinds.formation_flight.outcome:outcome",
+    captions=CAPTIONS,
+    costs=("plan_cost", "closed_loop_cost"),
+    numbered_rows=True,
+    surroundings="swarmstart.cases.kinds.formation_flight.surroundings:surroundings",
+    for_pages=("dual_mode.certify=false",),
+)

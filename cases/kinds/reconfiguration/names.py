@@ -1,8 +1,10 @@
 """Measures of a reconfiguration: name -> meaning, its unit in brackets at the end.
 
-Imports nothing, so that `swarmstart list` is quick. A count has no unit, and [-] means
-that a number has no unit.
+Imports nothing heavy, so that `swarmstart list` is quick. A count has no unit, and [-]
+means that a number has no unit.
 """
+
+from swarmstart.cases.format.kind_words import DRAWN_PLANNING, KindWords
 
 MEASURES = {
     "position_error_m": "Largest distance of a UAV from its slot at the end, both "
@@ -43,3 +45,25 @@ UNDEFINED = {
     "gap_max": "there is no reference",
 }
 """Reason why a measure can be null, by name of the measure."""
+
+CAPTIONS = {
+    "a_sheet": "(a) Tracks to scale, with marks of time; crosses: the slots around the "
+    "leader at the end. (b) Distance of each UAV from its slot on a logarithmic axis. "
+    f"(c) Controls; dotted: their bounds. {DRAWN_PLANNING}",
+    "b_evolution": "Cost J of each horizon's plan, and of the search's best point "
+    "after each generation, a panel a horizon.",
+    "c_distances": "Distances of all pairs of UAVs over time, of many the smallest "
+    "and the largest; dotted: the safe and the communication distance.",
+}
+
+WORDS = KindWords(
+    kind="swarmstart.cases.kinds.reconfiguration.kind:KIND",
+    title="UAVs that change the shape of their formation",
+    measures=MEASURES,
+    example="reconfiguration",
+    flown_by="UAV",
+    outcome="swarmstart.cases.kinds.reconfiguration.outcome:outcome",
+    captions=CAPTIONS,
+    numbered_rows=True,
+    surroundings="swarmstart.cases.kinds.reconfiguration.surroundings:surroundings",
+)

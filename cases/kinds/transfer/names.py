@@ -1,8 +1,10 @@
 """Measures of a transfer: name -> meaning, its unit in brackets at the end.
 
-Imports nothing, so that `swarmstart list` is quick. A count has no unit, and [-] means
-that a number has no unit.
+Imports nothing heavy, so that `swarmstart list` is quick. A count has no unit, and [-]
+means that a number has no unit.
 """
+
+from swarmstart.cases.format.kind_words import KindWords
 
 MEASURES = {
     "cost": "Cost of the plan: the time integral of the weighted squares of the "
@@ -36,3 +38,22 @@ UNDEFINED = {
     "min_distance_checked_m": "there is only one UAV",
 }
 """Reason why a measure can be null, by name of the measure."""
+
+CAPTIONS = {
+    "a_sheet": "(a) Tracks to scale, with marks of time; crosses: the goals. (b) Cost "
+    "of the search's best point; dashed: of the plan. (c) Controls; dotted: their "
+    "bounds. (d) Distances of all pairs of UAVs; dotted: the safe distance.",
+}
+
+WORDS = KindWords(
+    kind="swarmstart.cases.kinds.transfer.kind:KIND",
+    title="UAVs that change places without a collision",
+    measures=MEASURES,
+    example="swap_5",
+    flown_by="UAV",
+    ending="swarmstart.cases.kinds.transfer.outcome:ending",
+    captions=CAPTIONS,
+    costs=("verified_cost", "cost"),
+    numbered_rows=True,
+    surroundings="swarmstart.cases.kinds.transfer.surroundings:surroundings",
+)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.cases.format.kind import Flight
-from swarmstart.cases.format.registry import KINDS
+from swarmstart.cases.format.registry import words_of
 from swarmstart.cases.format.settings import Scenario
 from swarmstart.cases.kinds.flight import flight_of
 from swarmstart.ocp import Decision, Plan, Source, Trajectory
@@ -19,7 +19,9 @@ Array = NDArray[np.float64]
 
 
 def build(scenario: Scenario) -> Flight[Any]:
-    return flight_of(resolve_name(KINDS[scenario.kind].kind).pose(scenario), scenario)
+    return flight_of(
+        resolve_name(words_of(scenario.kind).kind).pose(scenario), scenario
+    )
 
 
 def flown_by_hand(

@@ -8,7 +8,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from pkgutil import resolve_name
 from typing import Any
 
 import numpy as np
@@ -22,7 +21,7 @@ from swarmstart.cases.drawing.naming.wording import (
 )
 from swarmstart.cases.drawing.report.pages.broken_limits import broken_words
 from swarmstart.cases.drawing.report.tracks import Tracks, tracks_of
-from swarmstart.cases.format.registry import KINDS
+from swarmstart.cases.format.registry import words_of
 from swarmstart.cases.record.files import RecordError
 from swarmstart.cases.record.record import SCENARIO
 from swarmstart.cases.record.results import Record, load
@@ -36,14 +35,6 @@ _SETTLING = {
     "x_settle_s": "x stays within 1 ft of the slot",
 }
 """Measures that say when a flight has settled -> what that is."""
-_COSTS = {
-    "problem": ("verified_cost", "flown_cost", "cost"),
-    "python": ("verified_cost", "flown_cost", "cost"),
-    "transfer": ("verified_cost", "cost"),
-    "formation_flight": ("plan_cost", "closed_loop_cost"),
-    "close_formation": ("cost_max",),
-}
-"""The measure that is the cost of a run, by kind: the first that is defined."""
 _COST_WORDS = {
     "verified_cost": "cost, integrated ten times finer",
     "flown_cost": "cost of the simulated path",
@@ -203,7 +194,7 @@ def _headline(
     settled = _settled(measures)
     status = _words(summary["status"]).removeprefix("simulated to the end; ")
     parts.append(settled or status.partition(";")[0])
-    cost = next((n for n in _COSTS.get(kind, ()) if is_number(measures.get(n))), None)
+    cost = next((n for n in words_of(kind).costs if is_number(measures.get(n))), None)
     if cost is not None:
         words = _COST_WORDS[cost]
         if scenario.get("maximize") is True:
@@ -305,7 +296,7 @@ def _bound_words(bound: Mapping[str, Any]) -> str:
 def _measure_rows(
     kind: str, measures: Mapping[str, Any], scenario: Mapping[str, Any]
 ) -> list[MeasureRow]:
-    known = dict(resolve_name(KINDS[kind].measures)) if kind in KINDS else {}
+    known = dict(words_of(kind).measures)
     own = scenario.get("measures")
     meanings = {**known, **(own if isinstance(own, Mapping) else {})}
     rows = []
@@ -412,7 +403,7 @@ def _linear_breaks(tracks: Tracks) -> dict[str, bool]:
 
 def _command(summary: Mapping[str, Any]) -> str:
     """Return what runs the record's own scenario again, in its folder."""
-    code = " --allow-python" if summary["kind"] == "python" else ""
+    code = " --allow-python" if words_of(summary["kind"]).runs_code else ""
     return (
         f"swarmstart run ./{SCENARIO} --seed {int(summary['seed'])}{code} --out again"
     )

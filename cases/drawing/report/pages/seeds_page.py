@@ -12,7 +12,6 @@ Content, as `run --seeds` records it:
 import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pkgutil import resolve_name
 from typing import Any
 
 import numpy as np
@@ -32,7 +31,7 @@ from swarmstart.cases.drawing.report.text_tables import (
     markdown_table,
     markdown_text,
 )
-from swarmstart.cases.format.registry import KINDS
+from swarmstart.cases.format.registry import words_of
 from swarmstart.cases.record.files import RecordError
 
 Array = NDArray[np.float64]
@@ -148,7 +147,7 @@ def _read(
 
 def _rows(content: Mapping[str, Any], count: int) -> list[SpreadRow]:
     kind = str(content.get("kind") or "")
-    known = dict(resolve_name(KINDS[kind].measures)) if kind in KINDS else {}
+    known = dict(words_of(kind).measures)
     meanings = {**known, **dict(content.get("own_measures") or {})}
     rows = []
     for name, values in list(content["measures"].items())[:MOST_ROWS]:

@@ -1,8 +1,10 @@
 """Measures of any problem: name -> meaning, its unit in brackets at the end.
 
-Imports nothing, so that `swarmstart list` is quick. A count has no unit; [cost] is the
-unit of the scenario's cost, and [-] means that a number has no unit of its own.
+Imports nothing heavy, so that `swarmstart list` is quick. A count has no unit; [cost]
+is the unit of the scenario's cost, and [-] means that a number has no unit of its own.
 """
+
+from swarmstart.cases.format.kind_words import KindWords
 
 END_TIME_MEASURE = "end_time"
 """Measure of the length of the first plan's horizon, if the plan decides it [s]."""
@@ -42,3 +44,29 @@ UNDEFINED = {
     "flown_cost": "the cost is not finite on the simulated path",
 }
 """Reason why a measure can be null, by name of the measure."""
+
+CAPTIONS = {
+    "a_sheet": "States and controls over time (dotted: their bounds); of a closed-loop "
+    "run the cost of each plan, the wall time of each step and the source of its plan; "
+    "of a single plan the convergence of the search and the local optima found, or the "
+    "path in the plane.",
+    "b_states": "States over time; dotted: their bounds.",
+    "c_controls": "Controls over time; dotted: their bounds.",
+    "d_slack": "How far each constraint is from its limit along the path; below 0 it "
+    "is broken.",
+    "e_phase_plane": "One state over the other: the phase plane.",
+    "e_tracks": "Tracks to scale, with marks of time; thin: the plans.",
+    "h_outputs": "Outputs of the model over time.",
+    "f_searches": "Cost of the best point of each plan's search over evaluations.",
+    "g_members": "States of the first plan for every member of the uncertain "
+    "parameters.",
+}
+
+WORDS = KindWords(
+    kind="swarmstart.cases.kinds.problem.kind:KIND",
+    title="any system, written in YAML: one plan or a closed loop",
+    measures=MEASURES,
+    templates={"problem.yaml": ""},
+    captions=CAPTIONS,
+    costs=("verified_cost", "flown_cost", "cost"),
+)

@@ -10,7 +10,7 @@ from swarmstart.cases.campaign.engine import cell_keys
 from swarmstart.cases.campaign.engine.cell_keys import key_of, modules_of_settings
 from swarmstart.cases.campaign.running.run_cell import run_cell
 from swarmstart.cases.chapter import computations
-from swarmstart.cases.format.registry import KINDS
+from swarmstart.cases.format.registry import KINDS, words_of
 from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.machine_code import fingerprints
 
@@ -102,7 +102,7 @@ def test_figures_count_where_they_are_drawn(monkeypatch: pytest.MonkeyPatch) -> 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_no_kind_reaches_what_draws(kind: str) -> None:
-    waiting, seen = [KINDS[kind].kind.partition(":")[0]], set[str]()
+    waiting, seen = [words_of(kind).kind.partition(":")[0]], set[str]()
     while waiting:
         name = waiting.pop()
         if name not in seen:
@@ -115,7 +115,7 @@ def test_a_scenario_s_own_modules_are_those_of_its_kind_and_search() -> None:
     resolved = resolve(read_document("passing_side"))
     assert resolved.kind is not None
     settings = run_cell(resolved, 0).job["settings"]
-    kind = KINDS[settings["kind"]].kind.partition(":")[0]
+    kind = words_of(settings["kind"]).kind.partition(":")[0]
     assert modules_of_settings(settings) == (kind, "swarmstart.heuristics")
     assert modules_of_settings({"kind": [], "search": None}) == ()
 

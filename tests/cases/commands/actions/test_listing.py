@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from swarmstart.cases.commands.actions.listing import (
-    KIND_TITLES,
     Asked,
     NothingListedError,
     listing,
@@ -17,7 +16,6 @@ from swarmstart.cases.commands.actions.listing import (
 from swarmstart.cases.commands.front.cli import main
 from swarmstart.cases.commands.options.topics import TOPICS
 from swarmstart.cases.commands.wording.run_times import RUN_TIMES_S
-from swarmstart.cases.format.registry import KINDS
 from swarmstart.cases.format.scenario import shipped
 from swarmstart.cases.format.yaml_reader import parse_yaml
 
@@ -100,7 +98,6 @@ def test_a_text_that_nothing_contains_is_answered_by_a_hint(
         listing(asked)
 
 
-def test_every_kind_has_a_title_and_every_scenario_a_run_time() -> None:
-    assert KIND_TITLES.keys() == KINDS.keys()
+def test_every_scenario_has_a_run_time() -> None:
     assert RUN_TIMES_S.keys() == shipped().keys()
     assert all(0 < seconds < 3600 for seconds in RUN_TIMES_S.values())

@@ -22,7 +22,7 @@ from swarmstart.cases.kinds.problem.stated.parts import Prediction
 from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario
 from swarmstart.cases.record.files import RecordError
 
-TEMPLATES = files("swarmstart.cases.commands") / "templates"
+TEMPLATES = files("swarmstart.cases.kinds.problem.stated") / "templates"
 
 
 def asked(name: object, *, kind: str = "problem", force: bool = False) -> int:

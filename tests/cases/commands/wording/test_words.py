@@ -179,9 +179,8 @@ def test_kinds_have_words_of_their_own(
     kind: str, measures: dict[str, float | None], words: str, flight: Run
 ) -> None:
     scenario = flight.resolved.scenario.model_copy(update={"kind": kind})
-    done = replace(
-        flight, resolved=replace(flight.resolved, scenario=scenario), measures=measures
-    )
+    resolved = replace(flight.resolved, scenario=scenario)
+    done = replace(flight, resolved=resolved, measures=measures)
     told = sentences(done)
     assert words in told[1]
     assert "None" not in "".join(told) and "nan" not in "".join(told)

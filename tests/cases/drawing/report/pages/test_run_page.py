@@ -18,7 +18,7 @@ from PIL import Image, ImageDraw  # Comes with matplotlib.
 
 from swarmstart.cases.commands.front.cli import main
 from swarmstart.cases.drawing.drawing import COLOURS
-from swarmstart.cases.drawing.report.captions import CAPTIONS, caption_of
+from swarmstart.cases.drawing.report.captions import caption_of
 from swarmstart.cases.drawing.report.pages import run_page as report
 from swarmstart.cases.drawing.report.pages.run_content import run_content
 from swarmstart.cases.drawing.report.pages.run_page import (
@@ -33,6 +33,7 @@ from swarmstart.cases.drawing.report.pictures import PAGE_BYTES, pictures_of
 from swarmstart.cases.drawing.report.player import caption
 from swarmstart.cases.drawing.report.strips import strip
 from swarmstart.cases.drawing.report.text_tables import latex_text, markdown_table
+from swarmstart.cases.format.registry import words_of
 from swarmstart.cases.record.files import RecordError
 from swarmstart.errors import SwarmstartError
 from swarmstart.tests.cases.drawing.report.flown_records import (
@@ -428,7 +429,7 @@ def test_every_figure_a_kind_draws_has_a_caption() -> None:
         )
     ]
     assert len(found) > 15
-    assert [pair for pair in found if pair[1] not in CAPTIONS[pair[0]]] == []
+    assert [pair for pair in found if pair[1] not in words_of(pair[0]).captions] == []
     assert caption_of("unknown", "own.png") == "Own."
 
 
