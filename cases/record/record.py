@@ -108,7 +108,7 @@ def environment() -> dict[str, Any]:
     """Return the versions and the hash of the code, on which a result depends."""
     root = Path(__file__).resolve().parents[2]
     digest = hashlib.sha256()
-    for folder in ("cases", "ocp", "heuristics", "terminal_set"):
+    for folder in ("cases", "ocp", "heuristics", "terminal_set", "machine_code"):
         for file in sorted((root / folder).rglob("*")):
             if file.suffix in (".py", ".yaml"):
                 digest.update(file.read_bytes())

@@ -250,8 +250,8 @@ def test_what_an_interrupt_became_ends_as_an_interrupt(
 # It waits after each line, so that a signal finds it at work however busy the machine.
 TALKATIVE = """
 import sys, time
-from swarmstart.cases.commands import cli
-from swarmstart.cases.commands import progress
+from swarmstart.cases.commands.front import cli
+from swarmstart.cases.commands.terminal import progress
 def tell_and_wait(text, tell=progress.tell):
     tell(text)
     time.sleep(0.1)
@@ -264,8 +264,8 @@ sys.exit(cli.main())
 # Python would end the process by SIGINT.
 WITHIN_A_TEXT = """
 import sys
-from swarmstart.cases.commands import cli
-from swarmstart.cases.commands import listing
+from swarmstart.cases.commands.front import cli
+from swarmstart.cases.commands.actions import listing
 def interrupted(*arguments, **options):
     exec("raise KeyboardInterrupt")
 listing.list_command = interrupted
@@ -275,7 +275,7 @@ sys.exit(cli.program())
 # The command line, sent SIGINT while IPOPT solves for the twelfth time: in step 3.
 INSIDE_IPOPT = """
 import os, signal, sys, time
-from swarmstart.cases.commands import cli
+from swarmstart.cases.commands.front import cli
 from swarmstart.ocp.nlp.polish import Polisher
 solve, calls = Polisher._solve, []
 def signalled(self, *arguments, **options):

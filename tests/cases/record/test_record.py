@@ -49,7 +49,7 @@ def test_the_key_depends_on_the_code_that_makes_the_numbers(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     before = key()
-    for folder in ("cases", "ocp"):
+    for folder in ("cases", "ocp", "machine_code"):
         (tmp_path / folder).mkdir()
     (tmp_path / "cases" / "record").mkdir()
     file = tmp_path / "cases" / "record" / "record.py"

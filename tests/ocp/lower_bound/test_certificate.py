@@ -105,7 +105,7 @@ def test_the_checker_imports_nothing_that_finds_bounds() -> None:
     file = Path(check.__file__)
     allowed = (
         "swarmstart.ocp.lower_bound.checker.",
-        "swarmstart.terminal_set.checker.",
+        "swarmstart.terminal_set.checker",
     )
     outside = {"casadi", "scipy", "numba", "llvmlite"}
     for path in [file, *sorted((file.parent / "checker").glob("*.py"))]:
