@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from swarmstart.ocp.integration.adaptive import MOST_TICKS
+from swarmstart.ocp.integration.integrators import INTEGRATORS
 from swarmstart.ocp.rollout.checking import Excess
 from swarmstart.ocp.rollout.stiffness import FastMode
 from swarmstart.ocp.statement.problem import OptimalControlProblem
@@ -108,7 +109,8 @@ def _shorter_or_implicit(problem: OptimalControlProblem, fast: FastMode) -> str:
 
 def _finer(problem: OptimalControlProblem) -> str:
     """Return the advice to integrate more finely."""
-    if problem.integrator == "euler":
+    method = INTEGRATORS[problem.integrator]
+    if method.order < INTEGRATORS["rk4"].order:
         return "integrate more finely: integrator='rk4'"
     if problem.is_adaptive:
         finer = (problem.integrator_tolerance or 0.0) / 10

@@ -17,21 +17,16 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
+from numpy.polynomial.polynomial import polyval
 from numpy.typing import NDArray
 
+from swarmstart.ocp.integration.integrators import INTEGRATORS
 from swarmstart.ocp.rollout.fitness import Known, at_nodes, replay, shared_arguments
 from swarmstart.ocp.rollout.path import Path, signals_between
 from swarmstart.ocp.rollout.shooting import Shooting
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 
 Array = NDArray[np.float64]
-GROWTH = {
-    "rk4": np.polynomial.Polynomial([1, 1, 1 / 2, 1 / 6, 1 / 24]),
-    "euler": np.polynomial.Polynomial([1, 1]),
-}
-"""R(z) of the explicit integrators."""
-_STABLE = {"rk4": 2.5, "euler": 1.4}
-"""Recommended |h lambda|: within the stable region, with a reserve."""
 _OFTEN = 0.25
 """Share of points with a mode that is too fast from which it counts as the cause."""
 _MUCH = np.log(1e6)
@@ -77,7 +72,7 @@ def fastest_mode(
         known: Parameters and signals.
     """
     problem = shooting.problem
-    if problem.integrator not in GROWTH:
+    if not INTEGRATORS[problem.integrator].growth:
         return None
     points = _points(problem, path, x0, known)
     fast: list[FastMode] = []
@@ -143,14 +138,15 @@ def _too_fast(
 ) -> FastMode | None:
     """Return the fastest of the decaying modes that grow from step to step."""
     step = problem.dt / problem.checks / problem.substeps
+    method = INTEGRATORS[problem.integrator]
     with np.errstate(over="ignore", invalid="ignore"):
-        growth = np.abs(GROWTH[problem.integrator](step * values))
+        growth = np.abs(polyval(step * values, method.growth))
     grows = (values.real < 0) & ~(growth <= 1)
     if not grows.any():
         return None
     fastest = values[grows][np.argmax(np.abs(values[grows]))]
     rate = float(np.abs(fastest))
-    needed = np.ceil(problem.substeps * rate * step / _STABLE[problem.integrator])
+    needed = np.ceil(problem.substeps * rate * step / method.stable)
     if not np.isfinite(needed):
         return None
     return FastMode(

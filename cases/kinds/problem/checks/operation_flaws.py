@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import casadi as ca
 
 from swarmstart.cases.format.settings import LocatedFlaw
-from swarmstart.ocp import OptimalControlProblem, held_step
+from swarmstart.ocp import INTEGRATORS, OptimalControlProblem, held_step
 from swarmstart.ocp.integration import PARTS
 
 MOST_OPERATIONS = 40_000
@@ -17,7 +17,7 @@ def operation_flaws(problem: OptimalControlProblem) -> Iterator[LocatedFlaw]:
     model = problem.model
     symbols = [*problem.symbols().values(), model.time]
     rates = ca.Function("rates", symbols, [model.ode, problem.stage_cost])
-    evaluations = {"rk4": 4, "euler": 1, "stiff": 6}[problem.integrator]
+    evaluations = INTEGRATORS[problem.integrator].evaluations
     steps = problem.substeps * problem.checks
     radau, points = problem.collocation, 0
     if radau is not None:
