@@ -55,6 +55,7 @@ from swarmstart.heuristics import (
     static_penalty,
 )
 from swarmstart.ocp import (
+    INTEGRATORS,
     Backend,
     IpoptOptions,
     Multistart,
@@ -65,6 +66,10 @@ from swarmstart.ocp import (
     population_of,
 )
 
+if TYPE_CHECKING:
+    IntegratorName = str
+else:  # Read here, so that integrators registered before are known.
+    IntegratorName = Literal[tuple(INTEGRATORS)]
 Array = NDArray[np.float64]
 LocatedFlaw = tuple[tuple[str | int, ...], str | SwarmstartError]
 """Path of an error in the scenario, and the error.

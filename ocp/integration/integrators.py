@@ -18,7 +18,6 @@ equilibrium of two states; 4e-2 without the parts).
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
 
 import casadi as ca
 import numpy as np
@@ -76,10 +75,8 @@ INTEGRATORS = {
     "stiff": Method(step=rodas4, order=4, evaluations=6),
 }
 """Integrators by the names that problems and scenarios use; their only registration."""
-if TYPE_CHECKING:
-    Integrator = str
-else:
-    Integrator = Literal[tuple(INTEGRATORS)]
+Integrator = str
+"""Name of an integrator: a key of INTEGRATORS."""
 
 
 def verifying_integrator(method: str) -> Integrator:

@@ -10,6 +10,7 @@ from pydantic import Field
 
 from swarmstart.cases.format.settings import (
     GridPart,
+    IntegratorName,
     LocatedFlaw,
     NonNegative,
     Number,
@@ -18,7 +19,6 @@ from swarmstart.cases.format.settings import (
     Range,
     Scenario,
 )
-from swarmstart.ocp.integration import Integrator
 
 
 class AircraftPart(Part):
@@ -168,7 +168,7 @@ class Prediction(GridPart):
         aerodynamics: Effect of the leader's vortex: linear in the position, or none.
     """
 
-    integrator: Integrator = "rk4"
+    integrator: IntegratorName = "rk4"
     model: Literal["corrected", "literal"] = "corrected"
     kinematics: Literal["fixed", "exact"] = "fixed"
     aerodynamics: Literal["linear", "none"] = "linear"

@@ -13,6 +13,7 @@ from pydantic import Field
 from swarmstart.cases.format.settings import (
     Checks,
     GridPart,
+    IntegratorName,
     LocatedFlaw,
     NonNegative,
     Number,
@@ -29,7 +30,6 @@ from swarmstart.cases.kinds.planar import (
     near_place_flaws,
     start_speed_flaws,
 )
-from swarmstart.ocp.integration import Integrator
 
 
 class Disc(Point):
@@ -98,7 +98,7 @@ class Prediction(GridPart):
 
     intervals: int = Field(ge=1, le=1000)
     checks: Checks = 1
-    integrator: Integrator = "rk4"
+    integrator: IntegratorName = "rk4"
 
 
 class Weights(Part):

@@ -12,9 +12,9 @@ import pytest
 from numpy.polynomial.polynomial import polyval
 from scipy.linalg import expm, solve_continuous_lyapunov
 
+from swarmstart.cases.format.settings import IntegratorName
 from swarmstart.ocp import (
     INTEGRATORS,
-    Integrator,
     InvalidProblemError,
     Model,
     held_step,
@@ -180,5 +180,5 @@ def test_refuses_what_is_no_step(
         held_step(double_integrator, dt, **options)  # type: ignore[arg-type]
 
 
-def test_names_known_before_anything_runs_are_those_of_the_integrators() -> None:
-    assert get_args(Integrator) == tuple(INTEGRATORS)
+def test_scenarios_know_every_integrator() -> None:
+    assert get_args(IntegratorName) == tuple(INTEGRATORS)

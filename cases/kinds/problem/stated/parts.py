@@ -13,7 +13,7 @@ from pydantic import (
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
-from swarmstart.cases.format.settings import Checks, Part, Positive
+from swarmstart.cases.format.settings import Checks, IntegratorName, Part, Positive
 from swarmstart.cases.kinds.problem.stated.values import (
     Expression,
     Horizon,
@@ -29,7 +29,6 @@ from swarmstart.cases.kinds.problem.stated.values import (
 from swarmstart.ocp.integration import (
     COARSEST,
     FINEST,
-    Integrator,
     Radau,
     Transcription,
 )
@@ -294,7 +293,7 @@ class Prediction(Part):
     blocks: list[Annotated[int, Field(ge=1)]] = Field(default_factory=list)
     checks: Checks = 1
     substeps: int = Field(default=4, ge=1, le=1000)
-    integrator: Integrator = "rk4"
+    integrator: IntegratorName = "rk4"
     transcription: TranscriptionPart = "shooting"
     integrator_tolerance: float | None = Field(default=1e-6, ge=FINEST, le=COARSEST)
     quadrature: Quadrature = "integral"
