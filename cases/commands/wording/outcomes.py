@@ -199,5 +199,5 @@ def breaks_constraint(finished: Run) -> bool:
 
 
 def _is_flight(finished: Run) -> bool:
-    """Return whether aircraft fly, which keep distances."""
+    """Return whether a run is a flight of aircraft, which keep distances."""
     return bool(words_of(finished.resolved.scenario.kind).flown_by)

@@ -91,7 +91,7 @@ def points(given: Iterable[Mapping[str, Any]]) -> Array:
 
 
 def standing(places: Array, times: Array) -> Array:
-    """Return places (n, 2) that stay where they are, at all times, (n, 2, F)."""
+    """Return places (n, 2) that do not move, at all times, shape (n, 2, F)."""
     return np.repeat(places[:, :, None], times.size, axis=2)
 
 
