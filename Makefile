@@ -8,6 +8,8 @@ INSTALL := $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check
 
 TESTS := $(VENV)/bin/python -m pytest -q -n auto --dist loadfile --no-loadscope-reorder
 
+ROOMS := machine_code ocp heuristics terminal_set cases *.py
+
 .PHONY: run test test-long lint docs clean
 
 run: $(INSTALLED)
@@ -23,6 +25,8 @@ lint: $(INSTALLED_TO_TEST)
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/codespell
+	# Comprehensions, conditional expressions, and/or count: at most 20 (grade C).
+	@! $(VENV)/bin/radon cc --show-complexity --min D $(ROOMS) | grep .
 	cd .dev && ../$(VENV)/bin/lint-imports --config ../pyproject.toml
 	$(VENV)/bin/mypy
 

@@ -34,10 +34,10 @@ from numpy.typing import ArrayLike, NDArray
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.common.expressions import shortened, symbol_names
 from swarmstart.ocp.common.limits import require_choice, require_number
-from swarmstart.ocp.statement.problem import OptimalControlProblem
+from swarmstart.ocp.statement.problem import Costs, OptimalControlProblem
 from swarmstart.ocp.statement.risk import Measure, Risk
 from swarmstart.ocp.system.algebraic import UNSOLVED, joined
-from swarmstart.ocp.system.constraints import Constraint
+from swarmstart.ocp.system.constraints import Bounds, Constraint
 from swarmstart.ocp.system.model import Model, jump_of, rate_of
 
 Array = NDArray[np.float64]
@@ -195,50 +195,19 @@ class _Member:
 def _of(
     problem: OptimalControlProblem, copies: list[_Member], risk: Risk
 ) -> OptimalControlProblem:
-    model, M = problem.model, len(copies)
-    branches = 1 if risk.robust_horizon is None else M
-    lower, upper = (np.tile(side, M) for side in problem.state_limits)
-    most = (np.tile(side, branches) for side in problem.control_limits)
-    within = (np.tile(side, branches) for side in problem.search_limits)
-    uncertain = [
-        i
-        for i in range(model.np)
-        if not ca.is_equal(copies[0].parameters[i], model.parameters[i])
-    ]
-    left = [model.parameters[i] for i in range(model.np) if i not in uncertain]
-    stacked = Model(
-        states=ca.vertcat(*[one.states for one in copies]),
-        controls=ca.vertcat(ca.SX(0, 1), *[one.controls for one in copies[:branches]]),
-        ode=ca.vertcat(*[one.ode for one in copies]),
-        next_state=ca.vertcat(ca.SX(0, 1), *[one.next_state for one in copies]),
-        parameters=ca.vertcat(ca.SX(0, 1), *left),
-        signals=problem.signals,
-        time=model.time,
-        control_names=model.control_names
-        if risk.robust_horizon is None
-        else tuple(one.named(name) for one in copies for name in model.control_names),
-        outputs={
-            one.named(name): one.of(output)
-            for one in copies
-            for name, output in model.outputs.items()
-        },
-        elimination=joined(
-            [model.elimination.rewritten(one.of, one.number) for one in copies]
-        ),
-    )
-    smooth = risk.measure == "mean" or M == 1
-    zero = ca.SX(0)
-    scale = problem.bounds.state_scale
+    """Return the problem of all members together."""
+    branches = 1 if risk.robust_horizon is None else len(copies)
+    costs = _stacked_costs(risk)
     return replace(
         problem,
-        model=stacked,
+        model=_stacked_model(problem, copies, branches),
         signals=ca.SX(0, 1),
         previous=ca.vertcat(ca.SX(0, 1), *[one.previous for one in copies[:branches]]),
         risk=risk,
-        stage_cost=risk.of(risk.stage) if smooth else zero,
-        step_cost=risk.of(risk.step) if smooth else zero,
-        initial_cost=risk.of(risk.initial) if smooth else zero,
-        terminal_cost=risk.of(risk.terminal) if smooth else zero,
+        stage_cost=costs.stage,
+        step_cost=costs.step,
+        initial_cost=costs.initial,
+        terminal_cost=costs.terminal,
         constraints=[
             one.constraint(c)
             for one in copies
@@ -254,15 +223,7 @@ def _of(
             for one in copies
             for c in problem.terminal_constraints
         ],
-        bounds=replace(
-            problem.bounds,
-            states=(lower, upper),
-            controls=(next(most), next(most)),
-            search=None
-            if problem.bounds.search is None
-            else (next(within), next(within)),
-            state_scale=None if scale is None else np.tile(np.asarray(scale), M),
-        ),
+        bounds=_stacked_bounds(problem, len(copies), branches),
         start={
             tuple(one.named(name) for one in copies for name in _together(key)): value
             for key, value in problem.start.items()
@@ -270,6 +231,67 @@ def _of(
         scales=_scales(problem, copies, own_controls=risk.robust_horizon is not None),
         clock=copies[0].named(problem.clock) if problem.clock else "",
         periodic=[one.named(name) for one in copies for name in problem.periodic],
+    )
+
+
+def _stacked_model(
+    problem: OptimalControlProblem, copies: list[_Member], branches: int
+) -> Model:
+    """Return the members' models side by side, with common controls or own ones."""
+    model = problem.model
+    # A parameter that the members' values have replaced is no symbol any more.
+    left = [
+        model.parameters[i]
+        for i in range(model.np)
+        if ca.is_equal(copies[0].parameters[i], model.parameters[i])
+    ]
+    names = model.control_names
+    if branches > 1:
+        names = tuple(one.named(name) for one in copies for name in names)
+    return Model(
+        states=ca.vertcat(*[one.states for one in copies]),
+        controls=ca.vertcat(ca.SX(0, 1), *[one.controls for one in copies[:branches]]),
+        ode=ca.vertcat(*[one.ode for one in copies]),
+        next_state=ca.vertcat(ca.SX(0, 1), *[one.next_state for one in copies]),
+        parameters=ca.vertcat(ca.SX(0, 1), *left),
+        signals=problem.signals,
+        time=model.time,
+        control_names=names,
+        outputs={
+            one.named(name): one.of(output)
+            for one in copies
+            for name, output in model.outputs.items()
+        },
+        elimination=joined(
+            [model.elimination.rewritten(one.of, one.number) for one in copies]
+        ),
+    )
+
+
+def _stacked_costs(risk: Risk) -> Costs:
+    """Return the costs; zero if the members' costs are accrued as states."""
+    members = Costs(risk.stage, risk.step, risk.initial, risk.terminal)
+    if risk.measure == "mean" or risk.members == 1:
+        return Costs(*map(risk.of, members))
+    return Costs(*[ca.SX(0)] * len(members))
+
+
+def _stacked_bounds(
+    problem: OptimalControlProblem, members: int, branches: int
+) -> Bounds:
+    """Return the bounds of all members' states, and of the controls there are."""
+    lower, upper = (np.tile(side, members) for side in problem.state_limits)
+    least, most = (np.tile(side, branches) for side in problem.control_limits)
+    search, scale = problem.bounds.search, problem.bounds.state_scale
+    if search is not None:
+        first, last = (np.tile(side, branches) for side in problem.search_limits)
+        search = (first, last)
+    return replace(
+        problem.bounds,
+        states=(lower, upper),
+        controls=(least, most),
+        search=search,
+        state_scale=None if scale is None else np.tile(np.asarray(scale), members),
     )
 
 
@@ -324,24 +346,11 @@ def _drawn(
 def _values(problem: OptimalControlProblem, given: Values) -> tuple[list[str], Array]:
     """Return the names of the uncertain parameters, and their values, (names, M)."""
     own = symbol_names(problem.model.parameters)
-    if isinstance(given, Mapping):
-        names, rows = list(given), list(given.values())
-    elif isinstance(given, Sequence) and all(isinstance(m, Mapping) for m in given):
-        members: list[Mapping[str, float]] = [dict(m) for m in given]
-        names = list(members[0]) if members else []
-        if any(set(member) != set(names) for member in members):
-            raise InvalidProblemError(
-                "every member must have a value of the same parameters, got "
-                f"{shortened(given)}"
-            )
-        rows = [[member[name] for member in members] for name in names]
-    else:
-        names, rows = list(own), list(np.atleast_2d(np.asarray(given)))
-    unknown = [name for name in names if name not in own or name in problem.decided]
-    if unknown or not names or len(rows) != len(names):
+    free = [name for name in own if name not in problem.decided]
+    names, rows = _named_rows(own, given)
+    if not names or len(rows) != len(names) or any(name not in free for name in names):
         raise InvalidProblemError(
-            "parameters must be values of some of "
-            f"{', '.join(n for n in own if n not in problem.decided) or 'nothing'}, "
+            f"parameters must be values of some of {', '.join(free) or 'nothing'}, "
             f"got {len(rows)} row(s) for {', '.join(map(str, names)) or 'nothing'}"
         )
     try:
@@ -356,6 +365,26 @@ def _values(problem: OptimalControlProblem, given: Values) -> tuple[list[str], A
             f"parameters must have finite values for each member, got {values}"
         )
     return names, values
+
+
+def _named_rows(own: Sequence[str], given: Values) -> tuple[list[str], list[Any]]:
+    """Return names and their rows of values, in any of the forms they may be given in.
+
+    Raises:
+        InvalidProblemError: If members have values of different parameters.
+    """
+    if isinstance(given, Mapping):
+        return list(given), list(given.values())
+    if not (isinstance(given, Sequence) and all(isinstance(m, Mapping) for m in given)):
+        return list(own), list(np.atleast_2d(np.asarray(given)))
+    members: list[Mapping[str, float]] = [dict(m) for m in given]
+    names = list(members[0]) if members else []
+    if any(set(member) != set(names) for member in members):
+        raise InvalidProblemError(
+            "every member must have a value of the same parameters, got "
+            f"{shortened(given)}"
+        )
+    return names, [[member[name] for member in members] for name in names]
 
 
 def _weights(given: ArrayLike | None, members: int) -> Array:

@@ -407,13 +407,21 @@ class Search:
             # Away from the origin the quotients themselves are tighter on small boxes.
             inverse = 1 / hull(low, high)
             image = _times(s.image, [jet.value for jet in moved])
-            Y = _meet(Y, [entry * inverse for entry in image])
+            Y = _meet(Y, _scaled(image, inverse))
             slopes = _times(s.image, [_dot(row, ray.point) for row in jacobian])
             differences = [a - b for a, b in zip(slopes, Y, strict=True)]
-            along = _meet(along, [entry * inverse for entry in differences])
+            along = _meet(along, _scaled(differences, inverse))
             if timed:
                 rates = _times(s.image, [jet.slope(n + 1) for jet in moved])
-                in_time = _meet(in_time, [entry * inverse for entry in rates])
+                in_time = _meet(in_time, _scaled(rates, inverse))
+        return self._assembled(box, ray, Y, (jacobian, along, in_time))
+
+    def _assembled(
+        self, box: Box, ray: _Ray, Y: Balls, parts: tuple[list[Balls], Balls, Balls]
+    ) -> Balls:
+        """Return the derivatives of q from those of its parts."""
+        s, (jacobian, along, in_time) = self.statement, parts
+        n = len(s.T)
         left = ray.u if s.scale is None else [s.scale * entry for entry in Y]
         extra = Y if s.scale is None else [arb(0)] * n
         back = _times(s.image.transpose(), left)
@@ -425,6 +433,10 @@ class Search:
         norm = _norm(box[_W:])
         across = [(a - b * radial) / norm for a, b in zip(p, ray.u, strict=True)]
         return [2 * _dot(left, in_time), 2 * _dot(left, along), *across]
+
+
+def _scaled(entries: Balls, factor: arb) -> Balls:
+    return [entry * factor for entry in entries]
 
 
 def _face_where_larger(box: Box, gradient: Balls) -> Box:

@@ -169,40 +169,43 @@ def _asked(options: argparse.Namespace) -> tuple[ComparisonPlan, list[Document]]
         )
     part = plan_in(read[plans[0]]) if plans else ComparePart(scenarios=["-"])
     scenarios = chosen_of(part, options.assignments) if plans else []
-    scenarios += [
-        Chosen(
-            source=name,
-            of=options.of or part.of or "auto",
-            variant=options.variant or part.variant,
-            assignments=tuple(options.assignments),
-        )
-        for name in names
-        if name not in plans
-    ]
+    scenarios += [_chosen(n, options, part) for n in names if n not in plans]
     default = ComparisonPlan(scenarios=(), solvers=(options.default_solvers,))
+    solvers = tuple(part.solvers or default.solvers)
     plan = ComparisonPlan(
         scenarios=tuple(scenarios),
-        solvers=(options.solvers,) if options.solvers
-        else tuple(part.solvers or default.solvers),
+        solvers=(options.solvers,) if options.solvers else solvers,
         seeds=options.seeds or part.seeds or default.seeds,
         budget=options.budget or part.budget or default.budget,
         timeout_s=options.timeout or part.timeout_s or default.timeout_s,
-        repair=next(
-            one for one in (options.repair, part.repair, default.repair)
-            if one is not None
-        ),
+        repair=_first(options.repair, part.repair, default.repair),
         known=part.known,
-        bound_s=_bound_s(part.bound if options.bound is None else options.bound),
+        bound_s=_bound_s(options.bound, part.bound),
     )  # fmt: skip
-    documents = [
-        read[one.source] if one.source in read else read_document(one.source)
-        for one in scenarios
-    ]
-    return plan, documents
+    named = {one.source for one in scenarios}
+    read |= {name: read_document(name) for name in named - read.keys()}
+    return plan, [read[one.source] for one in scenarios]
 
 
-def _bound_s(given: str | float | None) -> float | None:
-    return None if given is None else seconds_of(str(given))
+def _chosen(name: str, options: argparse.Namespace, part: ComparePart) -> Chosen:
+    """Return a scenario as the options choose it, else as the plan does."""
+    return Chosen(
+        source=name,
+        of=options.of or part.of or "auto",
+        variant=options.variant or part.variant,
+        assignments=tuple(options.assignments),
+    )
+
+
+def _first(*given: bool | None) -> bool:
+    """Return the first choice that is made."""
+    return next(one for one in given if one is not None)
+
+
+def _bound_s(*given: str | float | None) -> float | None:
+    """Return the first time that is given [s]; None if none is."""
+    first = next((one for one in given if one is not None), None)
+    return None if first is None else seconds_of(str(first))
 
 
 def with_null_hypothesis(solvers: Sequence[Solver]) -> list[Solver]:

@@ -40,20 +40,12 @@ def convergence(
     best = scenario["best_cost"]
     is_gap = is_number(best) and abs(best) > 0
     sense = scenario["sense"]
-    curves = {}
-    for row in scenario["rows"]:
-        if row["history"] is None:
-            continue
-        cost = row["history"]["cost"]
-        told = [
-            [_gap(value, best) if is_gap else shown(value, sense) for value in cost[k]]
-            for k in ("median", "low", "high")
-        ]
-        if not is_gap and sense == -1:  # The band's ends change places with the sign.
-            told[1], told[2] = told[2], told[1]
-        curve = _known(row["history"]["evaluations"], *told)
-        if curve[0]:
-            curves[row["solver"]] = curve
+    curves = {
+        row["solver"]: _curve(row["history"], best if is_gap else None, sense)
+        for row in scenario["rows"]
+        if row["history"] is not None
+    }
+    curves = {solver: curve for solver, curve in curves.items() if curve[0]}
     if not curves:
         return None
     every = [value for curve in curves.values() for part in curve[1:] for value in part]
@@ -139,6 +131,18 @@ def profile(
         f"{content['budget_text']}; bands from resampling (bootstrap). At 1: how often "
         "it is the quickest; far right: how often it gets there at all.",
     )  # fmt: skip
+
+
+def _curve(history: Mapping[str, Any], best: float | None, sense: int) -> Curve:
+    """Return the curve of a history: gaps to the best cost, or costs if it is None."""
+    ends = ("median", "low", "high")
+    if best is None and sense == -1:  # The band's ends change places with the sign.
+        ends = ("median", "high", "low")
+    told = [
+        [shown(v, sense) if best is None else _gap(v, best) for v in history["cost"][k]]
+        for k in ends
+    ]
+    return _known(history["evaluations"], *told)
 
 
 def _curves(  # noqa: PLR0913

@@ -43,10 +43,7 @@ def costs(
         return None
     best = shown(scenario["best_cost"], sense)
     is_far = bool(best) and any(_away(cost, best) > _FAR for cost in every)
-    placed = [
-        [_away(c, best) if is_far and c is not None else c for c in part]
-        for part in found
-    ]
+    placed = [_gaps(part, best) for part in found] if is_far else found
     label = "value (the more, the better)" if sense == -1 else "cost"
     x = svg.axis_over(
         [place for part in placed for place in part], _NAMES, RIGHT - 84,
@@ -65,9 +62,7 @@ def costs(
         caption=f"Verified {'value' if sense == -1 else 'cost'} of each feasible run "
         "(dots, one a seed; their height within a row means nothing), middle half "
         f"(box) and median (bar); right: feasible runs of all. Budget {budget}. "
-        + ("The axis is the gap to the best known, since costs lie far apart; gaps "
-           f"below {FLOOR:g} are drawn there." if is_far
-           else "Dotted: the best known."),
+        f"{_axis_in_words(is_far)}",
         chart="".join(parts), height=round(bottom + 50), levels=levels,
         columns=["solver", "runs", "feasible", "lowest", "quarter", "median",
                  "three quarters", "highest"],
@@ -224,6 +219,21 @@ def claims_by_solver(
         for name, total in totals.items()
         if total[0]
     ]
+
+
+def _gaps(costs: Sequence[float | None], best: float | None) -> list[float | None]:
+    """Return the gaps of costs to the best known; None if there is no cost."""
+    return [None if cost is None else _away(cost, best) for cost in costs]
+
+
+def _axis_in_words(is_far: bool) -> str:
+    """Return what the axis shows."""
+    if not is_far:
+        return "Dotted: the best known."
+    return (
+        "The axis is the gap to the best known, since costs lie far apart; gaps "
+        f"below {FLOOR:g} are drawn there."
+    )
 
 
 def _strip(

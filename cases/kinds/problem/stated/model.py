@@ -8,7 +8,7 @@ stacked. If they are planned one after another, each has a problem of its own, w
 positions of those before it as its last signals.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import casadi as ca
 import numpy as np
@@ -61,20 +61,20 @@ def model_of(
         timed: Whether the time is an input even if no rate depends on it.
     """
     shared = members[0].shared
-    parameters, rates, after = [*shared.parameters.values()], [], []
-    jumps = any(state.next is not None for state in scenario.states.values())
-    for member in members:
-        for name, state in scenario.states.items():
-            rate = member.scopes["rate"].symbol(state.rate or "0")
-            if disturbed and name in scenario.plant.disturbance:
-                parameters.append(ca.SX.sym(f"disturbance_{name}{member.suffix}"))
-                rate += parameters[-1]
-            rates.append(rate)
-            if state.next is not None:
-                after.append(member.scopes["next"].symbol(state.next))
-            elif jumps:
-                after.append(member.states[name])
-    ode, next_state = column_of(rates), column_of(after)
+    pushed = scenario.plant.disturbance if disturbed else ()
+    pushes = {
+        (member.suffix, name): ca.SX.sym(f"disturbance_{name}{member.suffix}")
+        for member in members
+        for name in scenario.states
+        if name in pushed
+    }
+    ode = column_of(
+        member.scopes["rate"].symbol(state.rate or "0")
+        + pushes.get((member.suffix, name), 0)
+        for member in members
+        for name, state in scenario.states.items()
+    )
+    next_state = _next_state(scenario, members)
     equations = _equations(scenario, members)
     changes = ca.vertcat(ode, next_state)
     if equations is not None:
@@ -85,12 +85,25 @@ def model_of(
         controls=column_of(u for member in members for u in member.controls.values()),
         ode=ode,
         next_state=next_state,
-        parameters=column_of(parameters),
+        parameters=column_of([*shared.parameters.values(), *pushes.values()]),
         signals=signals if _uses(changes, signals) else ca.SX(0, 1),
         time=shared.time if timed or _uses(changes, shared.time) else ca.SX(0, 1),
         state_names=tuple(n for m in members for n in m.titled(m.states)),
         control_names=tuple(n for m in members for n in m.titled(m.controls)),
         algebraic=equations,
+    )
+
+
+def _next_state(scenario: ProblemScenario, members: Sequence[Member]) -> ca.SX:
+    """Return the states after an interval's end; empty if none of them jumps."""
+    if all(state.next is None for state in scenario.states.values()):
+        return ca.SX(0, 1)
+    return column_of(
+        member.states[name]
+        if state.next is None
+        else member.scopes["next"].symbol(state.next)
+        for member in members
+        for name, state in scenario.states.items()
     )
 
 
@@ -137,14 +150,11 @@ def planning_problem(
         terminal_constraint(c, member) for member in members for c in scenario.terminal
     ]
     bounds = _bounds(scenario, members)
-    moving = [
-        limit for side in (bounds.controls, bounds.states) for limit in side or ()
-    ]
     used = column_of(
         [
             *costs.values(),
             *(c.expression for c in (*constraints, *terminal)),
-            *(one for side in moving if isinstance(side, list) for one in side),
+            *_moving(bounds),
         ]
     )
     previous = column_of(u for m in members for u in m.previous.values())
@@ -161,12 +171,7 @@ def planning_problem(
         constraints=constraints,
         terminal=terminal,
         start={names: one for m in members for names, one in m.starts().items()},
-        periodic=[
-            f"{name}{member.suffix}"
-            for member in members
-            for name, state in scenario.states.items()
-            if state.periodic
-        ],
+        periodic=_periodic(scenario, members),
         decided=decided_parameters(scenario, first.constants),
         previous=previous if _uses(used, previous) else ca.SX(0, 1),
         signals=column_of([*first.shared.signals.values(), *others]),
@@ -182,6 +187,20 @@ def planning_problem(
         tolerance=grid.tolerance,
         path_tolerance=grid.path_tolerance,
     )
+
+
+def _periodic(scenario: ProblemScenario, members: Sequence[Member]) -> list[str]:
+    """Return the names of the periodic states of all members."""
+    names = [name for name, state in scenario.states.items() if state.periodic]
+    return [f"{name}{member.suffix}" for member in members for name in names]
+
+
+def _moving(bounds: Bounds) -> Iterator[ca.SX]:
+    """Yield the bounds that are expressions."""
+    for pair in (bounds.controls, bounds.states):
+        for side in pair or ():
+            if isinstance(side, list):
+                yield from side
 
 
 def horizon_of(
