@@ -43,6 +43,7 @@ from swarmstart.cases.format.expressions import (
     evaluate,
 )
 from swarmstart.cases.format.registry import SEARCHES
+from swarmstart.cases.format.solver_options import refused
 from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics import (
     Box,
@@ -492,6 +493,8 @@ class Scenario(Part):
 
     def flaws(self) -> Iterator[LocatedFlaw]:
         """Yield errors between parts of the scenario."""
+        for name, what in refused(self.ipopt.options):
+            yield ("ipopt", "options", name), what
         if self.search.name == "none" and self.polish == "none":
             yield ("search",), "expected a search, a polish or both; found neither"
         if isinstance(self.search.algorithm(), Multistart) and self.search.sampling:

@@ -33,6 +33,7 @@ from typing import Any, Literal
 from swarmstart.cases.campaign.trials.peer_names import PEERS
 from swarmstart.cases.format.document import meant, printable
 from swarmstart.cases.format.registry import SEARCHES
+from swarmstart.cases.format.solver_options import reaches_beyond
 from swarmstart.errors import SwarmstartError
 
 IPOPT, SOLVE, MULTISTART = "ipopt", "solve", "multistart-ipopt"
@@ -45,9 +46,6 @@ _NAME = re.compile(r"[A-Za-z0-9_-]+")
 _OPTION = re.compile(r"[A-Za-z][A-Za-z0-9_.-]*")
 _OF_PART = frozenset({"name", "warm_start", "when"})
 """Keys of a scenario's search that do not concern a single plan."""
-_FILES = ("hsllib", "pardisolib", "output_file", "option_file", "jit", "compiler",
-          "dump", "external", "custom_jacobian", "cache")  # fmt: skip
-"""Beginnings of options that name files or run programs, which are refused."""
 LONGEST = 1000
 """Largest number of characters of a name."""
 
@@ -312,8 +310,8 @@ def _nlp_options(plugin: str, options: Mapping[str, str], text: str) -> Options:
     from swarmstart.cases.campaign.trials.silence import silenced
 
     values = {key: _value(value) for key, value in options.items()}
-    for key in values:
-        if any(part.startswith(_FILES) for part in key.split(".")):
+    for key, value in values.items():
+        if reaches_beyond(key, value):
             raise UnknownSolverError(
                 f"expected options that neither name files nor run programs, found "
                 f"{key!r} in {_quoted(text)}"

@@ -121,7 +121,7 @@ def test_a_plant_that_does_not_fit_is_refused() -> None:
 def test_a_plant_with_other_inputs_or_rates_that_are_no_numbers_is_refused() -> None:
     loop = loop_of(ss.Model.from_system(cart()), 0.2)
     two = control.ss(-np.eye(2), np.eye(2), np.eye(2), 0, name="two")
-    with pytest.raises(ss.InvalidSystemError, match="'two' has 2 inputs, the controll"):
+    with pytest.raises(ss.InvalidSystemError, match="'two' has 2 inputs, the"):
         flown(two, loop)
     broken = control.nlsys(
         lambda t, x, u, p: np.full(2, np.nan), None, states=2, inputs=1, name="broken"
