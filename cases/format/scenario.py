@@ -29,7 +29,7 @@ from swarmstart.cases.format.document import (
 )
 from swarmstart.cases.format.expressions import ExpressionError
 from swarmstart.cases.format.overrides import assign, overlay, split_assignment
-from swarmstart.cases.format.registry import KINDS, SEARCHES, words_of
+from swarmstart.cases.format.registry import KINDS, POLISHES, SEARCHES, words_of
 from swarmstart.cases.format.yaml_reader import parse_yaml, read_yaml
 from swarmstart.errors import SwarmstartError
 
@@ -269,7 +269,8 @@ def resolve(
     if search is not None and _value(document, ("search", "name")) != search:
         document = assign(document, "search", f"{{name: {search}}}", name="--search")
     if polish is not None:
-        document = assign(document, "polish", polish, name="--polish")
+        given = polish if polish in POLISHES else f"{{solver: {polish}}}"
+        document = assign(document, "polish", given, name="--polish")
     for text in assignments:
         document = assign(document, *split_assignment(text))
     kind = _kind(document)

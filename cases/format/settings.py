@@ -60,12 +60,14 @@ from swarmstart.ocp import (
     Backend,
     IpoptOptions,
     Multistart,
+    NlpOptions,
     SearchAlgorithm,
     SearchSettings,
     WarmStart,
     When,
     population_of,
 )
+from swarmstart.ocp.nlp import check_solver
 
 if TYPE_CHECKING:
     IntegratorName = str
@@ -303,6 +305,44 @@ class IpoptPart(Part):
         )
 
 
+class PolishPart(Part):
+    """Another NLP solver of CasADi as the polish.
+
+    Attributes:
+        solver: Name of the solver in CasADi, such as sqpmethod.
+        options: Options of the solver by its own names.
+    """
+
+    solver: str = Field(pattern=r"^[a-z][a-z0-9_]{0,40}$")
+    options: dict[str, bool | int | float | str] = Field(default_factory=dict)
+
+    def told(self) -> NlpOptions:
+        """Return the solver with its options."""
+        return NlpOptions(plugin=self.solver, options=self.options)
+
+    def flaws(self) -> Iterator[LocatedFlaw]:
+        """Yield an error if CasADi has no such solver, or it refuses an option."""
+        if self.solver in _NOT_A_POLISH:
+            yield ("solver",), _NOT_A_POLISH[self.solver]
+            return
+        beyond = [(("options", name), what) for name, what in refused(self.options)]
+        yield from beyond
+        if beyond:
+            return
+        try:
+            check_solver(self.told())
+        except SwarmstartError as error:
+            yield ("solver",), f"expected a solver of CasADi: {error}"
+
+
+_NOT_A_POLISH = {
+    "ipopt": "expected polish: ipopt, with its options under ipopt; found a mapping",
+    "fatrop": "expected a solver other than fatrop, which needs the stage structure of "
+    "the problem: without it, as here, it takes up to 100 times as long as IPOPT",
+}
+"""Solvers of CasADi that are no polish by this key -> the reason."""
+
+
 class SearchPart(Part):
     """A search with its settings; see `search_part`.
 
@@ -462,7 +502,8 @@ class Scenario(Part):
         budget: Budget of the search for each planning problem.
         order: Order in which the search ranks feasible and infeasible individuals; null
             means the adaptive epsilon level.
-        polish: Local solver that improves the answer of the search: IPOPT, or none.
+        polish: Local solver that improves the answer of the search: IPOPT, none, or
+            another NLP solver of CasADi with its options.
         ipopt: Options of IPOPT, used if `polish` is ipopt.
         basins: Number of further starting points for the polish: the best distinct
             basins that the search found, besides its best point.
@@ -484,7 +525,7 @@ class Scenario(Part):
     search: AnySearch
     budget: BudgetPart
     order: OrderPart | None = None
-    polish: Literal["none", "ipopt"] = "none"
+    polish: Literal["none", "ipopt"] | PolishPart = "none"
     ipopt: IpoptPart = IpoptPart()
     basins: int = Field(default=0, ge=0, le=10_000)
     lanes: int | None = Field(default=None, ge=0, le=MOST_LANES)
@@ -493,8 +534,7 @@ class Scenario(Part):
 
     def flaws(self) -> Iterator[LocatedFlaw]:
         """Yield errors between parts of the scenario."""
-        for name, what in refused(self.ipopt.options):
-            yield ("ipopt", "options", name), what
+        yield from self._polish_flaws()
         if self.search.name == "none" and self.polish == "none":
             yield ("search",), "expected a search, a polish or both; found neither"
         if isinstance(self.search.algorithm(), Multistart) and self.search.sampling:
@@ -515,6 +555,14 @@ class Scenario(Part):
                 f"found {evaluations}",
             )
 
+    def _polish_flaws(self) -> Iterator[LocatedFlaw]:
+        """Yield errors of the polish and its options."""
+        for name, what in refused(self.ipopt.options):
+            yield ("ipopt", "options", name), what
+        if isinstance(self.polish, PolishPart):
+            for place, wrong in self.polish.flaws():
+                yield ("polish", *place), wrong
+
     def _smallest_generation(self) -> int:
         """Return the size of the search's first generation, in one dimension."""
         part: SearchPart = self.search
@@ -532,9 +580,18 @@ class Scenario(Part):
         """Return the number of random starts that are solved in lanes."""
         return self.lanes or 0
 
-    def polish_options(self) -> IpoptOptions | None:
+    def polish_options(self) -> IpoptOptions | NlpOptions | None:
         """Return the options of the polish for a planner; None if it is `none`."""
+        if isinstance(self.polish, PolishPart):
+            return self.polish.told()
         return self.ipopt.told() if self.polish == "ipopt" else None
+
+    @property
+    def polish_name(self) -> str:
+        """Name of the polish: none, ipopt, or the name of another NLP solver."""
+        return (
+            self.polish.solver if isinstance(self.polish, PolishPart) else self.polish
+        )
 
     def search_settings(self) -> SearchSettings | None:
         """Return the search for a planner; None if it is `none`."""

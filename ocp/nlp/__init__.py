@@ -15,9 +15,7 @@ from swarmstart.ocp.nlp.polish import (
     Polisher,
     is_better,
 )
-from swarmstart.ocp.nlp.polish_options import (
-    PolishOptions,
-)
+from swarmstart.ocp.nlp.polish_options import PolishOptions, check_solver
 from swarmstart.ocp.nlp.start import (
     Start,
 )
@@ -40,6 +38,7 @@ __all__ = [
     "Start",
     "Watch",
     "Work",
+    "check_solver",
     "duals_of",
     "is_better",
     "multipliers_of",

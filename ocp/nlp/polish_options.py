@@ -156,6 +156,23 @@ class NlpOptions:
 PolishOptions = IpoptOptions | NlpOptions
 
 
+def check_solver(options: PolishOptions) -> None:
+    """Make an NLP solver for a small problem, to see whether it takes its options.
+
+    Raises:
+        InvalidProblemError: If it does not; with its own words.
+    """
+    x = ca.MX.sym("x")
+    nlp = {"x": x, "f": x**2, "g": x}
+    try:
+        ca.nlpsol("trial", options.plugin, nlp, options.settings(near=False))
+    except (RuntimeError, NotImplementedError) as error:
+        said = str(error).strip().splitlines()[-1].strip()
+        raise InvalidProblemError(
+            f"{options.plugin} must take its options, it says: {said}"
+        ) from error
+
+
 class PolishStatus(Enum):
     """Status of an NLP solver at its end."""
 

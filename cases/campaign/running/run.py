@@ -177,7 +177,7 @@ class Run:
             "seed": self.seed,
             "key": key_of(self.resolved, self.seed),
             "search": settings["search"]["name"],
-            "polish": settings["polish"],
+            "polish": self.resolved.scenario.polish_name,
             "status": self.status,
             "measures": dict(self.measures),
             "multipliers": told(self.multipliers),

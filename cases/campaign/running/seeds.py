@@ -39,7 +39,7 @@ def seeds_content(
         "variant": resolved.variant,
         "vehicles": _uavs(settings.get("uavs") or []),
         "search": settings["search"]["name"],
-        "polish": settings["polish"],
+        "polish": resolved.scenario.polish_name,
         "command": command,
         "seeds": list(range(len(outcomes))),
         "failures": [outcome.failure for outcome in outcomes],

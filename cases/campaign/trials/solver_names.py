@@ -308,6 +308,7 @@ def _nlp_options(plugin: str, options: Mapping[str, str], text: str) -> Options:
     import casadi as ca
 
     from swarmstart.cases.campaign.trials.silence import silenced
+    from swarmstart.ocp.nlp import check_solver
 
     values = {key: _value(value) for key, value in options.items()}
     for key, value in values.items():
@@ -320,13 +321,11 @@ def _nlp_options(plugin: str, options: Mapping[str, str], text: str) -> Options:
         known = {*ca.nlpsol_options(plugin)}
         _require_known({k.partition(".")[0]: v for k, v in values.items()}, known, text)
     given = _sorted(values)
-    x = ca.MX.sym("x")
     try:
-        settings = polish_of(plugin, dict(given)).settings(near=False)
         with silenced():
-            ca.nlpsol("trial", plugin, {"x": x, "f": x**2, "g": x}, settings)
-    except (RuntimeError, NotImplementedError, SwarmstartError) as error:
-        said = str(error).strip().splitlines()[-1].strip()
+            check_solver(polish_of(plugin, dict(given)))
+    except SwarmstartError as error:
+        said = str(error).rpartition("it says: ")[2]
         raise UnknownSolverError(
             f"expected options that {plugin} takes, found {_quoted(text)}: {said}"
         ) from error

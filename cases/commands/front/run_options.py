@@ -24,7 +24,7 @@ def add_run(run: argparse.ArgumentParser) -> None:
         "scenario)",
     )  # fmt: skip
     run.add_argument(
-        "--polish", choices=[*POLISHES], metavar="NAME",
+        "--polish", metavar="NAME",
         help=f"local solver after the search: {', '.join(POLISHES)} (default: the one "
         "in the scenario)",
     )  # fmt: skip

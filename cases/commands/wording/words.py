@@ -24,6 +24,7 @@ from swarmstart.cases.format.registry import words_of
 SHEET = "a_sheet"
 """Stem of the figure that shows a run on one sheet."""
 LONGEST_TITLE = 100
+_POLISHES = {"none": "no polish", "ipopt": "polish IPOPT"}
 
 
 def sentences(finished: Run) -> list[str]:
@@ -56,7 +57,7 @@ def heading(title: str, name: str) -> str:
 def method(search: str, polish: str, variant: str) -> str:
     """Return how plans are made, in words."""
     parts = ["no search" if search == "none" else f"search {search}"]
-    parts.append({"none": "no polish", "ipopt": "polish IPOPT"}.get(polish, polish))
+    parts.append(_POLISHES.get(polish, f"polish {polish}"))
     if variant:
         parts.append(f"variant {printable(variant)}")
     return ", ".join(parts)
@@ -66,7 +67,9 @@ def _task(finished: Run) -> str:
     """Return what was run, with which solver and seed."""
     resolved, settings = finished.resolved, finished.resolved.settings
     head = heading(resolved.scenario.title, resolved.scenario.name)
-    how = method(settings["search"]["name"], settings["polish"], resolved.variant)
+    how = method(
+        settings["search"]["name"], resolved.scenario.polish_name, resolved.variant
+    )
     return f"{head}: {_what(finished)}; {how}, seed {finished.seed}."
 
 

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from swarmstart.cases.format.expressions import evaluate
-from swarmstart.cases.format.settings import AnySearch, BudgetPart, Scenario
+from swarmstart.cases.format.settings import AnySearch, BudgetPart, PolishPart, Scenario
 from swarmstart.cases.kinds.problem.stated.parts import (
     AlgebraicPart,
     Constraint,
@@ -69,7 +69,7 @@ class UserScenario(Scenario):
     measures: Mapping[Names, Measured] = Field(default_factory=dict)
     search: AnySearch = Field(default={"name": "lshade"}, validate_default=True)
     budget: BudgetPart = BudgetPart(evaluations=EVALUATIONS)
-    polish: Literal["none", "ipopt"] = "ipopt"
+    polish: Literal["none", "ipopt"] | PolishPart = "ipopt"
 
     def random_starts(self) -> int:
         """Return the number of random starts; 64 unless the scenario gives another."""
