@@ -523,7 +523,7 @@ problem = ss.OptimalControlProblem(
     stage_cost=ca.sumsqr(u), bounds=ss.Bounds(controls=(-3.0, 3.0)),
     terminal=[x - ca.vertcat(np.pi, np.pi, 0, 0)], substeps=10,
 )
-import swarmstart.ocp.{module} as module
+import swarmstart.ocp.answer.planner as module
 whole, evaluated = module.{name}, threading.Event()
 def progress(done, of, what):
     if done:
@@ -549,13 +549,10 @@ except KeyboardInterrupt as stopped:
 
 
 @pytest.mark.parametrize(
-    ("module", "name", "budget"),
-    [("planner", "searched", 10_000_000), ("planner", "polish_basins", 1000)],
+    ("name", "budget"), [("searched", 10_000_000), ("polish_basins", 1000)]
 )
-def test_ctrl_c_ends_a_solve_with_the_best_so_far(
-    module: str, name: str, budget: int
-) -> None:
-    program = INTERRUPTED.format(module=module, name=name, budget=budget)
+def test_ctrl_c_ends_a_solve_with_the_best_so_far(name: str, budget: int) -> None:
+    program = INTERRUPTED.format(name=name, budget=budget)
     done = subprocess.run(
         [sys.executable, "-c", program],
         capture_output=True,

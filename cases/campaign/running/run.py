@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from swarmstart.cases.campaign.running.claims import judged
 from swarmstart.cases.campaign.running.planned_once import bound_of, planned_once
-from swarmstart.cases.campaign.running.run_status import status_of
+from swarmstart.cases.campaign.running.run_status import RunStatus, status_of
 from swarmstart.cases.format.kind import Flight, Measure, Posed, SeveralPlansError
 from swarmstart.cases.format.scenario import Resolved
 from swarmstart.cases.kinds.flight import flight_of
@@ -131,6 +131,7 @@ class Run:
         claims: All claims of the scenario, judged if this run can judge them.
         status: One sentence on how it ended.
         feasible: Whether at least one planned step found a feasible plan.
+        ended: The same with its parts.
         wall_s: Wall time of building, simulating and measuring, without that of
             compiling and of an earlier, interrupted run [s].
         compile_s: Wall time of loading and compiling machine code [s].
@@ -152,6 +153,7 @@ class Run:
     claims: list[dict[str, Any]]
     status: str
     feasible: bool
+    ended: RunStatus
     wall_s: float = 0.0
     compile_s: float = 0.0
     folder: Path | None = None
@@ -432,7 +434,7 @@ def _measured(
     """Return a run with its measures and judged claims."""
     scenario = resolved.scenario
     measures = resolved.kind.measure(scenario, flight, trajectory)
-    status, feasible = status_of(flight, trajectory)
+    ended = status_of(flight, trajectory)
     return Run(
         resolved=resolved,
         seed=seed,
@@ -446,8 +448,9 @@ def _measured(
             variant=resolved.variant,
             undefined=resolved.kind.undefined_of(scenario),
         ),
-        status=status,
-        feasible=feasible,
+        status=ended.sentence,
+        feasible=ended.is_usable,
+        ended=ended,
     )
 
 

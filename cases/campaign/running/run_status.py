@@ -2,45 +2,83 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from swarmstart.cases.format.kind import Flight, Posed
 from swarmstart.cases.record.trajectory_arrays import found_plans, planned
-from swarmstart.ocp import DualMode, Trajectory
+from swarmstart.ocp import DualMode, SolutionStatus, Trajectory
 
 
-def status_of(flight: Flight[Posed], trajectory: Trajectory) -> tuple[str, bool]:
-    """Return one sentence on a run, and whether any of its plans can be used."""
-    said, is_usable = _status_of_plans(flight, trajectory)
-    controller = flight.controller
-    if isinstance(controller, DualMode) and controller.uncertified:
-        said += "; the linear law's terminal sets are not certified"
-    return said, is_usable
+class RunStatus(NamedTuple):
+    """The end of a run.
 
-
-def _status_of_plans(flight: Flight[Posed], trajectory: Trajectory) -> tuple[str, bool]:
-    """Return one sentence on the plans of a run, and whether any can be used.
-
-    One plan that is followed to its end must be confirmed along its path.
+    Attributes:
+        sentence: One sentence on it.
+        is_usable: Whether any of its plans can be used.
+        plan: Status of the one plan that was followed to its end; None of other runs.
+        found: What was found, in words: how many planned steps found a feasible plan,
+            or what the one plan is.
+        more: What follows those words; empty or beginning with a comma or semicolon.
+        all_found: Whether every plan is feasible.
     """
+
+    sentence: str
+    is_usable: bool
+    plan: SolutionStatus | None
+    found: str
+    more: str
+    all_found: bool
+
+
+def status_of(flight: Flight[Posed], trajectory: Trajectory) -> RunStatus:
+    """Return how a run ended."""
+    controller = flight.controller
+    unproven = ""
+    if isinstance(controller, DualMode) and controller.uncertified:
+        unproven = "; the linear law's terminal sets are not certified"
     if flight.posed.open_loop:
-        answer = flight.answer(trajectory)
-        said = f"simulated to the end; the plan is {answer.status.value}"
-        if flight.posed.plant.differs:
-            said += ", for the model it was made with: the simulated system is another"
-        if answer.status.is_confirmed:
-            return said, True
-        return f"{said}: {answer.reason}; {answer.advice}", False
+        return _of_one_plan(flight, trajectory, unproven)
     found = [found_plans(d) for d in trajectory.decisions if planned(d)]
     infeasible, linear = found.count(False), len(trajectory.decisions) - len(found)
+    more = _searched(trajectory) + unproven
     if not infeasible:
-        law = f", {linear} steps under the linear law" if linear else ""
-        said = "simulated to the end; every planned step found a feasible plan"
-        return said + law + _searched(trajectory), True
-    if infeasible == len(found):
-        return "simulated to the end; no step found a feasible plan", False
-    return (
-        f"simulated to the end; {infeasible} of {len(found)} planned steps found no "
-        f"feasible plan{_searched(trajectory)}",
-        True,
+        more = (f", {linear} steps under the linear law" if linear else "") + more
+        said = "every planned step found a feasible plan"
+    elif infeasible == len(found):
+        more = unproven
+        said = "no step found a feasible plan"
+    else:
+        said = f"{infeasible} of {len(found)} planned steps found no feasible plan"
+    return RunStatus(
+        f"simulated to the end; {said}{more}",
+        infeasible < len(found) or not infeasible,
+        plan=None,
+        found=said,
+        more=more,
+        all_found=not infeasible,
+    )
+
+
+def _of_one_plan(
+    flight: Flight[Posed], trajectory: Trajectory, unproven: str
+) -> RunStatus:
+    """Return the status of a plan followed to its end, confirmed along its path."""
+    answer = flight.answer(trajectory)
+    is_confirmed = answer.status.is_confirmed
+    said = f"the plan is {answer.status.value}"
+    more = ""
+    if flight.posed.plant.differs:
+        more = ", for the model it was made with: the simulated system is another"
+    if not is_confirmed:
+        more += f": {answer.reason}; {answer.advice}"
+    more += unproven
+    return RunStatus(
+        f"simulated to the end; {said}{more}",
+        is_confirmed,
+        plan=answer.status,
+        found=said,
+        more=more,
+        all_found=is_confirmed,
     )
 
 

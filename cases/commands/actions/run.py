@@ -26,9 +26,8 @@ from swarmstart.cases.commands.terminal.output import (
 )
 from swarmstart.cases.commands.terminal.progress import Progress
 from swarmstart.cases.commands.wording.claim_lines import claim_table, short_claims
-from swarmstart.cases.commands.wording.collisions import qualified
 from swarmstart.cases.commands.wording.measure_lines import measure_lines
-from swarmstart.cases.commands.wording.outcomes import breaks_constraint
+from swarmstart.cases.commands.wording.outcomes import told_status
 from swarmstart.cases.commands.wording.words import extras, sentences
 from swarmstart.cases.format.document import printable
 from swarmstart.cases.format.duration import seconds_of
@@ -156,9 +155,7 @@ def _report(finished: Run, *, measures: bool) -> str:
 def _search_lines(finished: Run) -> list[str]:
     """Return what the search and the starts of the first plan led to."""
     sense = finished.flight.posed.agents[0].problem.sense
-    is_broken = breaks_constraint(finished)
-    status = qualified(finished.status) if is_broken else finished.status
-    lines = [status, *finished.search_report.lines(sense)]
+    lines = [told_status(finished), *finished.search_report.lines(sense)]
     if finished.starts is not None:
         lines += finished.starts.lines(sense)
     return lines

@@ -15,8 +15,8 @@ from swarmstart.ocp import Mode
 
 Array = NDArray[np.float64]
 
-FEASIBLE = ("every planned step found a feasible plan", "the plan is feasible")
-BUT_BROKEN = "but the simulated path breaks a constraint"
+BUT_BROKEN = ", but the simulated path breaks a constraint"
+"""Follows words on feasible plans, so that they do not hide what is broken."""
 
 
 def collisions(finished: Run) -> list[str]:
@@ -25,19 +25,6 @@ def collisions(finished: Run) -> list[str]:
     Each of them is left out if nothing is broken.
     """
     return [*_inside_obstacle(finished), *_too_close(finished)]
-
-
-def qualified(said: str) -> str:
-    """Return a sentence on feasible plans that does not hide a broken constraint.
-
-    Example:
-        >>> qualified("the plan is feasible")
-        'the plan is feasible, but the simulated path breaks a constraint'
-    """
-    for words in FEASIBLE:
-        if words in said:
-            return said.replace(words, f"{words}, {BUT_BROKEN}", 1)
-    return said
 
 
 def closest_time(finished: Run) -> float:

@@ -7,9 +7,9 @@ import numpy as np
 
 from swarmstart.cases.campaign.running.run import Run
 from swarmstart.cases.commands.wording.collisions import (
+    BUT_BROKEN,
     closest_time,
     collisions,
-    qualified,
     safe_distance,
 )
 from swarmstart.cases.commands.wording.excess import time_of_excess
@@ -47,17 +47,9 @@ def kept_constraints(finished: Run) -> str:
     return f"{said[:1].upper()}{said[1:]}."
 
 
-def status_of_plan(finished: Run) -> SolutionStatus | None:
-    """Return the status of the one plan of an open loop; None of a closed loop."""
-    if not finished.flight.posed.open_loop:
-        return None
-    found = [one for one in SolutionStatus if one.value in finished.status]
-    return found[0] if found else None
-
-
 def _of_problem(finished: Run) -> str:
     """Return the cost, with what it is worth, of a problem of any system."""
-    measures, status = finished.measures, status_of_plan(finished)
+    measures, status = finished.measures, finished.ended.plan
     settled = _own_settling(finished)
     if status is not None:
         cost = _cost(finished, "cost")
@@ -101,7 +93,7 @@ def _own_settling(finished: Run) -> str:
 
 def _constraints(finished: Run) -> str:
     """Return whether path and terminal constraints are kept, else by how much not."""
-    measures, status = finished.measures, status_of_plan(finished)
+    measures, status = finished.measures, finished.ended.plan
     along = number_of(measures.get("constraint_excess"))
     missed = number_of(measures.get("terminal_excess"))
     at_end = missed if status is not None else 0.0
@@ -172,21 +164,29 @@ def _against(near: float, safe: float | None) -> str:
 
 def _feasible_plans(finished: Run) -> str:
     """Return whether all plans are feasible."""
-    status = status_of_plan(finished)
+    status = finished.ended.plan
     if status is None:
         return _plans_in_words(finished)
-    said = "the plan is feasible" if status.is_confirmed else ""
-    return qualified(said) if breaks_constraint(finished) else said
+    broken = BUT_BROKEN if breaks_constraint(finished) else ""
+    return f"the plan is feasible{broken}" if status.is_confirmed else ""
 
 
 def _plans_in_words(finished: Run) -> str:
     """Return how many steps found a feasible plan."""
+    ended = finished.ended
+    broken = BUT_BROKEN if breaks_constraint(finished) else ""
     if len(finished.trajectory.decisions) == 1:
-        said = "the plan is feasible" if finished.feasible else "no plan is feasible"
-    else:
-        status = printable(finished.status)
-        said = status.partition("; ")[2] or status
-    return qualified(said) if breaks_constraint(finished) else said
+        is_feasible = finished.feasible
+        return f"the plan is feasible{broken}" if is_feasible else "no plan is feasible"
+    return f"{ended.found}{broken if ended.all_found else ''}{ended.more}"
+
+
+def told_status(finished: Run) -> str:
+    """Return the sentence on how a run ended, which hides no broken constraint."""
+    ended = finished.ended
+    if not (ended.all_found and breaks_constraint(finished)):
+        return finished.status
+    return f"simulated to the end; {ended.found}{BUT_BROKEN}{ended.more}"
 
 
 def breaks_constraint(finished: Run) -> bool:

@@ -7,7 +7,8 @@ from dataclasses import replace
 import pytest
 
 from swarmstart.cases.campaign.running.run import Run, run
-from swarmstart.cases.commands.wording.collisions import collisions, qualified
+from swarmstart.cases.commands.wording.collisions import collisions
+from swarmstart.cases.commands.wording.outcomes import told_status
 from swarmstart.cases.commands.wording.words import sentences
 from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.ocp import Mode
@@ -44,9 +45,15 @@ def test_a_flight_that_keeps_everything_has_no_such_line(entered: Run) -> None:
     assert "but the simulated path" not in "".join(sentences(done))
 
 
-def test_feasible_plans_never_hide_a_broken_constraint() -> None:
-    said = "every planned step found a feasible plan, 3 steps under the linear law"
-    assert qualified(said).startswith(
-        "every planned step found a feasible plan, but the simulated path breaks a "
+def test_feasible_plans_never_hide_a_broken_constraint(entered: Run) -> None:
+    all_found = entered.ended._replace(
+        found="every planned step found a feasible plan",
+        more=", 3 steps under the linear law",
+        all_found=True,
     )
-    assert qualified("no plan is feasible") == "no plan is feasible"
+    assert told_status(replace(entered, ended=all_found)) == (
+        "simulated to the end; every planned step found a feasible plan, but the "
+        "simulated path breaks a constraint, 3 steps under the linear law"
+    )
+    none_found = all_found._replace(all_found=False)
+    assert told_status(replace(entered, ended=none_found)) == entered.status
