@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics import (
     Algorithm,
     Box,
@@ -17,8 +17,6 @@ from swarmstart.heuristics import (
     StopReason,
     minimize,
 )
-
-Array = NDArray[np.float64]
 
 
 class Row(NamedTuple):

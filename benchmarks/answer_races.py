@@ -10,12 +10,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.benchmarks.answer_runs import Run
 from swarmstart.benchmarks.shipped_problems import WITHIN
-
-Array = NDArray[np.float64]
 
 SURE = 0.95
 SELDOM = 0.3

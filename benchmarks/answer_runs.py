@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.cases.kinds.flight import first_problem
 from swarmstart.ocp import (
@@ -33,7 +33,6 @@ from swarmstart.ocp.lanes.solver import random_starts
 from swarmstart.ocp.rollout.fitness import started
 from swarmstart.ocp.statement.guess import middle_controls
 
-Array = NDArray[np.float64]
 T = TypeVar("T")
 What = Literal[
     "first", "answer", "repaired", "zero", "middle", "guess", "cold", "ipopt"

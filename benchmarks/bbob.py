@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from swarmstart.arrays import Array
 from swarmstart.benchmarks.anchors import (
-    Array,
     Row,
     cube,
     expected_running_time,

@@ -5,8 +5,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from swarmstart.arrays import Array
 from swarmstart.benchmarks.anchors import (
-    Array,
     Row,
     cube,
     no_violation,

@@ -17,16 +17,14 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import Bounds
 from scipy.optimize import minimize as descend
 from scipy.stats import rankdata
 
+from swarmstart.arrays import Array
 from swarmstart.benchmarks.anchors import PeerMissingError, cube, peer
 from swarmstart.benchmarks.tables import head, page_options, publish, row
 from swarmstart.heuristics import Initial, minimize
-
-Array = NDArray[np.float64]
 
 DIMENSIONS, BUDGETS = (10, 30), (2_000, 5_000, 20_000)
 FUNCTIONS = (1, *range(3, 31))

@@ -5,13 +5,11 @@ from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import erf
 
+from swarmstart.arrays import Array
 from swarmstart.benchmarks.timing import Timing, timings
 from swarmstart.ocp import compile_batch
-
-Array = NDArray[np.float64]
 
 VALUES = 1000
 OURS, NUMPY = "ours, prepared", "NumPy"

@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.campaign.engine.cells import Cell, Outcome
 from swarmstart.cases.campaign.judging.content import content_of
 from swarmstart.cases.campaign.judging.entry import Entry
@@ -27,7 +27,6 @@ from swarmstart.cases.campaign.judging.regression import regression
 from swarmstart.cases.campaign.judging.runs import About, Asked
 from swarmstart.cases.campaign.trials.solvers import solver_of
 
-Array = NDArray[np.float64]
 SPREAD = 0.2
 EVALUATIONS = {"evaluations": 4000}
 CLAIMS = (r"^(cheaper|costlier|faster|slower)\b", r": in (more|fewer) seeds")

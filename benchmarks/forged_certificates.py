@@ -25,16 +25,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from swarmstart.arrays import Array
 from swarmstart.benchmarks.forgeries import Content, forgery
 from swarmstart.benchmarks.terminal_set_systems import SYSTEMS
 from swarmstart.benchmarks.terminal_sets import TOLERANCE, RightHandSide, certified
 from swarmstart.terminal_set import certificate_text
 from swarmstart.terminal_set.check import main as check
-
-Array = NDArray[np.float64]
 
 FORGED = (
     "pendulum", "pendulum, held 0.1 s", "tank", "van der Pol, reversed",

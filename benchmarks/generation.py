@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.benchmarks.tables import head, page_options, publish, row
 from swarmstart.benchmarks.timing import timings
 from swarmstart.heuristics import (
@@ -31,8 +31,6 @@ from swarmstart.heuristics.running.stopping import UNLIMITED, Limits
 from swarmstart.heuristics.searches.jde import TAU_1, TAU_2
 from swarmstart.heuristics.searches.success_history import FIRST_MEMORY, SPREAD
 from swarmstart.machine_code.numba_kernels import kernel
-
-Array = NDArray[np.float64]
 
 carray = numba.carray  # type: ignore[attr-defined]
 

@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swarmstart.benchmarks.tables import head, page_options, publish, row
 from swarmstart.cases.format.kind import PlanningProblem
@@ -25,7 +24,6 @@ from swarmstart.ocp.nlp.polish import polish_basins
 from swarmstart.ocp.search.search_space import space_of
 from swarmstart.ocp.search.settings import search_settings, traded_order
 
-Array = NDArray[np.float64]
 SCENARIOS = (
     "four_discs", "pendulum_on_cart", "passing_side", "two_reaction_reactor",
     "lynx_and_hares", "swap_5",

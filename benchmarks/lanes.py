@@ -17,8 +17,9 @@ import casadi as ca
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from swarmstart.arrays import Array
 from swarmstart.benchmarks.kept_values import PROBLEMS
 from swarmstart.benchmarks.problems import Instance, passing
 from swarmstart.benchmarks.tables import head, page_options, publish, row
@@ -38,7 +39,6 @@ from swarmstart.ocp.lanes.optima import FEASIBLE, distinct_optima, unseen_share
 from swarmstart.ocp.lanes.solver import LaneSolver, NoLanesError, random_starts
 from swarmstart.ocp.rollout.fitness import started
 
-Array = NDArray[np.float64]
 SAME = 1e-4
 """Relative distance of costs that count as one optimum for both."""
 ITERATIONS = 500

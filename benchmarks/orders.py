@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from swarmstart.arrays import Array
 from swarmstart.benchmarks.anchors import peer
 from swarmstart.benchmarks.cec import constrained_objective
 from swarmstart.benchmarks.planning import marks
@@ -35,7 +36,6 @@ from swarmstart.heuristics import (
     minimize,
     static_penalty,
 )
-from swarmstart.machine_code.numba_kernels import Array
 
 INEQUALITIES: Mapping[int, float] = {
     1: -15.0,

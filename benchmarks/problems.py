@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.cases.kinds.close_formation import pose as close_formation
 from swarmstart.cases.kinds.close_formation.scenario import CloseFormationScenario
@@ -38,8 +38,6 @@ from swarmstart.ocp import (
 )
 from swarmstart.ocp.rollout.fitness import Known
 from swarmstart.terminal_set import hold, linearise, sampled_lqr
-
-Array = NDArray[np.float64]
 
 UAVS = 5
 STEPS = 8

@@ -22,10 +22,10 @@ import casadi as ca
 import control
 import control.optimal
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 import swarmstart as ss
+from swarmstart.arrays import Array
 from swarmstart.benchmarks.tables import head, page_options, publish, row
 from swarmstart.cases.campaign.trials.building import Trial
 from swarmstart.cases.campaign.trials.solver_names import solver_of
@@ -34,7 +34,6 @@ from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.cases.kinds.flight import first_problem
 from swarmstart.ocp import right_hand_side
 
-Array = NDArray[np.float64]
 SHIPPED = ("double_integrator", "van_der_pol", "pendulum")
 SOLVERS = ("python-control", "python-control[maxiter=1000]", "ipopt", "solve")
 BUDGET_S = 120.0

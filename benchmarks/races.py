@@ -9,8 +9,8 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.benchmarks import rivals
 from swarmstart.benchmarks.problems import Instance
 from swarmstart.benchmarks.rivals import Contestant
@@ -18,8 +18,6 @@ from swarmstart.benchmarks.timing import Timing, timings
 from swarmstart.ocp.compiled.engine import SIGNATURE
 from swarmstart.ocp.compiled.vectors.vector_ir import Precision
 from swarmstart.ocp.rollout.fitness import Fitness
-
-Array = NDArray[np.float64]
 
 
 def prepared(

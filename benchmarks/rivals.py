@@ -19,13 +19,11 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.benchmarks.problems import DISTANCE, SLOTS, SPEED, STEPS, UAVS, Instance
 from swarmstart.ocp.rollout.fitness import shared_arguments
 from swarmstart.ocp.rollout.shooting import Shooting
-
-Array = NDArray[np.float64]
 
 SIGNATURE = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64)
 OPTIONS = ("-O3", "-march=native", "-ffp-contract=fast", "-fno-math-errno")

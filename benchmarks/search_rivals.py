@@ -11,15 +11,13 @@ from importlib.util import find_spec
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import differential_evolution
 
+from swarmstart.arrays import Array
 from swarmstart.benchmarks.problems import Instance
 from swarmstart.heuristics import DifferentialEvolution
 from swarmstart.ocp.rollout.fitness import Objective, shared_arguments
 from swarmstart.ocp.rollout.shooting import Shooting
-
-Array = NDArray[np.float64]
 
 WEIGHT = 1e4
 """Cost of a unit of violation."""

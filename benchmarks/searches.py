@@ -8,9 +8,9 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swarmstart import heuristics
+from swarmstart.arrays import Array
 from swarmstart.benchmarks.generation import (
     Draws,
     Shape,
@@ -45,8 +45,6 @@ from swarmstart.heuristics import (
 from swarmstart.ocp import Plan, Planner, SearchSettings
 from swarmstart.ocp.nlp.polish_options import IpoptOptions, PolishStatus
 from swarmstart.ocp.rollout.fitness import Fitness, Known, Objective
-
-Array = NDArray[np.float64]
 
 SCENARIO = "formation_v"
 OURS = "ours"

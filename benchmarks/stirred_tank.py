@@ -14,8 +14,8 @@ from textwrap import wrap
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.benchmarks.tables import (
     Bar,
     bar_table,
@@ -51,7 +51,6 @@ from swarmstart.ocp import (
 )
 from swarmstart.ocp.loop.closed_loop import Step, fly
 
-Array = NDArray[np.float64]
 PEER_COST = 0.0143020
 """Cost of do-mpc 5.1.2 in 50 steps on the nominal plant, measured here."""
 OURS, THEIRS = "IPOPT", "do-mpc"

@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.optimize import differential_evolution
 
-from swarmstart.benchmarks.anchors import Array, Row, cube, no_violation, within
+from swarmstart.arrays import Array
+from swarmstart.benchmarks.anchors import Row, cube, no_violation, within
 from swarmstart.heuristics import (
     Box,
     Budget,

@@ -15,8 +15,8 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.benchmarks.tables import head, page_options, publish, row
 from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.cases.kinds.flight import flight_of
@@ -27,7 +27,6 @@ from swarmstart.ocp import Fitness, IpoptOptions, Known, Polisher, zero_controls
 from swarmstart.ocp.nlp.start import Start
 from swarmstart.ocp.search.search_space import FamilySpace
 
-Array = NDArray[np.float64]
 NOISES_M = (1e-3, 1.0)
 BEST = {"swap_5": 0.390, "swap_8": 1.51}
 SEEDS = {"swap_5": 10, "swap_8": 5}

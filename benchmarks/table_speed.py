@@ -9,8 +9,8 @@ from typing import Literal, NamedTuple
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.benchmarks.tables import (
     Bar,
     bar_table,
@@ -30,7 +30,6 @@ from swarmstart.ocp import (
     table,
 )
 
-Array = NDArray[np.float64]
 Method = Literal["linear", "bspline"]
 Contestants = dict[str, Callable[[], object]]
 POPULATION = 1000

@@ -19,11 +19,9 @@ from itertools import product
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from swarmstart.ocp import Bounds, Model, OptimalControlProblem
 
-Array = NDArray[np.float64]
 HOUR = 3600.0
 INTERVAL = 0.005
 """Length of a control interval [h]."""

@@ -11,8 +11,8 @@ from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.benchmarks.tank import (
     BEFORE,
     CONTROL_LIMITS,
@@ -30,8 +30,6 @@ from swarmstart.benchmarks.tank import (
     rates,
 )
 from swarmstart.ocp import Decision
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

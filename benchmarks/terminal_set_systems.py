@@ -12,14 +12,13 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import fsolve
 
+from swarmstart.arrays import Array
 from swarmstart.cases.kinds.models.close_formation import Wingman, close_formation
 from swarmstart.ocp import right_hand_side
 from swarmstart.terminal_set import Reference, TerminalSet, Weights
 
-Array = NDArray[np.float64]
 FREE = 1e3
 """Bounds that no proven set reaches, so that the decrease limits the level."""
 

@@ -12,9 +12,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from swarmstart.arrays import Array
 from swarmstart.benchmarks.tables import head, page_options, publish, row
 from swarmstart.benchmarks.terminal_set_systems import SYSTEMS, System
 from swarmstart.terminal_set import (
@@ -26,8 +26,6 @@ from swarmstart.terminal_set import (
     continuous_terminal_set,
 )
 from swarmstart.terminal_set.interval_arithmetic.tape import tape_of
-
-Array = NDArray[np.float64]
 
 TOLERANCE = 1e-10
 BLOCK = 50_000

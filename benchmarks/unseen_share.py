@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.benchmarks.lanes import of_instance, shipped
 from swarmstart.benchmarks.problems import passing
 from swarmstart.benchmarks.tables import (
@@ -39,8 +40,6 @@ from swarmstart.ocp.lanes.optima import (
     unseen_share,
 )
 from swarmstart.ocp.lanes.solver import LaneSolver, random_starts
-
-Array = NDArray[np.float64]
 
 ASKED = ("four_discs", "pendulum_on_cart", "lynx_and_hares")
 CONTROLS = ("goddard_rocket", "two_stage_launch", "passing")

@@ -8,12 +8,11 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import beta
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.lanes.optima import unseen_share
 
-Array = NDArray[np.float64]
 Way = Callable[[Sequence[int]], float]
 
 _SURE, _TWO_SIDED = 1.6449, 1.96

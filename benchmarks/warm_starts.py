@@ -13,12 +13,11 @@ from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 import swarmstart as ss
+from swarmstart.arrays import Array
 from swarmstart.ocp.nlp.polish import Polisher
 
-Array = NDArray[np.float64]
 Grid = dict[str, Any]
 Problem = ss.OptimalControlProblem
 Pose = Callable[[int, float], tuple[Problem, list[float]]]

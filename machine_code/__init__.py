@@ -28,7 +28,6 @@ if TYPE_CHECKING:  # Loaded when first used: kernels need Numba, the clock does 
         sources as sources,
     )
     from swarmstart.machine_code.numba_kernels import (
-        Array as Array,
         Count as Count,
         address_of as address_of,
         call_at as call_at,
@@ -46,7 +45,7 @@ _NAMES = {
     "compile_time": "Stopwatch compiling held_while_compiling stopwatch",
     "fingerprints": "source sources",
     "numba_kernels": """
-        Array Count address_of call_at free_kernel ieee_kernel is_kept kernel prepare
+        Count address_of call_at free_kernel ieee_kernel is_kept kernel prepare
     """,
 }
 _HOMES = {name: home for home, names in _NAMES.items() for name in names.split()}

@@ -44,7 +44,6 @@ from swarmstart.machine_code.fingerprints import (
     fingerprint,
 )
 
-Array = NDArray[np.float64]
 Count = NDArray[np.int64]
 
 Function = TypeVar("Function", bound=Callable[..., object])

@@ -15,15 +15,14 @@ import matplotlib
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.benchmarks.lower_bounds.problems import NAMED
 from swarmstart.ocp import solve
 from swarmstart.ocp.lower_bound.basis import values_of
 from swarmstart.ocp.lower_bound.bounding import lower_bound
 from swarmstart.ocp.lower_bound.stated.evidence import Evidence
 
-Array = NDArray[np.float64]
 PAGE = Path(__file__).parents[2] / "docs" / "lower_bounds.png"
 
 

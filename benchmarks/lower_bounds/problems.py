@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.cases.kinds.flight import first_problem
 from swarmstart.ocp import (
@@ -25,7 +25,6 @@ from swarmstart.ocp import (
 )
 from swarmstart.ocp.rollout.fitness import NOTHING
 
-Array = NDArray[np.float64]
 GOAL = (1.5, 1.0)
 DISC = ((0.75, 0.5), 0.7)
 """Centre and radius of the disc between the unicycle and its goal."""

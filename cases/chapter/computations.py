@@ -11,7 +11,6 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from swarmstart.cases.chapter.markov_chain import GridDE, absorption, build_chain
 from swarmstart.cases.format.scenario import read_document, resolve
@@ -27,8 +26,6 @@ from swarmstart.terminal_set import (
     input_excess,
     level_from_inputs,
 )
-
-Array = NDArray[np.float64]
 
 TRAP = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 0.0])
 """Costs of six points: they decrease away from the optimum, which is the last."""

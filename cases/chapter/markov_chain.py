@@ -40,9 +40,10 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics.laws import require, require_name, require_size
 from swarmstart.heuristics.searches import F_MAX
-from swarmstart.machine_code import Array, Count
+from swarmstart.machine_code import Count
 
 Mask = NDArray[np.bool_]
 GridBoundHandling = Literal["clip", "reject"]

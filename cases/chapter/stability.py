@@ -46,11 +46,11 @@ leader straight, the differences are others, and the closed loop has no linearis
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from swarmstart.arrays import Array
 from swarmstart.ocp import InvalidProblemError
 
-Array = NDArray[np.float64]
 WEIGHTS = 4
 
 

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.drawing.drawing import arrowhead, colour
 from swarmstart.cases.drawing.series import escaped
 from swarmstart.cases.drawing.tracks import Scene, inside_discs
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from matplotlib.lines import Line2D
     from PIL.Image import Image
 
-Array = NDArray[np.float64]
 
 WRITERS = {".gif": ("pillow", "Pillow"), ".mp4": ("ffmpeg", "the program ffmpeg")}
 FRAMES_PER_S = 12.5

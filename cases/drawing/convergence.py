@@ -3,8 +3,8 @@
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.drawing.drawing import COLOURS
 from swarmstart.cases.drawing.panels import Labels
 from swarmstart.cases.drawing.series import make_logarithmic
@@ -13,7 +13,6 @@ from swarmstart.ocp import Plan
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Array = NDArray[np.float64]
 
 FAR = 1e6
 """Times the plan's cost from which on a cost of the search is left out."""

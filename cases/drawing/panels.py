@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.drawing.drawing import MOST_NAMED, colour, new_figure
 from swarmstart.cases.drawing.series import draw_series, escaped, name_lines
 from swarmstart.ocp import OptimalControlProblem
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, FigureBase
 
-Array = NDArray[np.float64]
 
 MOST_PANELS = 24
 """Panels of one kind in a figure; a sentence says that there are more."""

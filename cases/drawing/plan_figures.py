@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.drawing.drawing import (
     MOST_NAMED,
     colour,
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
 KnownOf = Callable[[int, int], Known]
 """(number of a step, of a problem) -> parameters and signals of the plan made there."""
 

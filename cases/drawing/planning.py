@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.drawing.drawing import COLOURS, MOST_NAMED
 from swarmstart.cases.drawing.series import escaped, make_logarithmic
 from swarmstart.cases.record.trajectory_arrays import new_plans
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import FigureBase
 
-Array = NDArray[np.float64]
 Codes = NDArray[np.intp]
 
 

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swarmstart.cases.drawing.convergence import (
     draw_convergence,
@@ -53,7 +52,6 @@ from swarmstart.ocp import OptimalControlProblem, Solution, Trajectory
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, FigureBase
 
-Array = NDArray[np.float64]
 
 _PLANE = 2
 """States of a phase plane."""

@@ -4,8 +4,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.drawing.drawing import (
     COLOURS,
     MOST_NAMED,
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import FigureBase
 
-Array = NDArray[np.float64]
 
 _WIDTH, _STEP, _WIDEST = 1.3, 0.6, 4
 """Width of lines [points]; of the first few held ones, which may coincide, more."""

@@ -5,8 +5,8 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.drawing.drawing import MOST_NAMED, new_figure
 from swarmstart.cases.drawing.panels import (
     Labels,
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, FigureBase, SubFigure
 
-Array = NDArray[np.float64]
 
 SHEET = (12.0, 8.8)
 """Size of a sheet of two rows [inches]."""

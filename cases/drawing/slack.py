@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.record.trajectory_arrays import (
     control_rows,
     held_controls,
@@ -31,7 +32,6 @@ from swarmstart.ocp.rollout import (
 )
 from swarmstart.ocp.statement import Lowered
 
-Array = NDArray[np.float64]
 KnownAt = Callable[[int], Known]
 """Number of a step -> parameters and signals of the plan made there."""
 

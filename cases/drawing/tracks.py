@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.drawing.drawing import (
     COLOURS,
     MOST_NAMED,
@@ -19,7 +20,6 @@ from swarmstart.cases.drawing.series import escaped
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Array = NDArray[np.float64]
 
 MOST_MARKS = 8
 """Marks of time on a track."""

@@ -6,9 +6,7 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any, Generic, NamedTuple, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
+from swarmstart.arrays import Array
 from swarmstart.cases.format.document import printable
 from swarmstart.cases.format.settings import LocatedFlaw, Scenario
 from swarmstart.errors import SwarmstartError
@@ -31,7 +29,6 @@ from swarmstart.ocp.loop import ReferenceSignals
 from swarmstart.ocp.statement import Appended
 from swarmstart.terminal_set import TerminalSet
 
-Array = NDArray[np.float64]
 Measure = float | int | list[float | None] | None
 NEVER = "never"
 """Reason of an undefined time: its event never comes, so it exceeds every bound."""

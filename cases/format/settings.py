@@ -21,7 +21,6 @@ from typing import (
 )
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import (
     BaseModel,
     BeforeValidator,
@@ -36,6 +35,7 @@ from pydantic import (
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
+from swarmstart.arrays import Array
 from swarmstart.cases.format.descriptions import attributes_of, summary_of
 from swarmstart.cases.format.expressions import (
     CONSTANTS,
@@ -73,7 +73,6 @@ if TYPE_CHECKING:
     IntegratorName = str
 else:  # Read here, so that integrators registered before are known.
     IntegratorName = Literal[tuple(INTEGRATORS)]
-Array = NDArray[np.float64]
 LocatedFlaw = tuple[tuple[str | int, ...], str | SwarmstartError]
 """Path of an error in the scenario, and the error.
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-Array = NDArray[np.float64]
+from swarmstart.arrays import Array
 
 
 def shortest_assignment(starts: Array, targets: Array) -> NDArray[np.int64]:

@@ -4,8 +4,8 @@ from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.format.kind import (
     Flight,
     Nearby,
@@ -33,7 +33,6 @@ from swarmstart.ocp.integration import verifying_integrator
 from swarmstart.ocp.loop import known_at
 from swarmstart.ocp.rollout import replay
 
-Array = NDArray[np.float64]
 P = TypeVar("P", bound=Posed)
 
 

@@ -9,13 +9,11 @@ import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
+from swarmstart.arrays import Array
 from swarmstart.cases.format.settings import LocatedFlaw, Number, Part, Range
 from swarmstart.ocp import DenseOutput, largest_distance, smallest_distance
-
-Array = NDArray[np.float64]
 
 STATES = ("speed_m_s", "heading_rad", "x_m", "y_m")
 POSITION = (2, 3)

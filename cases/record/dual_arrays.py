@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp import Plan, Step, Trajectory
 from swarmstart.ocp.nlp import Duals, duals_of
-
-Array = NDArray[np.float64]
 
 
 def dual_arrays(trajectory: Trajectory, finished: int) -> dict[str, NDArray[Any]]:

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.nlp import Multipliers
 
-Array = NDArray[np.float64]
 PREFIX = "multipliers_"
 _PLAIN = ("costates", "controls", "states")
 _BY_NAME = ("path", "terminal")

@@ -3,8 +3,8 @@
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.record.trajectory_arrays import held_controls
 from swarmstart.errors import SwarmstartError
 from swarmstart.ocp import Solution, Trajectory
@@ -12,8 +12,6 @@ from swarmstart.ocp import Solution, Trajectory
 if TYPE_CHECKING:
     import control
     import pandas as pd
-
-Array = NDArray[np.float64]
 
 
 class MissingPackageError(SwarmstartError, ImportError):

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.format.kind import Measure
 from swarmstart.ocp import (
     Decision,
@@ -18,8 +19,6 @@ from swarmstart.ocp import (
     Trajectory,
 )
 from swarmstart.ocp.common import Profile
-
-Array = NDArray[np.float64]
 
 
 def trajectory_arrays(trajectory: Trajectory) -> dict[str, Array]:

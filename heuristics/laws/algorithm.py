@@ -19,6 +19,7 @@ from typing import NamedTuple, Protocol, Self
 
 import numpy as np
 
+from swarmstart.arrays import Array
 from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics.laws.bound_handling import NAMES
 from swarmstart.heuristics.laws.box import Box
@@ -30,7 +31,7 @@ from swarmstart.heuristics.laws.order import (
     precedes,
     set_level,
 )
-from swarmstart.machine_code import Array, Count, kernel
+from swarmstart.machine_code import Count, kernel
 
 MOST_NUMBERS = 20_000_000
 """Of a population: 160 MB, and a search holds several of that size."""

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.errors import SwarmstartError
-from swarmstart.machine_code import Array, Count, kernel
+from swarmstart.machine_code import Count, kernel
 
 
 class InvalidBoxError(SwarmstartError, ValueError):

@@ -4,7 +4,8 @@ They do the same as `target[:] = source`. For that, Numba also compiles an error
 about shapes that differ, which takes 1 to 2 s at the first use and never runs.
 """
 
-from swarmstart.machine_code import Array, kernel
+from swarmstart.arrays import Array
+from swarmstart.machine_code import kernel
 
 
 @kernel

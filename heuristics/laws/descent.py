@@ -18,9 +18,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics.laws.box import Box
 
-Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 Sloped = Callable[[Array, Numbers], tuple[Array, Array]]
 """(population (dim, n), number of the start of each individual (n,)) -> (values (n,),

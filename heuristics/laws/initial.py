@@ -8,10 +8,10 @@ from typing import get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics.laws.algorithm import require
 from swarmstart.heuristics.laws.box import Box, InvalidPointsError
 from swarmstart.heuristics.laws.sampling import Sampling, sample
-from swarmstart.machine_code import Array
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

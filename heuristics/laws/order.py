@@ -41,8 +41,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from swarmstart.arrays import Array
 from swarmstart.errors import SwarmstartError
-from swarmstart.machine_code import Array, Count, kernel
+from swarmstart.machine_code import Count, kernel
 
 STATIC_PENALTY = 0
 FEASIBILITY_FIRST = 1

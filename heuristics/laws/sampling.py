@@ -20,8 +20,9 @@ from typing import Literal
 
 import numpy as np
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics.laws.box import Box
-from swarmstart.machine_code import Array, kernel
+from swarmstart.machine_code import kernel
 
 
 def sample_uniform(box: Box, size: int, *, rng: np.random.Generator) -> Array:

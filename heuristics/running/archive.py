@@ -15,10 +15,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics.laws.box import Box
 from swarmstart.heuristics.laws.copying import copy_column, fill_column
 from swarmstart.heuristics.laws.order import RunningOrder, better_at, is_finite
-from swarmstart.machine_code import Array, Count, kernel
+from swarmstart.machine_code import Count, kernel
 
 
 class Archive(NamedTuple):

@@ -16,6 +16,7 @@ import numpy as np
 from llvmlite import ir
 from numba.extending import intrinsic
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics.laws.algorithm import Kernels, State
 from swarmstart.heuristics.running.archive import Archive, collect
 from swarmstart.heuristics.running.stopping import (
@@ -25,7 +26,7 @@ from swarmstart.heuristics.running.stopping import (
     finished,
     progress_of,
 )
-from swarmstart.machine_code import Array, Count, call_at, kernel
+from swarmstart.machine_code import Count, call_at, kernel
 
 CHUNK = 1
 """Generations before the first look at the clock."""

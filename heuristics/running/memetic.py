@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics.running.budget import Budget, budget_of
 from swarmstart.heuristics.running.interrupts import heeded
 from swarmstart.heuristics.running.minimize import (
@@ -29,7 +30,7 @@ from swarmstart.heuristics.running.minimize import (
 )
 from swarmstart.heuristics.running.result import SearchResult, StopReason
 from swarmstart.heuristics.running.search import Individual, Search
-from swarmstart.machine_code import Array, Stopwatch
+from swarmstart.machine_code import Stopwatch
 
 GENERATIONS = 10
 """Generations between two checks whether local solves are due; fixed, so that one seed

@@ -10,6 +10,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import ArrayLike
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics.laws.algorithm import Algorithm, require
 from swarmstart.heuristics.laws.box import Box
 from swarmstart.heuristics.laws.initial import Initial
@@ -41,7 +42,7 @@ from swarmstart.heuristics.running.stopping import (
     progress_of,
 )
 from swarmstart.heuristics.searches.arguments import algorithm_of, box_of, generator_of
-from swarmstart.machine_code import Array, Count, Stopwatch, stopwatch
+from swarmstart.machine_code import Count, Stopwatch, stopwatch
 
 Objective = Callable[[Array], ArrayLike | tuple[ArrayLike, ArrayLike]]
 """Population, shape (dim, size), read-only -> cost, or (cost, violation), each (size,).

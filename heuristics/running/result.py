@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics.running.search import Individual, Snapshot
-from swarmstart.machine_code import Array
 
 
 class StopReason(enum.Enum):

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics.laws.algorithm import (
     MOST_NUMBERS,
@@ -43,14 +44,7 @@ from swarmstart.heuristics.running.compiled_loop import (
 from swarmstart.heuristics.running.interrupts import put_off
 from swarmstart.heuristics.running.stopping import GOES_ON, Limits, finished
 from swarmstart.heuristics.searches.default import default_order
-from swarmstart.machine_code import (
-    Array,
-    address_of,
-    compiling,
-    is_kept,
-    prepare,
-    stopwatch,
-)
+from swarmstart.machine_code import address_of, compiling, is_kept, prepare, stopwatch
 
 ROOM = 4
 """The archive holds this many times the requested basins, since merging basins frees

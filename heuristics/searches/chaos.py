@@ -10,7 +10,8 @@ Source: chapter 5, eq. (5.17); May (1976), Nature 261.
 
 import numpy as np
 
-from swarmstart.machine_code import Array, kernel
+from swarmstart.arrays import Array
+from swarmstart.machine_code import kernel
 
 MU = 4.0
 TRAPS = (0.0, 0.25, 0.5, 0.75, 1.0)

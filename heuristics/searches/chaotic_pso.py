@@ -21,6 +21,7 @@ from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics.laws.algorithm import (
     BoundHandled,
     InvalidSettingsError,
@@ -43,7 +44,7 @@ from swarmstart.heuristics.searches.swarm import (
     require_accelerations,
     swarm_best,
 )
-from swarmstart.machine_code import Array, Count, kernel
+from swarmstart.machine_code import Count, kernel
 
 Reseed = Literal["logistic", "uniform", "none"]
 InitialVelocity = Literal["independent", "smooth"]

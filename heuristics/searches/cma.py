@@ -36,6 +36,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics.laws.algorithm import (
     BoundHandled,
     Kernels,
@@ -65,7 +66,7 @@ from swarmstart.heuristics.searches.cma_restarts import (
     record_length,
     write_record,
 )
-from swarmstart.machine_code import Array, Count, kernel
+from swarmstart.machine_code import Count, kernel
 
 SIZE_MAX = 2**16
 """Number of individuals above which a restart no longer adds any."""

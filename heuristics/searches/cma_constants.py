@@ -11,7 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from swarmstart.machine_code import Array, kernel
+from swarmstart.arrays import Array
+from swarmstart.machine_code import kernel
 
 ALPHA_COV = 2.0
 

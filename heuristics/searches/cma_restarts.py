@@ -32,9 +32,10 @@ from typing import Protocol
 
 import numpy as np
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics.laws.algorithm import State
 from swarmstart.heuristics.laws.order import RunningOrder, better, ranking
-from swarmstart.machine_code import Array, Count, kernel
+from swarmstart.machine_code import Count, kernel
 
 TOL_FUN = 1e-14
 TOL_X = 1e-12

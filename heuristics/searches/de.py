@@ -28,6 +28,7 @@ from typing import ClassVar, Literal, NamedTuple, get_args
 
 import numpy as np
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics.laws.algorithm import (
     BoundHandled,
     Kernels,
@@ -52,7 +53,7 @@ from swarmstart.heuristics.searches.trials import (
     new_plan,
     select,
 )
-from swarmstart.machine_code import Array, Count, kernel
+from swarmstart.machine_code import Count, kernel
 
 Strategy = Literal["rand/1", "best/1", "current-to-best/1"]
 Crossover = Literal["bin", "exp"]

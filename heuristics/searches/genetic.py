@@ -18,6 +18,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics.laws.algorithm import (
     Kernels,
     OfFixedSize,
@@ -40,7 +41,7 @@ from swarmstart.heuristics.laws.order import (
     merits,
     worst_index,
 )
-from swarmstart.machine_code import Array, Count, kernel
+from swarmstart.machine_code import Count, kernel
 
 
 class GeneticAlgorithmSettings(NamedTuple):

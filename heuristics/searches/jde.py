@@ -19,6 +19,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics.laws.algorithm import (
     BoundHandled,
     Kernels,
@@ -39,7 +40,7 @@ from swarmstart.heuristics.searches.trials import (
     new_plan,
     select,
 )
-from swarmstart.machine_code import Array, Count, kernel
+from swarmstart.machine_code import Count, kernel
 
 F_LOWER, F_WIDTH = 0.1, 0.9
 """F_l and F_u: F is drawn in [F_l, F_l + F_u)."""

@@ -50,6 +50,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics.laws.algorithm import (
     BoundHandled,
     Kernels,
@@ -77,7 +78,7 @@ from swarmstart.heuristics.searches.trials import (
     new_plan,
     select,
 )
-from swarmstart.machine_code import Array, Count, kernel
+from swarmstart.machine_code import Count, kernel
 
 LEAST_SIZE = 4
 """Least size of a population: a trial needs two others and two leaders."""

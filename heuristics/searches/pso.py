@@ -26,6 +26,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics.laws.algorithm import (
     BoundHandled,
     Kernels,
@@ -47,7 +48,7 @@ from swarmstart.heuristics.searches.swarm import (
     ring_best,
     swarm_best,
 )
-from swarmstart.machine_code import Array, Count, kernel
+from swarmstart.machine_code import Count, kernel
 
 PHI_LEAST = 4.0
 """Sum of accelerations at which constriction begins (Clerc and Kennedy 2002)."""

@@ -8,6 +8,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics.laws.algorithm import (
     Kernels,
     OfFixedSize,
@@ -18,7 +19,7 @@ from swarmstart.heuristics.laws.algorithm import (
 from swarmstart.heuristics.laws.box import Box, between
 from swarmstart.heuristics.laws.copying import copy_points
 from swarmstart.heuristics.laws.order import RunningOrder
-from swarmstart.machine_code import Array, Count, kernel
+from swarmstart.machine_code import Count, kernel
 
 
 class RandomSearchSettings(NamedTuple):

@@ -13,6 +13,7 @@ from typing import Protocol
 
 import numpy as np
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics.laws.order import (
     STATIC_PENALTY,
     RunningOrder,
@@ -20,7 +21,7 @@ from swarmstart.heuristics.laws.order import (
     is_finite,
 )
 from swarmstart.heuristics.searches.trials import draw_index
-from swarmstart.machine_code import Array, Count, kernel
+from swarmstart.machine_code import Count, kernel
 
 FIRST_MEMORY = 0.5
 """M_F and M_CR at the beginning."""

@@ -19,6 +19,7 @@ from typing import Protocol
 
 import numpy as np
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics.laws.algorithm import (
     Settings,
     State,
@@ -29,7 +30,7 @@ from swarmstart.heuristics.laws.bound_handling import REDRAW, repair, turned
 from swarmstart.heuristics.laws.box import clip
 from swarmstart.heuristics.laws.copying import copy_column
 from swarmstart.heuristics.laws.order import RunningOrder, better, precedes
-from swarmstart.machine_code import Array, kernel
+from swarmstart.machine_code import kernel
 
 
 class SwarmSettings(Settings, Protocol):

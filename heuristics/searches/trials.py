@@ -19,10 +19,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics.laws.algorithm import Settings
 from swarmstart.heuristics.laws.bound_handling import REDRAW, repair
 from swarmstart.heuristics.laws.order import RunningOrder, precedes
-from swarmstart.machine_code import Array, Count, kernel
+from swarmstart.machine_code import Count, kernel
 
 Mask = NDArray[np.bool_]
 

@@ -7,15 +7,14 @@ from enum import Enum
 from typing import Any, TypedDict
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.nlp.duals import Duals
 from swarmstart.ocp.nlp.optimality import NlpPoint
 from swarmstart.ocp.nlp.polish_options import PolishStatus
 from swarmstart.ocp.search.account import Lanes, StartsAccount
 from swarmstart.ocp.statement.problem import OptimalControlProblem
-
-Array = NDArray[np.float64]
 
 
 class Source(Enum):

@@ -12,8 +12,9 @@ from functools import cached_property
 from typing import NamedTuple, Unpack
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics import (
     Budget,
     SearchInterrupted,
@@ -79,9 +80,6 @@ from swarmstart.ocp.search.state_guesses import straight_states
 from swarmstart.ocp.statement.control_shape import split_knots
 from swarmstart.ocp.statement.guess import bounded_controls, zero_controls
 from swarmstart.ocp.statement.problem import OptimalControlProblem
-
-Array = NDArray[np.float64]
-
 
 _BASINS = 3
 """Number of basins to polish if there are decisions besides the controls."""

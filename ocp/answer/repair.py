@@ -11,8 +11,9 @@ from dataclasses import replace
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.answer.solution import Solution
 from swarmstart.ocp.rollout.checking import Excess, Points
 from swarmstart.ocp.rollout.fitness import Known, at_nodes, shared_arguments
@@ -22,7 +23,6 @@ from swarmstart.ocp.system.constraint_forms import label
 from swarmstart.ocp.system.constraints import Constraint, PathConstraint
 from swarmstart.ocp.system.separation import Connection, Separation
 
-Array = NDArray[np.float64]
 ATTEMPTS = 3
 _MORE = 1.05
 """Factor of a margin over the measured excess, since the next path differs."""

@@ -23,8 +23,9 @@ from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.answer.optimality_gap import OptimalityGap
 from swarmstart.ocp.answer.plan import Plan, start_of
 from swarmstart.ocp.answer.travelling import guess_of
@@ -55,7 +56,6 @@ from swarmstart.ocp.statement.problem import OptimalControlProblem
 if TYPE_CHECKING:
     import control
 
-Array = NDArray[np.float64]
 TOLERANCE = 1e-3
 _BESIDE = 1e-8
 """Distance to neighbours, relative to the sizes."""

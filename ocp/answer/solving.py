@@ -7,8 +7,9 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics import Budget, Order, generator_of
 from swarmstart.heuristics.running import heeded
 from swarmstart.machine_code import stopwatch
@@ -32,7 +33,6 @@ from swarmstart.ocp.search.many_starts import LANES
 from swarmstart.ocp.search.settings import SearchGiven, search_settings
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 
-Array = NDArray[np.float64]
 StartRule = Literal["must hold", "may violate"]
 PolishGiven = PolishOptions | str | bool | None
 

@@ -12,8 +12,8 @@ of joined phases, which count their intervals, are omitted on another grid.
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.answer.plan import Plan
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.nlp.carried import Carried
@@ -23,8 +23,6 @@ from swarmstart.ocp.statement.free import Free
 from swarmstart.ocp.statement.lowering import Lowered, lowered
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 from swarmstart.ocp.system.constraint_forms import label
-
-Array = NDArray[np.float64]
 
 
 def guess_of(

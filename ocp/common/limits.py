@@ -5,12 +5,12 @@ from numbers import Real
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.common.expressions import shortened
 
-Array = NDArray[np.float64]
 Limit = float | Sequence[float] | Array
 """One number for all, or one for each row."""
 

@@ -3,11 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import InvalidProblemError
-
-Array = NDArray[np.float64]
 
 
 def piece_at(time: float, instants: Array) -> int:

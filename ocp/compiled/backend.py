@@ -11,9 +11,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from typing import Literal, Protocol, get_args
 
-import numpy as np
-from numpy.typing import NDArray
-
+from swarmstart.arrays import Array
 from swarmstart.heuristics import Pointers
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.compiled.casadi_map import CasadiMap
@@ -21,7 +19,6 @@ from swarmstart.ocp.compiled.engine import NoCompilerError, machine
 from swarmstart.ocp.compiled.vectors.vector_ir import FORMATS
 from swarmstart.tape import UnknownOperationError
 
-Array = NDArray[np.float64]
 Backend = Literal["auto", "llvm", "casadi"]
 BACKENDS = get_args(Backend)
 VARIABLE = "SWARMSTART_BACKEND"

@@ -11,8 +11,9 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.common.limits import require_count
 from swarmstart.ocp.compiled.backend import (
@@ -24,8 +25,6 @@ from swarmstart.ocp.compiled.engine import NoCompilerError
 from swarmstart.ocp.compiled.simd import Prepared, Shapes, SimdBatch, compile_flat
 from swarmstart.ocp.compiled.vectors.vector_ir import Precision
 from swarmstart.tape import UnknownOperationError, expanded
-
-Array = NDArray[np.float64]
 
 
 class BatchFunction:

@@ -22,6 +22,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.machine_code import compiling, load_code, sources, store_code
 from swarmstart.ocp.compiled.casadi_map import BoundMap, CasadiMap
 from swarmstart.ocp.compiled.engine import (
@@ -37,7 +38,6 @@ from swarmstart.ocp.compiled.vectors.operations import constant_power, emit_oper
 from swarmstart.ocp.compiled.vectors.vector_ir import VectorIR
 from swarmstart.tape import OPERATIONS, UnknownOperationError
 
-Array = NDArray[np.float64]
 Count = NDArray[np.int64]
 
 VECTORS = 4

@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics import Pointers
 from swarmstart.machine_code import compiling, load_code, source, sources, store_code
 from swarmstart.ocp.common.errors import InvalidProblemError
@@ -37,7 +37,6 @@ from swarmstart.ocp.compiled.vectors.vector_ir import Precision
 from swarmstart.ocp.interpolation.interpolants import without_interpolants
 from swarmstart.tape import read_tape
 
-Array = NDArray[np.float64]
 Shapes = tuple[tuple[int, ...], ...]
 
 _COPIED = 4096

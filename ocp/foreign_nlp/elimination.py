@@ -30,7 +30,6 @@ from numpy.typing import NDArray
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.foreign_nlp.nlp_given import GivenNlp
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 _EXACT = 1e-6

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics import (
     Box,
     Initial,
@@ -27,7 +27,6 @@ from swarmstart.ocp.nlp.nlp_sources import Indices, Numbers
 from swarmstart.ocp.search.lane_settings import population_of
 from swarmstart.ocp.search.settings import SearchSettings, traded_order
 
-Array = NDArray[np.float64]
 Values = Callable[[Array], tuple[Array, Array]]
 """Search variables, shape (nz, size) -> cost and violation, each (size,)."""
 

@@ -22,8 +22,8 @@ from typing import Any, Literal, cast
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.machine_code import Stopwatch, stopwatch
 from swarmstart.ocp.common.errors import InvalidProblemError, SolveError
 from swarmstart.ocp.foreign_nlp.elimination import eliminated
@@ -37,7 +37,6 @@ from swarmstart.ocp.foreign_nlp.warm_search import (
 from swarmstart.ocp.nlp.nlp_sources import Indices, Numbers, Run
 from swarmstart.ocp.search.settings import SearchSettings
 
-Array = NDArray[np.float64]
 Winner = Literal["own start", "searched start"]
 
 FEASIBLE = 1e-6

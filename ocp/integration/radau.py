@@ -17,13 +17,12 @@ from typing import Literal
 
 import numpy as np
 from numpy.polynomial import legendre
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.common.expressions import shortened
 from swarmstart.ocp.common.limits import require_count
 
-Array = NDArray[np.float64]
 Transcription = Literal["shooting", "radau"]
 """Name of a transcription, for modules that must know the names before any import."""
 _MOST_POINTS = 9

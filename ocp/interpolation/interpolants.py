@@ -19,11 +19,10 @@ from collections.abc import Iterator, Sequence
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.interpolation.splines import Spline
 
-Array = NDArray[np.float64]
 Splines = tuple[Spline, ...]
 """One spline for each output of an interpolant."""
 

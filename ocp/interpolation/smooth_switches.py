@@ -14,7 +14,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from swarmstart.arrays import Array
+
 Flags = NDArray[np.bool_]
 
 _ORDERED = (ca.OP_LT, ca.OP_LE)

@@ -24,7 +24,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from swarmstart.arrays import Array
+
 Flags = NDArray[np.bool_]
 Outside = Literal["extrapolate", "hold", "zero"]
 

@@ -20,13 +20,13 @@ from typing import Any, Literal, TypeAlias, cast, get_args
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.common.expressions import shortened
 from swarmstart.ocp.interpolation.splines import Spline
 
-Array = NDArray[np.float64]
 Method = Literal["linear", "bspline"]
 Beyond = Literal["extrapolate", "hold"]
 Argument: TypeAlias = Any

@@ -16,11 +16,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.lanes.stages import Kernel
 from swarmstart.ocp.lanes.sweep_kernels import Sweeps
 from swarmstart.ocp.lanes.turns import Rows
 
-Array = NDArray[np.float64]
 Count = NDArray[np.int64]
 
 _NEXT = "next."

@@ -12,6 +12,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.machine_code import prepare
 from swarmstart.ocp.compiled.threads import together
 from swarmstart.ocp.lanes.answers import LaneAnswers
@@ -21,7 +22,6 @@ from swarmstart.ocp.lanes.schedule import LaneOptions
 from swarmstart.ocp.lanes.sweep_kernels import Sweeps
 from swarmstart.ocp.lanes.turns import Ends, Starts, take_turns
 
-Array = NDArray[np.float64]
 Count = NDArray[np.int64]
 
 SIDE_BY_SIDE = 32

@@ -25,9 +25,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.lanes.answers import LaneAnswers
-
-Array = NDArray[np.float64]
 
 APART = 0.08
 """Root mean square distance of scaled states above which two answers are two optima."""

@@ -3,15 +3,15 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.lanes.stages import KNOWN
 from swarmstart.ocp.nlp.nlp_assembly import Part, inputs_of
 from swarmstart.ocp.nlp.transcription import NonlinearProgram
 from swarmstart.ocp.rollout.fitness import Arguments, Known, at_nodes, shared_arguments
 from swarmstart.ocp.rollout.scaling import Sizes
 
-Array = NDArray[np.float64]
 _Known = tuple[Array, Array, Array, Array]
 """Shared numbers, signals, lower and upper limits of the rows, as kernels take them."""
 

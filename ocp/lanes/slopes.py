@@ -11,13 +11,12 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics.laws import Box, DescentOptions, descend
 from swarmstart.ocp.lanes.answers import LaneAnswers
 from swarmstart.ocp.lanes.posed import Posed
 from swarmstart.ocp.lanes.schedule import LaneOptions, Schedule
 from swarmstart.ocp.lanes.slope_kernels import Slopes
-
-Array = NDArray[np.float64]
 
 
 @dataclass(kw_only=True, slots=True, eq=False)

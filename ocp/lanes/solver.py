@@ -1,8 +1,9 @@
 """Many starts of one problem solved at once; built once, for any initial state."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.compiled.engine import NoCompilerError
 from swarmstart.ocp.compiled.scan import MOST_INSTRUCTIONS
@@ -19,8 +20,6 @@ from swarmstart.ocp.rollout.fitness import NOTHING, Arguments, Known
 from swarmstart.ocp.rollout.shooting import Shooting, shooting_of
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 from swarmstart.tape import UnknownOperationError
-
-Array = NDArray[np.float64]
 
 _SWEPT = 8
 """Least ratio of instructions, those of a sweep over an interval by those of the

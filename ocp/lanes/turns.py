@@ -14,7 +14,8 @@ less than its end conditions, and may reach a point from which it cannot meet th
 
 from typing import NamedTuple
 
-from swarmstart.machine_code import Array, Count, free_kernel, kernel
+from swarmstart.arrays import Array
+from swarmstart.machine_code import Count, free_kernel, kernel
 from swarmstart.ocp.compiled.calls import call_part
 
 _MOST = 0.75

@@ -10,8 +10,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics import generator_of
 from swarmstart.machine_code import stopwatch
 from swarmstart.ocp.common.errors import DivergedError, InvalidProblemError
@@ -23,7 +24,6 @@ from swarmstart.ocp.common.progress import ProgressCallback, tell_nothing
 from swarmstart.ocp.loop.controller import Controller, Decision
 from swarmstart.ocp.loop.plant import AnyPlant, Plant, SteppedPlant, plant_of
 
-Array = NDArray[np.float64]
 _MIDDLES = 100
 """Points in time whose mean represents linear controls, for an object that holds."""
 

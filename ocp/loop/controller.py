@@ -20,8 +20,8 @@ from enum import Enum
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.answer.improving import improved
 from swarmstart.ocp.answer.plan import Plan, Source
 from swarmstart.ocp.answer.planner import Planner
@@ -37,7 +37,6 @@ from swarmstart.ocp.statement.free import Free
 from swarmstart.ocp.statement.guess import Appended, shifted_controls
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 
-Array = NDArray[np.float64]
 ReferenceSignals = Callable[[Array], Array]
 """Absolute times (n,) [s] -> known signals (nr, n)."""
 

@@ -21,14 +21,13 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.loop.closed_loop import Trajectory
 from swarmstart.ocp.loop.plant import Plant
 from swarmstart.ocp.system.model import Model
-
-Array = NDArray[np.float64]
 
 DEGREE = 5
 choices = np.vectorize(math.comb, otypes=[np.float64])

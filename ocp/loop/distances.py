@@ -22,10 +22,10 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.loop.dense_output import DEGREE, choices
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 TOLERANCE = 1e-8

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.answer.plan import Plan, Source
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.integration.integrators import held_step
@@ -30,7 +30,6 @@ from swarmstart.terminal_set import TerminalSet, input_excess
 if TYPE_CHECKING:
     import control
 
-Array = NDArray[np.float64]
 Target = Callable[[float], Array]
 """Absolute time [s] -> the reference state of an agent, shape (nx,)."""
 

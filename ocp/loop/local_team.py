@@ -36,8 +36,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.answer.plan import Plan, Source
 from swarmstart.ocp.answer.planner import Planner
 from swarmstart.ocp.common.errors import InvalidProblemError
@@ -46,8 +47,6 @@ from swarmstart.ocp.loop.team import first_controls
 from swarmstart.ocp.rollout.fitness import Known
 from swarmstart.ocp.statement.control_shape import require_held
 from swarmstart.ocp.statement.guess import shifted_controls
-
-Array = NDArray[np.float64]
 
 FAR = 1e6
 """Position [m] given to unused neighbour slots."""

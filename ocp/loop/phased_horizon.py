@@ -21,8 +21,9 @@ from types import MappingProxyType
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.answer.plan import Plan
 from swarmstart.ocp.answer.planner import Planner
 from swarmstart.ocp.common.errors import InvalidProblemError
@@ -45,7 +46,6 @@ from swarmstart.ocp.statement.problem import OptimalControlProblem
 from swarmstart.ocp.system.constraints import TerminalConstraint
 from swarmstart.ocp.system.model import Model
 
-Array = NDArray[np.float64]
 PHASE, SINCE, ENDS = "phase", "time in the phase", "phase ends"
 """Extra states of the plant, and the parameter that ends a phase: 1, else 0."""
 NO_PARAMETERS: Mapping[str, float] = MappingProxyType({})

@@ -16,8 +16,9 @@ from typing import Protocol, runtime_checkable
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import DivergedError, InvalidProblemError
 from swarmstart.ocp.common.expressions import shortened, symbol_names
 from swarmstart.ocp.common.limits import numbers_of, require_count
@@ -26,7 +27,6 @@ from swarmstart.ocp.loop.system_steps import SystemSteps, is_system
 from swarmstart.ocp.system.algebraic import SOLVED_WITHIN
 from swarmstart.ocp.system.model import Model, jump_of, outputs_of, unsolved_of
 
-Array = NDArray[np.float64]
 NOTHING_DECIDED: Mapping[str, float] = MappingProxyType({})
 
 

@@ -13,12 +13,11 @@ import sys
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import DivergedError
 from swarmstart.ocp.system.control_systems import InvalidSystemError, in_state_space
 
-Array = NDArray[np.float64]
 RTOL = 1e-10
 _SMALLEST = 1e-3
 """Size below which errors of a state are absolute, relative to its present size."""

@@ -11,14 +11,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.answer.plan import Plan
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.loop.controller import Decision, RecedingHorizon
 from swarmstart.ocp.statement.control_shape import require_held
 
-Array = NDArray[np.float64]
 MakePlan = Callable[[int, Array, tuple[Array, ...]], Plan]
 """(agent's number, its state, signal rows that it sees) -> its plan."""
 

@@ -12,8 +12,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.lower_bound.answer import BoundKind, LowerBound
 from swarmstart.ocp.lower_bound.basis import values_of
 from swarmstart.ocp.lower_bound.region import Region
@@ -32,7 +32,6 @@ from swarmstart.ocp.lower_bound.subsolution import (
     worth,
 )
 
-Array = NDArray[np.float64]
 SLACK_SHARES = (3e-4, 1e-5)
 """First and last target of the slack, times the horizon, relative to the size."""
 SLACK_OF_GAP = 0.1

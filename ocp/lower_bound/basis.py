@@ -14,9 +14,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.lower_bound.stated.evidence import Polynomial
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

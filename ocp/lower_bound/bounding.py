@@ -18,7 +18,7 @@ from typing import Protocol, runtime_checkable
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from threadpoolctl import threadpool_limits
 
 from swarmstart.ocp.common.errors import InvalidProblemError
@@ -43,7 +43,6 @@ from swarmstart.terminal_set.interval_arithmetic import (
     interval_function,
 )
 
-Array = NDArray[np.float64]
 CLOSED = 1e-5
 """Gap, relative to the known cost, at which the search ends."""
 

@@ -18,7 +18,8 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from swarmstart.ocp.lower_bound.stated.evidence import Array, Evidence, Step, Tube
+from swarmstart.arrays import Array
+from swarmstart.ocp.lower_bound.stated.evidence import Evidence, Step, Tube
 from swarmstart.ocp.lower_bound.stated.statement import Statement
 from swarmstart.terminal_set.certificates import digest
 from swarmstart.terminal_set.interval_arithmetic import Instruction, tape_of

@@ -22,8 +22,8 @@ from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.lower_bound.basis import Basis
 from swarmstart.ocp.lower_bound.stated.statement import Affine, Statement
 from swarmstart.ocp.lower_bound.taylor_form import (
@@ -32,8 +32,6 @@ from swarmstart.ocp.lower_bound.taylor_form import (
     TaylorForm,
     least_quadratic,
 )
-
-Array = NDArray[np.float64]
 
 
 class Bounds(NamedTuple):

@@ -17,9 +17,9 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from swarmstart.arrays import Array
+
 RIDGE = 1e-14
 LARGEST_RIDGE = 1e-4
 STEP = 0.995

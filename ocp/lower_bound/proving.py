@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.lower_bound.hamiltonian import Bounds
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 CHUNK = 8192
 BEYOND = 1.05

@@ -14,6 +14,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.lower_bound.basis import Box, basis_of, packed, values_of
 from swarmstart.ocp.lower_bound.hamiltonian import Margin
 from swarmstart.ocp.lower_bound.proving import halved
@@ -23,7 +24,6 @@ from swarmstart.ocp.lower_bound.taylor_form import PADDING
 from swarmstart.ocp.lower_bound.tubes import tube_set as tubes
 from swarmstart.terminal_set.interval_arithmetic import interval_function
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 LAST = 5
 """Number of samples for which one more is drawn at the last time."""

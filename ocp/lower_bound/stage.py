@@ -10,12 +10,11 @@ import itertools
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.lower_bound.basis import Basis, Box
 from swarmstart.ocp.lower_bound.stated.statement import Affine, Statement
 
-Array = NDArray[np.float64]
 GRID = 9
 MOST_CANDIDATES = 729
 

@@ -18,8 +18,8 @@ from typing import Literal
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.lower_bound.basis import Basis, Box, packed
 from swarmstart.ocp.lower_bound.hamiltonian import Inequality, Margin
 from swarmstart.ocp.lower_bound.interior_point import maximised
@@ -29,7 +29,6 @@ from swarmstart.ocp.lower_bound.stage import Stage, slopes_of
 from swarmstart.ocp.lower_bound.stated.evidence import Step
 from swarmstart.ocp.lower_bound.stated.statement import Affine, Statement
 
-Array = NDArray[np.float64]
 Aim = Literal["start", "come", "go"]
 """Objective of a step: V at the start, or the pruning by C or G; see evidence.py."""
 MOST_ROWS = 15_000

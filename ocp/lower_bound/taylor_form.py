@@ -19,14 +19,13 @@ from itertools import combinations_with_replacement
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.terminal_set.interval_arithmetic import (
     IntervalEvaluation,
     interval_function,
 )
 
-Array = NDArray[np.float64]
 PADDING = 1e-12
 """Padding of sums of products, relative to the sum of their sizes; above rounding."""
 

@@ -21,8 +21,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.nlp.collocation import inner_unknowns
 from swarmstart.ocp.nlp.duals import Duals, columns_of, shifted_duals, units_of
 from swarmstart.ocp.nlp.nlp_assembly import Mapped, Part, decided_states, inputs_of
@@ -31,7 +32,6 @@ from swarmstart.ocp.statement.blocks import first_of, ties, variables_of
 from swarmstart.ocp.statement.problem import STATE_BOUNDS, OptimalControlProblem
 from swarmstart.ocp.system.constraint_forms import label
 
-Array = NDArray[np.float64]
 Key = tuple[Hashable, ...]
 
 

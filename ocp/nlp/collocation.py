@@ -30,12 +30,12 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.integration.radau import radau_coefficients
 from swarmstart.ocp.rollout.shooting import Shooting
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 from swarmstart.tape import OPERATIONS, Node, Tape, UnknownOperationError, read_tape
 
-Array = NDArray[np.float64]
 Values = TypeVar("Values", ca.SX, NDArray[np.float64])
 _CODES = {name: code for code, name in OPERATIONS.items()}
 

@@ -17,10 +17,11 @@ correction algorithms for ODEs, part I, Numerical Algorithms 36.
 
 import numpy as np
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.nlp.collocation import layout_of
 from swarmstart.ocp.nlp.nlp_assembly import decided_states, inputs_of
 from swarmstart.ocp.nlp.optimality import NlpPoint
-from swarmstart.ocp.nlp.transcription import Array, Given, Limits
+from swarmstart.ocp.nlp.transcription import Given, Limits
 from swarmstart.ocp.rollout.scaling import Sizes
 
 MOST_CORRECTIONS = 5

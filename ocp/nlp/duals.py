@@ -18,15 +18,13 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.nlp.collocation import layout_of
 from swarmstart.ocp.nlp.nlp_assembly import decided_states, inputs_of
 from swarmstart.ocp.nlp.optimality import NlpPoint
 from swarmstart.ocp.nlp.transcription import NonlinearProgram
 from swarmstart.ocp.statement.blocks import ties
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,14 +8,12 @@ method, or are its start values if it fails.
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.integration.integrators import integrate
 from swarmstart.ocp.integration.radau import radau_coefficients
 from swarmstart.ocp.nlp.collocation import Layout, between
 from swarmstart.ocp.rollout.shooting import Shooting
-
-Array = NDArray[np.float64]
 
 
 class InnerGuess:

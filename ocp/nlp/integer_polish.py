@@ -13,8 +13,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.nlp.polish import Polished, Polisher, is_better, polish_basins
 from swarmstart.ocp.nlp.polish_options import PolishOptions, PolishStatus
 from swarmstart.ocp.nlp.start import Start
@@ -24,7 +25,6 @@ from swarmstart.ocp.statement.blocks import block_numbers, first_intervals
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 from swarmstart.ocp.statement.whole_numbers import neighbours, sum_up_rounded, whole
 
-Array = NDArray[np.float64]
 _ROUNDS = 500
 """Largest number of steps of a descent."""
 _POLISHES = 10

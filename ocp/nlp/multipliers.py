@@ -19,15 +19,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.nlp.nlp_assembly import decided_states, inputs_of
 from swarmstart.ocp.nlp.optimality import NlpPoint
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 from swarmstart.ocp.system.constraint_forms import label
 from swarmstart.ocp.system.constraints import Constraint
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -13,11 +13,11 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.nlp.collocation import inner_unknowns
 from swarmstart.ocp.statement.blocks import ties
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 
-Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 

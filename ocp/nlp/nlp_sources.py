@@ -16,11 +16,11 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics.running import heeded
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.common.expressions import shortened
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 

@@ -30,16 +30,14 @@ from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.nlp.collocation import inner_unknowns
 from swarmstart.ocp.nlp.nlp_assembly import Part, decided_states, inputs_of
 from swarmstart.ocp.nlp.transcription import Limits, NonlinearProgram
 from swarmstart.ocp.rollout.fitness import at_nodes
 from swarmstart.ocp.statement.blocks import ties
 from swarmstart.ocp.statement.problem import OptimalControlProblem
-
-Array = NDArray[np.float64]
 
 STATIONARY_WITHIN = 1e-5
 """Largest residual of the first-order conditions, relative to their terms."""

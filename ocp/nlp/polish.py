@@ -26,8 +26,9 @@ from itertools import count
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics.running import heeded
 from swarmstart.ocp.common.errors import InvalidProblemError, SolveError
 from swarmstart.ocp.nlp.carried import Carried
@@ -63,7 +64,6 @@ from swarmstart.ocp.rollout.scaling import Sizes
 from swarmstart.ocp.statement.guess import bounded_controls
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 
-Array = NDArray[np.float64]
 SAME_COST = 1e-6
 """Relative difference below which two costs count as one local optimum."""
 GOOD_START = 1e-3

@@ -6,12 +6,8 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from swarmstart.arrays import Array
 from swarmstart.ocp.nlp.carried import Carried
-
-Array = NDArray[np.float64]
 
 
 class Start(NamedTuple):

@@ -29,8 +29,8 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.nlp.collocation import (
     Inner,
     inner_sizes,
@@ -55,9 +55,6 @@ from swarmstart.ocp.statement.blocks import first_of, ties
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 from swarmstart.ocp.system.algebraic import UNSOLVED
 from swarmstart.ocp.system.constraints import Rows
-
-Array = NDArray[np.float64]
-
 
 _UNROLLED = 100_000
 """Largest number of operations, with derivatives, of an NLP that is written out. This

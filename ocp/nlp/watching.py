@@ -25,14 +25,13 @@ from typing import Any, NamedTuple, Protocol
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics import SearchResult
 from swarmstart.heuristics.running import Individual
 from swarmstart.ocp.nlp.transcription import NonlinearProgram
 from swarmstart.ocp.rollout.shooting import Shooting
 
-Array = NDArray[np.float64]
 Answer = tuple[Array, Array]
 """Controls (nu, N), and the initial state with the decisions about it (nx,)."""
 _CALLS = "n_call_nlp_"

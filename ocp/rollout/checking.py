@@ -11,13 +11,12 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.rollout.scaling import Sizes
 from swarmstart.ocp.rollout.shooting import Shooting, shooting_of
 from swarmstart.ocp.statement.problem import STATE_BOUNDS, OptimalControlProblem
 from swarmstart.ocp.system.constraint_forms import label
 from swarmstart.ocp.system.constraints import Constraint
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -15,6 +15,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics import Pointers
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.common.expressions import symbol_names
@@ -33,8 +34,6 @@ from swarmstart.ocp.rollout.scaling import Sizes
 from swarmstart.ocp.rollout.shooting import Shooting, shooting_of
 from swarmstart.ocp.statement.lowering import Lowered
 from swarmstart.ocp.statement.problem import OptimalControlProblem
-
-Array = NDArray[np.float64]
 
 
 class Objective:

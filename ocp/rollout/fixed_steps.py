@@ -14,12 +14,12 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.integration.adaptive import FIRST, ROUNDED, finer, followed
 from swarmstart.ocp.integration.integrators import MORE_PARTS, PARTS, stiff_lengths
 from swarmstart.ocp.integration.rosenbrock import rodas4
 from swarmstart.ocp.rollout.shooting import Shooting
 
-Array = NDArray[np.float64]
 _MOST_OPERATIONS = 25_000
 """Largest number of steps in an interval; an NLP with more takes too long to build."""
 _TIMES = (1, 2, 4, 8)

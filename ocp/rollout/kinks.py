@@ -13,12 +13,11 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.common.expressions import shortened
 from swarmstart.ocp.interpolation.interpolants import without_interpolants
 from swarmstart.ocp.interpolation.smooth_switches import smooth_comparisons
 from swarmstart.ocp.statement.problem import OptimalControlProblem
-
-Array = NDArray[np.float64]
 
 _ONE = {ca.OP_FABS: "fabs", ca.OP_SIGN: "sign"}
 _TWO = {

@@ -2,8 +2,8 @@
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.integration.adaptive import (
     Symbolic,
     column_at_begin,
@@ -16,8 +16,6 @@ from swarmstart.ocp.integration.rosenbrock import Rate
 from swarmstart.ocp.rollout.shooting import Shooting
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 from swarmstart.ocp.statement.risk import Risk
-
-Array = NDArray[np.float64]
 
 
 def member_costs(

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.integration.adaptive import FIRST, column_at_check, finer, follower
 from swarmstart.ocp.integration.integrators import integrate, verifying_integrator
 from swarmstart.ocp.integration.rosenbrock import Rate
@@ -24,7 +24,6 @@ from swarmstart.ocp.rollout.shooting import Shooting, shooting_of
 from swarmstart.ocp.rollout.soft import SoftRows
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 
-Array = NDArray[np.float64]
 FINER = 10
 _SHOWN = 5
 """Number of broken rows that a summary shows."""

@@ -28,13 +28,12 @@ from functools import cached_property
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.rollout.soft import SoftRows
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 from swarmstart.ocp.system.constraint_forms import known_scales
-
-Array = NDArray[np.float64]
 
 _PARTS = (0.618, -0.382)
 """Moves around the start, relative to the sizes; irregular, to avoid half turns."""

@@ -21,13 +21,11 @@ from functools import cached_property
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.common.expressions import rows_that_depend
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 from swarmstart.ocp.system.constraints import Rows, row_excess
-
-Array = NDArray[np.float64]
 
 
 class SoftRows:

@@ -20,13 +20,13 @@ import numpy as np
 from numpy.polynomial.polynomial import polyval
 from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.integration.integrators import INTEGRATORS
 from swarmstart.ocp.rollout.fitness import Known, at_nodes, replay, shared_arguments
 from swarmstart.ocp.rollout.path import Path, signals_between
 from swarmstart.ocp.rollout.shooting import Shooting
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 
-Array = NDArray[np.float64]
 _OFTEN = 0.25
 """Share of points with a mode that is too fast from which it counts as the cause."""
 _MUCH = np.log(1e6)

@@ -18,8 +18,8 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics import (
     Budget,
     SearchInterrupted,
@@ -49,8 +49,6 @@ from swarmstart.ocp.search.search_space import (
     first_population,
 )
 from swarmstart.ocp.search.settings import SearchSettings
-
-Array = NDArray[np.float64]
 
 TOO_DEAR = "a local solve would cost more than its share of the budget"
 

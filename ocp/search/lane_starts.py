@@ -9,8 +9,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics import Order
 from swarmstart.heuristics.running import Improved, Individual, heeded
 from swarmstart.machine_code import stopwatch
@@ -24,7 +25,6 @@ from swarmstart.ocp.search.account import Lanes
 from swarmstart.ocp.search.lane_settings import Multistart
 from swarmstart.ocp.search.search_space import ControlSpace, SearchSpace, side_by_side
 
-Array = NDArray[np.float64]
 Told = Callable[[int], None] | None
 ToldBest = Callable[[int, Callable[[], Individual]], None] | None
 

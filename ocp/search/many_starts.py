@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from typing import NamedTuple, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from swarmstart.machine_code import stopwatch
 from swarmstart.ocp.compiled.aside import aside
@@ -34,8 +34,6 @@ from swarmstart.ocp.search.account import Lanes, Origin, StartsAccount, Tried
 from swarmstart.ocp.search.search_space import side_by_side
 from swarmstart.ocp.search.state_guesses import state_guesses
 from swarmstart.ocp.statement.guess import middle_controls, zero_controls
-
-Array = NDArray[np.float64]
 
 LANES = 64
 """Number of random starts of `solve`."""

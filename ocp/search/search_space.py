@@ -34,6 +34,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics import (
     Box,
     Initial,
@@ -67,7 +68,6 @@ from swarmstart.ocp.statement.free import FreeStart
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 from swarmstart.ocp.statement.whole_numbers import whole, widened
 
-Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics import (
     Algorithm,
     Box,
@@ -29,7 +29,6 @@ from swarmstart.ocp.search.lane_settings import (
     SearchAlgorithm,
 )
 
-Array = NDArray[np.float64]
 WarmStart = Literal["all", "half", "one", "none"]
 When = Literal["needed", "always"]
 EVALUATIONS = 20_000

@@ -8,11 +8,10 @@ the NLP solver's answer shows which of them leads to a good optimum.
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.nlp.start import Start
 from swarmstart.ocp.rollout.fitness import Fitness, Known, at_nodes, shared_arguments
 from swarmstart.ocp.statement.guess import zero_controls
-
-Array = NDArray[np.float64]
 
 MODES = (1, 3)
 """Numbers of the sine modes, used in turn."""

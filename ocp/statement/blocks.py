@@ -16,9 +16,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import InvalidProblemError
 
-Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 

@@ -18,13 +18,11 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 import casadi as ca
-import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.common.limits import require_choice
 
-Array = NDArray[np.float64]
 ControlShape = Literal["constant", "linear", "continuous"]
 
 

@@ -29,8 +29,9 @@ from typing import Any, get_args
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.common.expressions import shortened, symbol_names
 from swarmstart.ocp.common.limits import require_choice, require_number
@@ -40,7 +41,6 @@ from swarmstart.ocp.system.algebraic import UNSOLVED, joined
 from swarmstart.ocp.system.constraints import Bounds, Constraint
 from swarmstart.ocp.system.model import Model, jump_of, rate_of
 
-Array = NDArray[np.float64]
 Values = Mapping[str, ArrayLike] | Sequence[Mapping[str, float]] | Array
 Sampler = Callable[[np.random.Generator], Mapping[str, float]]
 

@@ -8,12 +8,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.common.limits import require_number
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

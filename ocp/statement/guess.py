@@ -3,13 +3,12 @@
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 from swarmstart.ocp.statement.whole_numbers import whole
-
-Array = NDArray[np.float64]
 
 
 def zero_controls(problem: OptimalControlProblem) -> Array:

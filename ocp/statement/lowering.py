@@ -16,8 +16,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.common.expressions import symbol_names
 from swarmstart.ocp.common.limits import numbers_of
@@ -27,7 +28,6 @@ from swarmstart.ocp.statement.free import Free
 from swarmstart.ocp.statement.guess import zero_controls
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 
-Array = NDArray[np.float64]
 _ROUNDING = 1e-9
 """Relative rounding of a control at its bound."""
 

@@ -22,8 +22,9 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.common.expressions import symbol_names, symbol_of
 from swarmstart.ocp.statement.free import Free
@@ -31,7 +32,6 @@ from swarmstart.ocp.statement.problem import OptimalControlProblem
 from swarmstart.ocp.system.constraints import Bounds, PathConstraint, TerminalConstraint
 from swarmstart.ocp.system.model import Model
 
-Array = NDArray[np.float64]
 Linkage = Mapping[str, ca.SX]
 """States of the next phase, by name, as expressions of this phase's end state."""
 CLOCK, COUNTER = "time", "intervals done"

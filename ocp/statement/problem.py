@@ -35,6 +35,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.common.expressions import (
     as_column,
@@ -83,7 +84,6 @@ from swarmstart.ocp.system.constraints import (
 from swarmstart.ocp.system.model import Model
 from swarmstart.ocp.system.moving_bounds import fixed_and_moving
 
-Array = NDArray[np.float64]
 STATE_BOUNDS = "bounds of the states"
 """Name of the path constraint that represents bounds of the states."""
 Quadrature = Literal["integral", "left", "right"]

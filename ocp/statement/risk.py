@@ -25,11 +25,10 @@ from typing import Literal, NamedTuple
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.statement.free import Free, FreeStart
 
-Array = NDArray[np.float64]
 Measure = Literal["mean", "worst", "cvar"]
 
 

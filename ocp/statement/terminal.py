@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 from swarmstart.ocp.system.model import right_hand_side
@@ -18,8 +19,6 @@ from swarmstart.terminal_set import (
     certified_terminal_set,
 )
 from swarmstart.terminal_set.proving import resting
-
-Array = NDArray[np.float64]
 
 
 def terminal_set_of(

@@ -17,11 +17,10 @@ from typing import TypeVar
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import InvalidProblemError
 
-Array = NDArray[np.float64]
 _Symbolic = TypeVar("_Symbolic", ca.SX, ca.MX)
 _HALF = 0.499999
 """Extension of the box of a search beyond the bounds."""

@@ -8,8 +8,8 @@ x[0] - 1         an expression alone, which must be zero
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.common.expressions import shortened
 from swarmstart.ocp.system.constraints import (
@@ -19,8 +19,6 @@ from swarmstart.ocp.system.constraints import (
     limited,
 )
 from swarmstart.ocp.system.separation import Connection, Separation
-
-Array = NDArray[np.float64]
 
 
 def known_scales(constraint: Constraint) -> Array:

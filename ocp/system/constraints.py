@@ -30,15 +30,10 @@ from typing import Literal, NamedTuple, Protocol, cast, get_args
 import casadi as ca
 import numpy as np
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.common.expressions import as_column, as_symbolic_column
-from swarmstart.ocp.common.limits import (
-    Array,
-    Limit,
-    limits_of,
-    require_choice,
-    scales_given,
-)
+from swarmstart.ocp.common.limits import Limit, limits_of, require_choice, scales_given
 
 Measure = Literal["excess", "indicator"]
 MovingLimit = Limit | ca.SX | Sequence[float | ca.SX]

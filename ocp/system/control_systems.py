@@ -20,15 +20,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.common.expressions import shortened
 
 if TYPE_CHECKING:
     import control
 
-Array = NDArray[np.float64]
 _AGREES = 1e-9
 """Largest difference between symbols and numbers, relative to their size."""
 _SIZES = (0.1, 0.7, 3.0, 20.0)

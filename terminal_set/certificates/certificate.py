@@ -15,9 +15,10 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
+from swarmstart.arrays import Array
 from swarmstart.terminal_set.certificates.evidence import Proof, Refutation
 from swarmstart.terminal_set.interval_arithmetic.tape import tape_of
-from swarmstart.terminal_set.linear.arrays import Array, finite_array
+from swarmstart.terminal_set.linear.arrays import finite_array
 from swarmstart.terminal_set.linear.level import level_from_inputs, level_from_states
 from swarmstart.terminal_set.linear.reference import Reference
 

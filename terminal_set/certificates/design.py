@@ -31,10 +31,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from swarmstart.arrays import Array
 from swarmstart.errors import SwarmstartError
 from swarmstart.terminal_set.certificates.certificate import Certificate
 from swarmstart.terminal_set.linear.arrays import (
-    Array,
     Mask,
     NotPositiveError,
     columns_of,

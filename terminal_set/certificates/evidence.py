@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from swarmstart.arrays import Array
 from swarmstart.errors import SwarmstartError
-from swarmstart.terminal_set.linear.arrays import Array, finite_array
+from swarmstart.terminal_set.linear.arrays import finite_array
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

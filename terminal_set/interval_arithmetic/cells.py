@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from swarmstart.terminal_set.linear.arrays import Array
+from swarmstart.arrays import Array
 
 PADDING = 1e-12
 """Padding of sums of products, relative to the sum of their sizes; above rounding."""

@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.machine_code import ieee_kernel
 from swarmstart.terminal_set.interval_arithmetic.interval_functions import (
     FUNCTIONS,
@@ -23,7 +24,6 @@ from swarmstart.terminal_set.interval_arithmetic.interval_functions import (
     outward,
     power,
 )
-from swarmstart.terminal_set.linear.arrays import Array
 
 Codes = NDArray[np.int64]
 

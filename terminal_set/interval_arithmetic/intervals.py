@@ -23,6 +23,7 @@ from typing import Protocol
 import casadi as ca
 import numpy as np
 
+from swarmstart.arrays import Array
 from swarmstart.errors import SwarmstartError
 from swarmstart.tape import (
     Node,
@@ -38,7 +39,6 @@ from swarmstart.terminal_set.interval_arithmetic.interval_kernel import (
     Codes,
     interpret,
 )
-from swarmstart.terminal_set.linear.arrays import Array
 
 JUMPS = frozenset(
     "sign lt le eq ne not and or if_else_zero floor ceil fmod remainder copysign"

@@ -30,6 +30,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
+from swarmstart.arrays import Array
 from swarmstart.errors import SwarmstartError
 from swarmstart.tape import Node, Tape
 from swarmstart.terminal_set.interval_arithmetic.intervals import (
@@ -39,7 +40,7 @@ from swarmstart.terminal_set.interval_arithmetic.intervals import (
     interval_program,
     require_no_jumps,
 )
-from swarmstart.terminal_set.linear.arrays import Array, Mask
+from swarmstart.terminal_set.linear.arrays import Mask
 
 KINKS = ("fabs", "fmin", "fmax")
 NEIGHBOURHOOD = 1e-150

@@ -28,13 +28,14 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.terminal_set.interval_arithmetic.cells import PADDING, Cells, added_up
 from swarmstart.terminal_set.interval_arithmetic.intervals import (
     IntervalEvaluation,
     interval_function,
 )
 from swarmstart.terminal_set.interval_arithmetic.smoothness import Kinks
-from swarmstart.terminal_set.linear.arrays import Array, Mask
+from swarmstart.terminal_set.linear.arrays import Mask
 
 
 class TaylorForm:

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.errors import SwarmstartError
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 SYMMETRY_TOLERANCE = 1e-8

@@ -19,9 +19,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from swarmstart.arrays import Array
 from swarmstart.errors import SwarmstartError
 from swarmstart.terminal_set.linear.arrays import (
-    Array,
     NotPositiveError,
     bound_array,
     finite_array,

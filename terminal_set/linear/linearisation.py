@@ -21,9 +21,9 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
 
+from swarmstart.arrays import Array
 from swarmstart.errors import SwarmstartError
 from swarmstart.terminal_set.linear.arrays import (
-    Array,
     NotPositiveError,
     finite_array,
     read_only,

@@ -20,8 +20,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from swarmstart.arrays import Array
 from swarmstart.terminal_set.linear.arrays import (
-    Array,
     finite_array,
     positive_definite,
     positive_semidefinite,

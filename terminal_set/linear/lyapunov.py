@@ -13,11 +13,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from swarmstart.terminal_set.linear.arrays import (
-    Array,
-    positive_semidefinite,
-    square_matrix,
-)
+from swarmstart.arrays import Array
+from swarmstart.terminal_set.linear.arrays import positive_semidefinite, square_matrix
 from swarmstart.terminal_set.linear.reliability import reliable_solution
 from swarmstart.terminal_set.linear.stability import CONTINUOUS, SAMPLED, require_stable
 

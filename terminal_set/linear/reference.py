@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from swarmstart.terminal_set.linear.arrays import Array, bound_array, finite_array
+from swarmstart.arrays import Array
+from swarmstart.terminal_set.linear.arrays import bound_array, finite_array
 from swarmstart.terminal_set.linear.level import smaller_side
 
 

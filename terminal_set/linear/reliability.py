@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from swarmstart.arrays import Array
 from swarmstart.errors import SwarmstartError
-from swarmstart.terminal_set.linear.arrays import Array, read_only
+from swarmstart.terminal_set.linear.arrays import read_only
 
 CONDITION_LIMIT = 1e10
 RESIDUAL_LIMIT = 1e-8

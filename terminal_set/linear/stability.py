@@ -18,8 +18,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.errors import SwarmstartError
-from swarmstart.terminal_set.linear.arrays import Array, square_matrix
+from swarmstart.terminal_set.linear.arrays import square_matrix
 
 ComplexArray = NDArray[np.complex128]
 

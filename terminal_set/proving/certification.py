@@ -25,6 +25,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from swarmstart.arrays import Array
 from swarmstart.terminal_set.certificates.certificate import (
     Certificate,
     HeldMargins,
@@ -40,7 +41,6 @@ from swarmstart.terminal_set.certificates.design import (
 from swarmstart.terminal_set.certificates.evidence import UnprovenSetError
 from swarmstart.terminal_set.interval_arithmetic.smoothness import require_smooth
 from swarmstart.terminal_set.linear.arrays import (
-    Array,
     NotPositiveError,
     positive_semidefinite,
 )

@@ -19,10 +19,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from swarmstart.arrays import Array
 from swarmstart.errors import SwarmstartError
 from swarmstart.terminal_set.certificates.design import TerminalSet
 from swarmstart.terminal_set.linear.arrays import (
-    Array,
     InvalidShapeError,
     finite_array,
     positive_definite,

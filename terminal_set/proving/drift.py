@@ -26,9 +26,10 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from swarmstart.arrays import Array
 from swarmstart.errors import SwarmstartError
 from swarmstart.terminal_set.interval_arithmetic.intervals import interval_function
-from swarmstart.terminal_set.linear.arrays import Array, Mask, finite_array
+from swarmstart.terminal_set.linear.arrays import Mask, finite_array
 from swarmstart.terminal_set.linear.reference import Reference
 from swarmstart.terminal_set.proving.decrease import Change
 

@@ -32,6 +32,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
+from swarmstart.arrays import Array
 from swarmstart.terminal_set.interval_arithmetic.cells import (
     PADDING,
     Cells,
@@ -44,7 +45,6 @@ from swarmstart.terminal_set.interval_arithmetic.smoothness import (
     require_bounded,
 )
 from swarmstart.terminal_set.interval_arithmetic.taylor import TaylorForm, evaluated
-from swarmstart.terminal_set.linear.arrays import Array
 from swarmstart.terminal_set.proving.decrease import Change
 
 

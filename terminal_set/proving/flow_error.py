@@ -33,8 +33,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from swarmstart.arrays import Array
 from swarmstart.terminal_set.interval_arithmetic.cells import PADDING, Cells
-from swarmstart.terminal_set.linear.arrays import Array
 from swarmstart.terminal_set.proving.enclosure import Undecided
 from swarmstart.terminal_set.proving.proof import COVER, Limits, radius_of, search_ball
 from swarmstart.terminal_set.proving.residual import Balls, Residual, Times

@@ -18,10 +18,10 @@ from itertools import pairwise
 import casadi as ca
 import numpy as np
 
+from swarmstart.arrays import Array
 from swarmstart.terminal_set.certificates.evidence import Proof
 from swarmstart.terminal_set.interval_arithmetic.cells import PADDING, TimedCells
 from swarmstart.terminal_set.interval_arithmetic.taylor import TaylorForm
-from swarmstart.terminal_set.linear.arrays import Array
 from swarmstart.terminal_set.proving.enclosure import (
     Undecided,
     beside_diagonal,

@@ -18,8 +18,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from swarmstart.arrays import Array
 from swarmstart.terminal_set.certificates.evidence import Proof, Refutation
-from swarmstart.terminal_set.linear.arrays import Array
 from swarmstart.terminal_set.proving.decrease import Change
 from swarmstart.terminal_set.proving.proof import prove_level
 from swarmstart.terminal_set.proving.refutation import refuted_level

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from swarmstart.arrays import Array
 from swarmstart.errors import SwarmstartError
 from swarmstart.terminal_set.certificates.design import TerminalSet
-from swarmstart.terminal_set.linear.arrays import Array, NotFiniteError
+from swarmstart.terminal_set.linear.arrays import NotFiniteError
 from swarmstart.terminal_set.linear.linearisation import (
     held_spectral_radius,
     hold,

@@ -21,8 +21,9 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
+from swarmstart.arrays import Array
 from swarmstart.terminal_set.certificates.evidence import Proof
-from swarmstart.terminal_set.linear.arrays import Array, NotPositiveError
+from swarmstart.terminal_set.linear.arrays import NotPositiveError
 from swarmstart.terminal_set.proving.decrease import Change
 from swarmstart.terminal_set.proving.enclosure import DecreaseBounds, Undecided
 

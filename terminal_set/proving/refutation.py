@@ -18,11 +18,9 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
+from swarmstart.arrays import Array
 from swarmstart.terminal_set.certificates.evidence import Refutation
-from swarmstart.terminal_set.linear.arrays import (
-    Array,
-    NotPositiveError,
-)
+from swarmstart.terminal_set.linear.arrays import NotPositiveError
 from swarmstart.terminal_set.proving.decrease import Change
 
 RAYS = 4000

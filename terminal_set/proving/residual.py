@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from swarmstart.arrays import Array
 from swarmstart.terminal_set.certificates.design import TerminalSet
 from swarmstart.terminal_set.interval_arithmetic.cells import PADDING
 from swarmstart.terminal_set.interval_arithmetic.intervals import IntervalEvaluation
@@ -29,7 +30,7 @@ from swarmstart.terminal_set.interval_arithmetic.taylor import (
     evaluated,
     middle_and_radius,
 )
-from swarmstart.terminal_set.linear.arrays import Array, Mask
+from swarmstart.terminal_set.linear.arrays import Mask
 from swarmstart.terminal_set.proving.enclosure import defect
 
 Balls = tuple[Array, Array]

@@ -12,8 +12,9 @@ from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from swarmstart.arrays import Array
 from swarmstart.ocp import (
     Bounds,
     Model,
@@ -22,8 +23,6 @@ from swarmstart.ocp import (
     TerminalConstraint,
 )
 from swarmstart.tests.adversary.judge import Rate, Rows, Truth
-
-Array = NDArray[np.float64]
 
 
 class Formulas(NamedTuple):

@@ -12,16 +12,14 @@ from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.tests.adversary.case import Case, Formulas
 from swarmstart.tests.adversary.exact.convex import UnsolvedError
 from swarmstart.tests.adversary.exact.held_linear import Linear
 from swarmstart.tests.adversary.exact.rk4 import substeps_needed
 from swarmstart.tests.adversary.judge import Rows, replay
 from swarmstart.tests.adversary.linear_case import formulas_of, linear_case, truth_of
-
-Array = NDArray[np.float64]
 
 
 class Symbolic(NamedTuple):

@@ -3,12 +3,11 @@
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.tests.adversary.case import Case
 from swarmstart.tests.adversary.exact.convex import UnsolvedError
 
-Array = NDArray[np.float64]
 MOST_GROWTH = 3.0
 """The largest exponent by which a drawn system may grow over its horizon."""
 

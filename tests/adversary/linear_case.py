@@ -8,14 +8,12 @@ from dataclasses import replace
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from swarmstart.tests.adversary.case import Case, Formulas, unsolvable
 from swarmstart.tests.adversary.exact.convex import solve_convex
 from swarmstart.tests.adversary.exact.held_linear import Linear, program_of
 from swarmstart.tests.adversary.judge import Rows, Truth
 
-Array = NDArray[np.float64]
 ROOM = 2e-3
 """Relative: an answer is right up to this much above the optimum."""
 SLACK = 1e-2

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field, replace
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.tests.adversary.case import Case, Formulas, known
 from swarmstart.tests.adversary.drawing import symmetric_limits
 from swarmstart.tests.adversary.exact.held_linear import Linear
@@ -14,7 +14,6 @@ from swarmstart.tests.adversary.exact.reach import Reach
 from swarmstart.tests.adversary.judge import nothing
 from swarmstart.tests.adversary.linear_case import formulas_of, substeps_of, truth_of
 
-Array = NDArray[np.float64]
 WIDER = 3.0
 """Ratio of the bounds and the range that the optimum uses."""
 

@@ -3,8 +3,8 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.tests.adversary.case import (
     UNITS,
     Case,
@@ -14,8 +14,6 @@ from swarmstart.tests.adversary.case import (
 )
 from swarmstart.tests.adversary.catalogue import CLASSES, chosen
 from swarmstart.tests.adversary.judge import Claim, judge, replay
-
-Array = NDArray[np.float64]
 
 
 def points(case: Case) -> tuple[Array, Array]:

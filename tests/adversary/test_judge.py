@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from swarmstart.tests.adversary import judge as judge_module
 from swarmstart.tests.adversary.judge import (
@@ -20,7 +19,6 @@ from swarmstart.tests.adversary.judge import (
     scales,
 )
 
-Array = NDArray[np.float64]
 JUDGE = Path(str(judge_module.__file__))
 N = 4
 

@@ -6,9 +6,9 @@ from types import SimpleNamespace
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from swarmstart.arrays import Array
 from swarmstart.benchmarks.lower_bounds import (
     adversary_share,
     best_known,
@@ -19,8 +19,6 @@ from swarmstart.benchmarks.lower_bounds.problems import DISC, NAMED, Named
 from swarmstart.ocp import Solution
 from swarmstart.ocp.lower_bound.answer import BoundKind, LowerBound
 from swarmstart.tests.adversary.problems import free_end_time
-
-Array = NDArray[np.float64]
 
 
 def flown_cost(named: Named, answer: Solution) -> float:

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.integrate import quad, solve_ivp
 from scipy.linalg import expm
 from scipy.optimize import brentq, least_squares, minimize, root
 
+from swarmstart.arrays import Array
 from swarmstart.benchmarks.kept_values import PROBLEMS, Kept, read
 from swarmstart.benchmarks.shipped_problems import (
     WHOLE,
@@ -22,9 +22,6 @@ from swarmstart.benchmarks.shipped_problems import (
 )
 from swarmstart.cases.campaign.studies.library import run
 from swarmstart.cases.format.scenario import shipped
-
-Array = NDArray[np.float64]
-
 
 FROM_BELOW = {
     "catalyst_mixing",

@@ -4,8 +4,8 @@ import ctypes
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics import (
     Algorithm,
     Box,
@@ -17,7 +17,6 @@ from swarmstart.heuristics import (
     minimize,
 )
 
-Array = NDArray[np.float64]
 DIM = 6
 BOX = Box(lower=np.full(DIM, -3.0), upper=np.full(DIM, 2.0))
 EVALUATIONS = 1500

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics import (
     CMAES,
     LSHADE,
@@ -34,7 +34,6 @@ from swarmstart.heuristics.searches.random_search import (
     RandomSearchState,
 )
 
-Array = NDArray[np.float64]
 Values = Callable[[Array], tuple[Array, Array]]
 SIZE = 9  # odd: the last child of the genetic algorithm has no twin
 

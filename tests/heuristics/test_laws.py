@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from swarmstart import heuristics
+from swarmstart.arrays import Array
 from swarmstart.heuristics import (
     Algorithm,
     Box,
@@ -29,7 +30,6 @@ from swarmstart.heuristics import (
 )
 from swarmstart.heuristics.laws.bound_handling import NAMES
 
-Array = NDArray[np.float64]
 Objective = Callable[[Array], tuple[Array, Array]]
 BOX = Box(lower=np.full(4, -3.0), upper=np.full(4, 3.0))
 BUDGET = 300

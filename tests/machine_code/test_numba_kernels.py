@@ -17,6 +17,7 @@ import pytest
 
 import swarmstart.machine_code.numba_kernels as kernel_module
 import swarmstart.ocp
+from swarmstart.arrays import Array
 from swarmstart.tests.processes import environment, python
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="modes of files are POSIX's")
@@ -48,7 +49,8 @@ def copied(folder: Path) -> Path:
     package = folder / "swarmstart"
     package.mkdir(parents=True)
     (package / "__init__.py").write_text('__version__ = "0.1.0"\n')
-    shutil.copy(ROOT / "errors.py", package / "errors.py")
+    for module in ("arrays.py", "errors.py"):
+        shutil.copy(ROOT / module, package / module)
     for room in ("machine_code", "heuristics"):
         skipped = shutil.ignore_patterns("__pycache__")
         shutil.copytree(ROOT / room, package / room, ignore=skipped)
@@ -231,7 +233,7 @@ def test_arguments_of_one_key_are_of_one_type() -> None:
 
 
 @kernel_module.kernel
-def put(into: kernel_module.Array, value: float) -> None:
+def put(into: Array, value: float) -> None:
     into[0] = value
 
 

@@ -10,12 +10,11 @@ a bifunctional catalyst blend in a tubular reactor; best known 10.0942.
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import expm
 
+from swarmstart.arrays import Array
 from swarmstart.ocp import Bounds, Model, OptimalControlProblem
 
-Array = NDArray[np.float64]
 BEST = 10.0941644
 BEST_CONTROLS = np.array([[0.666081, 0.673501, 0.676270, *[0.9] * 7]])
 X0 = np.eye(7)[0]

@@ -5,8 +5,8 @@ from collections.abc import Callable
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp import (
     Bounds,
     Fitness,
@@ -19,7 +19,6 @@ from swarmstart.ocp import (
 from swarmstart.ocp.compiled.engine import NoCompilerError, machine
 from swarmstart.terminal_set import hold, linearise, sampled_lqr
 
-Array = NDArray[np.float64]
 Posed = tuple[OptimalControlProblem, Array, Known]
 TURN_RATE = np.pi / 18  # 10 deg/s
 

@@ -4,12 +4,11 @@ from collections.abc import Callable
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp import Constraint
 from swarmstart.ocp.rollout.violation import path_violation
 
-Array = NDArray[np.float64]
 A, B = ca.SX.sym("a", 2), ca.SX.sym("b", 2)
 
 

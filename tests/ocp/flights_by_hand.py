@@ -1,11 +1,9 @@
 """Closed-loop results that are written down, not simulated."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from swarmstart.ocp import Plant, Trajectory
-
-Array = NDArray[np.float64]
 
 
 def written(plant: Plant, dense_states: ArrayLike, controls: ArrayLike) -> Trajectory:

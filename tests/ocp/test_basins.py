@@ -1,7 +1,6 @@
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from swarmstart.heuristics import Budget, DifferentialEvolution
 from swarmstart.ocp import (
@@ -15,7 +14,6 @@ from swarmstart.ocp import (
 from swarmstart.ocp.answer.plan import Source
 from swarmstart.ocp.common.errors import InvalidProblemError
 
-Array = NDArray[np.float64]
 X0 = np.zeros(1)
 
 

@@ -3,8 +3,8 @@
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp import (
     Free,
     IpoptOptions,
@@ -16,7 +16,6 @@ from swarmstart.ocp import (
     solve,
 )
 
-Array = NDArray[np.float64]
 A = np.array([[1.0, 0.2], [-0.4, 0.9]])
 C = np.array([[1.0, 0.0]])
 Q, R = np.diag([0.02, 0.05]), np.array([[0.1]])

@@ -12,8 +12,8 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.record.results import load
 from swarmstart.ocp import (
     Bounds,
@@ -38,7 +38,6 @@ from swarmstart.tests.ocp.feature_pairs.comparison import Ours, drawn_point
 from swarmstart.tests.ocp.feature_pairs.features import FEATURES, drawn
 from swarmstart.tests.ocp.feature_pairs.stated import Stated
 
-Array = NDArray[np.float64]
 MEASURED = "a receding horizon starts where the state is measured"
 REFUSED = dict.fromkeys(
     ("free start", "tied start", "free initial cost", "periodic state"), MEASURED

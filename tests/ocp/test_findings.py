@@ -13,9 +13,9 @@ from collections.abc import Callable
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics import InvalidSettingsError
 from swarmstart.ocp import (
     Agent,
@@ -40,7 +40,6 @@ from swarmstart.ocp import (
 from swarmstart.ocp.nlp.transcription import multiple_shooting
 from swarmstart.ocp.search.settings import search_settings
 
-Array = NDArray[np.float64]
 BACKENDS = ("llvm", "casadi")
 
 

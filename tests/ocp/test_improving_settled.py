@@ -5,7 +5,6 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from swarmstart.ocp import (
     Bounds,
@@ -23,7 +22,6 @@ from swarmstart.ocp.answer.improving import STARTS, settled
 from swarmstart.ocp.nlp.optimality import Curvature, curvature
 from swarmstart.ocp.rollout.fitness import NOTHING
 
-Array = NDArray[np.float64]
 X, U = ca.SX.sym("x"), ca.SX.sym("u")
 
 

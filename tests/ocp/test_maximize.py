@@ -6,8 +6,8 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics import Budget
 from swarmstart.ocp import (
     Bounds,
@@ -24,8 +24,6 @@ from swarmstart.ocp import (
     simulate,
     solve,
 )
-
-Array = NDArray[np.float64]
 
 
 def turned(problem: OptimalControlProblem) -> OptimalControlProblem:

@@ -8,11 +8,8 @@ import casadi as ca
 import control
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 import swarmstart as ss
-
-Array = NDArray[np.float64]
 
 
 def swinging(**options: object) -> ss.OptimalControlProblem:

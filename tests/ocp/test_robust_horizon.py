@@ -5,7 +5,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from swarmstart.ocp import (
     Bounds,
@@ -27,7 +26,6 @@ from swarmstart.ocp import (
 from swarmstart.ocp.nlp.optimality import Curvature, curvature
 from swarmstart.ocp.statement.risk import Measure
 
-Array = NDArray[np.float64]
 GAINS, WEIGHTS, LEVEL = [0.5, 1.0, 2.0], [1.0, 2.0, 1.0], 0.6
 N, STEPS, MOST = 5, 4, 0.9
 BEFORE = 0.3

@@ -7,7 +7,6 @@ drops expressions that are always zero. Users must not notice this.
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from swarmstart.ocp import (
     Bounds,
@@ -22,7 +21,6 @@ from swarmstart.ocp import (
     solve,
 )
 
-Array = NDArray[np.float64]
 X, U = ca.SX.sym("x"), ca.SX.sym("u")
 inf = np.inf
 

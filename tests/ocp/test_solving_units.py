@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp import (
     Bounds,
     Model,
@@ -24,8 +24,6 @@ from swarmstart.ocp import (
     disc,
     solve,
 )
-
-Array = NDArray[np.float64]
 
 
 class Units(NamedTuple):

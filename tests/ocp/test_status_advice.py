@@ -3,7 +3,6 @@
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from swarmstart.ocp import (
     Bounds,
@@ -19,7 +18,6 @@ from swarmstart.ocp import (
 )
 from swarmstart.ocp.rollout.status import Found, advice_for
 
-Array = NDArray[np.float64]
 X, U = ca.SX.sym("x", 2), ca.SX.sym("u")
 
 

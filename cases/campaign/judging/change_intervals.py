@@ -10,9 +10,9 @@ import math
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from swarmstart.arrays import Array
+
 CHANCE = 0.05
 """Probability that an interval ends short of the change, on either side."""
 _MOST_EXACT = 200

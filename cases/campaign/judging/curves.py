@@ -13,8 +13,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from swarmstart.arrays import Array
 from swarmstart.cases.campaign.judging.running_time import (
     Courses,
     costs_at,
@@ -26,7 +27,6 @@ from swarmstart.cases.campaign.judging.running_time import (
 from swarmstart.cases.campaign.judging.runs import ROUND_OFF, Asked, Runs
 from swarmstart.cases.campaign.judging.statistics import bands, resampled
 
-Array = NDArray[np.float64]
 DIGITS = 6
 """Significant digits of the numbers of a curve."""
 

@@ -26,6 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.campaign.judging.ranks import with_ties
 from swarmstart.cases.campaign.judging.statistics import (
     LEVEL,
@@ -39,7 +40,6 @@ from swarmstart.cases.campaign.judging.statistics import (
 )
 from swarmstart.cases.campaign.trials.solver_names import NULL_HYPOTHESIS
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 SECONDS_SHARE = 0.2
 """Shares of the chance of a false claim."""

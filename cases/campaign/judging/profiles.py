@@ -15,11 +15,11 @@ profiles for benchmarking software, ACM Transactions on Mathematical Software 43
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from swarmstart.arrays import Array
 from swarmstart.cases.campaign.judging.statistics import bands
 
-Array = NDArray[np.float64]
 RATIOS = 41
 MOST_RATIO = 1e6
 """Largest ratio of a profile."""

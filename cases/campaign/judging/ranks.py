@@ -10,11 +10,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.campaign.judging.statistics import bands, resampled
 
-Array = NDArray[np.float64]
 SAME = 1e-6
 """Costs within this relative difference count as equal."""
 

@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.campaign.judging.change_intervals import (
     median_interval,
     share_interval,
@@ -34,7 +35,6 @@ from swarmstart.cases.campaign.judging.runs import ROUND_OFF
 from swarmstart.cases.campaign.judging.statistics import median, too_few
 from swarmstart.errors import SwarmstartError
 
-Array = NDArray[np.float64]
 Content = Mapping[str, Any]
 MARGIN = 0.1
 FEWEST = 6

@@ -20,9 +20,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from swarmstart.arrays import Array
+
 TARGETS = 51
 A_DECADE = 10
 """Marks, as in the histories."""

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.campaign.engine.cells import Outcome
 from swarmstart.cases.campaign.judging.entry import Entry
 from swarmstart.cases.campaign.judging.running_time import FEASIBLE, Courses, courses_of
 
-Array = NDArray[np.float64]
 NEAR = (0.01, 0.0001)
 ROUND_OFF = 1e-9
 """Part of the largest cost that counts as near a best cost of about 0."""

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.campaign.judging.curves import Curves
 from swarmstart.cases.campaign.judging.judgement import Finding, Pair, Results, judged
 from swarmstart.cases.campaign.judging.ranks import SAME
@@ -38,8 +39,6 @@ from swarmstart.cases.campaign.judging.statistics import (
     wilson_interval,
 )
 from swarmstart.ocp import BoundKind, OptimalityGap
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

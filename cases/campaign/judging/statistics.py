@@ -13,9 +13,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from swarmstart.arrays import Array
+
 LEVEL = 0.05
 """Largest p for which a difference is called shown."""
 ENUMERATED = 13

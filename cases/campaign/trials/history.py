@@ -20,14 +20,13 @@ from contextlib import AbstractContextManager, contextmanager
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics import SearchResult
 from swarmstart.heuristics.running import Individual, StopReason
 from swarmstart.machine_code import Stopwatch
 from swarmstart.ocp.nlp import UNWATCHED, Answer, Ratios, Watch, Work, is_better
 
-Array = NDArray[np.float64]
 PER_DECADE = 10
 CHECKPOINT_S = 0.25
 """Shortest time between two checkpoints; the first is written at once [s]."""

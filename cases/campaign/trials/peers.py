@@ -27,12 +27,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics import Box
-
-Array = NDArray[np.float64]
 
 LARGEST = 1e30
 """Value that replaces one that is not finite."""

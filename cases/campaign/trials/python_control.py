@@ -20,8 +20,8 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.campaign.trials.building import Built, Trial
 from swarmstart.cases.campaign.trials.history import Meter
 from swarmstart.cases.campaign.trials.peers import BudgetSpent, PeerError
@@ -29,7 +29,6 @@ from swarmstart.ocp import zero_controls
 from swarmstart.ocp.rollout import Shooting, at_nodes
 from swarmstart.ocp.system import Rows
 
-Array = NDArray[np.float64]
 Numbers = Callable[[Array, Array], Any]
 """(x with k, u) -> numbers, as python-control calls its functions."""
 

@@ -14,8 +14,8 @@ from pkgutil import resolve_name
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.campaign.trials.building import ENDLESS, Built, Trial, share_of
 from swarmstart.cases.campaign.trials.history import Meter
 from swarmstart.cases.campaign.trials.peer_names import PEERS
@@ -33,8 +33,6 @@ from swarmstart.ocp import Planner, Solution, multistart
 from swarmstart.ocp.answer import Plan, Source, improved
 from swarmstart.ocp.nlp import Answer, Start
 from swarmstart.ocp.rollout import Known, Objective
-
-Array = NDArray[np.float64]
 
 
 class NotSolvedError(SwarmstartError):

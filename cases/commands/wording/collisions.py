@@ -6,14 +6,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.campaign.running.run import Run
 from swarmstart.cases.drawing.naming.quantities import KEPT, quantity
 from swarmstart.cases.drawing.naming.wording import is_number
 from swarmstart.cases.drawing.report.pages.broken_limits import kept_distance
 from swarmstart.cases.kinds.planar import POSITION, STATES, by_uav, pair_distances
 from swarmstart.ocp import Mode
-
-Array = NDArray[np.float64]
 
 BUT_BROKEN = ", but the simulated path breaks a constraint"
 """Follows words on feasible plans, so that they do not hide what is broken."""

@@ -8,13 +8,11 @@ from pkgutil import resolve_name
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.format.expressions import evaluate, parse
 from swarmstart.cases.format.registry import words_of
 from swarmstart.errors import SwarmstartError
-
-Array = NDArray[np.float64]
 
 _TWO = 2
 _STRAIGHT = 1e-9

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.drawing.panels import Labels, stacked_limits
 from swarmstart.cases.drawing.plan_figures import Flown, chosen
 from swarmstart.cases.drawing.slack import arguments_of, made_at
@@ -24,7 +24,6 @@ from swarmstart.ocp import Fitness, Known, Trajectory
 from swarmstart.ocp.loop import known_at
 from swarmstart.ocp.rollout import Shooting
 
-Array = NDArray[np.float64]
 Paths = Sequence[tuple[float, Sequence[Array | None]]]
 
 MOST_VEHICLES = 20

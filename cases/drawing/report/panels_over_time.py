@@ -9,11 +9,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.drawing.report.tracks import Series, Tracks
-
-Array = NDArray[np.float64]
 
 PANEL = (300.0, 140.0)
 LEFT, RIGHT, TOP, BOTTOM = 44.0, 294.0, 22.0, 118.0

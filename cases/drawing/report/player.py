@@ -13,8 +13,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.drawing.naming.wording import counted
 from swarmstart.cases.drawing.page import rendered
 from swarmstart.cases.drawing.report.panels_over_time import (
@@ -31,7 +31,6 @@ from swarmstart.cases.drawing.report.tracks import Plane, Tracks
 if TYPE_CHECKING:
     from markupsafe import Markup
 
-Array = NDArray[np.float64]
 
 WIDTH = 10_000
 """Of the plane in the units of its paths: whole numbers are fine enough."""

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.drawing.naming.surroundings import (
     Disc,
     Surroundings,
@@ -34,8 +35,6 @@ from swarmstart.cases.record.files import RecordError
 from swarmstart.cases.record.results import Record
 from swarmstart.cases.record.trajectory_arrays import held_controls
 from swarmstart.ocp import Decision, Source, Trajectory
-
-Array = NDArray[np.float64]
 
 MOST_FRAMES = 600
 MOST_COORDINATES = 90_000

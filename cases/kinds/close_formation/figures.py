@@ -11,8 +11,8 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.drawing.drawing import (
     COLOURS,
     Figures,
@@ -52,7 +52,6 @@ if TYPE_CHECKING:
     from matplotlib.contour import ContourSet
     from matplotlib.figure import Figure, FigureBase
 
-Array = NDArray[np.float64]
 
 WINGMAN, LEADER, REFERENCE = COLOURS[0], COLOURS[1], "#000000"
 COMMANDS = ("speed command", "heading command", "height command")

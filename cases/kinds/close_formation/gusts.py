@@ -7,9 +7,8 @@ length and V the airspeed. Source: MIL-F-8785C, the longitudinal Dryden spectrum
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from swarmstart.arrays import Array
 
 
 def dryden(

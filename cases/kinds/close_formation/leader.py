@@ -4,11 +4,10 @@ import itertools
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.kinds.close_formation.scenario import Leader
 
-Array = NDArray[np.float64]
 TIMING_S = 1e-9
 """Difference below which instants are equal, since n dt is rounded [s]."""
 

@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
+from swarmstart.arrays import Array
 from swarmstart.cases.format.kind import Measure, WholeRun
 from swarmstart.cases.kinds.close_formation.leader import (
     first_manoeuvre_s,
@@ -26,8 +26,6 @@ from swarmstart.ocp import (
     smallest_distance,
 )
 from swarmstart.ocp.nlp import Polisher
-
-Array = NDArray[np.float64]
 
 SETTLED_FT = 1.0
 LATE_S = 5.0

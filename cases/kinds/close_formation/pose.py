@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.format.kind import Flight, Posed, PosedAgent, PosedPlant
 from swarmstart.cases.format.settings import LocatedFlaw, bounds_of
 from swarmstart.cases.kinds.close_formation.gusts import dryden
@@ -29,7 +29,6 @@ from swarmstart.cases.kinds.models.close_formation import (
 from swarmstart.cases.kinds.models.horseshoe_vortex import Aircraft
 from swarmstart.ocp import Bounds, Model, OptimalControlProblem
 
-Array = NDArray[np.float64]
 MOST_SUBSTEPS = 10_000
 
 

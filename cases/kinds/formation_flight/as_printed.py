@@ -12,8 +12,9 @@ formulas are in the heads of `lyapunov.py` and `level.py` in `terminal_set/linea
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from swarmstart.arrays import Array
 from swarmstart.terminal_set import (
     Reference,
     TerminalSet,
@@ -22,8 +23,6 @@ from swarmstart.terminal_set import (
     linearise,
 )
 from swarmstart.terminal_set.linear import bound_array, finite_array, positive_definite
-
-Array = NDArray[np.float64]
 
 
 def lyapunov_as_printed(F: ArrayLike, Q: ArrayLike) -> Array:

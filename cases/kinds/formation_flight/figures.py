@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.drawing.drawing import (
     COLOURS,
     Figures,
@@ -47,7 +48,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, FigureBase
 
-Array = NDArray[np.float64]
 
 LONGER = 1.25
 """Tracks end at so many times the time of settling; what follows is straight."""

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.format.kind import Measure, WholeRun
 from swarmstart.cases.kinds.formation_flight.names import MEASURES
 from swarmstart.cases.kinds.formation_flight.pose import FormationFlight, PosedFormation
@@ -25,8 +26,6 @@ from swarmstart.cases.kinds.planar import (
 from swarmstart.cases.record.trajectory_arrays import effort, found_plans, planned
 from swarmstart.ocp import Mode, Trajectory, interpolate
 from swarmstart.terminal_set import held_spectral_radius, input_excess, linearise
-
-Array = NDArray[np.float64]
 
 SETTLED_M = 1.0
 TAIL_S = 10.0

@@ -9,8 +9,8 @@ from functools import partial
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.format.kind import (
     Flight,
     LinearLaws,
@@ -33,8 +33,6 @@ from swarmstart.cases.kinds.planar import POSITION
 from swarmstart.errors import SwarmstartError
 from swarmstart.ocp import Model, stack_models
 from swarmstart.terminal_set import Reference, TerminalSet, certificate_text
-
-Array = NDArray[np.float64]
 
 
 class NoTerminalSetError(SwarmstartError):

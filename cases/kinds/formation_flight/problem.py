@@ -10,8 +10,8 @@ The sampled-data P belongs to this sum over the steps.
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.format.settings import bounds_of
 from swarmstart.cases.kinds.formation_flight.scenario import FormationScenario
 from swarmstart.cases.kinds.planar import METRE, POSITION, speed_bounds
@@ -24,8 +24,6 @@ from swarmstart.ocp import (
     right_hand_side,
 )
 from swarmstart.terminal_set import Reference, hold, linearise, sampled_lqr
-
-Array = NDArray[np.float64]
 
 
 def planning_problem(

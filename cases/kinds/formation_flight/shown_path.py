@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.drawing.sheet import settled_at
 from swarmstart.cases.kinds.formation_flight.measures import SETTLED_M, linear_mask
 from swarmstart.cases.kinds.formation_flight.pose import FormationFlight
@@ -12,8 +13,6 @@ from swarmstart.cases.kinds.formation_flight.scenario import FormationScenario
 from swarmstart.cases.kinds.models.unicycle import unicycle
 from swarmstart.cases.kinds.planar import POSITION, by_uav
 from swarmstart.ocp import Mode, Plant, Trajectory
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

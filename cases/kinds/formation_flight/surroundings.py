@@ -4,11 +4,9 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.drawing.naming.surroundings import Disc, Surroundings, points
-
-Array = NDArray[np.float64]
 
 
 def surroundings(

@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.drawing.drawing import Figures, into_folder
 from swarmstart.cases.drawing.naming.surroundings import (
     discs_of_problem,
@@ -36,8 +36,6 @@ from swarmstart.cases.record.trajectory_arrays import held_controls
 from swarmstart.ocp import Known, Trajectory
 from swarmstart.ocp.loop import known_at
 from swarmstart.ocp.rollout import replay
-
-Array = NDArray[np.float64]
 
 
 @into_folder

@@ -9,7 +9,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swarmstart.cases.drawing.panels import (
     Labels,
@@ -25,8 +24,6 @@ from swarmstart.ocp.statement import END_TIME, Lowered, lowered
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-Array = NDArray[np.float64]
 
 
 def of_one_member(

@@ -4,8 +4,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.format.kind import LinearLaws, PosedAgent, PosedPlant
 from swarmstart.cases.kinds.problem.checks.uncertain import (
     planned_parameters,
@@ -47,8 +47,6 @@ from swarmstart.ocp import (
     zero_controls,
 )
 from swarmstart.terminal_set import TerminalSet, Weights, certificate_text
-
-Array = NDArray[np.float64]
 
 
 def pose(scenario: ProblemScenario) -> ProblemPosed:

@@ -7,8 +7,8 @@ that a phase does not have is constant there.
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.format.kind import PosedAgent, PosedPlant
 from swarmstart.cases.kinds.problem.stated.members import (
     candidate_scopes,
@@ -32,8 +32,6 @@ from swarmstart.cases.kinds.problem.stated.symbols import (
 from swarmstart.cases.kinds.problem.stated.values import OverTime
 from swarmstart.ocp import OptimalControlProblem, Start, zero_controls
 from swarmstart.ocp.statement import CLOCK, COUNTER
-
-Array = NDArray[np.float64]
 
 
 def pose_phases(scenario: ProblemScenario) -> ProblemPosed:

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.format.document import printable
 from swarmstart.cases.format.kind import Posed, PosedAgent, PosedPlant
 from swarmstart.cases.kinds.problem.measuring.measures import PATH, wrong_measures
@@ -15,7 +15,6 @@ from swarmstart.cases.kinds.python.scenario import PythonScenario
 from swarmstart.ocp import Known, Model, OptimalControlProblem
 from swarmstart.ocp.loop import ReferenceSignals
 
-Array = NDArray[np.float64]
 MOST_INTERVALS = 10_000
 """Largest number of intervals of a prediction, as in YAML."""
 _PAIR, _TRIPLE = 2, 3

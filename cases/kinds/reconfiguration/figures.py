@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.drawing.distances import distances_figure
 from swarmstart.cases.drawing.drawing import (
     COLOURS,
@@ -37,7 +37,6 @@ from swarmstart.ocp import Trajectory
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, FigureBase
 
-Array = NDArray[np.float64]
 
 MOST_HORIZONS = 11
 """Horizons whose searches have a panel."""

@@ -4,8 +4,8 @@ import itertools
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.format.kind import Measure, WholeRun
 from swarmstart.cases.kinds.planar import (
     by_uav,
@@ -21,8 +21,6 @@ from swarmstart.cases.kinds.reconfiguration.scenario import ReconfigurationScena
 from swarmstart.cases.kinds.reconfiguration.target import position_errors
 from swarmstart.cases.record.trajectory_arrays import effort, found_plans, plan_costs
 from swarmstart.ocp import Trajectory, interpolate, shifted_controls
-
-Array = NDArray[np.float64]
 
 LOSS = 1e-9
 """Relative difference of costs up to which a plan is not worse."""

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.format.kind import Flight, Posed, PosedAgent, PosedPlant
 from swarmstart.cases.format.settings import LocatedFlaw
 from swarmstart.cases.kinds.reconfiguration.priority import (
@@ -29,8 +29,6 @@ from swarmstart.cases.kinds.reconfiguration.scenario import (
     start_flaws,
 )
 from swarmstart.cases.kinds.reconfiguration.target import assigned_slots
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

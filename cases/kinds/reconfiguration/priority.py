@@ -16,8 +16,9 @@ from dataclasses import replace
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from swarmstart.arrays import Array
 from swarmstart.cases.format.kind import Nearby, PosedAgent
 from swarmstart.cases.kinds.planar import METRE, POSITION, speed_bounds
 from swarmstart.cases.kinds.reconfiguration.problem import (
@@ -31,8 +32,6 @@ from swarmstart.cases.kinds.reconfiguration.problem import (
 )
 from swarmstart.cases.kinds.reconfiguration.scenario import ReconfigurationScenario
 from swarmstart.ocp import Bounds, OptimalControlProblem
-
-Array = NDArray[np.float64]
 
 FEWEST_OTHERS = 4
 """Smallest number of others for which a problem is compiled; it is then doubled."""

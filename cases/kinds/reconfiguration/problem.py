@@ -12,8 +12,8 @@ from collections.abc import Sequence
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.format.settings import bounds_of
 from swarmstart.cases.kinds.models.bank_to_turn import Thrust, bank_to_turn
 from swarmstart.cases.kinds.planar import METRE, POSITION, speed_bounds
@@ -33,7 +33,6 @@ from swarmstart.ocp import (
     stack_models,
 )
 
-Array = NDArray[np.float64]
 NX, NU = 4, 2  # Sizes of one UAV.
 
 

@@ -8,8 +8,8 @@ start in seven finds the best minimum; from later states all do.
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics import LSHADE, Budget, RandomSearch, feasibility_first
 from swarmstart.ocp import (
     IpoptOptions,
@@ -19,8 +19,6 @@ from swarmstart.ocp import (
     SearchSettings,
     Trajectory,
 )
-
-Array = NDArray[np.float64]
 
 LONG = SearchSettings(
     algorithm=LSHADE(size=100),

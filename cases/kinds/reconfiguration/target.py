@@ -5,13 +5,11 @@ slot at (0, 0).
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.kinds.assignment import shortest_assignment
 from swarmstart.cases.kinds.planar import POSITION, by_uav
 from swarmstart.cases.kinds.reconfiguration.scenario import ReconfigurationScenario
-
-Array = NDArray[np.float64]
 
 
 def assigned_slots(scenario: ReconfigurationScenario) -> Array:

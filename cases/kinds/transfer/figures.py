@@ -3,7 +3,6 @@
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swarmstart.cases.drawing.convergence import draw_convergence
 from swarmstart.cases.drawing.distances import draw_distances
@@ -19,7 +18,6 @@ from swarmstart.ocp import Plan, Trajectory
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, FigureBase
 
-Array = NDArray[np.float64]
 
 CONTROLS = ("acceleration", "bank")
 UNITS = {"acceleration": "m/s\N{SUPERSCRIPT TWO}", "bank": "deg"}

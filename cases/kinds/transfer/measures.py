@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swarmstart.cases.format.kind import Measure, WholeRun
 from swarmstart.cases.kinds.planar import (
@@ -18,8 +17,6 @@ from swarmstart.cases.kinds.transfer.names import MEASURES
 from swarmstart.cases.kinds.transfer.pose import TransferFlight
 from swarmstart.cases.kinds.transfer.scenario import TransferScenario
 from swarmstart.ocp import PolishStatus, Trajectory, interpolate
-
-Array = NDArray[np.float64]
 
 
 def measure(

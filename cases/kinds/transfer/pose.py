@@ -25,8 +25,8 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.format.kind import Flight, Posed, PosedAgent, PosedPlant
 from swarmstart.cases.format.settings import LocatedFlaw, bounds_of
 from swarmstart.cases.kinds.assignment import shortest_assignment
@@ -48,7 +48,6 @@ from swarmstart.ocp import (
     stack_models,
 )
 
-Array = NDArray[np.float64]
 NX, NU = 4, 2  # Sizes of one UAV.
 COEFFICIENTS = 3
 SMALLEST_SPEED_M_S = 1e-3

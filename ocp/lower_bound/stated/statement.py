@@ -16,9 +16,8 @@ from dataclasses import dataclass, field
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from swarmstart.arrays import Array
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -6,8 +6,9 @@ from collections.abc import Iterable, Iterator
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from swarmstart.arrays import Array
 from swarmstart.errors import SwarmstartError
 from swarmstart.ocp.lower_bound.stated.statement import Affine, Statement
 from swarmstart.ocp.rollout.fitness import Known, core_known
@@ -18,7 +19,6 @@ from swarmstart.ocp.statement.problem import OptimalControlProblem
 from swarmstart.ocp.system.constraints import Constraint
 from swarmstart.terminal_set.interval_arithmetic import expanded_tape
 
-Array = NDArray[np.float64]
 MOST_STATES = 3
 _SMOOTH = frozenset(
     "add sub mul div neg exp log pow constpow sqrt sq twice sin cos tan asin acos atan "

@@ -18,6 +18,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.lower_bound.tubes.motion import Cells, Motion, rates_over
 from swarmstart.ocp.lower_bound.tubes.support import (
     PAD,
@@ -25,9 +26,6 @@ from swarmstart.ocp.lower_bound.tubes.support import (
     dual_vertices,
     dual_vertices_on_faces,
 )
-
-Array = NDArray[np.float64]
-
 
 _IN_SPACE = 3
 _APART = 32.0

@@ -30,8 +30,8 @@ from itertools import pairwise, product
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.lower_bound.stated.statement import Statement
 from swarmstart.ocp.lower_bound.tubes.support import PAD
 from swarmstart.ocp.lower_bound.tubes.terms import terms_of
@@ -40,8 +40,6 @@ from swarmstart.terminal_set.interval_arithmetic import (
     Kinks,
     interval_function,
 )
-
-Array = NDArray[np.float64]
 
 _CONTROL_CELLS = 4
 """Number of parts of a control's range, for a control in which f is not affine."""

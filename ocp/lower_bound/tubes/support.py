@@ -23,7 +23,8 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from swarmstart.arrays import Array
+
 Index = NDArray[np.int64]
 
 PAD = 2.0**-44

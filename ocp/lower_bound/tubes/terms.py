@@ -13,13 +13,11 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.lower_bound.tubes.support import PAD
 from swarmstart.tape import OPERATIONS, Node, Tape
 from swarmstart.terminal_set.interval_arithmetic import expanded_tape
-
-Array = NDArray[np.float64]
 
 _CODES = {name: code for code, name in OPERATIONS.items()}
 _ONE = -1

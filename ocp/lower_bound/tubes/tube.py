@@ -26,8 +26,8 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.errors import SwarmstartError
 from swarmstart.ocp.lower_bound.stated.evidence import Tube
 from swarmstart.ocp.lower_bound.stated.statement import Statement
@@ -35,8 +35,6 @@ from swarmstart.ocp.lower_bound.tubes.faces import Template, rates_at_faces, tem
 from swarmstart.ocp.lower_bound.tubes.motion import Motion, motion_of
 from swarmstart.ocp.lower_bound.tubes.support import PAD
 from swarmstart.terminal_set.interval_arithmetic import UnknownIntervalOperationError
-
-Array = NDArray[np.float64]
 
 SLABS = 100
 CELLS = {1: 1, 2: 8, 3: 5}

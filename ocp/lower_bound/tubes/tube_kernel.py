@@ -8,10 +8,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.machine_code import ieee_kernel
 from swarmstart.ocp.lower_bound.tubes.support import PAD
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 

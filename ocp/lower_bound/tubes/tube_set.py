@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.lower_bound.stated.evidence import Tube
 from swarmstart.ocp.lower_bound.tubes.support import PAD
 from swarmstart.ocp.lower_bound.tubes.tube_kernel import mark_outside
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Index = NDArray[np.int64]
 

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linprog
 
-Array = NDArray[np.float64]
+from swarmstart.arrays import Array
+
 ITERATIONS = 200
 CLOSE = 1e-9
 STEP = 0.995

@@ -16,12 +16,11 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag, expm
 
+from swarmstart.arrays import Array
 from swarmstart.tests.adversary.exact.convex import Program
 
-Array = NDArray[np.float64]
 EMPTY = np.empty(0)
 
 

@@ -15,12 +15,11 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from swarmstart.arrays import Array
 from swarmstart.tests.adversary.exact.held_linear import Linear, program_of
 
-Array = NDArray[np.float64]
 GRID = {1: 40_001, 2: 401}
 """Points along each output, by the number of outputs."""
 TRIED = 5

@@ -1,11 +1,10 @@
 """Number of steps that a problem needs from the package's integrator, found apart."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.tests.adversary.judge import Truth
 
-Array = NDArray[np.float64]
 CLOSE = 1e-6
 MOST = 512
 

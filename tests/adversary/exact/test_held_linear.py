@@ -2,7 +2,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from swarmstart.tests.adversary.exact.convex import solve_convex
 from swarmstart.tests.adversary.exact.held_linear import (
@@ -13,8 +12,6 @@ from swarmstart.tests.adversary.exact.held_linear import (
 )
 from swarmstart.tests.adversary.judge import replay
 from swarmstart.tests.adversary.linear_case import truth_of
-
-Array = NDArray[np.float64]
 
 
 def full(rng: np.random.Generator, *, rate: float = 1.0) -> Linear:

@@ -1,12 +1,10 @@
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.optimize import differential_evolution
 
+from swarmstart.arrays import Array
 from swarmstart.tests.adversary.exact.held_linear import Linear, program_of
 from swarmstart.tests.adversary.exact.reach import Reach, outputs_of
-
-Array = NDArray[np.float64]
 
 
 def reach(*, w: float, t: float) -> Reach:

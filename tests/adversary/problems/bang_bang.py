@@ -11,7 +11,6 @@ Fuller (1963), Study of an optimum non-linear control system.
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swarmstart.tests.adversary.case import Case
 from swarmstart.tests.adversary.drawing import (
@@ -24,7 +23,6 @@ from swarmstart.tests.adversary.drawing import (
 from swarmstart.tests.adversary.exact.held_linear import End, Linear
 from swarmstart.tests.adversary.linear_case import linear_case
 
-Array = NDArray[np.float64]
 KIND = "bang_bang_or_singular"
 GENERATED = 30
 

@@ -12,12 +12,10 @@ from collections.abc import Callable
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from swarmstart.tests.adversary.case import Case, Formulas, equal, known, limits
 from swarmstart.tests.adversary.judge import NO_ROWS, Rows, Truth
 
-Array = NDArray[np.float64]
 KIND = "free_end_time"
 GENERATED = 30
 Drawn = tuple[Callable[[ca.SX, ca.SX], Formulas], Truth, float]

@@ -5,12 +5,10 @@ from dataclasses import replace
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from swarmstart.tests.adversary.case import Formulas, equal, limits
 from swarmstart.tests.adversary.judge import Rate, Rows, Truth
 
-Array = NDArray[np.float64]
 Posed = tuple[Callable[[ca.SX, ca.SX], Formulas], Truth]
 
 

@@ -9,8 +9,8 @@ from dataclasses import replace
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.tests.adversary.case import Case, Formulas, known
 from swarmstart.tests.adversary.drawing import symmetric_limits
 from swarmstart.tests.adversary.exact.convex import UnsolvedError, solve_convex
@@ -23,7 +23,6 @@ from swarmstart.tests.adversary.linear_case import (
     truth_of,
 )
 
-Array = NDArray[np.float64]
 KIND = "nonsmooth"
 
 

@@ -7,7 +7,6 @@ chains of integrators, costs with a linear part.
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swarmstart.tests.adversary.case import Case
 from swarmstart.tests.adversary.drawing import (
@@ -21,7 +20,6 @@ from swarmstart.tests.adversary.exact.convex import solve_convex
 from swarmstart.tests.adversary.exact.held_linear import End, Linear, program_of
 from swarmstart.tests.adversary.linear_case import linear_case
 
-Array = NDArray[np.float64]
 KIND = "linear_quadratic"
 GENERATED = 40
 FREE = 1e3

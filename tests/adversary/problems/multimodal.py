@@ -11,8 +11,8 @@ from collections.abc import Callable
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.tests.adversary.case import Case
 from swarmstart.tests.adversary.drawing import (
     chain,
@@ -23,7 +23,6 @@ from swarmstart.tests.adversary.drawing import (
 from swarmstart.tests.adversary.exact.held_linear import Linear
 from swarmstart.tests.adversary.reach_case import EndCost, reach_case
 
-Array = NDArray[np.float64]
 KIND = "multimodal"
 GENERATED = 30
 

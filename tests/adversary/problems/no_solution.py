@@ -7,7 +7,6 @@ is called feasible.
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swarmstart.tests.adversary.case import Case, unsolvable
 from swarmstart.tests.adversary.drawing import (
@@ -26,7 +25,6 @@ from swarmstart.tests.adversary.exact.held_linear import (
 from swarmstart.tests.adversary.linear_case import unsolvable_case
 from swarmstart.tests.adversary.problems.impossible import impossible
 
-Array = NDArray[np.float64]
 KIND = "no_solution"
 GENERATED = 35
 

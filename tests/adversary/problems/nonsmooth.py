@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.tests.adversary.case import Case, Formulas
 from swarmstart.tests.adversary.drawing import (
     chain,
@@ -34,7 +34,6 @@ from swarmstart.tests.adversary.problems.kinked_controls import (
 from swarmstart.tests.adversary.problems.kinked_ends import END_COSTS
 from swarmstart.tests.adversary.reach_case import reach_case
 
-Array = NDArray[np.float64]
 GENERATED = 40
 SEARCHED = 1e-2
 """Relative: how near an optimum is that only a search can find."""

@@ -9,7 +9,6 @@ from dataclasses import replace
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from swarmstart.tests.adversary.case import (
     Case,
@@ -30,7 +29,6 @@ from swarmstart.tests.adversary.exact.held_linear import End, Linear, program_of
 from swarmstart.tests.adversary.judge import Rate, Truth
 from swarmstart.tests.adversary.linear_case import linear_case
 
-Array = NDArray[np.float64]
 KIND = "overflow"
 GENERATED = 32
 Form = tuple[Callable[[ca.SX, ca.SX], ca.SX], Rate]

@@ -9,7 +9,6 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swarmstart.tests.adversary.case import (
     Case,
@@ -30,7 +29,6 @@ from swarmstart.tests.adversary.exact.held_linear import End, Linear, Path
 from swarmstart.tests.adversary.judge import Rows, Truth
 from swarmstart.tests.adversary.linear_case import linear_case
 
-Array = NDArray[np.float64]
 KIND = "path_constrained"
 GENERATED = 36
 COARSE = 3

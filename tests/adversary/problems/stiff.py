@@ -7,14 +7,12 @@ stable. They are stated with the stiff integrator, and do not count in the share
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swarmstart.tests.adversary.case import Case
 from swarmstart.tests.adversary.drawing import symmetric_limits
 from swarmstart.tests.adversary.exact.held_linear import End, Linear
 from swarmstart.tests.adversary.linear_case import linear_case
 
-Array = NDArray[np.float64]
 KIND = "stiff"
 GENERATED = 30
 SUBSTEPS = 4

@@ -3,8 +3,8 @@ from itertools import product
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.tests.adversary.exact.held_linear import End, Linear
 from swarmstart.tests.adversary.exact.rk4 import rk4
 from swarmstart.tests.adversary.judge import replay
@@ -14,8 +14,6 @@ from swarmstart.tests.adversary.problems.kinked_controls import (
     priced,
     two_gains,
 )
-
-Array = NDArray[np.float64]
 
 
 def lag() -> Linear:

@@ -4,15 +4,13 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from swarmstart.arrays import Array
 from swarmstart.tests.adversary.exact.rk4 import rk4
 from swarmstart.tests.adversary.judge import Claim, judge, replay
 from swarmstart.tests.adversary.problems import overflow
 from swarmstart.tests.adversary.problems.path_constrained import POWERS
-
-Array = NDArray[np.float64]
 
 
 def cost_to_go(

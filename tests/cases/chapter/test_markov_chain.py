@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.chapter.markov_chain import (
     GridBoundHandling,
     GridDE,
@@ -34,7 +34,6 @@ from swarmstart.heuristics.searches.de import (
     propose,
 )
 
-Array = NDArray[np.float64]
 Row = tuple[list[int], float, GridBoundHandling, int, int, float, float]
 
 TRAP = [1, 2, 3, 4, 5, 0]

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.linalg import expm
 
 import swarmstart
+from swarmstart.arrays import Array
 from swarmstart.cases.campaign.running.run import Run, run
 from swarmstart.cases.chapter.stability import (
     lateral_eigenvalues,
@@ -26,7 +26,6 @@ from swarmstart.cases.record.trajectory_arrays import plan_costs
 from swarmstart.ocp import InvalidProblemError, Plan, Source, fly
 from swarmstart.tests.cases.kinds.flights import build
 
-Array = NDArray[np.float64]
 PAGE = Path(swarmstart.__file__).parent / "docs" / "chapter" / "stability.md"
 
 ONE = [1.0, 1.0, 1.0, 1.0]

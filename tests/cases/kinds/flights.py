@@ -7,15 +7,14 @@ from pkgutil import resolve_name
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from swarmstart.arrays import Array
 from swarmstart.cases.format.kind import Flight
 from swarmstart.cases.format.registry import words_of
 from swarmstart.cases.format.settings import Scenario
 from swarmstart.cases.kinds.flight import flight_of
 from swarmstart.ocp import Decision, Plan, Source, Trajectory
-
-Array = NDArray[np.float64]
 
 
 def build(scenario: Scenario) -> Flight[Any]:

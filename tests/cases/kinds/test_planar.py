@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from swarmstart.arrays import Array
 from swarmstart.cases.campaign.running.run import run
 from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.cases.kinds.formation_flight.scenario import FormationScenario
@@ -18,7 +18,6 @@ from swarmstart.cases.kinds.planar import (
     smallest_range,
 )
 
-Array = NDArray[np.float64]
 UAVS = 5
 
 

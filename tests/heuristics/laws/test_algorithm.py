@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from swarmstart.heuristics import (
     InvalidSettingsError,
@@ -18,7 +17,6 @@ from swarmstart.heuristics.laws.algorithm import (
 )
 from swarmstart.heuristics.searches.random_search import RandomSearchState
 
-Array = NDArray[np.float64]
 POINTS = np.arange(8.0).reshape(2, 4)
 
 

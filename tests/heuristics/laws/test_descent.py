@@ -6,10 +6,9 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize as scipy_minimize
 from scipy.optimize import rosen, rosen_der
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics.laws.box import Box
 from swarmstart.heuristics.laws.descent import DescentOptions, descend
-
-Array = NDArray[np.float64]
 
 
 def rosenbrock(x: Array, numbers: NDArray[np.int64]) -> tuple[Array, Array]:

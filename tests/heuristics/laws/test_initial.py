@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics import (
     Algorithm,
     AskTellError,
@@ -26,7 +26,6 @@ from swarmstart.heuristics import (
 from swarmstart.heuristics.laws.initial import initial_population
 from swarmstart.heuristics.laws.sampling import sample
 
-Array = NDArray[np.float64]
 BOX = Box(lower=np.array([-1.0, 2.0, 0.0]), upper=np.array([1.0, 2.5, 8.0]))
 SEQUENCE = Box(lower=np.full(8, -2.0), upper=np.full(8, 2.0), per_step=2)
 GIVEN = np.array([[0.5, -0.5], [2.0, 2.5], [1.0, 7.0]])

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics import (
     Algorithm,
     Box,
@@ -31,8 +31,6 @@ from swarmstart.heuristics.laws.order import (
     merits,
     set_level,
 )
-
-Array = NDArray[np.float64]
 
 ORDERS = [
     feasibility_first(),

@@ -5,8 +5,8 @@ import itertools
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics import (
     Algorithm,
     Box,
@@ -25,7 +25,6 @@ from swarmstart.heuristics.running.archive import (
     new_archive,
 )
 
-Array = NDArray[np.float64]
 BOX = Box(lower=np.array([-1.0, 0.0, 5.0]), upper=np.array([1.0, 8.0, 6.0]))
 
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics import (
     Algorithm,
     AskTellError,
@@ -28,7 +28,6 @@ from swarmstart.heuristics.running.compiled_loop import CHUNK, next_chunk
 if TYPE_CHECKING:
     from swarmstart.tests.heuristics.conftest import Compiled, Refusing
 
-Array = NDArray[np.float64]
 DIM, SIZE = 6, 12
 BOX = Box(lower=np.full(DIM, -3.0), upper=np.full(DIM, 2.0))
 EVALUATIONS = (CHUNK + 7) * SIZE + 5  # No whole number of chunks nor generations.

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics import (
     LSHADE,
     Box,
@@ -18,7 +18,6 @@ from swarmstart.heuristics.running.memetic import Improved, LocalSolves, run_mem
 from swarmstart.heuristics.running.result import SearchResult
 from swarmstart.heuristics.running.search import Search
 
-Array = NDArray[np.float64]
 BOX = Box(lower=np.full(6, -5.12), upper=np.full(6, 5.12))
 COST = 20
 

@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics import (
     CMAES,
     Box,
@@ -27,7 +27,6 @@ from swarmstart.heuristics import (
 )
 
 BOX = Box(lower=np.full(3, -1.0), upper=np.full(3, 1.0))
-Array = NDArray[np.float64]
 
 
 def sphere(points: Array) -> tuple[Array, Array]:

@@ -10,6 +10,7 @@ import time
 import numpy as np
 import pytest
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics import (
     LSHADE,
     Box,
@@ -20,7 +21,6 @@ from swarmstart.heuristics import (
     minimize,
     run,
 )
-from swarmstart.machine_code.numba_kernels import Array
 
 BOX = Box(lower=np.full(3, -1.0), upper=np.full(3, 2.0))
 

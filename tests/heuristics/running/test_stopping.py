@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics import (
     Algorithm,
     Box,
@@ -32,7 +32,6 @@ from swarmstart.heuristics.running.stopping import (
     progress_of,
 )
 
-Array = NDArray[np.float64]
 BOX = Box(lower=np.full(2, -1.0), upper=np.full(2, 1.0))
 
 

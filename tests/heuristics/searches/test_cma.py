@@ -6,8 +6,8 @@ from typing import cast
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics import (
     CMAES,
     Box,
@@ -30,7 +30,6 @@ from swarmstart.heuristics.searches.cma_constants import (
     weights_of,
 )
 
-Array = NDArray[np.float64]
 DIM = 8
 BOX = Box(lower=np.full(DIM, -5.0), upper=np.full(DIM, 5.0))
 AXES = 10.0 ** np.linspace(0.0, 5.0, DIM)

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics import (
     Box,
     Budget,
@@ -29,8 +29,6 @@ from swarmstart.heuristics.searches.trials import (
     draw_three_others,
     draw_two_others,
 )
-
-Array = NDArray[np.float64]
 
 
 def evaluations_until(target: float, events: list[GenerationEvent]) -> int:

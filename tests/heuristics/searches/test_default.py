@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics import (
     LSHADE,
     Box,
@@ -13,7 +14,6 @@ from swarmstart.heuristics import (
     epsilon_level,
     minimize,
 )
-from swarmstart.machine_code.numba_kernels import Array
 
 BOX = Box(lower=np.full(3, -1.0), upper=np.full(3, 2.0))
 

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics import (
     Box,
     Budget,
@@ -21,8 +21,6 @@ from swarmstart.tests.heuristics.adaptive_laws import (
     assert_both_loops_give_the_same_bits,
     assert_resumes_bit_for_bit,
 )
-
-Array = NDArray[np.float64]
 
 
 def state_of(search: Search) -> SelfAdaptiveDEState:

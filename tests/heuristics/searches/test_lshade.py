@@ -6,8 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics import (
     LSHADE,
     Box,
@@ -38,8 +39,6 @@ from swarmstart.tests.heuristics.adaptive_laws import (
     assert_resumes_bit_for_bit,
     values,
 )
-
-Array = NDArray[np.float64]
 
 
 def state_of(search: Search) -> LSHADEState:

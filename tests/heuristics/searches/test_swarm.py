@@ -2,14 +2,13 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics import Box, ChaoticPSO, ParticleSwarm, Search
 from swarmstart.heuristics.searches.chaotic_pso import ChaoticPSOState
 from swarmstart.heuristics.searches.pso import ParticleSwarmState
 
 DIM, SIZE = 3, 7
-Array = NDArray[np.float64]
 
 
 def cost_of(points: Array) -> Array:

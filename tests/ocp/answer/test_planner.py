@@ -6,8 +6,9 @@ from typing import Any, get_args
 
 import numpy as np
 import pytest
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics import (
     Box,
     Budget,
@@ -33,7 +34,6 @@ from swarmstart.ocp import (
 from swarmstart.ocp.nlp.polish import is_better
 from swarmstart.ocp.search.settings import WarmStart
 
-Array = NDArray[np.float64]
 Posed = tuple[OptimalControlProblem, Array, Known]
 
 

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from swarmstart.ocp import (
     Bounds,
@@ -44,7 +43,6 @@ from swarmstart.ocp.rollout.fitness import NOTHING
 from swarmstart.ocp.rollout.path import Tracer
 from swarmstart.ocp.system.separation import Along
 
-Array = NDArray[np.float64]
 X, U = ca.SX.sym("x", 2), ca.SX.sym("u")
 DISCS = ((2.0, 0.3, 0.9), (4.2, -0.6, 1.0), (6.2, 0.5, 1.0), (8.2, -0.3, 0.9))
 

@@ -5,9 +5,9 @@ from collections.abc import Callable
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics import Budget, ChaoticPSO, RandomSearch, feasibility_first
 from swarmstart.ocp import (
     Bounds,
@@ -22,7 +22,6 @@ from swarmstart.ocp import (
     solve,
 )
 
-Array = NDArray[np.float64]
 Posed = tuple[OptimalControlProblem, Array, Known]
 
 

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.common.limits import (
     limits_of,
@@ -19,8 +19,6 @@ from swarmstart.ocp.common.limits import (
     scales_given,
     vector_of,
 )
-
-Array = NDArray[np.float64]
 
 
 @given(

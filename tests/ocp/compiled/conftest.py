@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.compiled.simd import compile_flat
 from swarmstart.ocp.compiled.vectors.vector_ir import Precision
 
-Array = NDArray[np.float64]
 Evaluate = Callable[..., tuple[Array, ...]]
 
 

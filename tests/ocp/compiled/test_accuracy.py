@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.compiled.emitter import simplified
 from swarmstart.ocp.compiled.simd import compile_flat
 from swarmstart.ocp.compiled.vectors.operations import fused_products
 from swarmstart.tape import OPERATIONS, Tape, read_tape
 
-Array = NDArray[np.float64]
 Evaluate = Callable[..., tuple[Array, ...]]
 
 TOLERANCE = 1e-13

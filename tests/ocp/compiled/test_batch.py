@@ -1,12 +1,11 @@
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.compiled.batch import compile_batch
 
-Array = NDArray[np.float64]
 pytestmark = pytest.mark.usefixtures("compiler")
 
 

@@ -8,7 +8,6 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 import swarmstart.machine_code.code_cache as cache
 from swarmstart.machine_code import fingerprints
@@ -17,7 +16,6 @@ from swarmstart.ocp.compiled.engine import machine, translate
 from swarmstart.ocp.compiled.simd import compile_flat, compile_rollout
 from swarmstart.tests.processes import environment
 
-Array = NDArray[np.float64]
 pytestmark = [
     pytest.mark.usefixtures("compiler"),
     pytest.mark.skipif(os.name == "nt", reason="modes of files are POSIX's"),

@@ -3,11 +3,10 @@ from collections.abc import Callable, Iterator
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.tape import OPERATIONS, read_tape
 
-Array = NDArray[np.float64]
 Evaluate = Callable[..., tuple[Array, ...]]
 Reference = Callable[..., Array]
 

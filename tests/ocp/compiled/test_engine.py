@@ -8,8 +8,8 @@ import llvmlite
 import llvmlite.binding as llvm
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.compiled import engine
 from swarmstart.ocp.compiled.emitter import emit_flat
 from swarmstart.ocp.compiled.engine import (
@@ -24,7 +24,6 @@ from swarmstart.ocp.compiled.simd import Shape, SimdBatch, compile_flat
 from swarmstart.ocp.compiled.vectors.vector_ir import FORMATS, Precision
 from swarmstart.tape import OPERATIONS, read_tape
 
-Array = NDArray[np.float64]
 pytestmark = pytest.mark.usefixtures("compiler")
 
 

@@ -3,7 +3,6 @@ from collections.abc import Callable
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from swarmstart.ocp.compiled.emitter import emit_flat
 from swarmstart.ocp.compiled.engine import link, machine, translate
@@ -11,8 +10,6 @@ from swarmstart.ocp.compiled.frame import Target, side_by_side
 from swarmstart.ocp.compiled.simd import Shape, SimdBatch
 from swarmstart.ocp.compiled.vectors.vector_ir import Precision
 from swarmstart.tape import Tape, read_tape
-
-Array = NDArray[np.float64]
 
 
 def chain(x: ca.SX, steps: int = 50) -> ca.SX:

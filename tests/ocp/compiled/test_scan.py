@@ -3,12 +3,10 @@
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.compiled.scan import Role, compile_scan
 
-Array = NDArray[np.float64]
 N, SIZE = 5, 37
 
 

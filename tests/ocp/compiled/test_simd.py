@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.cases.kinds.formation_flight.pose import pose
 from swarmstart.cases.kinds.formation_flight.scenario import FormationScenario
@@ -30,7 +31,6 @@ from swarmstart.ocp.compiled.vectors.vector_ir import Precision
 from swarmstart.ocp.rollout.shooting import Shooting
 from swarmstart.tape import read_tape
 
-Array = NDArray[np.float64]
 pytestmark = pytest.mark.usefixtures("compiler")
 
 SIZES = (1, 7, 8, 9, 20, 1000)

@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp import Fitness, IpoptOptions, Known, Planner, Start
 from swarmstart.ocp.nlp.polish_options import PolishStatus
 from swarmstart.ocp.rollout.fitness import at_nodes, replay, shared_arguments
@@ -15,7 +15,6 @@ from swarmstart.tests.ocp.feature_pairs.opti import solved_by_opti
 from swarmstart.tests.ocp.feature_pairs.peer import Peer, Point
 from swarmstart.tests.ocp.feature_pairs.stated import Stated
 
-Array = NDArray[np.float64]
 BACKENDS = ("llvm", "casadi")
 SAME = 1e-9
 SAME_OPTIMUM = 1e-6

@@ -4,12 +4,10 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from swarmstart.arrays import Array
 from swarmstart.tests.ocp.feature_pairs.peer import Peer, Point
-
-Array = NDArray[np.float64]
 
 
 def exact(peer: Peer, point: Point) -> tuple[Array, float]:

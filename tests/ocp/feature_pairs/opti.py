@@ -4,12 +4,11 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.tests.ocp.feature_pairs.peer import Peer, Point
 from swarmstart.tests.ocp.feature_pairs.stated import Limited, Stated
 
-Array = NDArray[np.float64]
 OPTIONS: dict[str, Any] = {
     "print_time": False,
     "ipopt.print_level": 0,

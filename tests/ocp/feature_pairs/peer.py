@@ -10,12 +10,11 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.integration.rosenbrock import GAMMA, IN_TIME, TIMES, A, C
 from swarmstart.tests.ocp.feature_pairs.stated import Limited, Stated
 
-Array = NDArray[np.float64]
 FAST = 4.0 ** np.arange(5)
 """Parts of the first stiff step of an interval."""
 

@@ -9,8 +9,8 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp import (
     AlgebraicEquations,
     Bounds,
@@ -22,8 +22,6 @@ from swarmstart.ocp import (
     TerminalConstraint,
     table,
 )
-
-Array = NDArray[np.float64]
 
 
 def nothing() -> ca.SX:

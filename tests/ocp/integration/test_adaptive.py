@@ -7,9 +7,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from swarmstart.arrays import Array
 from swarmstart.ocp import (
     Bounds,
     Free,
@@ -35,7 +35,6 @@ from swarmstart.ocp.rollout.shooting import Shooting
 from swarmstart.ocp.statement.problem import Quadrature
 from swarmstart.tests.ocp import catalyst
 
-Array = NDArray[np.float64]
 BACKENDS = ("llvm", "casadi")
 
 

@@ -3,16 +3,14 @@
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
+from swarmstart.arrays import Array
 from swarmstart.ocp import InvalidProblemError, Model, OptimalControlProblem, Radau
 from swarmstart.ocp.integration.radau import as_transcription, radau_coefficients
 from swarmstart.ocp.nlp.collocation import collocated_check
 from swarmstart.ocp.rollout.shooting import Shooting
-
-Array = NDArray[np.float64]
 
 
 @pytest.mark.parametrize("points", range(1, 10))

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from swarmstart.arrays import Array
 from swarmstart.ocp import (
     Bounds,
     Free,
@@ -37,8 +37,6 @@ from swarmstart.ocp.nlp.transcription import multiple_shooting
 from swarmstart.ocp.rollout.fitness import Fitness
 from swarmstart.ocp.rollout.shooting import Shooting
 from swarmstart.tests.ocp import catalyst
-
-Array = NDArray[np.float64]
 
 
 def follow(rate: Rate, x0: list[float], end: float, steps: int) -> Array:

@@ -5,7 +5,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from swarmstart.ocp import (
     BackendWarning,
@@ -22,7 +21,6 @@ from swarmstart.ocp.interpolation.interpolants import (
     without_interpolants,
 )
 
-Array = NDArray[np.float64]
 AT = np.array([0.0, 1.0, 2.5, 4.0, 5.0, 7.0])
 RNG = np.random.default_rng(0)
 VALUES, PLANE, SPACE = (RNG.normal(size=6**n) for n in (1, 2, 3))

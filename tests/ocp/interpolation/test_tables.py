@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, RectBivariateSpline
 
+from swarmstart.arrays import Array
 from swarmstart.ocp import (
     Bounds,
     InvalidProblemError,
@@ -25,7 +25,6 @@ from swarmstart.ocp import (
 from swarmstart.ocp.interpolation.tables import Method
 from swarmstart.ocp.rollout.kinks import kinks_of
 
-Array = NDArray[np.float64]
 METHODS: tuple[Method, ...] = ("linear", "bspline")
 RNG = np.random.default_rng(0)
 AT = np.array([-2.0, -1.5, -1.4, 0.0, 0.3, 1.0, 4.0, 4.5])

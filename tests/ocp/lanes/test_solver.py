@@ -5,8 +5,8 @@ from collections.abc import Callable
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.benchmarks.problems import reactor, van_der_pol
 from swarmstart.ocp import (
     Bounds,
@@ -34,7 +34,6 @@ from swarmstart.tests.ocp.lanes.problems import (
     pendulum,
 )
 
-Array = NDArray[np.float64]
 pytestmark = pytest.mark.usefixtures("compiler")
 
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.lanes.schedule import LaneOptions
 from swarmstart.ocp.lanes.solver import LaneSolver
 from swarmstart.ocp.lanes.stages import Kernel, stages
@@ -14,7 +14,6 @@ from swarmstart.tests.ocp.lanes.problems import cart
 
 pytestmark = pytest.mark.usefixtures("compiler")
 
-Array = NDArray[np.float64]
 LANE = {
     "r": 1.0, "r_end": 1e-12, "tolerance": 1e-2, "broken": np.inf, "broken_end": np.inf,
     "value_now": 2.0, "mu": 1e-3, "length": 1.0, "paid": 1.0,

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics import Budget, ChaoticPSO
 from swarmstart.ocp import (
     Bounds,
@@ -24,8 +24,6 @@ from swarmstart.ocp import (
     fly,
     simulate,
 )
-
-Array = NDArray[np.float64]
 
 
 class Clockwork:

@@ -5,8 +5,8 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics import Budget, ParticleSwarm, RandomSearch
 from swarmstart.ocp import (
     Bounds,
@@ -24,7 +24,6 @@ from swarmstart.ocp import (
     simulate,
 )
 
-Array = NDArray[np.float64]
 Posed = tuple[OptimalControlProblem, Array, Known]
 
 

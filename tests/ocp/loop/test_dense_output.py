@@ -7,14 +7,12 @@ import doctest
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from swarmstart.arrays import Array
 from swarmstart.ocp import InvalidProblemError, Model, Plant, interpolate
 from swarmstart.ocp.loop import dense_output, distances
 from swarmstart.tests.ocp.flights_by_hand import written
-
-Array = NDArray[np.float64]
 
 
 def flown(plant: Plant, x0: list[float], controls: Array) -> Array:

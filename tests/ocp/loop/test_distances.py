@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.special import comb
 
+from swarmstart.arrays import Array
 from swarmstart.ocp import (
     InvalidProblemError,
     Model,
@@ -20,7 +20,6 @@ from swarmstart.ocp import (
 from swarmstart.ocp.loop import distances
 from swarmstart.tests.ocp.flights_by_hand import written
 
-Array = NDArray[np.float64]
 FIRST, SECOND = np.array([0]), np.array([1])
 ALL = np.triu_indices(4, k=1)
 S = np.linspace(0.0, 1.0, 6)

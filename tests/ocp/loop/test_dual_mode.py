@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.linalg import expm
 
+from swarmstart.arrays import Array
 from swarmstart.ocp import (
     Agent,
     Bounds,
@@ -33,7 +33,6 @@ from swarmstart.terminal_set import (
     certified_terminal_set,
 )
 
-Array = NDArray[np.float64]
 DT = 0.5
 
 

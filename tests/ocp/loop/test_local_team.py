@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics import Budget, DifferentialEvolution, feasibility_first
 from swarmstart.ocp import (
     Agent,
@@ -42,7 +43,6 @@ from swarmstart.ocp.common.progress import ProgressCallback, tell_nothing
 from swarmstart.ocp.loop.local_team import FAR
 from swarmstart.ocp.rollout.fitness import NOTHING
 
-Array = NDArray[np.float64]
 EVERYWHERE = np.inf
 
 

@@ -9,12 +9,11 @@ import casadi as ca
 import control
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 import swarmstart as ss
+from swarmstart.arrays import Array
 from swarmstart.ocp.loop.plant import plant_of
 
-Array = NDArray[np.float64]
 INSTANTS = 20
 
 

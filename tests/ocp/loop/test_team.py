@@ -3,8 +3,8 @@
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp import (
     Agent,
     Bounds,
@@ -18,8 +18,6 @@ from swarmstart.ocp import (
     Source,
     Team,
 )
-
-Array = NDArray[np.float64]
 
 
 def agent_of(

@@ -13,7 +13,6 @@ from collections.abc import Callable, Sequence
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from swarmstart.tests.ocp.lower_bound.known_optimum import (
@@ -23,7 +22,6 @@ from swarmstart.tests.ocp.lower_bound.known_optimum import (
     stated,
 )
 
-Array = NDArray[np.float64]
 Form = Callable[[ca.SX, ca.SX], ca.SX]
 """(t, x) -> an expression."""
 

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from swarmstart.arrays import Array
 from swarmstart.ocp import (
     Bounds,
     Free,
@@ -19,7 +20,6 @@ from swarmstart.ocp.common.limits import Limit
 from swarmstart.ocp.rollout.fitness import NOTHING
 from swarmstart.ocp.system.constraints import Constraint
 
-Array = NDArray[np.float64]
 Limits = tuple[Limit, Limit]
 INTERVALS = 100
 

@@ -2,10 +2,10 @@
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
+from swarmstart.arrays import Array
 from swarmstart.ocp import TerminalConstraint
 from swarmstart.tests.ocp.lower_bound.known_optimum import (
     KnownOptimum,
@@ -14,7 +14,6 @@ from swarmstart.tests.ocp.lower_bound.known_optimum import (
     stated,
 )
 
-Array = NDArray[np.float64]
 CHAIN = np.array([[0.0, 1.0], [0.0, 0.0]])
 LONGER_CHAIN = np.diag([1.0, 1.0], 1)
 OSCILLATOR = np.array([[0.0, 1.0], [-1.0, 0.0]])

@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp import (
     Bounds,
     Free,
@@ -32,8 +32,6 @@ from swarmstart.tests.ocp.lower_bound.known_optimum import (
     known,
     stated,
 )
-
-Array = NDArray[np.float64]
 
 
 class Units(NamedTuple):

@@ -5,12 +5,11 @@ from itertools import pairwise
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.lower_bound.stated.statement import Statement
 
-Array = NDArray[np.float64]
 Rate = Callable[[ca.SX, ca.SX, ca.SX], Sequence[ca.SX | float]]
 
 

@@ -4,11 +4,9 @@ import casadi as ca
 import numpy as np
 import pytest
 from numpy.polynomial import chebyshev
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.lower_bound.basis import Basis, Box, packed
-
-Array = NDArray[np.float64]
 
 SIZES = [(1, 0), (1, 7), (2, 1), (2, 5), (3, 4), (4, 3)]
 

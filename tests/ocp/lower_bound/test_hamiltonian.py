@@ -11,8 +11,8 @@ from functools import cache
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.lower_bound.basis import Basis, Box, packed
 from swarmstart.ocp.lower_bound.hamiltonian import (
     Inequality,
@@ -27,7 +27,6 @@ from swarmstart.terminal_set.interval_arithmetic.intervals import (
 )
 from swarmstart.tests.ocp.lower_bound.statements import Rate, stated
 
-Array = NDArray[np.float64]
 Cost = Callable[[ca.SX, ca.SX, ca.SX], ca.SX | float]
 
 DEGREE = 4

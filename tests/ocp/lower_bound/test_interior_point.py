@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.optimize import linprog
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.lower_bound.interior_point import Optimum, maximised
-
-Array = NDArray[np.float64]
 
 SEEDS = st.integers(0, 2**32 - 1)
 

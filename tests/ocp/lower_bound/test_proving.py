@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.lower_bound.hamiltonian import Bounds
 from swarmstart.ocp.lower_bound.proving import (
     BEYOND,
@@ -18,7 +19,6 @@ from swarmstart.ocp.lower_bound.proving import (
     proven_floor,
 )
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 CENTER = np.array([[0.3], [-0.2]])

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.lower_bound.basis import Basis
 from swarmstart.ocp.lower_bound.bounding import lower_bound
 from swarmstart.ocp.lower_bound.region import EndSet, Region, value_interval
@@ -22,8 +23,6 @@ from swarmstart.tests.ocp.lower_bound.statements import (
     trajectories,
 )
 from swarmstart.tests.ocp.lower_bound.test_known_optima import stop_after
-
-Array = NDArray[np.float64]
 
 
 def plane() -> Statement:

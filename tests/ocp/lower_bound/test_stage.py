@@ -5,14 +5,12 @@ import itertools
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from swarmstart.ocp.lower_bound.stage import Stage
 from swarmstart.ocp.lower_bound.stated.statement import Statement
 from swarmstart.ocp.lower_bound.stated.stating import affine_form
 from swarmstart.tests.ocp.lower_bound.evidence_by_hand import scalar
 
-Array = NDArray[np.float64]
 FINE = 41
 
 

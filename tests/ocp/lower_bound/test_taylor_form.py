@@ -5,8 +5,8 @@ from itertools import pairwise
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.lower_bound.taylor_form import (
     Expansion,
     TaylorForm,
@@ -15,8 +15,6 @@ from swarmstart.ocp.lower_bound.taylor_form import (
 from swarmstart.terminal_set.interval_arithmetic.intervals import (
     UnknownIntervalOperationError,
 )
-
-Array = NDArray[np.float64]
 
 y, p = ca.SX.sym("y", 3), ca.SX.sym("p", 2)
 FUNCTIONS = {

@@ -7,8 +7,8 @@ from functools import cache
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp import (
     Bounds,
     Fitness,
@@ -34,7 +34,6 @@ from swarmstart.ocp.nlp.optimality import NlpPoint, stationarity
 from swarmstart.ocp.nlp.transcription import Limits
 from swarmstart.ocp.statement.lowering import lowered
 
-Array = NDArray[np.float64]
 Make = Callable[[int], OptimalControlProblem]
 
 

@@ -6,9 +6,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from swarmstart.arrays import Array
 from swarmstart.ocp import (
     Bounds,
     Fitness,
@@ -34,7 +34,6 @@ from swarmstart.ocp.nlp.optimality import Curvature, curvature
 from swarmstart.ocp.nlp.polish import Polisher
 from swarmstart.tests.ocp import catalyst
 
-Array = NDArray[np.float64]
 MU, N, ELEMENTS, T = 100.0, 20, 2, 4.0
 X0 = [2.0, 0.0]
 

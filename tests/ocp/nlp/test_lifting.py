@@ -7,8 +7,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.record.results import load
 from swarmstart.ocp import (
     AlgebraicEquations,
@@ -26,7 +26,6 @@ from swarmstart.ocp.nlp.collocation import layout_of, lifted
 from swarmstart.ocp.nlp.polish import Polisher
 from swarmstart.ocp.nlp.transcription import multiple_shooting
 
-Array = NDArray[np.float64]
 N, T = 8, 3.0
 X, Z, U = ca.SX.sym("x", 2), ca.SX.sym("voltage"), ca.SX.sym("u")
 X0 = [0.0, 0.0]

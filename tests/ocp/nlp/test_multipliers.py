@@ -6,8 +6,8 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp import (
     Bounds,
     Free,
@@ -21,7 +21,6 @@ from swarmstart.ocp import (
     solve,
 )
 
-Array = NDArray[np.float64]
 X0 = [0.0, 0.0]
 
 

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.linalg import null_space
 
+from swarmstart.arrays import Array
 from swarmstart.ocp import (
     Bounds,
     Fitness,
@@ -30,7 +31,6 @@ from swarmstart.ocp.nlp.optimality import (
 from swarmstart.ocp.nlp.transcription import multiple_shooting
 from swarmstart.ocp.rollout.fitness import NOTHING, shared_arguments
 
-Array = NDArray[np.float64]
 SURE = 1e-5
 """Curvature, relative to the Hessian's largest entry, that both ways must agree on."""
 

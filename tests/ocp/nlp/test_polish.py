@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp import (
     Bounds,
     Fitness,
@@ -27,7 +27,6 @@ from swarmstart.ocp import (
 )
 from swarmstart.ocp.nlp.polish import is_better
 
-Array = NDArray[np.float64]
 Posed = tuple[OptimalControlProblem, Array, Known]
 
 

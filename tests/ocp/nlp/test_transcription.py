@@ -5,8 +5,8 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp import (
     Bounds,
     Fitness,
@@ -18,7 +18,6 @@ from swarmstart.ocp.nlp.transcription import NonlinearProgram, multiple_shooting
 from swarmstart.ocp.rollout.fitness import NOTHING, shared_arguments
 from swarmstart.ocp.rollout.scaling import Sizes
 
-Array = NDArray[np.float64]
 Posed = tuple[OptimalControlProblem, Array, Known]
 
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp import (
     Bounds,
     Model,
@@ -22,7 +22,6 @@ from swarmstart.ocp import (
 from swarmstart.ocp.rollout.checking import Checker, Excess, Points
 from swarmstart.ocp.rollout.scaling import Sizes, Sizing
 
-Array = NDArray[np.float64]
 NONE = np.empty(0)
 X, U, S = ca.SX.sym("x", 2), ca.SX.sym("u"), ca.SX.sym("s")
 

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp import (
     Bounds,
     Fitness,
@@ -20,7 +20,6 @@ from swarmstart.ocp.compiled.casadi_map import CasadiMap
 from swarmstart.ocp.rollout.fitness import NOTHING, Arguments, flatten, unflatten
 from swarmstart.ocp.rollout.shooting import Shooting
 
-Array = NDArray[np.float64]
 Posed = tuple[OptimalControlProblem, Array, Known]
 
 

@@ -6,8 +6,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp import (
     Bounds,
     InvalidProblemError,
@@ -20,8 +20,6 @@ from swarmstart.ocp.nlp.polish import Polisher
 from swarmstart.ocp.rollout.fitness import Fitness, replay
 from swarmstart.ocp.rollout.fixed_steps import FixedSteps, StepChoice
 from swarmstart.tests.ocp import catalyst
-
-Array = NDArray[np.float64]
 
 
 def chosen(

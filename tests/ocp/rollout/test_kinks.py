@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from swarmstart.ocp import (
     Bounds,
@@ -20,7 +19,6 @@ from swarmstart.ocp import (
 )
 from swarmstart.ocp.rollout.kinks import kinks_of
 
-Array = NDArray[np.float64]
 X, U = ca.SX.sym("x", 2), ca.SX.sym("u")
 OPERATIONS: dict[str, Callable[[ca.SX], ca.SX]] = {
     "fabs": ca.fabs,

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from swarmstart.arrays import Array
 from swarmstart.ocp import (
     Integrator,
     Model,
@@ -20,7 +20,6 @@ from swarmstart.ocp import (
 from swarmstart.ocp.rollout.path import Path, Tracer
 from swarmstart.ocp.rollout.scaling import Sizing
 
-Array = NDArray[np.float64]
 NONE = np.empty(0)
 X, U, S = ca.SX.sym("x", 2), ca.SX.sym("u"), ca.SX.sym("s")
 

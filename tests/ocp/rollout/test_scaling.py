@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp import (
     Bounds,
     Fitness,
@@ -28,7 +28,6 @@ from swarmstart.ocp.nlp.polish import Polished, Polisher
 from swarmstart.ocp.nlp.polish_options import PolishStatus
 from swarmstart.ocp.rollout.scaling import Sizes, Sizing
 
-Array = NDArray[np.float64]
 NONE = np.empty(0)
 
 

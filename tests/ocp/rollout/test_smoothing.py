@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.optimize import linprog
 
 from swarmstart.ocp import (
@@ -21,8 +20,6 @@ from swarmstart.ocp import (
 from swarmstart.ocp.rollout.fitness import NOTHING
 from swarmstart.ocp.rollout.kinks import kinks_of
 from swarmstart.ocp.rollout.smoothing import kink_sizes, smoothed
-
-Array = NDArray[np.float64]
 
 
 def kinked(unit: float = 1.0) -> OptimalControlProblem:

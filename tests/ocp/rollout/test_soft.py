@@ -6,7 +6,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from swarmstart.ocp import (
     Bounds,
@@ -34,7 +33,6 @@ from swarmstart.ocp.rollout.fitness import NOTHING, replay
 from swarmstart.ocp.rollout.kinks import kinks_of
 from swarmstart.ocp.rollout.smoothing import kink_sizes, smoothed
 
-Array = NDArray[np.float64]
 BACKENDS = ("llvm", "casadi")
 
 

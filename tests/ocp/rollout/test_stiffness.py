@@ -6,8 +6,8 @@ import casadi as ca
 import numpy as np
 import pytest
 from numpy.polynomial.polynomial import polyval
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp import (
     INTEGRATORS,
     Bounds,
@@ -26,8 +26,6 @@ from swarmstart.ocp.rollout.scaling import Sizing
 from swarmstart.ocp.rollout.shooting import Shooting
 from swarmstart.ocp.rollout.stiffness import FastMode, fastest_mode
 from swarmstart.tests.ocp import catalyst
-
-Array = NDArray[np.float64]
 
 
 def linear(A: list[list[float]], **stated: object) -> OptimalControlProblem:

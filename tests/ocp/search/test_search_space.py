@@ -8,7 +8,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from swarmstart.heuristics import LSHADE, Box, Budget
 from swarmstart.ocp import (
@@ -28,7 +27,6 @@ from swarmstart.ocp import (
 from swarmstart.ocp.rollout.fitness import Fitness
 from swarmstart.ocp.search.search_space import FamilySpace
 
-Array = NDArray[np.float64]
 HORIZON, INTERVALS, CHECKS = 4.0, 8, 2
 X0 = np.array([0.0, 0.0, 0.0, 0.0])
 GOAL = np.array([4.0, 0.0])

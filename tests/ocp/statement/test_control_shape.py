@@ -8,9 +8,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from swarmstart.arrays import Array
 from swarmstart.cases.record.results import load
 from swarmstart.ocp import (
     Agent,
@@ -36,7 +36,6 @@ from swarmstart.ocp import (
     solve,
 )
 
-Array = NDArray[np.float64]
 T, DISTANCE, N = 2.0, 1.5, 5
 
 

@@ -7,10 +7,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.special import lambertw
 
 import swarmstart as ss
+from swarmstart.arrays import Array
 from swarmstart.ocp import (
     AlgebraicEquations,
     Bounds,
@@ -26,7 +26,6 @@ from swarmstart.ocp.rollout.smoothing import kink_sizes, smoothed
 from swarmstart.ocp.statement.problem import STATE_BOUNDS
 from swarmstart.ocp.system.algebraic import UNSOLVED
 
-Array = NDArray[np.float64]
 X, U, Z = ca.SX.sym("x"), ca.SX.sym("u"), ca.SX.sym("z")
 
 

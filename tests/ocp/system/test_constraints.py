@@ -5,7 +5,6 @@ from collections.abc import Callable
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from swarmstart.ocp import (
     InvalidProblemError,
@@ -15,7 +14,6 @@ from swarmstart.ocp import (
 from swarmstart.ocp.system.constraints import Rows, limited, row_excess
 from swarmstart.tests.ocp.excesses import excess_of
 
-Array = NDArray[np.float64]
 X = ca.SX.sym("x", 2)
 
 

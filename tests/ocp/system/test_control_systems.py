@@ -10,12 +10,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 import swarmstart as ss
+from swarmstart.arrays import Array
 from swarmstart.terminal_set import sampled_lqr
 
-Array = NDArray[np.float64]
 EXACT = 1e-12
 
 

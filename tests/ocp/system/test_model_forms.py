@@ -23,7 +23,6 @@ from swarmstart.ocp import (
 )
 from swarmstart.ocp.system.model_forms import Given, symbolic_rows
 
-Array = NDArray[np.float64]
 X, U, P = ca.SX.sym("x", 2), ca.SX.sym("u"), ca.SX.sym("p", 3)
 # MX is accepted in addition to the declared type SX.
 XM: Any = ca.MX.sym("x", 2)

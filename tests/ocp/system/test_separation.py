@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp import (
     Connection,
     Constraint,
@@ -19,7 +19,6 @@ from swarmstart.ocp import (
 from swarmstart.ocp.system.separation import nearest_on_segment
 from swarmstart.tests.ocp.excesses import excess_of
 
-Array = NDArray[np.float64]
 X, Y = ca.SX.sym("x", 2), ca.SX.sym("y", 3)
 distances = st.floats(1e-6, 1e6)
 angles = st.floats(0, 2 * np.pi)

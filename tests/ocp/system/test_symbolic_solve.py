@@ -5,11 +5,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.system.symbolic_solve import solve_in_symbols
-
-Array = NDArray[np.float64]
 
 
 def solved(matrix: Array, right: Array, pattern: Array | None = None) -> Array:

@@ -5,9 +5,9 @@ import dataclasses
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from swarmstart.arrays import Array
 from swarmstart.terminal_set import (
     InvalidReserveError,
     InvalidShapeError,
@@ -20,7 +20,6 @@ from swarmstart.terminal_set import (
     sampled_terminal_set,
 )
 
-Array = NDArray[np.float64]
 I2, I4 = np.eye(2), np.eye(4)
 
 

@@ -8,15 +8,14 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.terminal_set.checker.certificate_file import (
     Certificate,
     read_certificate,
 )
 from swarmstart.tests.terminal_set.checker.certificates_by_hand import MU, Content
 
-Array = NDArray[np.float64]
 Field = Callable[[Array, Array], Array]
 
 

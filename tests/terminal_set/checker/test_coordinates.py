@@ -7,12 +7,12 @@ from itertools import product
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 flint = pytest.importorskip("flint")
 
 from flint import arb, arb_mat  # noqa: E402
 
+from swarmstart.arrays import Array  # noqa: E402
 from swarmstart.terminal_set.checker.coordinates import (  # noqa: E402
     IndefiniteError,
     QuadraticPart,
@@ -29,7 +29,6 @@ from swarmstart.terminal_set.checker.coordinates import (  # noqa: E402
     symmetric,
 )
 
-Array = NDArray[np.float64]
 Intervals = list[tuple[float, float]]
 
 

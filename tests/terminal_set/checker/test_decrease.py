@@ -9,7 +9,6 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 flint = pytest.importorskip("flint")
@@ -44,7 +43,6 @@ from swarmstart.tests.terminal_set.checker.systems import (  # noqa: E402
     relative_motion,
 )
 
-Array = NDArray[np.float64]
 Q_M = [[0.5, 0.125], [0.125, 0.25]]
 RHO = 1
 

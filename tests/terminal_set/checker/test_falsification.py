@@ -8,7 +8,6 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 flint = pytest.importorskip("flint")
 
@@ -49,8 +48,6 @@ from swarmstart.tests.terminal_set.checker.systems import (  # noqa: E402
     runge_kutta,
     unicycle_field,
 )
-
-Array = NDArray[np.float64]
 
 
 @pytest.mark.parametrize(

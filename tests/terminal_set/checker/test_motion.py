@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 flint = pytest.importorskip("flint")
 
 from flint import arb  # noqa: E402
 
+from swarmstart.arrays import Array  # noqa: E402
 from swarmstart.terminal_set.checker.deadline import (  # noqa: E402
     Deadline,
     TimeIsUpError,
@@ -35,7 +35,6 @@ from swarmstart.tests.terminal_set.checker.systems import (  # noqa: E402
     unicycle_field,
 )
 
-Array = NDArray[np.float64]
 SYSTEMS = {"chen": (chen, chen_field), "formation": (formation, unicycle_field)}
 
 

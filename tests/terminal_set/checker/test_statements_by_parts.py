@@ -8,12 +8,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 flint = pytest.importorskip("flint")
 
 from flint import arb  # noqa: E402
 
+from swarmstart.arrays import Array  # noqa: E402
 from swarmstart.terminal_set.checker import ellipsoid_statements  # noqa: E402
 from swarmstart.terminal_set.checker.deadline import (  # noqa: E402
     NEVER,
@@ -42,7 +42,6 @@ from swarmstart.tests.terminal_set.checker.systems import (  # noqa: E402
     relative_motion,
 )
 
-Array = NDArray[np.float64]
 Q_M = [[0.5, 0.125], [0.125, 0.25]]
 CORE = {"level": 1e-9, "drift": 0.03125}
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.terminal_set.interval_arithmetic import cells
 from swarmstart.terminal_set.interval_arithmetic.cells import (
     Cells,
@@ -18,7 +18,6 @@ from swarmstart.terminal_set.interval_arithmetic.cells import (
     squares,
 )
 
-Array = NDArray[np.float64]
 COUNT = 12
 VISIBLE = 2.0**-6
 """In place of the padding for rounding, so that each place if it is added counts."""

@@ -9,12 +9,11 @@ import casadi as ca
 import mpmath
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.terminal_set.interval_arithmetic.interval_functions import hull, outward
 from swarmstart.terminal_set.interval_arithmetic.intervals import interval_function
 
-Array = NDArray[np.float64]
 DIGITS = 40
 EPS = float(np.finfo(float).eps)
 PI = float(np.pi)

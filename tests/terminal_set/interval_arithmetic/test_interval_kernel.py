@@ -10,8 +10,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.tape import Node, Tape
 from swarmstart.terminal_set.interval_arithmetic.interval_kernel import BLOCK, _load
 from swarmstart.terminal_set.interval_arithmetic.intervals import (
@@ -19,7 +19,6 @@ from swarmstart.terminal_set.interval_arithmetic.intervals import (
     interval_program,
 )
 
-Array = NDArray[np.float64]
 Exact = Callable[..., Any]
 
 OPERATIONS: dict[str, tuple[int, Exact]] = {

@@ -9,14 +9,12 @@ import casadi as ca
 import mpmath
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from swarmstart.terminal_set.interval_arithmetic.intervals import (
     UnknownIntervalOperationError,
     interval_function,
 )
 
-Array = NDArray[np.float64]
 Made = Callable[[Any, Any], Any]
 
 # What a model may be made of, of two numbers between 0.1 and 0.9.

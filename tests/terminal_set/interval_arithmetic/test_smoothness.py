@@ -8,7 +8,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from swarmstart.terminal_set.interval_arithmetic.intervals import (
     UnknownIntervalOperationError,
@@ -19,8 +18,6 @@ from swarmstart.terminal_set.interval_arithmetic.smoothness import (
     require_bounded,
     require_smooth,
 )
-
-Array = NDArray[np.float64]
 
 
 def of(make: Callable[[Any, Any], Any]) -> ca.Function:

@@ -10,13 +10,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.terminal_set.interval_arithmetic import taylor
 from swarmstart.terminal_set.interval_arithmetic.cells import Cells
 from swarmstart.terminal_set.interval_arithmetic.taylor import TaylorForm
 
-Array = NDArray[np.float64]
 NX, BOXES, POINTS = 3, 40, 60
 
 seeds = st.integers(0, 2**32 - 1)

@@ -10,9 +10,9 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from swarmstart.arrays import Array
 from swarmstart.terminal_set import (
     ForeignCertificateError,
     HeldTooLongError,
@@ -33,7 +33,6 @@ from swarmstart.terminal_set import (
 )
 from swarmstart.terminal_set.check import main
 
-Array = NDArray[np.float64]
 Q, R = np.eye(4), np.eye(2)
 MEASURED = ProofOptions(growth=False)
 

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.terminal_set import (
     Candidate,
     Change,
@@ -24,7 +24,6 @@ from swarmstart.terminal_set import (
     sampled_terminal_set,
 )
 
-Array = NDArray[np.float64]
 SCALES = (1.0, 100.0, 1e3, 1e4)
 Rank = Callable[[Callable[[Ellipsoid], float]], tuple[Candidate, ...]]
 

@@ -8,8 +8,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.terminal_set import (
     Change,
     NotAnEquilibriumError,
@@ -35,8 +35,6 @@ from swarmstart.terminal_set.proving.drift import (
     bearable_drift,
     linear_decrease,
 )
-
-Array = NDArray[np.float64]
 
 
 def decaying(offset: float, *, rate: float = 1.0) -> ca.Function:

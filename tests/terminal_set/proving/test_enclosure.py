@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.terminal_set import Change
 from swarmstart.terminal_set.interval_arithmetic.intervals import (
     UnknownIntervalOperationError,
@@ -28,7 +28,6 @@ from swarmstart.terminal_set.proving.enclosure import (
     undecided,
 )
 
-Array = NDArray[np.float64]
 BOXES = 12
 VISIBLE = 2.0**-6
 seeds = st.integers(0, 2**32 - 1)

@@ -7,9 +7,9 @@ import time as clock
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from swarmstart.arrays import Array
 from swarmstart.terminal_set import (
     ProofOptions,
     Reference,
@@ -26,8 +26,6 @@ from swarmstart.terminal_set.proving.flow_error import (
     prove_flow_error,
 )
 from swarmstart.terminal_set.proving.residual import Residual
-
-Array = NDArray[np.float64]
 
 
 def own_law(nx: int) -> TerminalSet:

@@ -8,15 +8,12 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from swarmstart.terminal_set import Reference, TerminalSet, sampled_terminal_set
 from swarmstart.terminal_set.interval_arithmetic.taylor import TaylorForm
 from swarmstart.terminal_set.proving import growth as growth_module
 from swarmstart.terminal_set.proving.growth import Hold, prove_growth
-
-Array = NDArray[np.float64]
 
 
 def hold_of(dynamics: ca.Function, found: TerminalSet, dt: float) -> Hold:

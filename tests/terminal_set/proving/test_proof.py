@@ -8,9 +8,9 @@ from time import perf_counter
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from swarmstart.arrays import Array
 from swarmstart.terminal_set import (
     Change,
     NotPositiveError,
@@ -32,7 +32,6 @@ from swarmstart.terminal_set.proving.proof import (
     search_ball,
 )
 
-Array = NDArray[np.float64]
 Posed = tuple[Change, TerminalSet]
 """c and the set."""
 

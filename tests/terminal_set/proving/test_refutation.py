@@ -5,8 +5,8 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.terminal_set import (
     NotPositiveError,
     Reference,
@@ -21,8 +21,6 @@ from swarmstart.terminal_set.proving.decrease import (
     held_change,
 )
 from swarmstart.terminal_set.proving.refutation import refuted_level
-
-Array = NDArray[np.float64]
 
 
 def rng(seed: int = 0) -> np.random.Generator:

@@ -8,13 +8,12 @@ import casadi as ca
 import numpy as np
 import pytest
 from numpy.polynomial import Polynomial
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.terminal_set import TerminalSet
 from swarmstart.terminal_set.proving import residual as residual_module
 from swarmstart.terminal_set.proving.residual import Residual
 
-Array = NDArray[np.float64]
 Number = TypeVar("Number", float, Polynomial)
 GAIN, P, DT = 0.5, 4.0, 0.4
 

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swarmstart.cases.drawing.naming.band_names import band_name
 from swarmstart.cases.drawing.naming.units import shown, unit_of_measure
@@ -34,7 +33,6 @@ from swarmstart.cases.drawing.report.text_tables import (
 from swarmstart.cases.format.registry import words_of
 from swarmstart.cases.record.files import RecordError
 
-Array = NDArray[np.float64]
 HEADS = ("measure", "lowest", "median", "highest", "unit", "not defined", "meaning")
 MOST_BANDS = 24
 _RUN = 3

@@ -7,7 +7,6 @@ are made for all members of `uncertain` together.
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swarmstart.cases.format.settings import LocatedFlaw
 from swarmstart.cases.kinds.problem.checks.attempts import Attempt, Place, quantity
@@ -20,8 +19,6 @@ from swarmstart.cases.kinds.problem.stated.symbols import (
 from swarmstart.cases.kinds.problem.stated.values import OverTime
 from swarmstart.cases.kinds.problem.stated.variations import MOST_MEMBERS, Uncertain
 from swarmstart.ocp import OptimalControlProblem, ensemble
-
-Array = NDArray[np.float64]
 
 
 def with_members(

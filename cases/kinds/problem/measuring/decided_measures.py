@@ -2,9 +2,7 @@
 
 from collections.abc import Mapping
 
-import numpy as np
-from numpy.typing import NDArray
-
+from swarmstart.arrays import Array
 from swarmstart.cases.format.kind import Measure
 from swarmstart.cases.kinds.problem.stated.names import (
     END_TIME_MEASURE,
@@ -22,8 +20,6 @@ from swarmstart.cases.kinds.problem.stated.symbols import (
 from swarmstart.cases.kinds.problem.stated.values import Decided
 from swarmstart.ocp import Free, OptimalControlProblem
 from swarmstart.ocp.statement import END_TIME, lowered
-
-Array = NDArray[np.float64]
 
 
 def is_decided(problem: OptimalControlProblem) -> bool:

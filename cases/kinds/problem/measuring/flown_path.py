@@ -8,9 +8,9 @@ from typing import TypeVar
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import simpson
 
+from swarmstart.arrays import Array
 from swarmstart.cases.format.kind import Flight, Posed
 from swarmstart.cases.kinds.problem.stated.model import COSTS
 from swarmstart.cases.record.trajectory_arrays import control_rows, held_controls
@@ -19,7 +19,6 @@ from swarmstart.ocp.common import symbol_names
 from swarmstart.ocp.statement import lowered
 from swarmstart.ocp.system import row_excess
 
-Array = NDArray[np.float64]
 P = TypeVar("P", bound=Posed)
 
 

@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.format.expressions import (
     FLOAT_OPERATIONS,
     FUNCTIONS,
@@ -61,7 +61,6 @@ from swarmstart.ocp import (
     Trajectory,
 )
 
-Array = NDArray[np.float64]
 P = TypeVar("P", bound=Posed)
 Value = Any
 """A number, or values along the path, shape (T, m + 1)."""

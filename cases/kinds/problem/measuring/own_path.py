@@ -8,8 +8,8 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.format.expressions import interpret, parse, previous_of
 from swarmstart.cases.format.kind import Flight
 from swarmstart.cases.kinds.problem.measuring.flown_path import (
@@ -31,7 +31,6 @@ from swarmstart.cases.kinds.problem.stated.tables import (
 )
 from swarmstart.ocp import Trajectory
 
-Array = NDArray[np.float64]
 Value = Any
 """A number, or values along the path, shape (T, m + 1)."""
 

@@ -5,8 +5,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import casadi as ca
-import numpy as np
-from numpy.typing import NDArray
 
 from swarmstart.cases.kinds.problem.stated.members import Member, column_of
 from swarmstart.cases.kinds.problem.stated.parts import (
@@ -17,8 +15,6 @@ from swarmstart.cases.kinds.problem.stated.parts import (
 )
 from swarmstart.cases.kinds.problem.stated.symbols import limits, number
 from swarmstart.ocp import Connection, PathConstraint, Separation, TerminalConstraint
-
-Array = NDArray[np.float64]
 
 
 def path_constraint(given: Constraint | Distance, member: Member) -> Any:

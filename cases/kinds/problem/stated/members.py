@@ -10,8 +10,8 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.format.expressions import parse, previous_of
 from swarmstart.cases.kinds.problem.stated.parts import Vehicle
 from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario
@@ -27,8 +27,6 @@ from swarmstart.cases.kinds.problem.stated.symbols import (
 from swarmstart.cases.kinds.problem.stated.tables import inputs_of
 from swarmstart.cases.kinds.problem.stated.values import Decided, Tied
 from swarmstart.ocp import Free
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -12,8 +12,8 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.kinds.problem.stated.constraints import (
     path_constraint,
     separations,
@@ -40,7 +40,6 @@ from swarmstart.ocp import (
 )
 from swarmstart.ocp.system import MovingLimit
 
-Array = NDArray[np.float64]
 COSTS = ("stage_cost", "step_cost", "initial_cost", "terminal_cost")
 
 

@@ -12,9 +12,9 @@ from typing import Any, TypeVar
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel
 
+from swarmstart.arrays import Array
 from swarmstart.cases.kinds.problem.stated.members import Member, members_of, shared_of
 from swarmstart.cases.kinds.problem.stated.model import planning_problem
 from swarmstart.cases.kinds.problem.stated.parts import Constraint, Guess, PlantPart
@@ -22,7 +22,6 @@ from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario
 from swarmstart.ocp import Free, OptimalControlProblem, phases
 from swarmstart.ocp.statement import Phases
 
-Array = NDArray[np.float64]
 MERGED = ("states", "controls", "algebraic")
 COSTS = ("stage_cost", "step_cost", "terminal_cost")
 T = TypeVar("T")

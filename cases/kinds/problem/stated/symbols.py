@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.format.expressions import (
     CONSTANTS,
     FLOAT_OPERATIONS,
@@ -31,7 +32,6 @@ from swarmstart.cases.kinds.problem.stated.tables import (
 from swarmstart.cases.kinds.problem.stated.values import Decided, OverTime, Table, Tied
 from swarmstart.ocp import Free, InvalidProblemError
 
-Array = NDArray[np.float64]
 Signal = Callable[[Array], Array]
 """Times (n,) [s] -> values, shape (n,) or (rows, n)."""
 TIME = "time"

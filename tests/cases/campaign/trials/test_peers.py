@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.optimize import differential_evolution
 
+from swarmstart.arrays import Array
 from swarmstart.cases.campaign.trials.peers import (
     LARGEST,
     BudgetSpent,
@@ -25,7 +25,6 @@ from swarmstart.cases.campaign.trials.peers import (
 )
 from swarmstart.heuristics import Box
 
-Array = NDArray[np.float64]
 BOX = Box(lower=np.full(4, -3.0), upper=np.full(4, 2.0))
 EVERY = (scipy_de, pygmo_de, pygmo_de1220, pygmo_pso, pygmo_cmaes, cmaes_ipop)
 

@@ -6,15 +6,14 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.cases.kinds.close_formation.pose import CloseFormationFlight
 from swarmstart.cases.kinds.close_formation.scenario import CloseFormationScenario
 from swarmstart.ocp import Trajectory
 from swarmstart.tests.cases.kinds.flights import build, flown_by_hand
 
-Array = NDArray[np.float64]
 Make = Callable[..., CloseFormationScenario]
 Fly = Callable[..., Trajectory]
 DT, STEPS = 0.1, 300

@@ -16,7 +16,8 @@ from swarmstart.tests.cases.kinds.close_formation.conftest import fly_by_hand
 from swarmstart.tests.cases.kinds.flights import build
 
 if TYPE_CHECKING:
-    from swarmstart.tests.cases.kinds.close_formation.conftest import Array, Fly, Make
+    from swarmstart.arrays import Array
+    from swarmstart.tests.cases.kinds.close_formation.conftest import Fly, Make
 
 X, Y, PSI, V, Z = 0, 1, 2, 3, 4
 STEPS = 300

@@ -7,15 +7,13 @@ from typing import Any, Protocol
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.cases.kinds.formation_flight.pose import FormationFlight
 from swarmstart.cases.kinds.formation_flight.scenario import FormationScenario
 from swarmstart.ocp import Decision, Mode, Plan, Source, Trajectory
 from swarmstart.tests.cases.kinds.flights import build
-
-Array = NDArray[np.float64]
 
 
 class Fly(Protocol):

@@ -3,8 +3,8 @@
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.kinds.formation_flight.as_printed import (
     level_as_printed,
     lyapunov_as_printed,
@@ -23,7 +23,6 @@ from swarmstart.terminal_set import (
     linearise,
 )
 
-Array = NDArray[np.float64]
 I2, I4 = np.eye(2), np.eye(4)
 TURN_RATE = np.pi / 18
 """10 deg/s, the bound of section 5.2.4."""

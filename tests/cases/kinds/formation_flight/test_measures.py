@@ -15,7 +15,8 @@ from swarmstart.ocp import Decision, Plan, Source, Trajectory
 from swarmstart.tests.cases.kinds.flights import build
 
 if TYPE_CHECKING:
-    from swarmstart.tests.cases.kinds.formation_flight.conftest import Array, Fly
+    from swarmstart.arrays import Array
+    from swarmstart.tests.cases.kinds.formation_flight.conftest import Fly
 
 UAVS, SUBSTEPS, STEPS = 5, 4, 20
 DENSE = STEPS * SUBSTEPS + 1

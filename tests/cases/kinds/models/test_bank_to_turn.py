@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from swarmstart.arrays import Array
 from swarmstart.cases.kinds.models.bank_to_turn import (
     GRAVITY_M_S2,
     Thrust,
@@ -21,8 +21,6 @@ from swarmstart.cases.kinds.models.bank_to_turn import (
 )
 from swarmstart.ocp import InvalidProblemError, Model, right_hand_side
 from swarmstart.ocp.integration.integrators import held_step
-
-Array = NDArray[np.float64]
 
 G = 9.8
 SIXTY = math.pi / 3

@@ -4,10 +4,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.optimize import minimize
 
+from swarmstart.arrays import Array
 from swarmstart.cases.kinds.models.close_formation import (
     CONTROLS,
     POSITION,
@@ -22,8 +22,6 @@ from swarmstart.cases.kinds.models.horseshoe_vortex import (
 from swarmstart.ocp import InvalidProblemError, Model
 from swarmstart.ocp.integration.integrators import held_step
 from swarmstart.ocp.system.model import right_hand_side
-
-Array = NDArray[np.float64]
 
 WINGMAN = Wingman()
 X = [75.0, 20.0, 0.1, 220.0, 1.5, -0.4]

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.campaign.running.run import run
 from swarmstart.cases.kinds.problem.pose import pose
 from swarmstart.cases.kinds.problem.stated.posed import ProblemPosed
@@ -18,7 +18,6 @@ from swarmstart.tests.cases.kinds.problem.conftest import (
     stated,
 )
 
-Array = NDArray[np.float64]
 MOVED = """\
 kind: problem
 constants: {{slot: 0}}

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.format.scenario import Resolved, read_document, resolve
 from swarmstart.cases.format.yaml_reader import parse_yaml
 from swarmstart.cases.kinds.flight import flight_of
@@ -24,7 +24,6 @@ from swarmstart.cases.kinds.models.horseshoe_vortex import Aircraft, derivatives
 from swarmstart.cases.kinds.models.unicycle import unicycle
 from swarmstart.ocp import simulate
 
-Array = NDArray[np.float64]
 SAME = 1e-10
 
 PASSING_SIDE = """

@@ -7,15 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.kinds.reconfiguration.pose import ReconfigurationFlight
 from swarmstart.cases.kinds.reconfiguration.scenario import ReconfigurationScenario
 from swarmstart.ocp import Trajectory
 from swarmstart.tests.cases.kinds.flights import build, flown_by_hand
 from swarmstart.tests.cases.kinds.reconfiguration.scenarios import reconfiguration
 
-Array = NDArray[np.float64]
 Make = Callable[..., ReconfigurationScenario]
 Fly = Callable[..., Trajectory]
 

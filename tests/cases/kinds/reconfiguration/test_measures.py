@@ -20,7 +20,8 @@ from swarmstart.tests.cases.kinds.flights import build
 from swarmstart.tests.cases.kinds.reconfiguration.scenarios import horizon
 
 if TYPE_CHECKING:
-    from swarmstart.tests.cases.kinds.reconfiguration.conftest import Array, Fly, Make
+    from swarmstart.arrays import Array
+    from swarmstart.tests.cases.kinds.reconfiguration.conftest import Fly, Make
 
 V, PSI, X, Y = range(4)
 STEPS, UAVS, LEADER = 4, 5, 2

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.kinds.planar import by_uav, pair_distances
 from swarmstart.cases.kinds.reconfiguration.measures import measure
 from swarmstart.cases.kinds.reconfiguration.priority import (
@@ -33,7 +33,6 @@ from swarmstart.tests.cases.kinds.reconfiguration.scenarios import (
 if TYPE_CHECKING:
     from swarmstart.tests.cases.kinds.reconfiguration.conftest import Make
 
-Array = NDArray[np.float64]
 
 V = np.array([[-20.0, 20], [-10, 10], [0, 0], [-10, -10], [-20, -20]])
 ALONE = ("planning={name: priority, range_m: 60}", "leader=straight")

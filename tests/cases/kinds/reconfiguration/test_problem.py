@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.kinds.planar import by_uav
 from swarmstart.cases.kinds.reconfiguration.pose import ReconfigurationFlight
 from swarmstart.cases.kinds.reconfiguration.problem import team_model, trim
@@ -27,7 +27,6 @@ from swarmstart.tests.cases.kinds.reconfiguration.scenarios import (
 if TYPE_CHECKING:
     from swarmstart.tests.cases.kinds.reconfiguration.conftest import Make
 
-Array = NDArray[np.float64]
 
 G, DRAG, WEIGHT = 9.8, 2000.0, 10_000.0
 LEADER, UAVS, CHECKS = 2, 5, 10

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from swarmstart.arrays import Array
 from swarmstart.cases.kinds.reconfiguration import reference
 from swarmstart.cases.kinds.reconfiguration.reference import best_costs, gaps
 from swarmstart.ocp import RecedingHorizon, Trajectory, simulate
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from swarmstart.cases.kinds.reconfiguration.pose import ReconfigurationFlight
     from swarmstart.tests.cases.kinds.reconfiguration.conftest import Fly
 
-Array = NDArray[np.float64]
 
 EXPECTED = {
     "reconfiguration": [756.338, 342.008, 111.175, 7.905],

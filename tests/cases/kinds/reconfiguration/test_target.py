@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.kinds.planar import PlanarState, Point
 from swarmstart.cases.kinds.reconfiguration.scenario import ReconfigurationScenario
 from swarmstart.cases.kinds.reconfiguration.target import (
@@ -23,7 +23,6 @@ from swarmstart.tests.cases.kinds.reconfiguration.scenarios import reconfigurati
 if TYPE_CHECKING:
     from swarmstart.tests.cases.kinds.reconfiguration.conftest import Make
 
-Array = NDArray[np.float64]
 V = [(-20, 20), (-10, 10), (0, 0), (-10, -10), (-20, -20)]
 
 coordinates = st.floats(-100, 100)

@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from swarmstart.arrays import Array
 from swarmstart.cases.kinds.models.bank_to_turn import GRAVITY_M_S2, Turn
 from swarmstart.cases.kinds.transfer.pose import flat_path
 
-Array = NDArray[np.float64]
 DURATION = 10.0
 START = np.array([5.0, 0.7, 3.0, -2.0])
 GOAL = np.array([40.0, 25.0])

@@ -6,11 +6,10 @@ import casadi as ca
 import mpmath
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.compiled.vectors.vector_ir import FORMATS, Format, Precision
 
-Array = NDArray[np.float64]
 Evaluate = Callable[..., tuple[Array, ...]]
 Named = Callable[..., Callable[..., Array]]
 INF, NAN, PI = np.inf, np.nan, np.pi

@@ -3,12 +3,11 @@ from collections.abc import Callable
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.compiled.vectors.operations import LARGEST_CHAIN, fused_products
 from swarmstart.tape import read_tape
 
-Array = NDArray[np.float64]
 Evaluate = Callable[..., tuple[Array, ...]]
 x, y, z, w = (ca.SX.sym(name) for name in "xyzw")
 

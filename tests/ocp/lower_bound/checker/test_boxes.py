@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.lower_bound.checker.boxes import (
     Boxes,
     Flags,
@@ -11,7 +12,7 @@ from swarmstart.ocp.lower_bound.checker.boxes import (
     is_empty,
     joined,
 )
-from swarmstart.ocp.lower_bound.checker.models import Array, Model
+from swarmstart.ocp.lower_bound.checker.models import Model
 
 
 def random_boxes(rng: np.random.Generator, d: int, count: int) -> Boxes:

@@ -7,12 +7,13 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.lower_bound.checker.least import (
     Term,
     least_over_controls,
     lowest,
 )
-from swarmstart.ocp.lower_bound.checker.models import Algebra, Array, Model, algebra_of
+from swarmstart.ocp.lower_bound.checker.models import Algebra, Model, algebra_of
 
 
 def random_model(rng: np.random.Generator, algebra: Algebra, count: int) -> Model:

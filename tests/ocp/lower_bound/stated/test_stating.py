@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp import (
     Bounds,
     Free,
@@ -37,7 +38,6 @@ from swarmstart.ocp.system.separation import Connection, Separation, disc
 from swarmstart.tests.ocp.lower_bound.evidence_by_hand import scalar
 from swarmstart.tests.ocp.lower_bound.known_optimum import Symbols, stated
 
-Array = NDArray[np.float64]
 Posed = tuple[OptimalControlProblem, list[float]]
 
 

@@ -5,8 +5,8 @@ from collections.abc import Callable
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.lower_bound.stated.statement import Statement
 from swarmstart.ocp.lower_bound.tubes.faces import template_of
 from swarmstart.ocp.lower_bound.tubes.motion import Cells, motion_of, rates_over
@@ -19,8 +19,6 @@ from swarmstart.tests.ocp.lower_bound.statements import (
     unicycle,
     van_der_pol,
 )
-
-Array = NDArray[np.float64]
 
 
 def wild() -> Statement:

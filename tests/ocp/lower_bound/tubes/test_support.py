@@ -4,17 +4,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.optimize import linprog
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.lower_bound.tubes.faces import template_of
 from swarmstart.ocp.lower_bound.tubes.support import (
     dual_vertices,
     dual_vertices_on_faces,
 )
 from swarmstart.ocp.lower_bound.tubes.tube import _directions
-
-Array = NDArray[np.float64]
 
 UNBOUND = {n: (np.full(n, -np.inf), np.full(n, np.inf)) for n in (1, 2, 3)}
 ROWS = {n: _directions(n, 16) for n in (1, 2, 3)}

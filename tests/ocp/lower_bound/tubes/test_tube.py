@@ -8,9 +8,9 @@ from functools import cache
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, HalfspaceIntersection
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.lower_bound.stated.evidence import Tube
 from swarmstart.ocp.lower_bound.stated.statement import Statement
 from swarmstart.ocp.lower_bound.tubes.tube import NoTubeError, tube_of
@@ -26,8 +26,6 @@ from swarmstart.tests.ocp.lower_bound.statements import (
     unicycle,
     van_der_pol,
 )
-
-Array = NDArray[np.float64]
 
 tube_of_problem = cache(lambda problem: tube_of(problem()))
 """The tube with the settings it has by itself, found once."""

@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.lower_bound.stated.evidence import Tube
 from swarmstart.ocp.lower_bound.stated.statement import Statement
 from swarmstart.ocp.lower_bound.tubes.tube import tube_of
@@ -24,7 +24,6 @@ from swarmstart.tests.ocp.lower_bound.statements import (
     unicycle,
 )
 
-Array = NDArray[np.float64]
 PROBLEMS = (double_integrator, unicycle, pushed)
 
 

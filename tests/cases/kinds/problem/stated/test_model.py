@@ -3,14 +3,13 @@
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.kinds.problem.stated.members import members_of, shared_of
 from swarmstart.cases.kinds.problem.stated.model import model_of, planning_problem
 from swarmstart.ocp import Model, OptimalControlProblem
 from swarmstart.tests.cases.kinds.problem.conftest import scenario_of, simulated
 
-Array = NDArray[np.float64]
 ALONE = """\
 kind: problem
 constants: {{slot: 1, width: 5}}
