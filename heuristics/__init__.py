@@ -3,100 +3,144 @@
 A population is a float64 array of shape (dim, size): a column is an individual.
 """
 
-from swarmstart.heuristics.laws.algorithm import (
-    Algorithm,
-    InvalidSettingsError,
-    Kernels,
-    State,
-)
-from swarmstart.heuristics.laws.box import Box, InvalidBoxError, InvalidPointsError
-from swarmstart.heuristics.laws.initial import Initial
-from swarmstart.heuristics.laws.order import (
-    InvalidOrderError,
-    Order,
-    epsilon_level,
-    feasibility_first,
-    static_penalty,
-)
-from swarmstart.heuristics.laws.sampling import Sampling
-from swarmstart.heuristics.running.budget import Budget, InvalidBudgetError, budget_of
-from swarmstart.heuristics.running.compiled_loop import CompiledObjective, Pointers
-from swarmstart.heuristics.running.minimize import Objective, minimize, run
-from swarmstart.heuristics.running.result import (
-    GenerationEvent,
-    SearchInterrupted,
-    SearchResult,
-    StopReason,
-)
-from swarmstart.heuristics.running.search import (
-    AskTellError,
-    Individual,
-    InvalidEvaluationError,
-    InvalidSnapshotError,
-    Search,
-    Snapshot,
-)
-from swarmstart.heuristics.searches.arguments import (
-    ALGORITHMS,
-    algorithm_of,
-    box_of,
-    generator_of,
-)
-from swarmstart.heuristics.searches.chaotic_pso import ChaoticPSO
-from swarmstart.heuristics.searches.cma import CMAES
-from swarmstart.heuristics.searches.de import DifferentialEvolution
-from swarmstart.heuristics.searches.default import default_algorithm, default_order
-from swarmstart.heuristics.searches.genetic import GeneticAlgorithm
-from swarmstart.heuristics.searches.jde import SelfAdaptiveDE
-from swarmstart.heuristics.searches.lshade import LSHADE
-from swarmstart.heuristics.searches.pso import ParticleSwarm
-from swarmstart.heuristics.searches.random_search import RandomSearch
+# ruff: noqa: I001  (it would write one statement for each name)
+import importlib
+from typing import TYPE_CHECKING, Any
 
-__all__ = [
-    "ALGORITHMS",
-    "CMAES",
-    "LSHADE",
-    "Algorithm",
-    "AskTellError",
-    "Box",
-    "Budget",
-    "ChaoticPSO",
-    "CompiledObjective",
-    "DifferentialEvolution",
-    "GenerationEvent",
-    "GeneticAlgorithm",
-    "Individual",
-    "Initial",
-    "InvalidBoxError",
-    "InvalidBudgetError",
-    "InvalidEvaluationError",
-    "InvalidOrderError",
-    "InvalidPointsError",
-    "InvalidSettingsError",
-    "InvalidSnapshotError",
-    "Kernels",
-    "Objective",
-    "Order",
-    "ParticleSwarm",
-    "Pointers",
-    "RandomSearch",
-    "Sampling",
-    "Search",
-    "SearchInterrupted",
-    "SearchResult",
-    "SelfAdaptiveDE",
-    "Snapshot",
-    "State",
-    "StopReason",
-    "algorithm_of",
-    "box_of",
-    "budget_of",
-    "default_algorithm",
-    "default_order",
-    "epsilon_level",
-    "feasibility_first",
-    "generator_of",
-    "minimize",
-    "run",
-    "static_penalty",
-]
+if TYPE_CHECKING:  # Loaded when first used: searches need Numba, their names do not.
+    from swarmstart.heuristics.laws.algorithm import (
+        Algorithm as Algorithm,
+        InvalidSettingsError as InvalidSettingsError,
+        Kernels as Kernels,
+        State as State,
+    )
+    from swarmstart.heuristics.laws.box import (
+        Box as Box,
+        InvalidBoxError as InvalidBoxError,
+        InvalidPointsError as InvalidPointsError,
+    )
+    from swarmstart.heuristics.laws.initial import (
+        Initial as Initial,
+    )
+    from swarmstart.heuristics.laws.order import (
+        InvalidOrderError as InvalidOrderError,
+        Order as Order,
+        epsilon_level as epsilon_level,
+        feasibility_first as feasibility_first,
+        static_penalty as static_penalty,
+    )
+    from swarmstart.heuristics.laws.sampling import (
+        Sampling as Sampling,
+    )
+    from swarmstart.heuristics.running.budget import (
+        Budget as Budget,
+        InvalidBudgetError as InvalidBudgetError,
+        budget_of as budget_of,
+    )
+    from swarmstart.heuristics.running.compiled_loop import (
+        CompiledObjective as CompiledObjective,
+        Pointers as Pointers,
+    )
+    from swarmstart.heuristics.running.minimize import (
+        Objective as Objective,
+        minimize as minimize,
+        run as run,
+    )
+    from swarmstart.heuristics.running.result import (
+        GenerationEvent as GenerationEvent,
+        SearchInterrupted as SearchInterrupted,
+        SearchResult as SearchResult,
+        StopReason as StopReason,
+    )
+    from swarmstart.heuristics.running.search import (
+        AskTellError as AskTellError,
+        Individual as Individual,
+        InvalidEvaluationError as InvalidEvaluationError,
+        InvalidSnapshotError as InvalidSnapshotError,
+        Search as Search,
+        Snapshot as Snapshot,
+    )
+    from swarmstart.heuristics.searches.arguments import (
+        ALGORITHMS as ALGORITHMS,
+        algorithm_of as algorithm_of,
+        box_of as box_of,
+        generator_of as generator_of,
+    )
+    from swarmstart.heuristics.searches.chaotic_pso import (
+        ChaoticPSO as ChaoticPSO,
+    )
+    from swarmstart.heuristics.searches.cma import (
+        CMAES as CMAES,
+    )
+    from swarmstart.heuristics.searches.de import (
+        F_MAX as F_MAX,
+        DifferentialEvolution as DifferentialEvolution,
+    )
+    from swarmstart.heuristics.searches.default import (
+        default_algorithm as default_algorithm,
+        default_order as default_order,
+    )
+    from swarmstart.heuristics.searches.genetic import (
+        GeneticAlgorithm as GeneticAlgorithm,
+    )
+    from swarmstart.heuristics.searches.jde import (
+        SelfAdaptiveDE as SelfAdaptiveDE,
+    )
+    from swarmstart.heuristics.searches.lshade import (
+        LSHADE as LSHADE,
+    )
+    from swarmstart.heuristics.searches.names import (
+        SEARCHES as SEARCHES,
+        SEARCH_GROUP as SEARCH_GROUP,
+        SearchEntry as SearchEntry,
+        installed_searches as installed_searches,
+    )
+    from swarmstart.heuristics.searches.pso import (
+        ParticleSwarm as ParticleSwarm,
+    )
+    from swarmstart.heuristics.searches.random_search import (
+        RandomSearch as RandomSearch,
+    )
+
+_NAMES = {
+    "laws.algorithm": "Algorithm InvalidSettingsError Kernels State",
+    "laws.box": "Box InvalidBoxError InvalidPointsError",
+    "laws.initial": "Initial",
+    "laws.order": """
+        InvalidOrderError Order epsilon_level feasibility_first static_penalty
+    """,
+    "laws.sampling": "Sampling",
+    "running.budget": "Budget InvalidBudgetError budget_of",
+    "running.compiled_loop": "CompiledObjective Pointers",
+    "running.minimize": "Objective minimize run",
+    "running.result": "GenerationEvent SearchInterrupted SearchResult StopReason",
+    "running.search": """
+        AskTellError Individual InvalidEvaluationError InvalidSnapshotError
+        Search Snapshot
+    """,
+    "searches.arguments": "ALGORITHMS algorithm_of box_of generator_of",
+    "searches.chaotic_pso": "ChaoticPSO",
+    "searches.cma": "CMAES",
+    "searches.de": "DifferentialEvolution F_MAX",
+    "searches.default": "default_algorithm default_order",
+    "searches.genetic": "GeneticAlgorithm",
+    "searches.jde": "SelfAdaptiveDE",
+    "searches.lshade": "LSHADE",
+    "searches.names": "SEARCHES SEARCH_GROUP SearchEntry installed_searches",
+    "searches.pso": "ParticleSwarm",
+    "searches.random_search": "RandomSearch",
+}
+_HOMES = {name: home for home, names in _NAMES.items() for name in names.split()}
+__all__ = list(_HOMES)
+
+
+def __getattr__(name: str) -> Any:
+    """Import a name of the room when it is first used."""
+    if name in _HOMES:
+        return getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    """List the names of the room."""
+    return [*__all__, *(name for name in globals() if name.startswith("__"))]

@@ -41,8 +41,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.arrays import Array
+from swarmstart.heuristics import F_MAX
 from swarmstart.heuristics.laws import require, require_name, require_size
-from swarmstart.heuristics.searches import F_MAX
 from swarmstart.machine_code import Count
 
 Mask = NDArray[np.bool_]

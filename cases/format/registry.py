@@ -5,77 +5,27 @@ Nothing heavy is imported here, so that `swarmstart list` and `--help` stay quic
 
 from importlib.metadata import entry_points
 from pkgutil import resolve_name
-from typing import NamedTuple
 
 from swarmstart.cases.format.kind_words import KindWords
-
-
-class SearchEntry(NamedTuple):
-    """A search as scenarios and the command line know it.
-
-    Attributes:
-        title: Description in a few words.
-        settings: "module:class" of its settings; empty if it has none.
-        warm_start: Part of the first population that is the last plan, by default.
-        sampling: Method of drawing the rest, by default; None means that of the
-            library.
-    """
-
-    title: str
-    settings: str
-    warm_start: str
-    sampling: str | None = None
-
+from swarmstart.heuristics import SEARCHES as OF_ARRAYS
+from swarmstart.heuristics import SearchEntry, installed_searches
 
 SEARCHES = {
-    "default": SearchEntry("the default of the library for the budget", "", "one"),
-    "cpso": SearchEntry(
-        "chaotic particle swarm (5.17)-(5.19)",
-        "swarmstart.heuristics:ChaoticPSO",
-        "all",
-        "uniform",
-    ),
-    "pso": SearchEntry(
-        "standard particle swarm", "swarmstart.heuristics:ParticleSwarm", "all"
-    ),
-    "de": SearchEntry(
-        "differential evolution",
-        "swarmstart.heuristics:DifferentialEvolution",
-        "one",
-    ),
-    "jde": SearchEntry(
-        "differential evolution that adapts its own parameters",
-        "swarmstart.heuristics:SelfAdaptiveDE",
-        "one",
-    ),
-    "lshade": SearchEntry(
-        "L-SHADE: adaptive differential evolution of a shrinking population",
-        "swarmstart.heuristics:LSHADE",
-        "one",
-    ),
-    "ga": SearchEntry(
-        "real-coded genetic algorithm, started at random as the chapter's",
-        "swarmstart.heuristics:GeneticAlgorithm",
-        "none",
-        "uniform",
-    ),
-    "cma": SearchEntry(
-        "covariance matrix adaptation, restarted with twice the population (IPOP)",
-        "swarmstart.heuristics:CMAES",
-        "one",
-    ),
+    "default": SearchEntry("the default of the library for the budget", ""),
+    **OF_ARRAYS,
     "memetic": SearchEntry(
         "L-SHADE whose best members are improved by local solves in lanes",
         "swarmstart.ocp:Memetic",
-        "one",
     ),
     "multistart": SearchEntry(
         "local solves in lanes from random starts, until little is left unseen",
         "swarmstart.ocp:Multistart",
-        "one",
     ),
-    "random": SearchEntry("random search", "swarmstart.heuristics:RandomSearch", "one"),
-    "none": SearchEntry("no search: the polish alone", "", "one"),
+    "none": SearchEntry("no search: the polish alone", ""),
+}
+"""Name -> entry of a search; those on arrays are registered in `heuristics`."""
+SEARCHES |= {
+    name: entry for name, entry in installed_searches().items() if name not in SEARCHES
 }
 
 POLISHES = {

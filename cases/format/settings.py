@@ -4,6 +4,7 @@ All are strict and frozen, and refuse unknown keys. A number can be written as a
 expression, such as `pi/18`.
 """
 
+import contextlib
 import dataclasses
 import re
 import types
@@ -342,6 +343,30 @@ _NOT_A_POLISH = {
 """Solvers of CasADi that are no polish by this key -> the reason."""
 
 
+class UnusableSearchError(SwarmstartError):
+    """A search that another package announces cannot be imported."""
+
+
+def _settings_of(name: str) -> Any:
+    """Return the class of a search's settings, a dataclass.
+
+    Raises:
+        UnusableSearchError: If the package that announces it has none there.
+    """
+    place = SEARCHES[name].settings
+    try:
+        settings = resolve_name(place)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise UnusableSearchError(
+            f"search {name}: expected settings at {place}, found {error}"
+        ) from error
+    if not dataclasses.is_dataclass(settings):
+        raise UnusableSearchError(
+            f"search {name}: expected a dataclass at {place}, found {settings!r}"
+        )
+    return settings
+
+
 class SearchPart(Part):
     """A search with its settings; see `search_part`.
 
@@ -378,7 +403,7 @@ class SearchPart(Part):
             return None
         if self.name == "default":
             return default_algorithm(evaluations)
-        settings: SearchAlgorithm = resolve_name(SEARCHES[self.name].settings)(
+        settings: SearchAlgorithm = _settings_of(self.name)(
             **self.model_dump(exclude={"name", "warm_start", "sampling", "when"})
         )
         return settings
@@ -405,8 +430,10 @@ def search_part(name: str) -> type[SearchPart]:
         "sampling": (Sampling | None, entry.sampling),
         "when": (When, "needed"),
     }
-    if entry.settings:
-        settings = resolve_name(entry.settings)
+    # `default` and `none` have no settings. A package whose search cannot be imported
+    # must not stop the other searches: `algorithm` tells of it if it is named.
+    with contextlib.suppress(UnusableSearchError):
+        settings = _settings_of(name)
         hints, texts = get_type_hints(settings), attributes_of(settings)
         for setting in dataclasses.fields(settings):
             text = texts.get(setting.name, "").replace("None", "null")

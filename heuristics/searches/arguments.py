@@ -5,33 +5,20 @@ box, a seed for a generator.
 """
 
 from collections.abc import Mapping, Sequence
+from pkgutil import resolve_name
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from swarmstart.heuristics.laws.algorithm import Algorithm, InvalidSettingsError
 from swarmstart.heuristics.laws.box import Box, InvalidBoxError
-from swarmstart.heuristics.searches.chaotic_pso import ChaoticPSO
-from swarmstart.heuristics.searches.cma import CMAES
-from swarmstart.heuristics.searches.de import DifferentialEvolution
 from swarmstart.heuristics.searches.default import default_algorithm
-from swarmstart.heuristics.searches.genetic import GeneticAlgorithm
-from swarmstart.heuristics.searches.jde import SelfAdaptiveDE
-from swarmstart.heuristics.searches.lshade import LSHADE
-from swarmstart.heuristics.searches.pso import ParticleSwarm
-from swarmstart.heuristics.searches.random_search import RandomSearch
+from swarmstart.heuristics.searches.names import SEARCHES, installed_searches
 
 ALGORITHMS: Mapping[str, type[Algorithm]] = {
-    "lshade": LSHADE,
-    "cpso": ChaoticPSO,
-    "pso": ParticleSwarm,
-    "de": DifferentialEvolution,
-    "jde": SelfAdaptiveDE,
-    "cma": CMAES,
-    "ga": GeneticAlgorithm,
-    "random": RandomSearch,
+    name: resolve_name(entry.settings) for name, entry in SEARCHES.items()
 }
-"""Name -> class of settings; scenarios have the same names."""
+"""Name -> class of settings of a search of the library."""
 
 PAIR = (2,)
 """Shape of the bounds of one variable."""
@@ -43,7 +30,7 @@ def algorithm_of(
     """Return the settings of an algorithm.
 
     Args:
-        given: Settings; or a class of settings, or a name of ALGORITHMS, for its
+        given: Settings; or a class of settings, or a name of a search, for its
             defaults; None or "default" for `default_algorithm`.
         evaluations: The budget, for the default; None if it is wall time.
 
@@ -56,15 +43,28 @@ def algorithm_of(
     """
     if given is None or (isinstance(given, str) and given == "default"):
         return default_algorithm(evaluations)
-    if isinstance(given, str) and given in ALGORITHMS:
-        return ALGORITHMS[given]()
+    if isinstance(given, str):
+        given = _named(given)
     if not _is_algorithm(given):
-        raise InvalidSettingsError(
-            "algorithm",
-            given,
-            f"settings as LSHADE(), a class of settings, or one of {[*ALGORITHMS]}",
-        )
-    return given() if isinstance(given, type) else given  # type: ignore[return-value]
+        raise _unknown(given)
+    return given() if isinstance(given, type) else given
+
+
+def _named(name: str) -> type[Algorithm]:
+    """Return the class of settings of a search of the library or of another package."""
+    if name in ALGORITHMS:
+        return ALGORITHMS[name]
+    others = installed_searches()
+    if name not in others:
+        raise _unknown(name)
+    settings: type[Algorithm] = resolve_name(others[name].settings)
+    return settings
+
+
+def _unknown(given: object) -> InvalidSettingsError:
+    names = [*ALGORITHMS, *installed_searches()]
+    allowed = f"settings as LSHADE(), a class of settings, or one of {names}"
+    return InvalidSettingsError("algorithm", given, allowed)
 
 
 def _is_algorithm(given: object) -> bool:

@@ -95,7 +95,7 @@ def test_every_algorithm_of_the_library_is_tested_here(
 ) -> None:
     kinds = {
         kind
-        for kind in vars(heuristics).values()
+        for kind in map(heuristics.__getattr__, heuristics.__all__)
         if dataclasses.is_dataclass(kind) and hasattr(kind, "kernel_settings")
     }
     assert kinds and kinds <= {type(algorithm) for algorithm in algorithms}
