@@ -150,6 +150,16 @@ def test_controls_are_held_over_their_steps_between_their_bounds() -> None:
     assert bounds(axes) == [-2.0, 2.0]
 
 
+def test_outputs_are_drawn_along_the_fine_path_with_their_names() -> None:
+    flight = flown(posed(), HELD, [0, 0])
+    assert "h_outputs" not in drawn(posed(), flight)
+    values = np.vstack([flight.dense_states.sum(axis=0), flight.dense_states[0] ** 2])
+    told = replace(flight, outputs=values, output_names=("sum", "square"))
+    figure = drawn(posed(), told)["h_outputs"]
+    for label, expected in zip(("sum", "square"), values, strict=True):
+        assert np.array_equal(curves(panel(figure, label))[0], expected)
+
+
 def test_what_lies_beyond_a_bound_is_grey() -> None:
     axes = panel(drawn(posed(), flown(posed(), HELD, [0, 0]))["a_sheet"], "force")
     inside = axes.transData.inverted()
