@@ -99,14 +99,14 @@ FLAWS = {
         "name: cspo",
         "cspo",
         "expected name to be one of default, cpso, pso, de, jde, lshade, ga, cma, "
-        "memetic, multistart, random, none; found 'cspo'",
+        "random, memetic, multistart, none; found 'cspo'",
     ),
     "no search's name": (
         "  name: cpso\n",
         "",
         "size: 20",
         "expected name to be one of default, cpso, pso, de, jde, lshade, ga, cma, "
-        "memetic, multistart, random, none; found none",
+        "random, memetic, multistart, none; found none",
     ),
     "an unknown setting of the search": (
         "inertia_min:",

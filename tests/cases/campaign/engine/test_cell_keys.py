@@ -10,7 +10,7 @@ from swarmstart.cases.campaign.engine import cell_keys
 from swarmstart.cases.campaign.engine.cell_keys import key_of, modules_of_settings
 from swarmstart.cases.campaign.running.run_cell import run_cell
 from swarmstart.cases.chapter import computations
-from swarmstart.cases.format.registry import KINDS, words_of
+from swarmstart.cases.format.registry import KINDS, SEARCHES, words_of
 from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.machine_code import fingerprints
 
@@ -116,7 +116,9 @@ def test_a_scenario_s_own_modules_are_those_of_its_kind_and_search() -> None:
     assert resolved.kind is not None
     settings = run_cell(resolved, 0).job["settings"]
     kind = words_of(settings["kind"]).kind.partition(":")[0]
-    assert modules_of_settings(settings) == (kind, "swarmstart.heuristics")
+    search = SEARCHES[settings["search"]["name"]].settings.partition(":")[0]
+    assert search == "swarmstart.heuristics.searches.chaotic_pso"
+    assert modules_of_settings(settings) == (kind, search)
     assert modules_of_settings({"kind": [], "search": None}) == ()
 
 
