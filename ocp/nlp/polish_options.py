@@ -4,6 +4,8 @@ From a good start IPOPT begins with a small barrier and small pushes. With its d
 it would first move away from the start, and might not return.
 """
 
+import contextlib
+import io
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
@@ -156,6 +158,23 @@ class NlpOptions:
 PolishOptions = IpoptOptions | NlpOptions
 
 
+def solver_of(
+    name: str, plugin: str, nlp: Mapping[str, Any], settings: Mapping[str, Any]
+) -> ca.Function:
+    """Return an NLP solver of CasADi, made without a word on the standard output.
+
+    Args:
+        name: Name of the function.
+        plugin: The solver, such as "ipopt".
+        nlp: Expressions by their names, as `casadi.nlpsol` takes them.
+        settings: The solver's options.
+    """
+    # qpOASES, the QP solver of sqpmethod, prints its licence whenever one is made.
+    licence = contextlib.redirect_stdout(io.StringIO())
+    with contextlib.nullcontext() if plugin == "ipopt" else licence:
+        return ca.nlpsol(name, plugin, dict(nlp), dict(settings))
+
+
 def check_solver(options: PolishOptions) -> None:
     """Make an NLP solver for a small problem, to see whether it takes its options.
 
@@ -165,7 +184,7 @@ def check_solver(options: PolishOptions) -> None:
     x = ca.MX.sym("x")
     nlp = {"x": x, "f": x**2, "g": x}
     try:
-        ca.nlpsol("trial", options.plugin, nlp, options.settings(near=False))
+        solver_of("trial", options.plugin, nlp, options.settings(near=False))
     except (RuntimeError, NotImplementedError) as error:
         said = str(error).strip().splitlines()[-1].strip()
         raise InvalidProblemError(

@@ -24,11 +24,12 @@ from swarmstart.ocp import NlpOptions
     ],
 )
 def test_a_run_is_polished_by_the_solver_that_is_named(
-    words: list[str], tmp_path: Path
+    words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "run"
-    run = ["run", "double_integrator", "--no-figures", "--quiet", "--out", str(out)]
+    run = ["run", "double_integrator", "--no-figures", "--json", "--out", str(out)]
     assert main([*run, *words]) == 0
+    assert json.loads(capsys.readouterr().out)["polish"] == "sqpmethod"
     record = json.loads((out / "run.json").read_text(encoding="utf-8"))
     assert record["polish"] == "sqpmethod"
     assert record["measures"]["cost"] == pytest.approx(12.0301, rel=1e-5)  # IPOPT's
