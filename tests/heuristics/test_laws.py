@@ -459,9 +459,10 @@ PRINT_RUNS = """
 import sys
 import numpy as np
 from swarmstart import heuristics as h
+names = {name: getattr(h, name) for name in h.__all__}
 box = h.Box(lower=np.full(3, -3.0), upper=np.full(3, 3.0))
 for text in sys.argv[1:]:
-    algorithm = eval(text, vars(h))
+    algorithm = eval(text, names)
     initial = np.full((3, 9), 0.1) if isinstance(algorithm, h.ChaoticPSO) else None
     for order in (h.feasibility_first(), h.static_penalty(3.0), h.epsilon_level()):
         rng = np.random.default_rng(7)

@@ -205,7 +205,9 @@ class _Campaign:
         try:
             reply: dict[str, Any] = json.loads(future.result(timeout=NO_WORKER_S))
         except Exception as error:
-            if self._client.status != "running":
+            # The client's status can follow after the first call that fails.
+            is_closed = type(error).__name__ == "CommClosedError"
+            if is_closed or self._client.status != "running":
                 raise DaskError(self._lost()) from error
             if type(error).__name__ not in ("KilledWorker", "CancelledError"):
                 raise DaskError(
