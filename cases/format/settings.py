@@ -44,6 +44,7 @@ from swarmstart.cases.format.expressions import (
     evaluate,
 )
 from swarmstart.cases.format.registry import SEARCHES
+from swarmstart.cases.format.silence import silenced
 from swarmstart.cases.format.solver_options import refused
 from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics import (
@@ -330,7 +331,8 @@ class PolishPart(Part):
         if beyond:
             return
         try:
-            check_solver(self.told())
+            with silenced():
+                check_solver(self.told())
         except SwarmstartError as error:
             yield ("solver",), f"expected a solver of CasADi: {error}"
 

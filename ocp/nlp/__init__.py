@@ -15,7 +15,11 @@ from swarmstart.ocp.nlp.polish import (
     Polisher,
     is_better,
 )
-from swarmstart.ocp.nlp.polish_options import PolishOptions, check_solver
+from swarmstart.ocp.nlp.polish_options import (
+    PolishOptions,
+    check_solver,
+    has_solver,
+)
 from swarmstart.ocp.nlp.start import (
     Start,
 )
@@ -40,6 +44,7 @@ __all__ = [
     "Work",
     "check_solver",
     "duals_of",
+    "has_solver",
     "is_better",
     "multipliers_of",
 ]

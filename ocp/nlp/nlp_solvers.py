@@ -10,7 +10,7 @@ import casadi as ca
 from swarmstart.machine_code import compiling
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.nlp.nlp_sources import last_line
-from swarmstart.ocp.nlp.polish_options import PolishOptions, solver_of
+from swarmstart.ocp.nlp.polish_options import PolishOptions
 from swarmstart.ocp.nlp.transcription import NonlinearProgram, multiple_shooting
 from swarmstart.ocp.nlp.watching import Iterates, Ratios, ratios_of
 from swarmstart.ocp.rollout.fixed_steps import FixedSteps
@@ -131,7 +131,7 @@ class NlpSolvers:
             **options.settings(near=near, warm=warm),
         }
         try:
-            return solver_of("polish", options.plugin, nlp, settings)
+            return ca.nlpsol("polish", options.plugin, nlp, settings)
         except RuntimeError as error:
             raise InvalidProblemError(
                 f"{options.plugin} refuses its options: expected its own names and "

@@ -4,8 +4,7 @@ From a good start IPOPT begins with a small barrier and small pushes. With its d
 it would first move away from the start, and might not return.
 """
 
-import contextlib
-import io
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
@@ -135,7 +134,7 @@ class NlpOptions:
 
     def __post_init__(self) -> None:
         """Validate the name of the plug-in."""
-        if not isinstance(self.plugin, str) or not ca.has_nlpsol(self.plugin):
+        if not isinstance(self.plugin, str) or not has_solver(self.plugin):
             raise InvalidProblemError(
                 "plugin must be an NLP solver of CasADi that is installed, such as "
                 f"ipopt or sqpmethod, got {self.plugin!r}"
@@ -158,21 +157,30 @@ class NlpOptions:
 PolishOptions = IpoptOptions | NlpOptions
 
 
-def solver_of(
-    name: str, plugin: str, nlp: Mapping[str, Any], settings: Mapping[str, Any]
-) -> ca.Function:
-    """Return an NLP solver of CasADi, made without a word on the standard output.
+def has_solver(name: str) -> bool:
+    """Return whether CasADi has an NLP solver.
 
-    Args:
-        name: Name of the function.
-        plugin: The solver, such as "ipopt".
-        nlp: Expressions by their names, as `casadi.nlpsol` takes them.
-        settings: The solver's options.
+    Raises:
+        InvalidProblemError: If the present folder holds files that CasADi could take
+            for its own plug-ins: it also looks there, for the solver and for what the
+            solver uses, and would run the code of whoever left them.
     """
-    # qpOASES, the QP solver of sqpmethod, prints its licence whenever one is made.
-    licence = contextlib.redirect_stdout(io.StringIO())
-    with contextlib.nullcontext() if plugin == "ipopt" else licence:
-        return ca.nlpsol(name, plugin, dict(nlp), dict(settings))
+    if _here_are_plugins():
+        raise InvalidProblemError(
+            "expected no files libcasadi_* in the present folder, from which CasADi "
+            f"could load native code as part of {name!r}, found some; work in another "
+            "folder"
+        )
+    return bool(ca.has_nlpsol(name))
+
+
+def _here_are_plugins() -> bool:
+    try:
+        return any(name.startswith("libcasadi_") for name in os.listdir())
+    except FileNotFoundError:  # The folder was removed.
+        return False
+    except OSError:  # What cannot be listed can still be loaded.
+        return True
 
 
 def check_solver(options: PolishOptions) -> None:
@@ -184,7 +192,7 @@ def check_solver(options: PolishOptions) -> None:
     x = ca.MX.sym("x")
     nlp = {"x": x, "f": x**2, "g": x}
     try:
-        solver_of("trial", options.plugin, nlp, options.settings(near=False))
+        ca.nlpsol("trial", options.plugin, nlp, options.settings(near=False))
     except (RuntimeError, NotImplementedError) as error:
         said = str(error).strip().splitlines()[-1].strip()
         raise InvalidProblemError(

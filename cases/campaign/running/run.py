@@ -24,6 +24,7 @@ from swarmstart.cases.campaign.running.planned_once import bound_of, planned_onc
 from swarmstart.cases.campaign.running.run_status import RunStatus, status_of
 from swarmstart.cases.format.kind import Flight, Measure, Posed, SeveralPlansError
 from swarmstart.cases.format.scenario import Resolved
+from swarmstart.cases.format.silence import silenced
 from swarmstart.cases.kinds.flight import flight_of
 from swarmstart.cases.record.bound_content import (
     CERTIFICATE,
@@ -327,7 +328,8 @@ def _run(
     progress: ProgressCallback,
 ) -> Run:
     """Return the run, in a folder that is locked and the run's own."""
-    with stopwatch() as watch:
+    is_loud = resolved.scenario.polish_name not in ("none", "ipopt")
+    with silenced(is_needed=is_loud), stopwatch() as watch:
         return _timed(resolved, seed, recording, progress, watch)
 
 

@@ -17,9 +17,9 @@ import numpy as np
 
 from swarmstart.cases.campaign.trials.history import Relay
 from swarmstart.cases.campaign.trials.peer_names import PEERS
-from swarmstart.cases.campaign.trials.silence import silenced
 from swarmstart.cases.campaign.trials.solver_names import IPOPT, Solver, polish_of
 from swarmstart.cases.format.kind import PlanningProblem
+from swarmstart.cases.format.silence import silenced
 from swarmstart.heuristics import Budget, Order, default_order, minimize
 from swarmstart.machine_code import stopwatch
 from swarmstart.ocp import IpoptOptions, Planner, SearchSettings, population_of

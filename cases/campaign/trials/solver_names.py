@@ -145,9 +145,9 @@ def plugins() -> list[str]:
 
 
 def _is_plugin(name: str) -> bool:
-    import casadi as ca
+    from swarmstart.ocp.nlp import has_solver
 
-    return bool(_NAME.fullmatch(name)) and bool(ca.has_nlpsol(name))
+    return bool(_NAME.fullmatch(name)) and has_solver(name)
 
 
 def _split(text: str, at: str) -> Iterator[str]:
@@ -307,7 +307,7 @@ def _nlp_options(plugin: str, options: Mapping[str, str], text: str) -> Options:
     """Return the options of an NLP solver, which are checked by creating it."""
     import casadi as ca
 
-    from swarmstart.cases.campaign.trials.silence import silenced
+    from swarmstart.cases.format.silence import silenced
     from swarmstart.ocp.nlp import check_solver
 
     values = {key: _value(value) for key, value in options.items()}

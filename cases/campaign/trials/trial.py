@@ -32,9 +32,9 @@ from swarmstart.cases.campaign.engine.wall_limit import hard_limit
 from swarmstart.cases.campaign.trials.building import Built, Trial, built
 from swarmstart.cases.campaign.trials.history import Meter
 from swarmstart.cases.campaign.trials.routes import ROUTES
-from swarmstart.cases.campaign.trials.silence import silenced
 from swarmstart.cases.campaign.trials.solver_names import IPOPT
 from swarmstart.cases.format.kind import PlanningProblem
+from swarmstart.cases.format.silence import silenced
 from swarmstart.cases.record.files import replacing, to_json
 from swarmstart.machine_code import stopwatch
 from swarmstart.ocp import Planner, Solution, verified

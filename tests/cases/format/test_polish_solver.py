@@ -13,7 +13,7 @@ from swarmstart.cases.format.scenario import (
     read_document,
     resolve,
 )
-from swarmstart.ocp import NlpOptions
+from swarmstart.ocp import InvalidProblemError, NlpOptions
 
 
 @pytest.mark.parametrize(
@@ -64,3 +64,45 @@ def test_the_options_reach_the_solver() -> None:
 def test_a_solver_that_is_no_polish_is_refused(polish: str, message: str) -> None:
     with pytest.raises(InvalidScenarioError, match=message):
         resolve(read_document("double_integrator"), assignments=[f"polish={polish}"])
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["run", "double_integrator", "--polish", "sqpmethod"],
+        ["run", "double_integrator", "--polish", "absent"],
+        ["compare", "double_integrator", "--solvers", "sqpmethod", "--seeds", "1"],
+    ],
+)
+def test_no_solver_is_looked_for_where_others_could_have_left_native_code(
+    words: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    # CasADi would load it from here, since its own needs a library that is absent.
+    (tmp_path / "libcasadi_linsol_ma27.so").touch()
+    monkeypatch.chdir(tmp_path)
+    assert main([*words, "--out", "run"]) == 2
+    assert "expected no files libcasadi_* in the present folder" in (
+        capsys.readouterr().err
+    )
+
+
+def test_ipopt_alone_looks_nowhere(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "libcasadi_nlpsol_ipopt.so").touch()
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", "double_integrator", "--no-figures", "--polish", "ipopt"]) == 0
+
+
+def test_a_folder_that_cannot_be_listed_is_not_trusted(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def forbidden(*_: object) -> list[str]:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("os.listdir", forbidden)
+    with pytest.raises(InvalidProblemError, match="work in another folder"):
+        NlpOptions(plugin="sqpmethod")
