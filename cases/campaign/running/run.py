@@ -130,9 +130,7 @@ class Run:
         trajectory: The simulated trajectory.
         measures: Values of the measures, by name.
         claims: All claims of the scenario, judged if this run can judge them.
-        status: One sentence on how it ended.
-        feasible: Whether at least one planned step found a feasible plan.
-        ended: The same with its parts.
+        ended: How it ended.
         wall_s: Wall time of building, simulating and measuring, without that of
             compiling and of an earlier, interrupted run [s].
         compile_s: Wall time of loading and compiling machine code [s].
@@ -152,8 +150,6 @@ class Run:
     trajectory: Trajectory
     measures: Mapping[str, Measure]
     claims: list[dict[str, Any]]
-    status: str
-    feasible: bool
     ended: RunStatus
     wall_s: float = 0.0
     compile_s: float = 0.0
@@ -221,6 +217,16 @@ class Run:
         return plant.model.linearised(
             x, u, parameters=plant.parameters(at)[:, 0], signals=signals, time=time
         )
+
+    @property
+    def status(self) -> str:
+        """One sentence on how it ended."""
+        return self.ended.sentence()
+
+    @property
+    def feasible(self) -> bool:
+        """True if at least one planned step found a feasible plan."""
+        return self.ended.is_usable
 
     @property
     def starts(self) -> StartsAccount | None:
@@ -436,7 +442,6 @@ def _measured(
     """Return a run with its measures and judged claims."""
     scenario = resolved.scenario
     measures = resolved.kind.measure(scenario, flight, trajectory)
-    ended = status_of(flight, trajectory)
     return Run(
         resolved=resolved,
         seed=seed,
@@ -450,9 +455,7 @@ def _measured(
             variant=resolved.variant,
             undefined=resolved.kind.undefined_of(scenario),
         ),
-        status=ended.sentence,
-        feasible=ended.is_usable,
-        ended=ended,
+        ended=status_of(flight, trajectory),
     )
 
 

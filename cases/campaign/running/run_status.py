@@ -13,7 +13,6 @@ class RunStatus(NamedTuple):
     """The end of a run.
 
     Attributes:
-        sentence: One sentence on it.
         is_usable: Whether any of its plans can be used.
         plan: Status of the one plan that was followed to its end; None of other runs.
         found: What was found, in words: how many planned steps found a feasible plan,
@@ -22,12 +21,15 @@ class RunStatus(NamedTuple):
         all_found: Whether every plan is feasible.
     """
 
-    sentence: str
     is_usable: bool
     plan: SolutionStatus | None
     found: str
     more: str
     all_found: bool
+
+    def sentence(self, remark: str = "") -> str:
+        """Return one sentence on the end, with a remark on what was found."""
+        return f"simulated to the end; {self.found}{remark}{self.more}"
 
 
 def status_of(flight: Flight[Posed], trajectory: Trajectory) -> RunStatus:
@@ -50,7 +52,6 @@ def status_of(flight: Flight[Posed], trajectory: Trajectory) -> RunStatus:
     else:
         said = f"{infeasible} of {len(found)} planned steps found no feasible plan"
     return RunStatus(
-        f"simulated to the end; {said}{more}",
         infeasible < len(found) or not infeasible,
         plan=None,
         found=said,
@@ -73,7 +74,6 @@ def _of_one_plan(
         more += f": {answer.reason}; {answer.advice}"
     more += unproven
     return RunStatus(
-        f"simulated to the end; {said}{more}",
         is_confirmed,
         plan=answer.status,
         found=said,

@@ -54,7 +54,7 @@ def _of_problem(finished: Run) -> str:
     if status is not None:
         cost = _cost(finished, "cost")
         if not status.is_confirmed:
-            said = printable(finished.status).partition("the plan is ")[2]
+            said = printable(f"{status.value}{finished.ended.more}")
             if status in (SolutionStatus.INFEASIBLE, SolutionStatus.NOT_FINITE):
                 return f"{said[:1].upper()}{said[1:]}."
             return f"{cost}, {said}."
@@ -183,10 +183,8 @@ def _plans_in_words(finished: Run) -> str:
 
 def told_status(finished: Run) -> str:
     """Return the sentence on how a run ended, which hides no broken constraint."""
-    ended = finished.ended
-    if not (ended.all_found and breaks_constraint(finished)):
-        return finished.status
-    return f"simulated to the end; {ended.found}{BUT_BROKEN}{ended.more}"
+    hides_broken = finished.ended.all_found and breaks_constraint(finished)
+    return finished.ended.sentence(BUT_BROKEN if hides_broken else "")
 
 
 def breaks_constraint(finished: Run) -> bool:
