@@ -60,6 +60,7 @@ from swarmstart.heuristics import (
 from swarmstart.ocp import (
     INTEGRATORS,
     Backend,
+    InvalidProblemError,
     IpoptOptions,
     Multistart,
     NlpOptions,
@@ -69,7 +70,7 @@ from swarmstart.ocp import (
     When,
     population_of,
 )
-from swarmstart.ocp.nlp import check_solver
+from swarmstart.ocp.nlp import check_solver, has_solver
 
 if TYPE_CHECKING:
     IntegratorName = str
@@ -332,9 +333,18 @@ class PolishPart(Part):
             return
         try:
             with silenced():
-                check_solver(self.told())
+                self._check()
         except SwarmstartError as error:
-            yield ("solver",), f"expected a solver of CasADi: {error}"
+            yield ("solver",), str(error)
+
+    def _check(self) -> None:
+        """Raise if CasADi has no such solver, or it refuses an option."""
+        if not has_solver(self.solver):
+            raise InvalidProblemError(
+                "expected none, ipopt or an NLP solver of CasADi that is installed, "
+                f"such as sqpmethod; found {self.solver!r}"
+            )
+        check_solver(self.told())
 
 
 _NOT_A_POLISH = {

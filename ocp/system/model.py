@@ -29,7 +29,7 @@ from swarmstart.ocp.common.expressions import (
     shortened,
     symbol_names,
 )
-from swarmstart.ocp.common.limits import numbers_of
+from swarmstart.ocp.common.limits import numbers_of, require_seconds
 from swarmstart.ocp.common.symbol_map import SymbolMap
 from swarmstart.ocp.system.algebraic import (
     AlgebraicEquations,
@@ -211,6 +211,10 @@ class Model:
             controls = ca.vertsplit(self.controls)
             named |= dict(zip(self.control_names, controls, strict=True))
         for name, given in self.outputs.items():
+            if not (isinstance(name, str) and name):
+                raise InvalidProblemError(
+                    f"names of outputs must be texts that are not empty, got {name!r}"
+                )
             role = f"output {name!r}"
             rows = as_column(role, self.sx(role, given))
             if rows.numel() != 1:
@@ -228,11 +232,8 @@ class Model:
 
     def _check_dt(self) -> None:
         """Raise if the sampling time is no length of a step of a discrete model."""
-        if self.dt is None:
-            return
-        if not (np.isfinite(self.dt) and self.dt > 0):
-            raise InvalidProblemError(f"dt must be positive and finite, got {self.dt}")
-        if not self.is_discrete:
+        require_seconds("dt", self.dt)
+        if self.dt is not None and not self.is_discrete:
             raise InvalidProblemError(
                 "dt is the step of a discrete-time model: leave it out of a model with "
                 "an ode"

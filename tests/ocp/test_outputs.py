@@ -220,6 +220,8 @@ def test_a_dual_mode_gives_its_law_with_the_names_of_the_agent() -> None:
     ("outputs", "message"),
     [
         ([1], "outputs must be a mapping from names to expressions"),
+        ({3: 1.0}, "names of outputs must be texts that are not empty, got 3"),
+        ({"": 1.0}, "names of outputs must be texts that are not empty, got ''"),
         ({"both": ca.SX.sym("x", 2)}, "output 'both' must be one expression, got 2"),
         ({"far": ca.SX.sym("z")}, "output 'far'.*z"),
         ({"x": ca.SX(1)}, "output 'x' has the name of a state or a control"),

@@ -236,8 +236,11 @@ def test_a_discrete_model_without_dt_is_sampled_with_an_unknown_time() -> None:
     )
     with pytest.raises(ss.InvalidProblemError, match="leave it out of a model with"):
         ss.Model(states=x, controls=u, ode=u, dt=0.1)
-    with pytest.raises(ss.InvalidProblemError, match="dt must be positive"):
-        ss.Model(states=x, controls=u, next_state=u, dt=-1.0)
+    for dt in (-1.0, np.nan, np.inf, "0.1"):
+        with pytest.raises(
+            ss.InvalidProblemError, match="dt must be a positive number of seconds"
+        ):
+            ss.Model(states=x, controls=u, next_state=u, dt=dt)  # type: ignore[arg-type]
 
 
 def test_the_law_of_a_terminal_set_closes_the_loop_of_its_design() -> None:
