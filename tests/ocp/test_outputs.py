@@ -130,6 +130,31 @@ def test_a_run_has_the_outputs_of_its_plant() -> None:
     np.testing.assert_array_equal(u, run.controls[:, 1])
 
 
+def test_outputs_are_those_of_the_mean_control_where_a_plan_jumps_within_a_step() -> (
+    None
+):
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    problem = ss.OptimalControlProblem(
+        ss.Model(states=x, controls=u, ode=u - x, outputs={"rate": u}),
+        horizon=ss.Free(0.3, 4.0), intervals=5, stage_cost=1 + u**2, terminal=[x - 1],
+        bounds=ss.Bounds(controls=(-3, 3)),
+    )  # fmt: skip
+    planner = ss.Planner(problem, search=None, polish=ss.IpoptOptions())
+    loop = ss.RecedingHorizon(planner=planner, period=0.3)
+    run = ss.simulate(
+        ss.Plant(problem.model, dt=0.3, substeps=3), loop, [0.0], steps=2, seed=0
+    )
+    expected = []
+    for decision in run.decisions:
+        assert decision.profile is not None and decision.profile.is_held
+        parts = (np.arange(30_000) + 0.5) / 30_000
+        fine = decision.profile.at((decision.dt or 0.3) * parts)[0]
+        expected += [*fine.reshape(3, -1).mean(axis=1)]
+    np.testing.assert_allclose(run.outputs[0], [*expected, expected[-1]], atol=1e-4)
+    first = run.decisions[0].plans[0].controls[0]
+    assert first[0] + 0.01 < run.outputs[0, 1] < first[1] - 0.01
+
+
 def test_records_keep_outputs(tmp_path: Path) -> None:
     _, run = run_of(swinging())
     kept = ss.load(run.save(tmp_path / "run")).trajectory

@@ -60,11 +60,12 @@ def answer(name: str, problem: PlanningProblem, **budget: Any) -> dict[str, Any]
         {},
         {"checks": 3, "constraints": [PathConstraint(expression=X[1], upper=0.55)]},
         {"constraints": [PathConstraint(expression=U + X[1], upper=0.9)]},
+        {"constraints": [PathConstraint(expression=U - X[1], upper=0.3)]},
         {"quadrature": "right", "step_cost": 0.1 * U**2, "maximize": False},
         {"control_shape": "continuous"},
         {"terminal_cost": 0, "terminal": [X[0] >= 1, (X[1], 0)]},
     ],
-    ids=["plain", "speed", "mixed", "costs", "linear", "end"],
+    ids=["plain", "speed", "mixed", "begins", "costs", "linear", "end"],
 )
 def test_it_finds_what_ipopt_finds(options: dict[str, Any]) -> None:
     problem = posed(**options)
