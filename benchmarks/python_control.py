@@ -262,13 +262,13 @@ def shipped_rows(name: str) -> list[str]:
             solver=solver_of(solver), budget={"seconds": BUDGET_S}, seed=0, search=None
         )
         begin = time.process_time()
-        told = answered(posed, trial)
+        result = answered(posed, trial)
         seconds = time.process_time() - begin
-        controls = np.array(told["plan"]["controls"])
+        controls = np.array(result.as_json()["plan"]["controls"])
         cost, broken = integrated(posed.problem, posed.x0, controls)
         lines.append(
             row(f"`{name}`", f"`{solver}`", f"{cost:.6g}", f"{broken:.2g}",
-                "feasible" if told["feasible"] else "no", f"{seconds:.2f}")
+                "feasible" if result.feasible else "no", f"{seconds:.2f}")
         )  # fmt: skip
     return lines
 

@@ -297,7 +297,7 @@ def _solving(
 
     def solve(cell: Cell, folder: Path) -> dict[str, Any]:
         del folder
-        return answer_of(made(), replace(first, seed=cell.job["seed"]))
+        return answer_of(made(), replace(first, seed=cell.job["seed"])).as_json()
 
     return solve
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from swarmstart.cases.campaign.engine.cells import Cell
 from swarmstart.cases.campaign.running.run import Run, run
+from swarmstart.cases.campaign.trials.result import FlightResult
 from swarmstart.cases.campaign.trials.seeding import seeded
 from swarmstart.cases.format.scenario import Resolved, resolved_again
 
@@ -63,48 +64,41 @@ def fly_cell(
     del folder
     settings = seeded(job["settings"], job["seed"])
     resolved = resolved_again(settings, job["variant"], python_in=python_in)
-    return flown_trial(run(resolved, seed=job["seed"]))
+    return flown_trial(run(resolved, seed=job["seed"])).as_json()
 
 
-def flown_trial(finished: Run) -> dict[str, Any]:
-    """Return a run as data for `comparison`; all numbers are finite or None."""
+def flown_trial(finished: Run) -> FlightResult:
+    """Return the result of a run."""
     trajectory, measures = finished.trajectory, finished.measures
     resolved, flight = finished.resolved, finished.flight
     found = resolved.kind.whole_run(resolved.scenario, flight, trajectory, measures)
     seconds = np.asarray(trajectory.step_seconds)
     claimed = finished.feasible and not measures.get("infeasible_steps")
     holds = found.excess <= FLOWN_TOLERANCE and math.isfinite(found.cost)
-    return {
-        "of": "flight",
-        "sense": int(flight.posed.agents[0].problem.sense),
-        "claimed_cost": None,
-        "claimed_violation": None,
-        "claimed_feasible": bool(claimed),
-        "verified_cost": _finite(found.cost),
-        "verified_violation": _finite(found.excess),
-        "feasible": bool(claimed and holds),
-        "status": finished.status,
-        "evaluations": int(measures.get("evaluations") or 0),  # type: ignore[arg-type]
-        "seconds": float(seconds.sum()),
-        "build_seconds": max(0.0, finished.wall_s - float(seconds.sum())),
-        "compile_seconds": finished.compile_s,
-        "judge_seconds": 0.0,
-        "stopped_by": "itself",
-        "step_seconds": {
+    return FlightResult(
+        sense=int(flight.posed.agents[0].problem.sense),
+        claimed_feasible=bool(claimed),
+        verified_cost=found.cost,
+        verified_violation=found.excess,
+        feasible=bool(claimed and holds),
+        status=finished.status,
+        evaluations=int(measures.get("evaluations") or 0),  # type: ignore[arg-type]
+        seconds=float(seconds.sum()),
+        build_seconds=max(0.0, finished.wall_s - float(seconds.sum())),
+        compile_seconds=finished.compile_s,
+        step_seconds={
             "p50": float(np.quantile(seconds, 0.5)),
             "p99": float(np.quantile(seconds, 0.99)),
             "max": float(seconds.max()),
             "dt": float(flight.plant.dt),
         },
-        "measures": dict(measures),
-        "claims": [
+        measures=dict(measures),
+        claims=[
             {name: claim[name] for name in ("id", "text", "gate", "holds")}
             for claim in finished.claims
         ],
-        "history": None,
-        "plan": None,
-        "track": _track(finished),
-    }
+        track=_track(finished),
+    )
 
 
 def _track(finished: Run) -> dict[str, Any]:
@@ -116,11 +110,7 @@ def _track(finished: Run) -> dict[str, Any]:
     return {
         "time": [float(t) for t in trajectory.dense_times[chosen]],
         "states": {
-            name: [_finite(float(value)) for value in row]
+            name: row.tolist()
             for name, row in zip(trajectory.state_names, states, strict=True)
         },
     }
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None

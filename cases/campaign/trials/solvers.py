@@ -130,7 +130,7 @@ def solve_cell(
     """
     text = _common(job)
     trial = _trial(text, python_in, job)
-    return answer_of(_built(text, python_in), trial, folder)
+    return answer_of(_built(text, python_in), trial, folder).as_json()
 
 
 def judge_checkpoint(
@@ -145,7 +145,7 @@ def judge_checkpoint(
     """
     text = _common(job)
     posed, _ = _posed(text, python_in)
-    return judged_checkpoint(posed, _trial(text, python_in, job), folder)
+    return judged_checkpoint(posed, _trial(text, python_in, job), folder).as_json()
 
 
 def modules_of(job: Mapping[str, Any]) -> tuple[str, ...]:

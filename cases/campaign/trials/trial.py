@@ -20,7 +20,6 @@ given separately.
 from __future__ import annotations
 
 import json
-import math
 import time as clock
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -31,6 +30,7 @@ import numpy as np
 from swarmstart.cases.campaign.engine.wall_limit import hard_limit
 from swarmstart.cases.campaign.trials.building import Built, Trial, built
 from swarmstart.cases.campaign.trials.history import Meter
+from swarmstart.cases.campaign.trials.result import PlanResult
 from swarmstart.cases.campaign.trials.routes import ROUTES
 from swarmstart.cases.campaign.trials.solver_names import IPOPT
 from swarmstart.cases.format.kind import PlanningProblem
@@ -47,8 +47,8 @@ CHECKPOINT = "checkpoint.json"
 
 def answered(
     posed: PlanningProblem, trial: Trial, folder: Path | None = None
-) -> dict[str, Any]:
-    """Solve a planning problem and return the result to keep; see `answer_of`.
+) -> PlanResult:
+    """Solve a planning problem and return the result; see `answer_of`.
 
     Args:
         posed: The problem.
@@ -58,8 +58,8 @@ def answered(
     return answer_of(built(posed, trial), trial, folder)
 
 
-def answer_of(made: Built, trial: Trial, folder: Path | None = None) -> dict[str, Any]:
-    """Return the answer of a trial with its verification, as data for JSON.
+def answer_of(made: Built, trial: Trial, folder: Path | None = None) -> PlanResult:
+    """Return the answer of a trial with its verification and its effort.
 
     Args:
         made: The common parts of the trials of the same solver.
@@ -101,7 +101,7 @@ def answer_of(made: Built, trial: Trial, folder: Path | None = None) -> dict[str
             final = repaired(planner, solution, x0, known, rng=rng).solution
     own = found.plan.cost, found.plan.violation
     stopped = meter.stopped or ("itself" if found.has_ended else meter.ended)
-    return _told(
+    return _result(
         final,
         meter.history(own, seconds=seconds),
         evaluations=meter.evaluations,
@@ -130,45 +130,32 @@ def _counts(meter: Meter) -> dict[str, Any]:
     }
 
 
-def _told(
-    solution: Solution, history: Mapping[str, Any], **account: Any
-) -> dict[str, Any]:
-    """Return an answer and its effort; numbers are finite or None."""
+def _result(
+    solution: Solution, history: Mapping[str, Any], *, evaluations: float, **effort: Any
+) -> PlanResult:
+    """Return an answer and its effort."""
     problem, plan = solution.problem, solution.plan
     checks, model = problem.checks, problem.model
-    account["evaluations"] = round(account["evaluations"])
-    told = {
-        "of": "plan",
-        "sense": int(problem.sense),
-        "claimed_cost": plan.cost,
-        "claimed_violation": plan.violation,
-        "claimed_feasible": plan.feasible,
-        "verified_cost": solution.path.cost,
-        "verified_violation": solution.verified_violation,
-        "feasible": bool(solution.status.is_confirmed),
-        "status": solution.status.value,
-        **account,
-        "history": history,
-        "plan": {
+    return PlanResult(
+        sense=int(problem.sense),
+        claimed_cost=plan.cost,
+        claimed_violation=plan.violation,
+        claimed_feasible=plan.feasible,
+        verified_cost=solution.path.cost,
+        verified_violation=solution.verified_violation,
+        feasible=bool(solution.status.is_confirmed),
+        status=solution.status.value,
+        evaluations=round(evaluations),
+        history=history,
+        plan={
             "time": solution.times[::checks].tolist(),
             "states": solution.states[:, ::checks].tolist(),
             "controls": np.asarray(solution.controls).tolist(),
             "state_names": list(model.state_names),
             "control_names": list(model.control_names),
         },
-    }
-    return {key: _finite(value) for key, value in told.items()}
-
-
-def _finite(value: Any) -> Any:
-    """Return plain data with None for numbers that are not finite."""
-    if isinstance(value, float | np.floating):
-        return float(value) if math.isfinite(value) else None
-    if isinstance(value, Mapping):
-        return {key: _finite(one) for key, one in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(one) for one in value]
-    return value
+        **effort,
+    )
 
 
 def _keeper(made: Built, folder: Path) -> Callable[[Meter], None]:
@@ -192,9 +179,7 @@ def _keeper(made: Built, folder: Path) -> Callable[[Meter], None]:
     return keep
 
 
-def judged_checkpoint(
-    posed: PlanningProblem, trial: Trial, folder: Path
-) -> dict[str, Any]:
+def judged_checkpoint(posed: PlanningProblem, trial: Trial, folder: Path) -> PlanResult:
     """Return the result of a trial whose process the hard limit has ended.
 
     Args:
@@ -213,7 +198,7 @@ def judged_checkpoint(
     controls, start = np.array(kept["controls"]), np.array(kept["x0"])
     plan = planner.evaluated(controls, start, known=known, source=Source.SEARCH)
     solution = verified(planner.tracer, plan, x0, known, advised=False)
-    told = _told(
+    result = _result(
         solution,
         kept["history"],
         evaluations=kept["history"]["evaluations"][-1],
@@ -223,12 +208,9 @@ def judged_checkpoint(
         compile_seconds=kept["compile_seconds"],
         judge_seconds=clock.perf_counter() - began,
         stopped_by="hard limit",
-        repaired=False,
-        seconds_repair=0.0,
-        evaluations_repair=0,
     )
     (folder / CHECKPOINT).unlink(missing_ok=True)
-    return told
+    return result
 
 
 def _checkpoint(folder: Path) -> dict[str, Any] | None:
@@ -239,32 +221,12 @@ def _checkpoint(folder: Path) -> dict[str, Any] | None:
     return kept if isinstance(kept, dict) else None
 
 
-def _nothing(posed: PlanningProblem, seconds: float) -> dict[str, Any]:
+def _nothing(posed: PlanningProblem, seconds: float) -> PlanResult:
     """Return the result of a trial that had found nothing."""
-    empty: dict[str, list[Any]] = {
-        key: [] for key in ("evaluations", "seconds", "cost", "violation")
-    }
-    numbers = ("claimed_cost", "claimed_violation", "verified_cost")
-    return {
-        "of": "plan",
-        "sense": int(posed.problem.sense),
-        **dict.fromkeys((*numbers, "verified_violation")),
-        "claimed_feasible": False,
-        "feasible": False,
-        "status": "the hard limit ended it before it had found anything",
-        "evaluations": 0,
-        "counts": {
-            "rollouts": 0, "gradients": 0, "hessians": 0,
-            "gradient_ratio": 0.0, "hessian_ratio": 0.0,
-        },
-        "seconds": seconds,
-        "build_seconds": None,
-        "compile_seconds": None,
-        "judge_seconds": 0.0,
-        "stopped_by": "hard limit",
-        "repaired": False,
-        "seconds_repair": 0.0,
-        "evaluations_repair": 0,
-        "history": empty,
-        "plan": None,
-    }  # fmt: skip
+    return PlanResult(
+        sense=int(posed.problem.sense),
+        status="the hard limit ended it before it had found anything",
+        seconds=seconds,
+        stopped_by="hard limit",
+        history={key: [] for key in ("evaluations", "seconds", "cost", "violation")},
+    )

@@ -45,14 +45,14 @@ def test_the_cost_of_close_formation_is_the_integral_of_its_tracking_errors() ->
     off = (x - slot.x_ft, y - slot.y_ft, z - slot.z_ft, V - leader[0], psi - leader[1])
     rate = weighted(off, scenario.weights) / finished.flight.plant.dt  # type: ignore[attr-defined]
     expected = np.trapezoid(rate, path.dense_times)
-    assert flown_trial(finished)["verified_cost"] == pytest.approx(expected, rel=1e-3)
+    assert flown_trial(finished).verified_cost == pytest.approx(expected, rel=1e-3)
 
 
 def test_a_maximised_cost_is_turned_and_a_closed_loop_one_is_the_measure() -> None:
     best = flown_trial(flown("goddard_rocket", "search={name: none}"))
-    assert best["sense"] == -1
-    assert best["verified_cost"] == -best["measures"]["flown_cost"]
-    tank = flown_trial(flown("stirred_tank", "steps=3"))
+    assert best.sense == -1
+    assert best.verified_cost == -best.measures["flown_cost"]
+    tank = flown_trial(flown("stirred_tank", "steps=3")).as_json()
     assert tank["verified_cost"] == tank["measures"]["flown_cost"]
     assert tank["step_seconds"]["dt"] > 0
     assert len(tank["track"]["time"]) == len(tank["track"]["states"]["C_a"]) <= 201
@@ -73,9 +73,9 @@ def test_two_uavs_nearer_than_the_safe_distance_are_no_feasible_flight() -> None
         kind.whole_run(scenario, near.flight, near.trajectory, near.measures).excess
         == 0
     )
-    assert flown_trial(near)["feasible"]
+    assert flown_trial(near).feasible
     judged = flown_trial(replace(near, resolved=replace(near.resolved, scenario=asked)))
-    assert judged["claimed_feasible"] and not judged["feasible"]
+    assert judged.claimed_feasible and not judged.feasible
 
 
 def test_gusts_differ_from_seed_to_seed_and_solvers_meet_the_same() -> None:
@@ -84,7 +84,7 @@ def test_gusts_differ_from_seed_to_seed_and_solvers_meet_the_same() -> None:
     first, again, other = (trial(flight_cell(calm, seed)) for seed in (0, 0, 1))
     assert first["track"] == again["track"] != other["track"]
     still = flown("close_formation", "steps=4", gusty, "budget.evaluations=60")
-    assert flown_trial(still)["track"] == first["track"]
+    assert flown_trial(still).as_json()["track"] == first["track"]
 
 
 def test_flights_that_differ_in_name_and_claims_only_are_one_cell() -> None:

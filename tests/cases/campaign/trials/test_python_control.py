@@ -10,6 +10,7 @@ import pytest
 
 from swarmstart.cases.campaign.trials.building import Trial
 from swarmstart.cases.campaign.trials.peers import PeerError
+from swarmstart.cases.campaign.trials.result import PlanResult
 from swarmstart.cases.campaign.trials.solver_names import (
     UnknownSolverError,
     solver_of,
@@ -47,7 +48,7 @@ def posed(**options: Any) -> PlanningProblem:
     return PlanningProblem(problem=problem, x0=np.zeros(2), known=known)
 
 
-def answer(name: str, problem: PlanningProblem, **budget: Any) -> dict[str, Any]:
+def answer(name: str, problem: PlanningProblem, **budget: Any) -> PlanResult:
     trial = Trial(
         solver=solver_of(name), budget=budget or {"seconds": 60.0}, seed=0, search=None
     )
@@ -70,19 +71,19 @@ def answer(name: str, problem: PlanningProblem, **budget: Any) -> dict[str, Any]
 def test_it_finds_what_ipopt_finds(options: dict[str, Any]) -> None:
     problem = posed(**options)
     theirs, ours = answer("python-control", problem), answer("ipopt", problem)
-    assert theirs["feasible"] and ours["feasible"]
-    assert theirs["verified_cost"] == pytest.approx(ours["verified_cost"], rel=2e-5)
-    assert theirs["stopped_by"] == "itself" and theirs["evaluations"] > 20
+    assert theirs.feasible and ours.feasible
+    assert theirs.verified_cost == pytest.approx(ours.verified_cost, rel=2e-5)
+    assert theirs.stopped_by == "itself" and theirs.evaluations > 20
 
 
 def test_a_budget_ends_it_and_its_best_iterate_is_the_answer() -> None:
     ended = answer("python-control", posed(), evaluations=40)
-    assert ended["stopped_by"] == "evaluations" and ended["evaluations"] == 40
+    assert ended.stopped_by == "evaluations" and ended.evaluations == 40
     few = answer("python-control[maxiter=1]", posed())
-    assert few["stopped_by"] == "itself"
+    assert few.stopped_by == "itself"
     whole = answer("python-control", posed())
-    assert few["claimed_cost"] is not None
-    assert few["evaluations"] < whole["evaluations"]
+    assert few.claimed_cost is not None
+    assert few.evaluations < whole.evaluations
 
 
 def test_problems_that_decide_more_than_controls_are_refused() -> None:
