@@ -21,7 +21,6 @@ two spellings are one solver. Nothing heavy is imported before an option is read
 
 from __future__ import annotations
 
-import functools
 import importlib.util
 import json
 import re
@@ -91,7 +90,6 @@ class Solver:
         return self.family in ("nlp", "control")
 
 
-@functools.lru_cache(maxsize=256)
 def solver_of(text: str) -> Solver:
     """Return the solver of a name; see the head of this module.
 

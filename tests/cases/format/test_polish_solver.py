@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from swarmstart.cases.campaign.trials.solver_names import solver_of
 from swarmstart.cases.commands.front.cli import main
 from swarmstart.cases.format.scenario import (
     InvalidScenarioError,
@@ -80,6 +81,7 @@ def test_no_solver_is_looked_for_where_others_could_have_left_native_code(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
+    solver_of("sqpmethod")  # It was fine in the folder of before.
     # CasADi would load it from here, since its own needs a library that is absent.
     (tmp_path / "libcasadi_linsol_ma27.so").touch()
     monkeypatch.chdir(tmp_path)

@@ -8,7 +8,6 @@ import sys
 
 import pytest
 
-from swarmstart.cases.campaign.trials import solver_names
 from swarmstart.cases.campaign.trials.solver_names import (
     NULL_HYPOTHESIS,
     MissingPackageError,
@@ -109,7 +108,6 @@ def test_a_peer_that_is_missing_is_named_with_its_package(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    solver_names.solver_of.cache_clear()
     with pytest.raises(MissingPackageError, match="pip install pygmo"):
         solver_of("pygmo-de")
 
