@@ -8,14 +8,12 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
-    from swarmstart.cases.campaign.judging.comparison import (
-        Row as Row,
-    )
     from swarmstart.cases.campaign.studies.library import (
+        Row as Row,
         compare as compare,
         run as run,
     )
-    from swarmstart.cases.campaign.running.run import (
+    from swarmstart.cases.campaign.running.finished_run import (
         Interrupted as Interrupted,
         Run as Run,
     )
@@ -23,22 +21,24 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         InvalidBudgetTextError as InvalidBudgetTextError,
         UnknownSolverError as UnknownSolverError,
     )
-    from swarmstart.cases.commands.terminal.progress import (
+    from swarmstart.cases.commands.terminal import (
         Progress as Progress,
     )
     from swarmstart.cases.format.document import (
         UnreadableFileError as UnreadableFileError,
         YamlError as YamlError,
     )
+    from swarmstart.cases.format.flaws import (
+        InvalidScenarioError as InvalidScenarioError,
+    )
     from swarmstart.cases.format.kind import (
         CodeNotAllowedError as CodeNotAllowedError,
         SeveralPlansError as SeveralPlansError,
     )
     from swarmstart.cases.format.scenario import (
-        InvalidScenarioError as InvalidScenarioError,
         UnknownScenarioError as UnknownScenarioError,
     )
-    from swarmstart.cases.kinds.python.code import (
+    from swarmstart.cases.kinds.python.scenario import (
         UserCodeError as UserCodeError,
     )
     from swarmstart.cases.record.files import (
@@ -49,11 +49,9 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         OccupiedFolderError as OccupiedFolderError,
     )
     from swarmstart.cases.record.results import (
+        MissingPackageError as MissingPackageError,
         Record as Record,
         load as load,
-    )
-    from swarmstart.cases.record.tables import (
-        MissingPackageError as MissingPackageError,
     )
     from swarmstart.errors import (
         SwarmstartError as SwarmstartError,
@@ -200,21 +198,20 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
 __version__ = "0.2.0"
 
 _NAMES = {
-    "swarmstart.cases.campaign.judging.comparison": "Row",
-    "swarmstart.cases.campaign.studies.library": "compare run",
-    "swarmstart.cases.campaign.running.run": "Interrupted Run",
+    "swarmstart.cases.campaign.studies.library": "Row compare run",
+    "swarmstart.cases.campaign.running.finished_run": "Interrupted Run",
     "swarmstart.cases.campaign.trials.solvers": (
         "InvalidBudgetTextError UnknownSolverError"
     ),
-    "swarmstart.cases.commands.terminal.progress": "Progress",
+    "swarmstart.cases.commands.terminal": "Progress",
     "swarmstart.cases.format.document": "UnreadableFileError YamlError",
+    "swarmstart.cases.format.flaws": "InvalidScenarioError",
     "swarmstart.cases.format.kind": "CodeNotAllowedError SeveralPlansError",
-    "swarmstart.cases.format.scenario": "InvalidScenarioError UnknownScenarioError",
-    "swarmstart.cases.kinds.python.code": "UserCodeError",
+    "swarmstart.cases.format.scenario": "UnknownScenarioError",
+    "swarmstart.cases.kinds.python.scenario": "UserCodeError",
     "swarmstart.cases.record.files": "FolderInUseError RecordError",
     "swarmstart.cases.record.record": "OccupiedFolderError",
-    "swarmstart.cases.record.results": "Record load",
-    "swarmstart.cases.record.tables": "MissingPackageError",
+    "swarmstart.cases.record.results": "MissingPackageError Record load",
     "swarmstart.errors": "SwarmstartError",
     "swarmstart.heuristics": """
         CMAES LSHADE AskTellError Box Budget ChaoticPSO DifferentialEvolution

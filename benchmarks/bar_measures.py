@@ -14,7 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from swarmstart.cases.campaign.running.run import Run, run
+from swarmstart.cases.campaign.running.finished_run import Run
+from swarmstart.cases.campaign.running.run import run
 from swarmstart.cases.format.kind import Measure
 from swarmstart.cases.format.scenario import read_document, resolve, resolved_again
 from swarmstart.cases.kinds.close_formation.measures import deviations

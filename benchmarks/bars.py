@@ -20,7 +20,7 @@ from swarmstart.cases.campaign.studies.replication import (
 )
 from swarmstart.cases.campaign.studies.verdicts import Verdict
 from swarmstart.cases.commands.actions.replicate import recorded
-from swarmstart.cases.commands.terminal.progress import Progress
+from swarmstart.cases.commands.terminal import Progress
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

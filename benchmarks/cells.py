@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from swarmstart.cases.campaign.engine.cells import Cell, carried_out
-from swarmstart.cases.campaign.judging.comparison import entry_of
+from swarmstart.cases.campaign.judging.runs import entry_of
 from swarmstart.cases.campaign.trials.solvers import solver_of
 from swarmstart.cases.format.scenario import read_document, resolve
 

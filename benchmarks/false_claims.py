@@ -22,9 +22,8 @@ import numpy as np
 from swarmstart.arrays import Array
 from swarmstart.cases.campaign.engine.cells import Cell, Outcome
 from swarmstart.cases.campaign.judging.content import content_of
-from swarmstart.cases.campaign.judging.entry import Entry
 from swarmstart.cases.campaign.judging.regression import regression
-from swarmstart.cases.campaign.judging.runs import About, Asked
+from swarmstart.cases.campaign.judging.runs import About, Asked, Entry
 from swarmstart.cases.campaign.trials.solvers import solver_of
 
 SPREAD = 0.2

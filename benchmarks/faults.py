@@ -39,12 +39,10 @@ ROOT = Path(__file__).resolve().parent.parent
 FILES = {
     "proofs": (
         *(f"terminal_set/*/{name}.py" for name in (
-            "intervals", "interval_functions", "interval_kernel", "smoothness",
-            "cells", "taylor", "enclosure", "decrease", "growth", "held_motion",
-            "flow_error", "hold_margins", "residual",
-            "proof", "level", "level_search", "drift", "certification",
-            "prerequisites", "ellipsoid",
-            "refutation", "stability", "lyapunov", "lqr", "linearisation",
+            "intervals", "interval_kernel", "smoothness", "taylor", "enclosure",
+            "decrease", "flow_error", "hold_margins", "residual", "proof",
+            "level_search", "drift", "certification", "ellipsoid", "stability",
+            "matrix_equations", "linearisation",
         )),
         "terminal_set/checker/*.py",
     ),
@@ -59,15 +57,44 @@ FILES = {
     )),
 }  # fmt: skip
 """Patterns of the files that faults are drawn from, by what they make sound."""
-MORE_TESTS: Mapping[str, str] = {
-    "ocp/system/constraints.py": "tests/ocp/statement/test_problem.py",
-    "terminal_set/proving/certification.py": "tests/terminal_set/proving/test_drift.py",
-    "terminal_set/checker/deadline.py": "tests/terminal_set/checker/test_motion.py",
-    "terminal_set/checker/findings.py": "tests/terminal_set/test_check.py",
-    "terminal_set/checker/statements.py": "tests/terminal_set/test_check.py",
-    "terminal_set/checker/ellipsoid_statements.py": (
-        "tests/terminal_set/checker/test_statements_by_parts.py"
+MORE_TESTS: Mapping[str, tuple[str, ...]] = {
+    "ocp/system/constraints.py": ("tests/ocp/statement/test_problem.py",),
+    "terminal_set/interval_arithmetic/interval_kernel.py": (
+        "tests/terminal_set/interval_arithmetic/test_interval_functions.py",
     ),
+    "terminal_set/interval_arithmetic/taylor.py": (
+        "tests/terminal_set/interval_arithmetic/test_cells.py",
+    ),
+    "terminal_set/linear/ellipsoid.py": (
+        "tests/terminal_set/linear/test_level.py",
+        "tests/terminal_set/linear/test_reference.py",
+    ),
+    "terminal_set/linear/matrix_equations.py": (
+        "tests/terminal_set/linear/test_lyapunov.py",
+    ),
+    "terminal_set/proving/certification.py": (
+        "tests/terminal_set/proving/test_drift.py",
+    ),
+    "terminal_set/proving/drift.py": (
+        "tests/terminal_set/proving/test_prerequisites.py",
+    ),
+    "terminal_set/proving/hold_margins.py": (
+        "tests/terminal_set/proving/test_growth.py",
+        "tests/terminal_set/proving/test_held_motion.py",
+    ),
+    "terminal_set/proving/proof.py": ("tests/terminal_set/proving/test_refutation.py",),
+    "terminal_set/checker/findings.py": (
+        "tests/terminal_set/checker/test_motion.py",
+        "tests/terminal_set/test_check.py",
+    ),
+    "terminal_set/checker/certificate_file.py": ("tests/terminal_set/test_check.py",),
+    "terminal_set/checker/command.py": ("tests/terminal_set/checker/test_output.py",),
+    "terminal_set/checker/ellipsoid_statements.py": (
+        "tests/terminal_set/checker/test_closed_form.py",
+        "tests/terminal_set/checker/test_closed_form_edges.py",
+        "tests/terminal_set/checker/test_statements_by_parts.py",
+    ),
+    "terminal_set/checker/motion.py": ("tests/terminal_set/checker/test_drift.py",),
 }
 """Pattern of files -> further tests, run after those of the same name."""
 LIMIT_GB = 8
@@ -184,8 +211,9 @@ def tests_of(root: Path, file: str) -> list[str]:
         FileNotFoundError: If it has no test file.
     """
     path = Path("tests") / Path(file).with_name(f"test_{Path(file).name}")
-    more = (test for pattern, test in MORE_TESTS.items() if fnmatch(file, pattern))
-    names = [path.as_posix(), *more]
+    names = [path.as_posix()]
+    for pattern, tests in MORE_TESTS.items():
+        names += tests if fnmatch(file, pattern) else ()
     found = [name for name in names if (root / name).exists()]
     if not found:
         raise FileNotFoundError(f"expected tests of {file} in {names}, found none")

@@ -25,11 +25,11 @@ from swarmstart.heuristics import (
     Pointers,
     SelfAdaptiveDE,
 )
+from swarmstart.heuristics.running.budget import UNLIMITED, Limits
 from swarmstart.heuristics.running.compiled_loop import Work, call_kernel, new_work
 from swarmstart.heuristics.running.search import Search
-from swarmstart.heuristics.running.stopping import UNLIMITED, Limits
 from swarmstart.heuristics.searches.jde import TAU_1, TAU_2
-from swarmstart.heuristics.searches.success_history import FIRST_MEMORY, SPREAD
+from swarmstart.heuristics.searches.trials import FIRST_MEMORY, SPREAD
 from swarmstart.machine_code.numba_kernels import kernel
 
 carray = numba.carray  # type: ignore[attr-defined]
@@ -96,7 +96,7 @@ def history_draws(shape: Shape) -> Draws:
     """L-SHADE, for each individual: parameters, donors, coordinates.
 
     A slot of the memory, a normal number for CR, Cauchy numbers until F > 0
-    (`success_history.draw_parameters`), taken for M_F = 0.5 as at the beginning; a
+    (`trials.draw_parameters`), taken for M_F = 0.5 as at the beginning; a
     leader and two others without rejection; those of the crossover as in DE. What a
     full archive draws to delete members, at most one for each individual, is left out.
     """

@@ -35,7 +35,7 @@ from typing import Any
 import numpy as np
 
 from swarmstart.cases.campaign.engine.cell_work import MARK
-from swarmstart.cases.commands.terminal.output import GATE, INTERRUPTED
+from swarmstart.cases.commands.terminal import GATE, INTERRUPTED
 from swarmstart.cases.record.files import is_temporary
 from swarmstart.cases.record.partial import load_partial
 

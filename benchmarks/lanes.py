@@ -34,8 +34,12 @@ from swarmstart.ocp import (
     OptimalControlProblem,
     Planner,
 )
-from swarmstart.ocp.lanes.answers import LaneAnswers
-from swarmstart.ocp.lanes.optima import FEASIBLE, distinct_optima, unseen_share
+from swarmstart.ocp.lanes.answers import (
+    FEASIBLE,
+    LaneAnswers,
+    distinct_optima,
+    unseen_share,
+)
 from swarmstart.ocp.lanes.solver import LaneSolver, NoLanesError, random_starts
 from swarmstart.ocp.rollout.fitness import started
 

@@ -32,7 +32,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from swarmstart.cases.commands.front.cli import main
-from swarmstart.cases.commands.terminal.output import (
+from swarmstart.cases.commands.terminal import (
     DONE,
     FILE,
     GATE,

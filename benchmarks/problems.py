@@ -24,7 +24,7 @@ from swarmstart.cases.kinds.flight import flight_of
 from swarmstart.cases.kinds.formation_flight import pose as formation_flight
 from swarmstart.cases.kinds.formation_flight.problem import dynamics_of
 from swarmstart.cases.kinds.formation_flight.scenario import FormationScenario
-from swarmstart.cases.kinds.models.unicycle import unicycle
+from swarmstart.cases.kinds.planar import unicycle
 from swarmstart.ocp import (
     Bounds,
     DualMode,

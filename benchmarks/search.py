@@ -40,7 +40,7 @@ from swarmstart.benchmarks.tables import (
 )
 from swarmstart.benchmarks.timing import Timing
 from swarmstart.ocp.nlp.polish_options import PolishStatus
-from swarmstart.ocp.search.lane_settings import population_of
+from swarmstart.ocp.search.settings import population_of
 
 FASTER = "How many times faster ours is; skipped: pygmo is not installed here."
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")

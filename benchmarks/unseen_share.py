@@ -31,9 +31,9 @@ from swarmstart.benchmarks.tables import (
 )
 from swarmstart.benchmarks.unseen_ways import WAYS, laws, least_held
 from swarmstart.ocp import IpoptOptions, Planner
-from swarmstart.ocp.lanes.answers import LaneAnswers
-from swarmstart.ocp.lanes.optima import (
+from swarmstart.ocp.lanes.answers import (
     APART,
+    LaneAnswers,
     distinct_optima,
     optimum_of,
     paths,

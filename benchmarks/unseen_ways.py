@@ -11,7 +11,7 @@ import numpy as np
 from scipy.stats import beta
 
 from swarmstart.arrays import Array
-from swarmstart.ocp.lanes.optima import unseen_share
+from swarmstart.ocp.lanes.answers import unseen_share
 
 Way = Callable[[Sequence[int]], float]
 

@@ -21,6 +21,7 @@ if TYPE_CHECKING:  # Loaded when first used: searches need Numba, their names do
     )
     from swarmstart.heuristics.laws.initial import (
         Initial as Initial,
+        Sampling as Sampling,
     )
     from swarmstart.heuristics.laws.order import (
         InvalidOrderError as InvalidOrderError,
@@ -28,9 +29,6 @@ if TYPE_CHECKING:  # Loaded when first used: searches need Numba, their names do
         epsilon_level as epsilon_level,
         feasibility_first as feasibility_first,
         static_penalty as static_penalty,
-    )
-    from swarmstart.heuristics.laws.sampling import (
-        Sampling as Sampling,
     )
     from swarmstart.heuristics.running.budget import (
         Budget as Budget,
@@ -64,6 +62,8 @@ if TYPE_CHECKING:  # Loaded when first used: searches need Numba, their names do
         ALGORITHMS as ALGORITHMS,
         algorithm_of as algorithm_of,
         box_of as box_of,
+        default_algorithm as default_algorithm,
+        default_order as default_order,
         generator_of as generator_of,
     )
     from swarmstart.heuristics.searches.chaotic_pso import (
@@ -75,10 +75,6 @@ if TYPE_CHECKING:  # Loaded when first used: searches need Numba, their names do
     from swarmstart.heuristics.searches.de import (
         F_MAX as F_MAX,
         DifferentialEvolution as DifferentialEvolution,
-    )
-    from swarmstart.heuristics.searches.default import (
-        default_algorithm as default_algorithm,
-        default_order as default_order,
     )
     from swarmstart.heuristics.searches.genetic import (
         GeneticAlgorithm as GeneticAlgorithm,
@@ -105,11 +101,10 @@ if TYPE_CHECKING:  # Loaded when first used: searches need Numba, their names do
 _NAMES = {
     "laws.algorithm": "Algorithm InvalidSettingsError Kernels State",
     "laws.box": "Box InvalidBoxError InvalidPointsError",
-    "laws.initial": "Initial",
+    "laws.initial": "Initial Sampling",
     "laws.order": """
         InvalidOrderError Order epsilon_level feasibility_first static_penalty
     """,
-    "laws.sampling": "Sampling",
     "running.budget": "Budget InvalidBudgetError budget_of",
     "running.compiled_loop": "CompiledObjective Pointers",
     "running.minimize": "Objective minimize run",
@@ -118,11 +113,12 @@ _NAMES = {
         AskTellError Individual InvalidEvaluationError InvalidSnapshotError
         Search Snapshot
     """,
-    "searches.arguments": "ALGORITHMS algorithm_of box_of generator_of",
+    "searches.arguments": """
+        ALGORITHMS algorithm_of box_of default_algorithm default_order generator_of
+    """,
     "searches.chaotic_pso": "ChaoticPSO",
     "searches.cma": "CMAES",
     "searches.de": "DifferentialEvolution F_MAX",
-    "searches.default": "default_algorithm default_order",
     "searches.genetic": "GeneticAlgorithm",
     "searches.jde": "SelfAdaptiveDE",
     "searches.lshade": "LSHADE",

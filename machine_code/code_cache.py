@@ -145,7 +145,7 @@ def _make_private(where: Path) -> None:
     """Create a folder and its parents for the user alone, whatever the umask."""
     missing = [p for p in (where, *where.parents) if not os.path.lexists(p)]
     for path in reversed(missing):
-        with contextlib.suppress(FileExistsError):
+        with contextlib.suppress(FileExistsError):  # Another process was faster.
             path.mkdir(mode=_PRIVATE)
             path.chmod(_PRIVATE)  # The umask may have taken the owner's own bits.
 
@@ -165,7 +165,7 @@ def _replace(path: Path, content: bytes) -> None:
         os.chmod(temporary, _PRIVATE_FILE)
         os.replace(temporary, path)
     finally:
-        Path(temporary).unlink(missing_ok=True)
+        Path(temporary).unlink(missing_ok=True)  # It is missing once it is renamed.
 
 
 def _make_room(where: Path) -> None:
@@ -206,6 +206,7 @@ def _note_use(descriptor: int) -> None:
 
 def _open_own(path: str, flags: int) -> int:
     """Open a file that the user owns and no other user may write."""
+    # A link is refused, and a pipe must not block before its type is known.
     flags |= getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
     descriptor = os.open(path, flags)
     status = os.fstat(descriptor)
@@ -227,6 +228,7 @@ def _is_private(where: Path) -> bool:
         status = where.lstat()
     except OSError:
         return False
+    # Windows has no such modes.
     private = stat.S_IMODE(status.st_mode) == _PRIVATE or os.name == "nt"
     return stat.S_ISDIR(status.st_mode) and _is_mine(status) and private
 

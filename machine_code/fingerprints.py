@@ -38,6 +38,8 @@ _IMPORT = re.compile(
     rf"(?:\((?P<listed>[^)]*)\)|(?P<names>.*))|import[ ](?P<whole>{PACKAGE}[\w.]*))",
     re.MULTILINE,
 )
+_VERSIONED = ("llvmlite", "numba", "numpy")
+"""Packages whose version stands for their content."""
 _PLAIN = (bool, int, float, complex, str, bytes, type(None), type(...))
 
 
@@ -146,6 +148,7 @@ def _parts(value: object, seen: dict[int, int]) -> Iterator[object]:
             yield from _function_parts(function, seen)
     elif isinstance(value, tuple | frozenset):
         yield type(value).__qualname__, getattr(value, "_fields", len(value))
+        # The order of a set differs between processes.
         for item in value if isinstance(value, tuple) else sorted(value, key=repr):
             yield from _parts(item, seen)
     else:
@@ -200,7 +203,7 @@ def _code_parts(
     for k, constant in enumerate(code.co_consts):
         if isinstance(constant, types.CodeType):
             yield from _code_parts(constant, None, seen)
-        elif k or constant != doc:
+        elif k or constant != doc:  # The docstring is the first constant.
             yield from _parts(constant, seen)
 
 
@@ -243,14 +246,11 @@ def _options_of(value: Any) -> str:
 def _version_of(module: str) -> str | None:
     """Return the version that identifies a module's content; None if it has none.
 
-    Python's version stands for its standard library.
+    Python's version stands for its standard library. That of any other package does
+    not: it stays the same while a checkout is edited, and a search of another package
+    calls kernels of this one.
     """
     top = module.split(".", maxsplit=1)[0]
     if top in sys.stdlib_module_names and top != "__main__":
         return sys.version
-    if top == PACKAGE:  # Its version stays the same while a checkout is edited.
-        return None
-    try:
-        return metadata.version(top)
-    except metadata.PackageNotFoundError:
-        return None
+    return metadata.version(top) if top in _VERSIONED else None

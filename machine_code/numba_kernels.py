@@ -125,7 +125,7 @@ def address_of(function: Callable[..., object], *arguments: object) -> int:
     known = function, _key_of(arguments)
     if known not in _ADDRESSES:
         kinds, dispatcher = _types_of(arguments), cast(Any, function)
-        if kinds not in dispatcher.overloads:
+        if kinds not in dispatcher.overloads:  # Without an entry for Python.
             dispatcher.get_call_template(kinds, {})
         compiled = dispatcher.overloads[kinds]
         name = compiled.fndesc.llvm_func_name
@@ -196,6 +196,7 @@ class _Kernel(CPUDispatcher):
         with compiling(), global_compiler_lock:
             kept = self.overloads.get(tuple(arguments))
             if not _for_kernel.get() and kept is not None and _is_inner(kept):
+                # Else Numba would return this code, which Python cannot enter.
                 del self.overloads[tuple(arguments)]
             self.targetoptions[CALLED_FROM_PYTHON] = _for_kernel.get()
             return super().compile(sig)
@@ -242,6 +243,7 @@ class _KernelCache(_Cache):
     def save_overload(self, signature: Any, result: Any) -> None:
         """Store the code compiled for a signature, if another process could use it."""
         key = self._key(signature, result.library.codegen)
+        # Numba's own cache refuses these too; globals may be addresses of this process.
         lifted = any(not one.can_cache for one in result.lifted)
         if key is not None and not lifted and not result.library.has_dynamic_globals:
             store_code(key, dumps(result._reduce()))

@@ -27,35 +27,40 @@ from swarmstart.ocp.loop.controller import (
     OpenLoop,
     RecedingHorizon,
 )
-from swarmstart.ocp.loop.dense_output import DenseOutput, interpolate
-from swarmstart.ocp.loop.distances import largest_distance, smallest_distance
-from swarmstart.ocp.loop.dual_mode import DualMode, UncertifiedSetError
+from swarmstart.ocp.loop.dense_output import (
+    DenseOutput,
+    interpolate,
+    largest_distance,
+    smallest_distance,
+)
+from swarmstart.ocp.loop.dual_mode import DualMode, UncertifiedSetError, terminal_set_of
 from swarmstart.ocp.loop.local_team import LocalAgent, LocalTeam
 from swarmstart.ocp.loop.phased_horizon import PhasedHorizon, phased_horizon
 from swarmstart.ocp.loop.plant import Plant, SteppedPlant, Steps
 from swarmstart.ocp.loop.team import Agent, Team
-from swarmstart.ocp.lower_bound.answer import BoundKind, LowerBound
 from swarmstart.ocp.lower_bound.bounding import lower_bound
+from swarmstart.ocp.lower_bound.stated.answer import BoundKind, LowerBound
 from swarmstart.ocp.nlp.multipliers import Multipliers
 from swarmstart.ocp.nlp.polish import Polished, Polisher
 from swarmstart.ocp.nlp.polish_options import IpoptOptions, NlpOptions, PolishStatus
 from swarmstart.ocp.nlp.start import Start
 from swarmstart.ocp.rollout.fitness import Fitness, Known
 from swarmstart.ocp.rollout.status import SolutionStatus
-from swarmstart.ocp.search.lane_settings import (
+from swarmstart.ocp.search.search_space import TrajectoryFamily
+from swarmstart.ocp.search.settings import (
     Memetic,
     Multistart,
     SearchAlgorithm,
+    SearchSettings,
+    WarmStart,
+    When,
     population_of,
 )
-from swarmstart.ocp.search.search_space import TrajectoryFamily
-from swarmstart.ocp.search.settings import SearchSettings, WarmStart, When
+from swarmstart.ocp.statement.decisions import Free
 from swarmstart.ocp.statement.ensemble import ensemble
-from swarmstart.ocp.statement.free import Free
-from swarmstart.ocp.statement.guess import shifted_controls, zero_controls
+from swarmstart.ocp.statement.lowering import shifted_controls, zero_controls
 from swarmstart.ocp.statement.phases import Phases, phases
 from swarmstart.ocp.statement.problem import OptimalControlProblem
-from swarmstart.ocp.statement.terminal import terminal_set_of
 from swarmstart.ocp.system.algebraic import AlgebraicEquations
 from swarmstart.ocp.system.constraints import (
     Bounds,

@@ -2,13 +2,17 @@
 
 For x' = f(x, u) near a reference (x_ref, u_ref): a gain K, a matrix P and a level alpha
 such that inside {e : e'Pe <= alpha} the law u = u_ref - K (x - x_ref) respects the
-bounds and e'Pe decreases. `certified_terminal_set` takes all steps; each step has a
-module: linearisation, lqr, lyapunov, level, refutation, proof.
+bounds and e'Pe decreases. `certified_terminal_set` takes all steps: linearisation, the
+matrix equations of K and P, the level of the bounds, and its refutation or proof.
 """
 
 from swarmstart.terminal_set.certificates.certificate import (
     Certificate,
+    CoarseHoldError,
     HeldMargins,
+    Proof,
+    Refutation,
+    UnprovenSetError,
     Weights,
     certificate_text,
 )
@@ -18,12 +22,6 @@ from swarmstart.terminal_set.certificates.design import (
     TerminalSet,
     continuous_terminal_set,
     sampled_terminal_set,
-)
-from swarmstart.terminal_set.certificates.evidence import (
-    CoarseHoldError,
-    Proof,
-    Refutation,
-    UnprovenSetError,
 )
 from swarmstart.terminal_set.interval_arithmetic.intervals import (
     IntervalEvaluation,
@@ -38,8 +36,10 @@ from swarmstart.terminal_set.linear.arrays import (
     NotFiniteError,
     NotPositiveError,
 )
-from swarmstart.terminal_set.linear.ellipsoid import Ellipsoid, InvalidPlaneError
-from swarmstart.terminal_set.linear.level import (
+from swarmstart.terminal_set.linear.ellipsoid import (
+    Ellipsoid,
+    InvalidPlaneError,
+    Reference,
     SaturatedReferenceError,
     input_excess,
     level_from_inputs,
@@ -52,13 +52,14 @@ from swarmstart.terminal_set.linear.linearisation import (
     hold,
     linearise,
 )
-from swarmstart.terminal_set.linear.lqr import Gain, continuous_lqr, sampled_lqr
-from swarmstart.terminal_set.linear.lyapunov import (
+from swarmstart.terminal_set.linear.matrix_equations import (
+    Gain,
+    UnreliableSolutionError,
+    continuous_lqr,
     continuous_lyapunov,
+    sampled_lqr,
     sampled_lyapunov,
 )
-from swarmstart.terminal_set.linear.reference import Reference
-from swarmstart.terminal_set.linear.reliability import UnreliableSolutionError
 from swarmstart.terminal_set.linear.stability import (
     NotStabilisableError,
     UnstableLoopError,
@@ -69,26 +70,26 @@ from swarmstart.terminal_set.proving.certification import (
     certified_terminal_set,
     certify,
 )
-from swarmstart.terminal_set.proving.choice import (
-    Candidate,
-    NoProvenSetError,
-    largest_proven_set,
-    log_volume,
-)
 from swarmstart.terminal_set.proving.decrease import (
     Change,
     MovingCentreError,
     continuous_change,
     held_change,
 )
-from swarmstart.terminal_set.proving.drift import NotAnEquilibriumError
-from swarmstart.terminal_set.proving.level_search import ProvenLevel, proven_level
-from swarmstart.terminal_set.proving.prerequisites import (
+from swarmstart.terminal_set.proving.drift import (
     HeldTooLongError,
+    NotAnEquilibriumError,
     TooFewSubstepsError,
 )
-from swarmstart.terminal_set.proving.proof import prove_level
-from swarmstart.terminal_set.proving.refutation import refuted_level
+from swarmstart.terminal_set.proving.level_search import (
+    Candidate,
+    NoProvenSetError,
+    ProvenLevel,
+    largest_proven_set,
+    log_volume,
+    proven_level,
+)
+from swarmstart.terminal_set.proving.proof import prove_level, refuted_level
 
 __all__ = [
     "AsymmetricMatrixError",

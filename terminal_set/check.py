@@ -29,8 +29,12 @@ from swarmstart.terminal_set.checker.command import (
     complain,
     parsed,
 )
-from swarmstart.terminal_set.checker.deadline import Deadline, TimeIsUpError
-from swarmstart.terminal_set.checker.findings import Finding, Verdict
+from swarmstart.terminal_set.checker.findings import (
+    Deadline,
+    Finding,
+    TimeIsUpError,
+    Verdict,
+)
 
 if TYPE_CHECKING:
     from swarmstart.terminal_set.checker.decrease import Outcome
@@ -52,14 +56,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         program="python -m swarmstart.terminal_set.check",
         description="Check a certificate of a terminal set.",
     )
-    try:
+    try:  # Imported here, like all that needs it: it may be missing.
         import flint
     except ImportError:
         complain(
             "python-flint is needed to check a certificate: pip install python-flint",
         )
         return UNUSABLE
-    before = flint.ctx.prec
+    before = flint.ctx.prec  # One setting of the whole process.
     flint.ctx.prec = PRECISION
     try:
         return checked(
@@ -92,9 +96,9 @@ def findings(certificate: Certificate, *, seconds: float) -> Iterator[Finding]:
 
 
 def _findings(certificate: Certificate, deadline: Deadline) -> Iterator[Finding]:
-    from swarmstart.terminal_set.checker import closed_form
+    from swarmstart.terminal_set.checker.ellipsoid_statements import check_matrices
 
-    matrices = closed_form.check_matrices(certificate)
+    matrices = check_matrices(certificate)
     yield from matrices
     if any(finding.verdict is Verdict.REFUSED for finding in matrices):
         return
@@ -107,10 +111,12 @@ def _findings(certificate: Certificate, deadline: Deadline) -> Iterator[Finding]
 
 
 def _quick_findings(certificate: Certificate, deadline: Deadline) -> Iterator[Finding]:
-    from swarmstart.terminal_set.checker import closed_form, drift, falsification
+    from swarmstart.terminal_set.checker import falsification
+    from swarmstart.terminal_set.checker.ellipsoid_statements import check_bounds
+    from swarmstart.terminal_set.checker.motion import check_drift
 
-    yield drift.check_drift(certificate, deadline)
-    yield from closed_form.check_bounds(certificate)
+    yield check_drift(certificate, deadline)
+    yield from check_bounds(certificate)
     yield falsification.check_refuted(certificate, deadline)
     failed = falsification.find_counterexample(certificate, deadline)
     if failed is not None:

@@ -5,7 +5,7 @@ import importlib
 import pytest
 
 from swarmstart.__main__ import program
-from swarmstart.cases.commands.terminal.output import INTERRUPTED
+from swarmstart.cases.commands.terminal import INTERRUPTED
 
 
 def test_an_interruption_before_signals_are_handled_ends_as_any_other(

@@ -29,8 +29,8 @@ import numpy as np
 
 from swarmstart.benchmarks.tables import head, page_options, publish, row
 from swarmstart.ocp import solve
-from swarmstart.ocp.lower_bound.answer import BoundKind, LowerBound
 from swarmstart.ocp.lower_bound.bounding import lower_bound
+from swarmstart.ocp.lower_bound.stated.answer import BoundKind, LowerBound
 from swarmstart.tests.adversary.case import Case, problem_of
 from swarmstart.tests.adversary.catalogue import CLASSES, all_cases, chosen
 

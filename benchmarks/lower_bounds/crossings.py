@@ -23,8 +23,8 @@ if __name__ == "__main__":
 import numpy as np
 
 from swarmstart.benchmarks.tables import head, page_options, publish, row
-from swarmstart.ocp.lower_bound.answer import LowerBound
 from swarmstart.ocp.lower_bound.bounding import lower_bound
+from swarmstart.ocp.lower_bound.stated.answer import LowerBound
 from swarmstart.tests.ocp.lower_bound.inverse_optima import drawn
 from swarmstart.tests.ocp.lower_bound.known_optima import known_optima
 from swarmstart.tests.ocp.lower_bound.known_optimum import KnownOptimum

@@ -25,8 +25,8 @@ if __name__ == "__main__":
 from swarmstart.benchmarks.lower_bounds.problems import NAMED, Named
 from swarmstart.benchmarks.tables import head, page_options, publish, row
 from swarmstart.ocp import Solution, solve
-from swarmstart.ocp.lower_bound.answer import LowerBound
 from swarmstart.ocp.lower_bound.bounding import lower_bound
+from swarmstart.ocp.lower_bound.stated.answer import LowerBound
 
 SECONDS = 60.0
 """Default number of seconds, without goal and option."""

@@ -21,7 +21,7 @@ from swarmstart.benchmarks.lower_bounds.problems import NAMED
 from swarmstart.ocp import solve
 from swarmstart.ocp.lower_bound.basis import values_of
 from swarmstart.ocp.lower_bound.bounding import lower_bound
-from swarmstart.ocp.lower_bound.stated.evidence import Evidence
+from swarmstart.ocp.lower_bound.stated.answer import Evidence
 
 PAGE = Path(__file__).parents[2] / "docs" / "lower_bounds.png"
 

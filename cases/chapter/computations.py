@@ -14,10 +14,13 @@ import numpy as np
 
 from swarmstart.cases.chapter.markov_chain import GridDE, absorption, build_chain
 from swarmstart.cases.format.scenario import read_document, resolve
-from swarmstart.cases.kinds.formation_flight.linear_law import terminal_set_of
-from swarmstart.cases.kinds.formation_flight.problem import dynamics_of, reference_of
+from swarmstart.cases.kinds.formation_flight.problem import (
+    dynamics_of,
+    reference_of,
+    terminal_set_of,
+)
 from swarmstart.cases.kinds.formation_flight.scenario import FormationScenario
-from swarmstart.cases.kinds.models.unicycle import unicycle
+from swarmstart.cases.kinds.planar import unicycle
 from swarmstart.errors import SwarmstartError
 from swarmstart.ocp.integration import integrate
 from swarmstart.terminal_set import (
@@ -29,9 +32,12 @@ from swarmstart.terminal_set import (
 
 TRAP = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 0.0])
 """Costs of six points: they decrease away from the optimum, which is the last."""
+# Rate eps of random immigrants, see markov_chain.py.
 IMMIGRANT = 0.1
+# States that are drawn on the edge of the set.
 EDGE_STATES = 500
 EDGE_SEED = 0
+# Step of the integration [s].
 STEP_S = 0.02
 FLOWN_S = 30.0
 """Simulated time: 26 times the slowest time constant of the loop, 1.15 s [s]."""
@@ -95,10 +101,12 @@ def continuous_law(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     printed, _ = _printed_law()
     rng = np.random.default_rng(EDGE_SEED)
     e = printed.ellipsoid.boundary(rng.normal(size=(len(printed.P), EDGE_STATES)))
+    # One call of CasADi moves all states.
     step, highest = _closed_loop(printed).map(EDGE_STATES), np.zeros(EDGE_STATES)
     for _ in range(round(FLOWN_S / STEP_S)):
         e = np.array(step(e))
         highest = np.maximum(highest, printed.value(e))
+    # All begin on the edge, where rounding alone would count as leaving.
     left = highest > printed.alpha * (1 + ROUNDING)
     converged = printed.value(e) <= SETTLED * printed.alpha
     return {
@@ -116,6 +124,7 @@ def _closed_loop(printed: TerminalSet) -> ca.Function:
     K = ca.DM(printed.K)
 
     def rate(_: float, e: ca.SX) -> ca.SX:
+        # The reference moves by the same equations, so e moves by the difference.
         return f(x_ref + e, u_ref - K @ e) - f(x_ref, u_ref)
 
     e = ca.SX.sym("e", len(printed.x_ref))

@@ -88,6 +88,8 @@ class GridDE:
         require("costs", costs.tolist(), ok=ok, allowed=allowed)
         require_size(self.size, at_least=4)
         states = f"{self.points}**{self.size}"
+        # First the size alone, since the power of a huge one takes for ever: from two
+        # points on, 2**size is above the limit.
         ok = self.size < MAX_STATES.bit_length() and self.states <= MAX_STATES
         require("populations", states, ok=ok, allowed=f"at most {MAX_STATES}")
         require("F", self.F, ok=0.0 < self.F <= F_MAX, allowed=f"in (0, {F_MAX}]")
@@ -163,6 +165,7 @@ def build_chain(grid: GridDE) -> MarkovChain:
     moves = _moves(grid, populations)
     transition = moves[:, 0]
     for i in range(1, grid.size):
+        # Given the population, individuals move independently: probabilities multiply.
         product = transition[:, :, None] * moves[:, i, None, :]
         transition = product.reshape(grid.states, -1)
     optimal = (grid.costs == grid.costs.min())[populations].any(axis=1)
@@ -188,6 +191,7 @@ def absorption(chain: MarkovChain) -> Absorption:
     """Compute the probability that an optimum is ever reached, h = (I - Q)^-1 b."""
     undecided = ~dead_states(chain) & ~chain.optimal
     by_state = chain.optimal.astype(np.float64)
+    # by_state is 1 at the optima and 0 elsewhere, so the product is b.
     by_state[undecided] = _solve(chain, undecided, chain.transition @ by_state)
     by_state.setflags(write=False)
     return Absorption(
@@ -199,6 +203,7 @@ def absorption(chain: MarkovChain) -> Absorption:
 
 def hitting_times(chain: MarkovChain) -> HittingTimes:
     """Compute the expected time until an optimum is reached, T = (I - Q)^-1 1."""
+    # A dead state on the way makes the expectation infinite.
     may_fail = _reaching(chain, dead_states(chain))
     by_state = np.where(may_fail, np.inf, 0.0)
     transient = ~may_fail & ~chain.optimal
@@ -261,14 +266,18 @@ def _moves(grid: GridDE, populations: Count) -> Array:
     counts = np.zeros((grid.states, size, m))
     for i, r1, r2, r3 in permutations(range(size), 4):
         x, x1, x2, x3 = populations[:, [i, r1, r2, r3]].T
+        # Half up, as at the head; np.rint rounds half to even.
         mutant = np.floor(x1 + grid.F * (x2 - x3) + 0.5).astype(np.int64)
         trial = np.clip(mutant, 0, m - 1)
         if grid.bound_handling == "reject":
             trial = np.where(trial == mutant, mutant, x)
         accepted = grid.costs[trial] <= grid.costs[x]
         counts[states, i, np.where(accepted, trial, x)] += 1.0
+    # Each of the triples (r1, r2, r3) is equally likely.
     moves = counts / ((size - 1) * (size - 2) * (size - 3))
+    # From row to column: uniform over the m points, accepted if not worse.
     arrivals = (grid.costs[None, :] <= grid.costs[:, None]) / m
+    # An immigrant that is refused leaves its parent in place.
     arrivals += np.diag(1.0 - arrivals.sum(axis=1))
     return (1.0 - grid.immigrant) * moves + grid.immigrant * arrivals[populations]
 
@@ -280,6 +289,7 @@ def _reaching(chain: MarkovChain, target: Mask) -> Mask:
         grown = reaching | (chain.transition @ reaching > 0.0)
         if (grown == reaching).all():
             return grown
+        # At most as many rounds as there are states.
         reaching = grown
 
 

@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from swarmstart.arrays import Array
-from swarmstart.cases.drawing.drawing import arrowhead, colour
-from swarmstart.cases.drawing.series import escaped
+from swarmstart.cases.drawing.drawing import arrowhead, colour, escaped
 from swarmstart.cases.drawing.tracks import Scene, inside_discs
 from swarmstart.cases.record.files import replacing
 from swarmstart.errors import SwarmstartError
@@ -141,6 +140,7 @@ def at_times(scene: Scene, times: Array) -> Scene:
         scene,
         times=times,
         positions=moved(scene.positions),
+        # Interpolated between 3.1 and -3.1 rad, a heading would turn all the way round.
         headings=moved(np.unwrap(scene.headings, axis=1)),
         leader=None if scene.leader is None else moved(scene.leader),
         slots=None if scene.slots is None else moved(scene.slots),
@@ -151,6 +151,7 @@ def noted(times: Array, frames: Array, notes: Sequence[str]) -> list[str]:
     """Return the words of each frame: those of the last instant before it."""
     if not notes:
         return [""] * frames.size
+    # 1e-9: an instant of the scene and its frame may differ by rounding.
     places = np.searchsorted(times, frames + 1e-9, side="right") - 1
     return [notes[min(max(place, 0), len(notes) - 1)] for place in places]
 
@@ -175,6 +176,7 @@ def camera_of(scene: Scene, *, ratio: float) -> Camera:
             for row in (low + high) / 2
         ]
     )
+    # The centre lags behind, so that the farther side decides.
     reach = np.maximum(high - centres, centres - low)
     wanted = np.maximum(reach[0], reach[1] / ratio) * (1 + MARGIN)
     wanted = np.maximum(wanted, NEAREST_M)
@@ -246,6 +248,7 @@ class Film:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
 
+        # No pyplot: it would keep the figure, and might open a window.
         self.figure: Figure = Figure(figsize=SIZE, dpi=DPI)
         self._canvas: FigureCanvasAgg = FigureCanvasAgg(self.figure)
         self.axes: Axes = self.figure.add_axes(FRAME)
@@ -322,12 +325,7 @@ class Film:
             )  # fmt: skip
 
     def draw(self, frame: int, note: str = "") -> "Image":
-        """Return a frame as an image.
-
-        Args:
-            frame: Its number.
-            note: Words beside the clock.
-        """
+        """Return a frame as an image, with a note beside the clock."""
         from PIL import Image
 
         self.show(frame, note)
@@ -368,6 +366,7 @@ class Film:
 
 
 def _put(line: "Line2D", place: Array) -> None:
+    # A line takes sequences, of a single point, too.
     line.set_data([place[0]], [place[1]])
 
 
@@ -387,8 +386,10 @@ def _save_gif(
     for number in range(film.frames):
         progress(number, film.frames, "animating")
         image = film.draw(number, words[number])
+        # Dithering would make level areas noisy, and the file large.
         frames.append(image.quantize(palette=palette, dither=Dither.NONE))
     first, *others = frames
+    # Times in ms; with disposal 1 a frame stays, and the next one holds changes only.
     first.save(
         file, format="GIF", save_all=True, append_images=others, loop=0,
         duration=round(1000 / FRAMES_PER_S), disposal=1, optimize=True,
@@ -400,6 +401,7 @@ def _palette(colours: Sequence[str]) -> "Image":
     from matplotlib.colors import to_rgb
     from PIL import Image
 
+    # A GIF has 256 colours: 4 * _SHADES greys, and _SHADES of each of the others.
     most = 256 // _SHADES - 4
     bases = [(0.0, 0.0, 0.0), *(to_rgb(own) for own in dict.fromkeys(colours))][:most]
     shades = np.linspace(0.0, 1.0, _SHADES)

@@ -1,11 +1,12 @@
-"""Basis of all figures: colours and line styles, empty figures, files.
+"""Basis of all figures: colours and line styles, series, legends, empty figures, files.
 
 Each series has a colour and a line style of its own, so that twelve series can be told
-apart with any colour vision and in grey print.
+apart with any colour vision and in grey print. Several series in one panel have a line
+each, or are drawn as bands if there are too many.
 """
 
 import functools
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
@@ -19,8 +20,9 @@ from swarmstart.ocp import Trajectory
 from swarmstart.ocp.common import ProgressCallback, tell_nothing
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure, FigureBase
 
 S_contra = TypeVar("S_contra", contravariant=True)
 F_contra = TypeVar("F_contra", contravariant=True)
@@ -39,6 +41,19 @@ LAYOUT_DPI, PNG_DPI = 110, 200
 _METADATA: dict[str, dict[str, Any]] = {
     "png": {}, "svg": {"Date": None}, "pdf": {"CreationDate": None},
 }  # fmt: skip
+
+_WIDTH, _STEP, _WIDEST = 1.3, 0.6, 4
+"""Width of lines [points]; of the first few held ones, which may coincide, more."""
+WHOLE, HALF = 170, 95
+"""Characters that a legend below a wide figure has room for, and below half of one."""
+_DECADE = 10.0
+_HANDLE = 9
+"""Characters that the line beside a name takes."""
+_DENSE, _OFTEN, _MOVE, _THIN = 400, 0.1, 0.02, 0.5
+"""Lines with more instants that turn at more than this part of them are thinner. A
+move counts if it is more than this part of the range. The last one is the factor."""
+_OUTER, _INNER = 0.18, 0.38
+"""Opacity of the band of all series, and of that of their middle half."""
 
 
 class Draw(Protocol[S_contra, F_contra]):
@@ -59,6 +74,7 @@ class Draw(Protocol[S_contra, F_contra]):
 
 def new_figure(size: tuple[float, float] = (7.0, 4.0)) -> "Figure":
     """Return an empty figure that no global state knows of; its size in inches."""
+    # Not at the head: results that are only computed must not wait for matplotlib.
     from matplotlib.figure import Figure
 
     return Figure(figsize=size, dpi=LAYOUT_DPI, layout="constrained")
@@ -105,6 +121,7 @@ def write_figures(
     Raises:
         RecordError: If a file cannot be written.
     """
+    # All figures are drawn before the first is written: progress tells their number.
     planned = [
         (figure, form, folder / f"{name}.{form}")
         for name, figure in figures
@@ -132,6 +149,7 @@ def line_style(number: int) -> LineStyle:
         ('-', (0.0, (2.0, 2.0)))
     """
     count = len(palette.DASHES)
+    # One further in each round: series 13 has the colour of the first, not its dashes.
     dashes = palette.DASHES[(number + number // count) % count]
     return (0.0, tuple(map(float, dashes.split()))) if dashes else "-"
 
@@ -143,3 +161,160 @@ def arrowhead(heading: float) -> Array:
     tip, left = along, -0.7 * along + 0.55 * across
     right = -0.7 * along - 0.55 * across
     return np.array([tip, left, right, tip])
+
+
+def draw_series(
+    axes: "Axes",
+    times: Array,
+    values: Array,
+    *,
+    names: Sequence[str] = (),
+    numbers: Sequence[int] | None = None,
+) -> None:
+    """Draw a line for each series; of more than MOST_NAMED the bands instead.
+
+    Args:
+        axes: The panel.
+        times: Shape (n,), or (n + 1,) if values are held from each to the next.
+        values: Shape (series, n).
+        names: Of the series; empty: they are not named.
+        numbers: Numbers of the colours and line styles; None: from 0 on.
+    """
+    if len(values) > MOST_NAMED:
+        draw_bands(axes, times, values)
+        return
+    held = times.size == values.shape[1] + 1
+    thin = _THIN if _leaps(values) else 1.0
+    for place, row in enumerate(values):
+        number = place if numbers is None else numbers[place]
+        label = escaped(names[place]) if names else None
+        if held:
+            # Held values often coincide: earlier lines, drawn wider, show beneath.
+            ahead = min(len(values), _WIDEST) - 1 - place
+            axes.stairs(
+                row, times, baseline=None, color=colour(number), label=label,
+                lw=thin * (_WIDTH + max(0.0, _STEP * ahead)), ls=line_style(number),
+            )  # fmt: skip
+        else:
+            axes.plot(
+                times, row, color=colour(number), ls=line_style(number),
+                lw=thin * _WIDTH, label=label,
+            )  # fmt: skip
+
+
+def _leaps(values: Array) -> bool:
+    """Return whether lines go to and fro so often that they would cover the panel."""
+    if values.shape[1] <= _DENSE:
+        return False
+    values = np.where(np.isfinite(values), values, 0.0)
+    moves = np.diff(values)
+    # Rounding makes a level line turn all the time, too.
+    small = _MOVE * np.ptp(values, axis=1, keepdims=True)
+    rising = np.where(np.abs(moves) > small, np.sign(moves), 0.0)
+    turns = rising[:, 1:] * rising[:, :-1] < 0
+    return bool(turns.mean(axis=1).max(initial=0.0) > _OFTEN)
+
+
+def draw_bands(axes: "Axes", times: Array, values: Array) -> None:
+    """Draw the median of many series, their middle half, and their extremes.
+
+    Args:
+        axes: The panel.
+        times: Shape (n,), or (n + 1,) if values are held from each to the next.
+        values: Shape (series, n).
+    """
+    known = np.where(np.isfinite(values), values, np.nan)
+    if times.size == known.shape[1] + 1:
+        # The corners of the steps: each value at both ends of its interval.
+        times = np.repeat(times, 2)[1:-1]
+        known = np.repeat(known, 2, axis=1)
+    # nanquantile warns of instants at which no series has a value.
+    known = np.where(np.isnan(known).all(axis=0), 0.0, known)
+    low, below, middle, above, high = np.nanquantile(
+        known, [0.0, 0.25, 0.5, 0.75, 1.0], axis=0
+    )
+    own = COLOURS[0]
+    axes.fill_between(
+        times, low, high, color=own, alpha=_OUTER, lw=0, label="smallest to largest"
+    )
+    axes.fill_between(
+        times, below, above, color=own, alpha=_INNER, lw=0, label="middle half"
+    )
+    axes.plot(times, middle, color=own, lw=_WIDTH, label=f"median of {len(values)}")
+
+
+def name_lines(figure: "FigureBase", *, room: int = WHOLE) -> None:
+    """Put one legend of the names in all panels below a figure.
+
+    Args:
+        figure: A figure, or a part of one.
+        room: Characters that fit beside one another.
+    """
+    put_legend(figure, named_lines(figure), room=room)
+
+
+def named_lines(figure: "FigureBase") -> "dict[str, Artist]":
+    """Return the first line of each name in the panels of a figure, by name."""
+    named: dict[str, Artist] = {}
+    panels: list[Axes] = figure.axes  # type: ignore[assignment]
+    for axes in panels:
+        for handle, name in zip(*axes.get_legend_handles_labels(), strict=True):
+            named.setdefault(name, handle)
+    return named
+
+
+def put_legend(
+    figure: "FigureBase", named: "Mapping[str, Artist]", *, room: int
+) -> None:
+    """Put a legend below a figure, or below a part of one; nothing if it is empty.
+
+    Args:
+        figure: A figure, or a part of one.
+        named: What is named, by name.
+        room: Characters that fit beside one another.
+    """
+    if named:
+        figure.legend(
+            list(named.values()), list(named), loc="outside lower center",
+            ncols=_columns(named, room), fontsize="small", frameon=False,
+            handlelength=2.6,
+        )  # fmt: skip
+
+
+def _columns(names: "Iterable[str]", room: int) -> int:
+    """Return how many names fit beside one another, in rows as even as can be."""
+    sizes = [len(name) + _HANDLE for name in names]
+    rows = 1
+    while -(-len(sizes) // rows) * max(sizes) > room and rows < len(sizes):
+        rows += 1
+    return -(-len(sizes) // rows)
+
+
+def name_here(axes: "Axes", **options: object) -> None:
+    """Put a legend of a panel's own names into it, if it has names."""
+    if axes.get_legend_handles_labels()[1]:
+        axes.legend(fontsize="small", framealpha=0.85, handlelength=2.6, **options)  # type: ignore[call-overload]
+
+
+def make_logarithmic(axes: "Axes", values: Array, *, ratio: float = 100.0) -> None:
+    """Make the vertical axis logarithmic if positive values span decades.
+
+    Args:
+        axes: The panel.
+        values: What is drawn in it.
+        ratio: Least ratio of the largest value to the smallest.
+    """
+    finite = values[np.isfinite(values)]
+    # Not if a value is 0 or negative: it would vanish from the panel.
+    if finite.size and 0 < finite.min() * ratio < finite.max():
+        from matplotlib.ticker import NullFormatter
+
+        axes.set_yscale("log")
+        # Within a decade the minor ticks are the only ones with numbers.
+        if finite.max() > _DECADE * finite.min():
+            axes.yaxis.set_minor_formatter(NullFormatter())
+
+
+def escaped(text: str) -> str:
+    """Return a user's text, whose dollars are no formulas."""
+    return text.replace("$", r"\$")

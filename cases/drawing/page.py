@@ -12,14 +12,13 @@ import hashlib
 import importlib.resources
 import re
 from collections.abc import Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import jinja2
     from markupsafe import Markup
 
-_FOLDERS = ("report/templates", "templates")
+_FOLDER = "report/templates"
 # Controls, lone surrogates and non-characters have no place in a page; marks that turn
 # the reading order round would do so beyond the text that they are in.
 _UNPRINTABLE = re.compile(
@@ -32,8 +31,7 @@ def rendered(template: str, content: Mapping[str, Any]) -> str:
     """Return a page; everything that is put into it is cleaned and escaped.
 
     Args:
-        template: A file of `cases/drawing/report/templates` or of
-            `cases/drawing/templates`.
+        template: A file of `cases/drawing/report/templates`.
         content: What the template names. Text of the type `markupsafe.Markup` is put
             in as it is.
     """
@@ -61,17 +59,10 @@ def hashed(text: str) -> "Markup":
     return Markup("'sha256-{}'").format(digest.decode("ascii"))
 
 
-def embedded(file: Path) -> str:
-    """Return a file's content as text for a data: address."""
-    return base64.b64encode(file.read_bytes()).decode("ascii")
-
-
 def _source(name: str) -> str | None:
-    for folder in _FOLDERS:
-        file = importlib.resources.files(__package__).joinpath(folder, name)
-        if file.is_file():
-            return file.read_text(encoding="utf-8")
-    return None
+    # As a resource: an installed package need not be a folder.
+    file = importlib.resources.files(__package__).joinpath(_FOLDER, name)
+    return file.read_text(encoding="utf-8") if file.is_file() else None
 
 
 def _printable(value: Any) -> Any:
@@ -83,6 +74,7 @@ def _printable(value: Any) -> Any:
 
 @functools.cache
 def _environment() -> "jinja2.Environment":
+    # Not at the head: Markdown, LaTeX and CSV need `cleaned` alone.
     import jinja2
 
     from swarmstart.cases.drawing import palette
@@ -91,7 +83,7 @@ def _environment() -> "jinja2.Environment":
         loader=jinja2.FunctionLoader(_source),
         autoescape=True,
         finalize=_printable,
-        undefined=jinja2.StrictUndefined,
+        undefined=jinja2.StrictUndefined,  # A misspelt name leaves no silent gap.
         trim_blocks=True,
         lstrip_blocks=True,
     )

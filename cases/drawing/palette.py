@@ -3,9 +3,9 @@
 The colours are the outcome of a search (simulated annealing over lightness, chroma and
 hue) for the twelve whose least distance in OKLab is greatest, as seen with full colour
 vision and with protanopia, deuteranopia and tritanopia, each at least 3:1 against the
-page; the dark page's have the hues of the light page's.
-The first ones differ most. Twelve colours alone cannot be
-told apart by every reader, nor in grey print: hence dashes and marks.
+page; the dark page's have the hues of the light page's. The first ones differ most.
+Twelve colours alone cannot be told apart by every reader, nor in grey print: hence
+dashes and marks.
 
 Sources: Ottosson (2020), "A perceptual color space for image processing" (OKLab);
 Machado, Oliveira and Fernandes (2009), "A physiologically-based model for simulation of
@@ -50,7 +50,6 @@ DARK_PAGE = {
     "rule": "#343b44", "line": "#7d8793", "accent": "#82b7ff",
     "good": "#5fcf80", "bad": "#ff9488", "mid": "#e6b94c",
 }  # fmt: skip
-TEXT = ("ink", "ink-soft", "accent", "good", "bad", "mid")
 
 
 def style_sheet() -> str:
@@ -74,28 +73,6 @@ def style_sheet() -> str:
             f".line.s{number}{{stroke-dasharray:{dash.replace(' ', ',') or 'none'}}}",
         ]
     return "\n".join(rules) + "\n"
-
-
-def contrast(first: str, second: str) -> float:
-    """Return the contrast ratio of two colours "#rrggbb", from 1 to 21.
-
-    Example:
-        >>> contrast("#000000", "#ffffff")
-        21.0
-    """
-    darker, lighter = sorted((_luminance(first), _luminance(second)))
-    return (lighter + 0.05) / (darker + 0.05)
-
-
-def _luminance(colour: str) -> float:
-    """Relative luminance. Source: WCAG 2.2, "relative luminance"."""
-    knee = 0.04045
-    parts = [int(colour[place : place + 2], 16) / 255 for place in (1, 3, 5)]
-    red, green, blue = (
-        part / 12.92 if part <= knee else ((part + 0.055) / 1.055) ** 2.4
-        for part in parts
-    )
-    return 0.2126 * red + 0.7152 * green + 0.0722 * blue
 
 
 def _variables(page: dict[str, str], solvers: tuple[str, ...]) -> str:

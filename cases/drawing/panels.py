@@ -8,8 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from swarmstart.arrays import Array
-from swarmstart.cases.drawing.drawing import MOST_NAMED, colour, new_figure
-from swarmstart.cases.drawing.series import draw_series, escaped, name_lines
+from swarmstart.cases.drawing.drawing import (
+    MOST_NAMED,
+    colour,
+    draw_series,
+    escaped,
+    name_lines,
+    new_figure,
+)
 from swarmstart.ocp import OptimalControlProblem
 
 if TYPE_CHECKING:
@@ -120,7 +126,7 @@ def panels_of(
     if limits is None:
         free = np.full(len(values), np.inf)
         limits = -free, free
-    count = len(names)
+    count = len(names)  # Vehicle after vehicle: each count-th row is one quantity.
     lower, upper = limits
     return [
         Panel(
@@ -268,7 +274,7 @@ def draw_bounds(axes: "Axes", panel: Panel) -> None:
             end = max(high, bound + margin) if is_upper else min(low, bound - margin)
             axes.axhspan(*sorted((bound, end)), color="0.5", alpha=0.18, lw=0)
             low, high = min(low, end), max(high, end)
-    axes.set_ylim(low, high)
+    axes.set_ylim(low, high)  # Without the margin that axhspan has asked for.
     if far:
         text = f"bounds beyond the axis: {', '.join(f'{b:g}' for b in far)}"
         axes.set_title(text, fontsize="x-small", loc="right", color="0.35")
@@ -282,7 +288,7 @@ def bounds_of(panel: Panel) -> tuple[list[tuple[float, str]], list[float]]:
     """
     finite = panel.values[np.isfinite(panel.values)]
     least, most = (finite.min(), finite.max()) if finite.size else (0.0, 0.0)
-    reach = FAR * (most - least) or np.inf
+    reach = FAR * (most - least) or np.inf  # A constant has no range to compare with.
     pairs = np.stack([panel.lower, panel.upper], axis=1)
     if (pairs == pairs[0]).all() or len(pairs) > MOST_NAMED:
         ends = [*pairs.min(axis=0), *pairs.max(axis=0)]

@@ -1,4 +1,7 @@
-"""Plans of a run: their paths, their costs, their searches."""
+"""Plans of a run: their paths, their costs, their searches, and other optima found.
+
+Of one plan the convergence is drawn: the search's best cost, and the plan's cost.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -9,16 +12,19 @@ from numpy.typing import NDArray
 
 from swarmstart.arrays import Array
 from swarmstart.cases.drawing.drawing import (
+    COLOURS,
     MOST_NAMED,
     colour,
+    escaped,
     line_style,
+    make_logarithmic,
+    name_lines,
     new_figure,
 )
 from swarmstart.cases.drawing.panels import Labels, Panel
-from swarmstart.cases.drawing.series import escaped, make_logarithmic, name_lines
 from swarmstart.cases.drawing.slack import KnownAt, arguments_of, made_at
 from swarmstart.cases.record.trajectory_arrays import new_plans
-from swarmstart.ocp import Fitness, Known, OptimalControlProblem, Trajectory
+from swarmstart.ocp import Fitness, Known, OptimalControlProblem, Plan, Trajectory
 from swarmstart.ocp.rollout import NOTHING, Shooting
 
 if TYPE_CHECKING:
@@ -30,6 +36,12 @@ KnownOf = Callable[[int, int], Known]
 
 MOST_PLANS = 40
 """Plans that are drawn, evenly chosen among all."""
+FAR = 1e6
+"""Times the plan's cost from which on a cost of the search is left out."""
+LEAST_SPAN = 1e-3
+"""Of the plan's cost: an axis of optima shows at least so much."""
+MOST_OPTIMA = 25
+"""Local optima that are drawn, the cheapest first."""
 
 
 def nothing_known(step: int, number: int) -> Known:
@@ -109,14 +121,16 @@ def plan_paths(flown: Flown) -> list[PlanPath]:
         for step in steps:
             plan = flight.decisions[step].plans[0]
             if made[step] != step:
-                continue
+                continue  # At this step another vehicle planned.
             states = plan.states
             if not states.size:  # A record keeps none.
+                # A few paths do not repay the compiling of machine code.
                 again = again or Fitness(shooting, backend="casadi")
                 start, at = arguments_of(lowered, plan, flight, int(step), known)
                 states = again.states(plan.controls, start, at)
             end = lowered.end_time(states[:, 0])
             times = flight.times[step] + np.linspace(0.0, end, states.shape[1])
+            # Further rows of the core are decided numbers and remembered values.
             paths.append(PlanPath(times=times, states=states[:nx]))
     return paths
 
@@ -183,12 +197,7 @@ def searches_figure(flown: Flown) -> "Figure | None":
 
 
 def draw_costs(axes: "Axes", run: Flown) -> None:
-    """Draw the cost of each plan over time, on a logarithmic axis if it spans decades.
-
-    Args:
-        axes: The panel.
-        run: The run, with several plans.
-    """
+    """Draw the cost of each plan over time; logarithmic if it spans decades."""
     labels, decisions = run.labels, run.trajectory.decisions
     times = run.trajectory.times[run.fresh]
     several = 1 < len(run.problems) <= MOST_NAMED
@@ -207,4 +216,89 @@ def draw_costs(axes: "Axes", run: Flown) -> None:
         every.append(costs)
     axes.set(xlabel="time [s]", ylabel=f"{labels.cost} of the plan")
     make_logarithmic(axes, np.concatenate(every), ratio=20.0)
+    axes.grid(alpha=0.3)
+
+
+def draw_convergence(axes: "Axes", plan: Plan, labels: Labels) -> None:
+    """Draw the best cost of a plan's search over evaluations, and the plan's cost."""
+    costs, cost = labels.sign * plan.search.history, labels.sign * plan.cost
+    name = "best of the search"
+    # The best cost rises only if its point comes nearer to keeping the constraints.
+    if (plan.search.history[1:] > plan.search.history[:-1]).any():
+        name += ", which may break constraints at first"
+    far = np.isfinite(costs) & (np.abs(costs) > FAR * max(abs(cost), 1.0))
+    if far.any():  # They belong to points that break the constraints.
+        beyond = np.abs(costs[far]).max()
+        text = f"costs of points that break limits beyond the axis: up to {beyond:.3g}"
+        axes.set_title(text, fontsize="small", loc="right")
+    drawn = np.where(far, np.nan, costs)
+    axes.plot(
+        plan.search.evaluations, drawn, color=COLOURS[0], lw=1.4, label=name,
+        drawstyle="steps-post", marker="." if costs.size == 1 else None,
+    )  # fmt: skip
+    axes.axhline(cost, color=COLOURS[1], ls="--", lw=1.2, label=f"plan, {cost:.5g}")
+    axes.set(xlabel="evaluations", ylabel=labels.cost)
+    make_logarithmic(axes, np.append(drawn, cost))
+    # At least 1: limits that coincide make matplotlib warn.
+    axes.set_xlim(0, plan.search.evaluations.max(initial=1))
+    axes.grid(alpha=0.3)
+
+
+def optima_of(plan: Plan) -> tuple[Array, Array]:
+    """Return the costs of the distinct local optima found, and how many ended there.
+
+    Without a count of optima the answers of the local solver from its starts are
+    returned, each found once.
+
+    Returns:
+        Costs, which are minimised, ascending, and counts, each of shape (optima,).
+    """
+    if plan.starts is None:
+        return np.empty(0), np.empty(0)
+    lanes = plan.starts.lanes or plan.search.lanes
+    if lanes is not None and lanes.optima:
+        found = [(one.cost, one.count) for one in lanes.optima]
+    else:
+        found = sorted((one.cost, 1) for one in plan.starts.tried if one.feasible)
+    pairs = np.array(found, dtype=float).reshape(-1, 2)
+    return pairs[:, 0], pairs[:, 1]
+
+
+def draw_optima(axes: "Axes", plan: Plan, labels: Labels) -> None:
+    """Draw the costs of the local optima that a plan knows, the cheapest first."""
+    from matplotlib.ticker import MaxNLocator
+
+    costs, counts = optima_of(plan)
+    shown = labels.sign * costs[:MOST_OPTIMA]
+    rank = np.arange(1, shown.size + 1)
+    sizes, name = np.full(shown.size, 50.0), "local optimum"
+    if (counts > 1).any():
+        sizes = 20 + 120 * np.sqrt(counts[: shown.size] / counts.max())
+        name += ", larger: found more often"
+    axes.scatter(
+        rank, shown, s=sizes, facecolor="none", edgecolor=COLOURS[0], lw=1.4, label=name
+    )
+    if (counts > 1).any() and shown.size <= MOST_OPTIMA // 2:
+        for place, value, count in zip(rank, shown, counts, strict=False):
+            axes.annotate(
+                f"{count:g}", (place, value), textcoords="offset points",
+                xytext=(9, 4), fontsize="x-small",
+            )  # fmt: skip
+    cost = labels.sign * plan.cost
+    axes.axhline(cost, color=COLOURS[1], ls="--", lw=1.2, label=f"plan, {cost:.5g}")
+    left = costs.size - shown.size
+    axes.set(xlabel="local optimum, by cost", ylabel=labels.cost)
+    if left:
+        text = f"the best {shown.size} of {costs.size}"
+        axes.set_title(text, fontsize="small", loc="right")
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.set_xlim(0.3, shown.size + 0.7)
+    make_logarithmic(axes, np.append(shown, cost))
+    if axes.get_yscale() == "linear":
+        # Costs that differ by rounding alone must not look far apart.
+        low, high = axes.get_ylim()
+        missing = max(0.0, LEAST_SPAN * abs(cost) - (high - low)) / 2
+        axes.set_ylim(low - missing, high + missing)
+        # Whole costs at the ticks, instead of differences to a number in the corner.
+        axes.ticklabel_format(axis="y", useOffset=False)
     axes.grid(alpha=0.3)

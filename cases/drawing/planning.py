@@ -12,8 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.arrays import Array
-from swarmstart.cases.drawing.drawing import COLOURS, MOST_NAMED
-from swarmstart.cases.drawing.series import escaped, make_logarithmic
+from swarmstart.cases.drawing.drawing import (
+    COLOURS,
+    MOST_NAMED,
+    escaped,
+    make_logarithmic,
+)
 from swarmstart.cases.record.trajectory_arrays import new_plans
 from swarmstart.ocp import Mode, Source, Trajectory
 
@@ -125,6 +129,7 @@ def draw_step_times(axes: "Axes", trajectory: Trajectory) -> None:
     seconds, lengths = trajectory.step_seconds, np.diff(trajectory.times)
     dt = float(lengths.mean())
     _draw_seconds(axes, trajectory.times, seconds)
+    # Differences of times are equal up to rounding only.
     name = f"dt, {dt:g} s" if np.ptp(lengths) <= 1e-6 * dt else "dt"
     axes.stairs(
         lengths, trajectory.times, baseline=None, color=COLOURS[1], ls="--", lw=1.3,
@@ -177,8 +182,9 @@ def draw_strip(axes: "Axes", times: Array, codes: Codes, names: Sequence[str]) -
 
     colours = ListedColormap([kind.colour for kind in KINDS])
     edges = np.arange(len(codes) + 1)
+    # Halves: each code lies in the middle of its colour.
     axes.pcolormesh(times, edges, codes, cmap=colours, vmin=-0.5, vmax=len(KINDS) - 0.5)
-    axes.set_ylim(len(codes), 0)
+    axes.set_ylim(len(codes), 0)  # The first planner is on top.
     for edge in edges[1:-1]:
         axes.axhline(edge, color="white", lw=1.0)
     axes.set_yticks(

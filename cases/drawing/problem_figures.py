@@ -5,23 +5,25 @@ each plan, controls with their bounds, and what planning took. The sheet of a pr
 that was solved once shows states, convergence of the search, controls, and the local
 optima that were found; without a search, or with one optimum, the phase plane of two
 states takes its place. Slack is drawn if there are constraints.
+
+Of a single result, `plot()` draws states, controls and outputs, as notebooks show them.
 """
 
+import base64
+import html
+import io
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from swarmstart.cases.drawing.convergence import (
-    draw_convergence,
-    draw_optima,
-    optima_of,
-)
 from swarmstart.cases.drawing.drawing import (
+    HALF,
+    escaped,
+    name_lines,
     new_figure,
 )
-from swarmstart.cases.drawing.naming.surroundings import directions_of
 from swarmstart.cases.drawing.panels import (
     Labels,
     Panel,
@@ -29,29 +31,29 @@ from swarmstart.cases.drawing.panels import (
     panels_of,
     stacked_limits,
 )
-from swarmstart.cases.drawing.phase_plane import draw_phase_plane
 from swarmstart.cases.drawing.plan_figures import (
     Flown,
     KnownOf,
     PlanPath,
+    draw_convergence,
     draw_costs,
+    draw_optima,
     nothing_known,
+    optima_of,
     plan_paths,
     searches_figure,
     with_plans,
 )
 from swarmstart.cases.drawing.planning import draw_planning
-from swarmstart.cases.drawing.series import HALF, escaped, name_lines
 from swarmstart.cases.drawing.sheet import MOST_IN_PART, Part, panels_part, sheet
-from swarmstart.cases.drawing.slack import Slack, slacks
-from swarmstart.cases.drawing.slack_figure import slack_figure
-from swarmstart.cases.drawing.tracks import Scene, draw_tracks
+from swarmstart.cases.drawing.slack import Slack, slack_figure, slacks
+from swarmstart.cases.drawing.tracks import Scene, draw_phase_plane, draw_tracks
+from swarmstart.cases.drawing.vehicles import directions_of
 from swarmstart.cases.record.trajectory_arrays import held_controls
 from swarmstart.ocp import OptimalControlProblem, Solution, Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, FigureBase
-
 
 _PLANE = 2
 """States of a phase plane."""
@@ -118,11 +120,12 @@ def _figures(
         name = "Controls"
         parts.append(panels_part(name, controls, flown.labels))
     plane = _plane_part(flown, states, paths, place)
-    if flown.fresh.size > 1:
+    if flown.fresh.size > 1:  # A closed loop plans more than once.
         parts.insert(1, Part("Cost of the plans", lambda part: _costs(part, flown)))
         parts.append(_planning_part(flown))
     else:
         parts, plane = _solved_once(parts, flown, plane)
+    # Letters keep the files of a folder in this order.
     yield "a_sheet", sheet(title, parts)
     yield from _whole(states, controls, flown.labels)
     rows = _slack_rows(flown)
@@ -204,6 +207,7 @@ def _scene(
     x, y = (states[row] for row in place.rows)
     positions = np.stack([x.values, y.values], axis=1)
     count = len(states)
+    # One plan of several vehicles has their states one after another.
     plans = [
         path.states[[begin + row for row in place.rows]]
         for path in paths
@@ -226,6 +230,7 @@ def _alone(part: Part, flown: Flown, place: Place | None) -> "Figure":
     if place is not None:
         rows = [_states(flown)[row].values for row in place.rows]
         wide, high = (float(np.ptp(one[np.isfinite(one)])) for one in rows)
+        # 1e-300: all may move along y alone.
         height = 1.6 + 6.4 * float(np.clip(high / max(wide, 1e-300), 0.25, 1.0))
     figure = new_figure((8.0, height))
     part.draw(figure)
@@ -299,6 +304,7 @@ def _within(row: Slack, labels: Labels, steps: int) -> Slack:
     """Return a row that is drawn only while its phase lasts."""
     for name, (begin, end) in labels.spans.items():
         if row.name.endswith(name) and not row.is_terminal:
+            # Each interval has as many instants as any other.
             interval = np.arange(row.times.size) // (row.times.size // steps)
             inside = (interval >= begin) & (interval < end)
             return replace(row, values=np.where(inside, row.values, np.nan))
@@ -375,4 +381,16 @@ def labels_of(
         units=units or {},
         vehicles=vehicles,
         maximize=problem.maximize,
+    )
+
+
+def html_of(result: Solution | Trajectory) -> str:
+    """Return the summary of a result, and its figure beneath."""
+    image = io.BytesIO()
+    result.plot().savefig(image, format="png")
+    encoded = base64.b64encode(image.getvalue()).decode("ascii")
+    return (
+        f"<pre>{html.escape(repr(result))}</pre>"
+        '<img alt="states and controls over time" '
+        f'src="data:image/png;base64,{encoded}">'
     )

@@ -5,9 +5,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from swarmstart.cases.drawing.drawing import COLOURS, Figures, new_figure
-from swarmstart.cases.drawing.naming.band_names import band_name
-from swarmstart.cases.drawing.series import escaped
+from swarmstart.cases.drawing.drawing import COLOURS, Figures, escaped, new_figure
+from swarmstart.cases.drawing.vehicles import band_name
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -29,7 +28,7 @@ def seed_figures(content: Mapping[str, Any]) -> Figures:
     spread = {
         name: [value for value in values if isinstance(value, int | float)]
         for name, values in content["measures"].items()
-        if "seconds" not in name
+        if "seconds" not in name  # They differ with the load of the machine.
     }
     varied = {name: values for name, values in spread.items() if len(set(values)) > 1}
     if varied:
@@ -41,6 +40,7 @@ def _bands(content: Mapping[str, Any]) -> "Figure":
     time, states = content["bands"]["time"], content["bands"]["states"]
     chosen = list(states.items())[:MOST_STATES]
     figure, axes = _grid(len(chosen))
+    # Not strict: the last row of the grid may have panels too many.
     for panel, (name, band) in zip(axes, chosen, strict=False):
         low, median, high = (
             np.array(band[side], dtype=float) for side in ("low", "median", "high")
@@ -64,6 +64,7 @@ def _spread(varied: Mapping[str, list[float]], runs: int) -> "Figure":
     chosen = list(varied.items())[:MOST_MEASURES]
     figure, axes = _grid(len(chosen), height=1.3)
     for panel, (name, values) in zip(axes, chosen, strict=False):
+        # At heights in the order of the seeds, so that equal values are all seen.
         shifts = np.linspace(-0.25, 0.25, len(values))
         panel.plot(values, shifts, "o", ms=4, mfc="none", color=COLOURS[0])
         panel.axvline(float(np.median(values)), color=COLOURS[1], lw=1.5)

@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from swarmstart.arrays import Array
-from swarmstart.cases.drawing.drawing import MOST_NAMED, new_figure
+from swarmstart.cases.drawing.drawing import (
+    HALF,
+    MOST_NAMED,
+    WHOLE,
+    draw_series,
+    named_lines,
+    new_figure,
+    put_legend,
+)
 from swarmstart.cases.drawing.panels import (
     Labels,
     Panel,
@@ -15,13 +23,6 @@ from swarmstart.cases.drawing.panels import (
     draw_panel,
     grid_in,
     wrapped,
-)
-from swarmstart.cases.drawing.series import (
-    HALF,
-    WHOLE,
-    draw_series,
-    named_lines,
-    put_legend,
 )
 
 if TYPE_CHECKING:
@@ -67,9 +68,8 @@ def sheet(title: str, parts: Sequence[Part]) -> "Figure":
         figure.suptitle("\n".join(lines), fontweight="bold")
     cells = figure.add_gridspec(rows, columns, wspace=0.02)
     spots = [cells[k // columns, k % columns] for k in range(len(parts))]
-    if (
-        len(parts) > columns and len(parts) % columns
-    ):  # The last one gets the whole row.
+    if len(parts) > columns and len(parts) % columns:
+        # The last one gets the whole row.
         spots[-1] = cells[-1, :]
     places = [figure.add_subfigure(spot) for spot in spots]
     for letter, place, part in zip("abcd", places, parts, strict=False):
@@ -113,7 +113,7 @@ def panels_part(heading: str, panels: Sequence[Panel], labels: Labels) -> Part:
 
     def draw(part: "FigureBase") -> None:
         columns = min(columns_of(len(shown)), 2)
-        rows = -(-len(shown) // columns)
+        rows = -(-len(shown) // columns)  # Rounded up.
         (block,) = grid_in(part, [len(shown)], columns=columns)
         for axes, panel in zip(block, shown, strict=True):
             draw_panel(axes, panel, labels, width=_LABEL // max(rows, 2))
@@ -146,6 +146,7 @@ def draw_errors(  # noqa: PLR0913 - two axes, two limits, two words
     """
     finite = errors[np.isfinite(errors) & (errors > 0)]
     largest = float(finite.max(initial=0.0))
+    # 1e-300: errors may all be 0, and a logarithmic axis needs a positive end.
     floor = _FLOOR * max(band or 0.0, largest, 1e-300)
     if len(errors) > MOST_NAMED:  # Of many, one that is at its place says little.
         quarter = np.quantile(np.nan_to_num(errors), 0.25, axis=0)
@@ -157,6 +158,7 @@ def draw_errors(  # noqa: PLR0913 - two axes, two limits, two words
     axes.margins(x=0)
     axes.grid(alpha=0.3)
     least = float(drawn[np.isfinite(drawn)].min(initial=np.inf))
+    # At least a decade of the band is seen.
     bottom = max(floor, 0.5 * min(least, np.inf if band is None else band / 10))
     if np.isfinite(bottom):
         axes.set_ylim(bottom=bottom)
@@ -199,6 +201,7 @@ def settled_at(times: Array, errors: Array, band: float) -> float | None:
         >>> settled_at(np.arange(4.0), np.array([[3.0, 0.5, 2.0, 0.1]]), 1.0)
         3.0
     """
+    # Not `>`: NaN is outside, too.
     outside = np.flatnonzero(~(errors.max(axis=0) <= band))
     if outside.size == 0:
         return float(times[0])

@@ -1,20 +1,23 @@
-"""Distance of a run from the limits of each constraint, along its fine path.
+"""Distance of a run from the limits of each constraint, along its fine path, drawn.
 
     slack   value - lower, upper - value, or the smaller of both: negative if broken
     off     value - limit of an equality: any value but 0 breaks it
 
 Path constraints hold all along; terminal constraints only at the end of a horizon, but
 their rows are followed on the way there. Bounds of states are not among them: they are
-drawn with the states.
+drawn with the states. In the figure what lies below 0 is shaded.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.arrays import Array
+from swarmstart.cases.drawing.drawing import COLOURS, name_lines
+from swarmstart.cases.drawing.panels import MOST_PANELS, grid, wrapped
 from swarmstart.cases.record.trajectory_arrays import (
     control_rows,
     held_controls,
@@ -32,8 +35,18 @@ from swarmstart.ocp.rollout import (
 )
 from swarmstart.ocp.statement import Lowered
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
 KnownAt = Callable[[int], Known]
 """Number of a step -> parameters and signals of the plan made there."""
+
+BROKEN = COLOURS[1]
+_ROUNDING = 1e-2
+"""Of the tolerance: an axis shows at least so much, so that rounding looks flat."""
+_TITLE = 40
+"""Characters of a line above a panel."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -78,6 +91,7 @@ def slacks(
     sizes = Arguments(shooting).sizes(*begin)
     groups: list[tuple[tuple[Constraint, ...], int]] = [
         (stated, 0),
+        # Numbered through: after all path constraints, stated ones or not.
         (ends, len(problem.path_constraints)),
     ]
     found = []
@@ -142,11 +156,12 @@ def _along(
         start, given = arguments_of(lowered, plan, trajectory, int(made), known)
         _, p, flat = shared_arguments(core, start, given)
         since = times[step] - trajectory.times[made]
+        # The core's horizon has a fixed length; that of the answer may be decided.
         since = since * (core.length / lowered.end_time(start))
         signals.append(signals_between(core, at_nodes(core, flat), since))
         parameters.append(np.tile(p[:, None], (1, m + 1)))
         states.append(lowered.states(trajectory.dense_states[:, columns[step]], start))
-        if before and step > 0:
+        if before and step > 0:  # The core remembers the control before this one.
             states[-1][before] = controls[:, step - 1, -1:]
         if knots:
             first = np.repeat(controls[:, step, :1], m + 1, axis=1)
@@ -174,3 +189,44 @@ def made_at(trajectory: Trajectory) -> NDArray[np.intp]:
     fresh = new_plans(trajectory.decisions).any(axis=1)
     made: NDArray[np.intp] = np.where(fresh, np.arange(fresh.size), 0)
     return np.maximum.accumulate(made)
+
+
+def slack_figure(rows: Sequence[Slack]) -> "Figure":
+    """Return the slack of each row: shaded below 0, marked if it counts at the end.
+
+    Args:
+        rows: Of path and terminal constraints, at least one.
+    """
+    shown = rows[:MOST_PANELS]
+    figure, (block,) = grid([len(shown)])
+    for axes, row in zip(block, shown, strict=True):
+        _draw_slack(axes, row)
+    title = "distance to the limit, broken below 0 (of an equality: off 0)"
+    if len(rows) > len(shown):
+        title = f"the first {len(shown)} of {len(rows)} rows: {title}"
+    figure.suptitle(title, fontsize="medium")
+    name_lines(figure)
+    return figure
+
+
+def _draw_slack(axes: "Axes", row: Slack) -> None:
+    axes.axhline(0.0, color="0.25", ls=":", lw=1.4)
+    axes.plot(row.times, row.values, color=COLOURS[0], lw=1.2)
+    if row.is_terminal:
+        end = row.values[-1]
+        broken = abs(end) > row.tolerance if row.is_equality else end < -row.tolerance
+        axes.plot(
+            row.times[-1], end, "o", ms=5, clip_on=False,
+            color=BROKEN if broken else COLOURS[2],
+            label="broken at the end" if broken else "kept at the end",
+        )  # fmt: skip
+    else:
+        broken = (row.values != 0.0) if row.is_equality else row.values < 0.0
+        axes.fill_between(
+            row.times, row.values, 0.0, where=broken, interpolate=True, color=BROKEN,
+            alpha=0.35, lw=0, label="broken" if broken.any() else None,
+        )  # fmt: skip
+    low, high = axes.get_ylim()
+    rounding = _ROUNDING * row.tolerance
+    axes.set_ylim(min(low, -rounding), max(high, rounding))
+    axes.set_title(wrapped(row.name, width=_TITLE), fontsize="small", loc="left")

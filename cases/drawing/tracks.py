@@ -1,6 +1,12 @@
-"""Tracks of vehicles in the plane, to scale, with marks of time."""
+"""Tracks of vehicles in the plane, to scale, with marks of time, and their distances.
 
-from collections.abc import Sequence
+Of a problem without a position the phase plane takes their place: the second state over
+the first one, with marks of time, too. Distances of several vehicles are drawn over
+time, with the limits they keep.
+"""
+
+import itertools
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -10,16 +16,22 @@ from numpy.typing import NDArray
 from swarmstart.arrays import Array
 from swarmstart.cases.drawing.drawing import (
     COLOURS,
+    HALF,
     MOST_NAMED,
     arrowhead,
     colour,
+    draw_series,
+    escaped,
     line_style,
+    name_lines,
+    new_figure,
 )
-from swarmstart.cases.drawing.series import escaped
+from swarmstart.cases.drawing.panels import BOUND, Labels, Panel, bounds_of
+from swarmstart.cases.drawing.plan_figures import PlanPath
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
+    from matplotlib.figure import Figure
 
 MOST_MARKS = 8
 """Marks of time on a track."""
@@ -67,7 +79,7 @@ class Scene:
 
     def until(self, end: float) -> "Scene":
         """Return the part up to a time [s]."""
-        kept = self.times <= end + 1e-9
+        kept = self.times <= end + 1e-9  # An end that is off by rounding.
         return replace(
             self,
             times=self.times[kept],
@@ -104,6 +116,7 @@ def draw_tracks(axes: "Axes", scene: Scene, *, fixed: bool = False) -> None:
     ):
         _draw_track(axes, scene, number, (places, headings, name), at)
     if not scene.is_few:
+        # A line without points: only its name is wanted, in the legend.
         axes.plot(
             [], [], color=COLOURS[0], lw=0.8, label=f"{len(scene.names)} vehicles"
         )
@@ -147,8 +160,9 @@ def mark_times(times: Array) -> Array:
         [5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 35.0]
     """
     begin, end = float(times[0]), float(times[-1])
-    least = max(end - begin, 1e-9) / MOST_MARKS
+    least = max(end - begin, 1e-9) / MOST_MARKS  # A single instant has no length.
     power = 10.0 ** np.floor(np.log10(least))
+    # 1e-9: a step or a mark that fits exactly must not be lost to rounding.
     step = power * next(nice for nice in _NICE if nice * power >= least * (1 - 1e-9))
     first, last = np.floor(begin / step + 1e-9) + 1, np.floor(end / step + 1e-9)
     marks: Array = np.round(step * np.arange(first, last + 1), 9)
@@ -213,6 +227,7 @@ def label_times(axes: "Axes", marks: Array, places: Array) -> None:
         places: Shape (2, n).
     """
     spans = np.abs([np.diff(axes.get_xlim())[0], np.diff(axes.get_ylim())[0]])
+    # To scale, matplotlib widens the shorter axis only while it draws.
     if axes.get_aspect() != "auto":
         spans[:] = spans.max()
     last = np.full(2, np.inf)
@@ -226,3 +241,97 @@ def label_times(axes: "Axes", marks: Array, places: Array) -> None:
             f"{mark:g} s", tuple(place), textcoords="offset points", xytext=(4, 5),
             fontsize="x-small", color="0.2", bbox=_PAPER,
         )  # fmt: skip
+
+
+def distances_figure(
+    times: Array,
+    pairs: Array,
+    *,
+    linked: Array | None = None,
+    limits: Mapping[str, float],
+) -> "Figure":
+    """Return the distance of every pair of UAVs, or of many the extremes.
+
+    Args:
+        times: Shape (T,) [s].
+        pairs: Distances of all pairs, (1, 2), (1, 3), ..., shape (pairs, T) [m].
+        linked: Those that have an upper limit, shape (links, T) [m]; None: none has.
+        limits: Name of each limit, and its distance [m].
+    """
+    figure = new_figure((7.0, 4.5))
+    axes = figure.add_subplot()
+    draw_distances(axes, times, pairs, linked=linked, limits=limits)
+    name_lines(figure, room=HALF)
+    return figure
+
+
+def draw_distances(
+    axes: "Axes",
+    times: Array,
+    pairs: Array,
+    *,
+    linked: Array | None = None,
+    limits: Mapping[str, float],
+) -> None:
+    """Draw the distance of every pair of UAVs, or of many the extremes.
+
+    Args:
+        axes: The panel.
+        times: Shape (T,) [s].
+        pairs: Distances of all pairs, (1, 2), (1, 3), ..., shape (pairs, T) [m].
+        linked: Those that have an upper limit, shape (links, T) [m]; None: none has.
+        limits: Name of each limit, and its distance [m].
+    """
+    if len(pairs) <= MOST_NAMED:
+        # n vehicles have n (n - 1) / 2 pairs.
+        uavs = round((1 + np.sqrt(1 + 8 * len(pairs))) / 2)
+        named = itertools.combinations(range(1, uavs + 1), 2)
+        names = [f"UAVs {first}, {second}" for first, second in named]
+        draw_series(axes, times, pairs, names=names)
+    else:
+        axes.plot(
+            times, pairs.min(axis=0), color=COLOURS[0], lw=1.4,
+            label=f"smallest of {len(pairs)} pairs",
+        )  # fmt: skip
+        if linked is not None:
+            name = "largest" if len(linked) == len(pairs) else "largest of a link"
+            axes.plot(
+                times, linked.max(axis=0), color=COLOURS[1], ls="--", lw=1.4, label=name
+            )
+    styles = itertools.cycle((":", "-."))
+    for (name, limit), style in zip(limits.items(), styles, strict=False):
+        label = f"{name}, {limit:g} m"
+        axes.axhline(limit, color="0.2", linestyle=style, linewidth=1.4, label=label)
+    axes.set(xlabel="time [s]", ylabel="distance of two UAVs [m]")
+    axes.grid(alpha=0.3)
+    axes.margins(x=0)
+
+
+def draw_phase_plane(
+    axes: "Axes",
+    first: Panel,
+    second: Panel,
+    plans: Sequence[PlanPath],
+    labels: Labels,
+) -> None:
+    """Draw the second state of each vehicle against its first, plans thin beneath."""
+    for plan in plans:
+        # Vehicle after vehicle, two states each.
+        for x, y in zip(plan.states[::2], plan.states[1::2], strict=True):
+            axes.plot(x, y, color="0.6", lw=0.6, zorder=1, label="plans")
+    marks = mark_times(first.times)
+    at = [int(np.argmin(np.abs(first.times - mark))) for mark in marks]
+    for number, (x, y) in enumerate(zip(first.values, second.values, strict=True)):
+        own = colour(number)
+        name = escaped(labels.vehicles[number]) if labels.are_named else None
+        axes.plot(x, y, color=own, ls=line_style(number), lw=1.4, label=name)
+        axes.plot(x[0], y[0], "o", color=own, fillstyle="none", label="start")
+        axes.plot(x[-1], y[-1], "s", color=own, ms=5, label="end")
+        axes.plot(x[at], y[at], ".", color=own, ms=5)
+    for panel, line in ((first, axes.axvline), (second, axes.axhline)):
+        for bound, own in bounds_of(panel)[0]:
+            line(bound, color=own, ls=":", lw=1.4, label=BOUND)
+    places = np.stack([first.values[0, at], second.values[0, at]])
+    label_times(axes, marks, places)
+    axes.set(xlabel=escaped(first.label), ylabel=escaped(second.label))
+    axes.grid(alpha=0.3)

@@ -136,13 +136,17 @@ def frame(text: str, place: Place) -> str:
         Two lines, cut around the caret if they are long; "" for a place outside the
         text.
     """
+    # Not splitlines, which knows more line breaks than YAML.
     lines = LINE_BREAK.split(text)
     if not 1 <= place.line <= len(lines):
         return ""
+    # Of a long line 78 characters are shown, with the caret at the 60th.
     start = max(0, place.column - 60)
     line = lines[place.line - 1][start : start + 78]
     visible = "".join(
-        char if char.isprintable() else " " if char == "\t" else "?" for char in line
+        # One column for each character, as the caret counts them.
+        char if char.isprintable() else " " if char == "\t" else "?"
+        for char in line
     )
     margin = f"{place.line:>5} | "
     caret = " " * (place.column - 1 - start) + "^"

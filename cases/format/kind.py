@@ -228,6 +228,7 @@ class Flight(Generic[P_co]):
             SeveralPlansError: If several agents plan.
         """
         planner = self.loop.planner
+        # An open loop has one plan, made at time 0.
         given, known, _ = planner.posed(self.x0, self.loop.known(0.0))
         plan = trajectory.decisions[0].plans[0]
         x0 = start_of(planner.problem, plan, given)
@@ -341,6 +342,7 @@ class Kind:
             SwarmstartError: If it cannot be posed.
         """
         if self.code is not None and not allow_python:
+            # Before `poses`, which imports the file and so runs it.
             raise CodeNotAllowedError(self.code(scenario))
         return self.poses(scenario)
 
@@ -400,6 +402,7 @@ class Kind:
             raise NoAnimationError(
                 f"this kind of scenario has no animation, got --animation {writer}"
             )
+        # Here and not at the top: a module of drawings imports Matplotlib.
         resolve_name(f"{self.animated_by}:check_writer")(writer)
 
     def measures_of(self, scenario: Scenario) -> list[str]:

@@ -56,16 +56,13 @@ def overlay(document: Document, path: Path) -> Document:
 def split_assignment(text: str, *, name: str = "--set") -> tuple[str, str]:
     """Split "key.path=value" at its first "=", for `assign`.
 
-    Args:
-        text: What the user typed.
-        name: Name of the text in messages.
-
     Returns:
         The dotted key and the text of the value.
 
     Raises:
         YamlError: If there is no "=" or nothing before it.
     """
+    # The first "=": further ones belong to the value.
     dotted_key, equals, value = text.partition("=")
     if not equals or not dotted_key.strip():
         what = f"expected key.path=value, found {shown(text)}"
@@ -103,6 +100,7 @@ def assign(
         if text.strip():
             what = f"expected a value, found {shown(text)}: quote text that starts so"
             raise YamlError(what, place, frame=frame(text, place))
+        # "--set key=" sets null.
         value = Node(None, place, place)
     sources = {**document.sources, origin: text}
     root = _assigned(document.root, keys, replace(value, key_place=place), path=())
@@ -142,10 +140,12 @@ def _assigned(
     if not keys:
         return value
     key, rest, inner = keys[0], keys[1:], (*path, keys[0])
+    # A key that is missing or null becomes a mapping.
     if node is None or node.content is None:
         node = Node({}, value.key_place, node.key_place if node else value.key_place)
     if isinstance(node.content, tuple):
         items = list(node.content)
+        # Anything else, also a number with more digits, is outside of the list.
         index = int(key) if re.fullmatch(r"[0-9]{1,9}", key) else len(items)
         if index >= len(items):
             what = f"expected one of the {len(items)} items, from 0, of {_dotted(path)}"

@@ -1,14 +1,13 @@
-"""The parts of a scenario that all kinds of scenario share, as pydantic models.
+"""The keys of a scenario that all kinds share: search, polish, claims.
 
-All are strict and frozen, and refuse unknown keys. A number can be written as an
-expression, such as `pi/18`.
+The models of searches are made from the settings dataclasses of the registry, key by
+key, so that a search of another package has its keys in scenarios, too.
 """
 
 import contextlib
 import dataclasses
-import re
 import types
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pkgutil import resolve_name
 from typing import (
     TYPE_CHECKING,
@@ -23,39 +22,27 @@ from typing import (
 
 import numpy as np
 from pydantic import (
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
     Field,
-    GetJsonSchemaHandler,
-    WithJsonSchema,
     create_model,
-    model_serializer,
     model_validator,
 )
-from pydantic.json_schema import JsonSchemaValue
-from pydantic_core import CoreSchema
 
-from swarmstart.arrays import Array
-from swarmstart.cases.format.descriptions import attributes_of, summary_of
-from swarmstart.cases.format.expressions import (
-    CONSTANTS,
-    ExpressionError,
-    evaluate,
+from swarmstart.cases.format.foreign_solvers import refused, silenced
+from swarmstart.cases.format.parts import (
+    BudgetPart,
+    NonNegative,
+    Number,
+    OrderPart,
+    Part,
+    Positive,
+    attributes_of,
 )
 from swarmstart.cases.format.registry import SEARCHES
-from swarmstart.cases.format.silence import silenced
-from swarmstart.cases.format.solver_options import refused
 from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics import (
     Box,
-    Budget,
-    Order,
     Sampling,
     default_algorithm,
-    epsilon_level,
-    feasibility_first,
-    static_penalty,
 )
 from swarmstart.ocp import (
     INTEGRATORS,
@@ -76,212 +63,17 @@ if TYPE_CHECKING:
     IntegratorName = str
 else:  # Read here, so that integrators registered before are known.
     IntegratorName = Literal[tuple(INTEGRATORS)]
+
+
 LocatedFlaw = tuple[tuple[str | int, ...], str | SwarmstartError]
 """Path of an error in the scenario, and the error.
 
 The error of an expression has a column of its own.
 """
-
-
-LARGEST = 1e30
-"""Largest magnitude of a number: its powers are still finite."""
 MOST_LANES = 100_000
 """Largest number of random starts that are solved at once."""
 MOST_INDIVIDUALS = 200_000
 """Largest number of individuals in the population of a search."""
-
-
-_WITH_UNIT = re.compile(
-    r"\s*(?P<number>[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?)"
-    r"\s*(?P<unit>[^\W\d_][\w/^*²³·-]*|[°%])\s*"
-)
-
-
-def _number(value: object) -> object:
-    """Return the value of an expression; leave everything else to pydantic."""
-    if not isinstance(value, str):
-        return value
-    try:
-        return evaluate(value)
-    except ExpressionError as error:
-        unit = _WITH_UNIT.fullmatch(value)
-        if unit is None or unit["unit"] in CONSTANTS:
-            raise
-        degrees = unit["number"] if unit["unit"].startswith(("deg", "°")) else "90"
-        raise ExpressionError(
-            f"expected a number without a unit; for degrees: radians({degrees})",
-            value,
-            unit.start("unit") + 1,
-        ) from error
-
-
-Number = Annotated[
-    float,
-    BeforeValidator(_number),
-    Field(allow_inf_nan=False, ge=-LARGEST, le=LARGEST),
-    WithJsonSchema(
-        {"type": ["number", "string"], "description": "A number, or as in pi/18."}
-    ),
-]
-Positive = Annotated[Number, Field(gt=0)]
-NonNegative = Annotated[Number, Field(ge=0)]
-
-
-class Part(BaseModel):
-    """A mapping of a scenario."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
-
-    @classmethod
-    def __get_pydantic_json_schema__(
-        cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler
-    ) -> JsonSchemaValue:
-        """Describe every key as the docstrings do, under "Attributes:"."""
-        schema = handler.resolve_ref_schema(handler(core_schema))
-        if cls.__doc__:
-            schema["description"] = summary_of(cls.__doc__)
-        texts, keys = attributes_of(cls), schema.get("properties", {})
-        for name, field in cls.model_fields.items():
-            key = keys.get(field.alias or name)
-            if key is not None and name in texts:
-                key["description"] = field.description or texts[name]
-        return schema
-
-
-class Range(Part):
-    """An interval, written as a list of two: [lower, upper].
-
-    Attributes:
-        lower: Lower limit, in the unit of the key.
-        upper: Upper limit, in the unit of the key, above the lower one.
-    """
-
-    lower: Number
-    upper: Number
-
-    @model_validator(mode="before")
-    @classmethod
-    def _from_list(cls, value: object) -> object:
-        if not isinstance(value, list) or len(value) != len(cls.model_fields):
-            raise ValueError(
-                f"expected a list of two numbers, [lower, upper]; found {value}"
-            )
-        return {"lower": value[0], "upper": value[1]}
-
-    @model_serializer
-    def _as_list(self) -> list[float]:
-        return [self.lower, self.upper]
-
-    @classmethod
-    def __get_pydantic_json_schema__(
-        cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler
-    ) -> JsonSchemaValue:
-        """Describe the form in which it is written: a list of two."""
-        schema = handler.resolve_ref_schema(handler(core_schema))
-        entry = schema.get("properties", {}).get("lower", {"type": "number"})
-        entry.pop("title", None)
-        schema.clear()
-        schema.update(
-            type="array",
-            items=entry,
-            minItems=2,
-            maxItems=2,
-            description="An interval: [lower, upper].",
-        )
-        return schema
-
-    @model_validator(mode="after")
-    def _ordered(self) -> "Range":
-        if not self.lower < self.upper:
-            raise ValueError(
-                f"expected lower < upper, found [{self.lower:g}, {self.upper:g}]"
-            )
-        return self
-
-
-def bounds_of(ranges: Sequence[Range]) -> tuple[Array, Array]:
-    """Return the lower and the upper limits of n ranges, each (n,)."""
-    return np.array([r.lower for r in ranges]), np.array([r.upper for r in ranges])
-
-
-class GridPart(Part):
-    """Horizon of a plan and its grid; a kind can add `checks` and `integrator`.
-
-    Attributes:
-        horizon_s: Length of the horizon of a plan [s].
-        intervals: Number of control intervals in the horizon.
-        substeps: Number of integrator steps from one check of the constraints to the
-            next.
-    """
-
-    horizon_s: Positive
-    intervals: int = Field(default=1, ge=1, le=1000)
-    substeps: int = Field(default=1, ge=1, le=100)
-
-    @property
-    def dt(self) -> float:
-        """Length of a control interval [s]."""
-        return self.horizon_s / self.intervals
-
-    def grid(self) -> dict[str, Any]:
-        """Return the arguments of a planning problem for the grid."""
-        keys = {"intervals", "substeps", "checks", "integrator"}
-        return {"horizon": self.horizon_s, **self.model_dump(include=keys)}
-
-
-Checks = Annotated[int, Field(ge=1, le=100)]
-
-
-class BudgetPart(Part):
-    """Budget of the search for one planning problem; the first limit reached counts.
-
-    Attributes:
-        evaluations: Largest number of trajectories that a search evaluates; null means
-            no limit.
-        seconds: Wall time after which no generation is started [s]; null means no
-            limit.
-        target: Cost at which a search stops once a feasible point reaches it; null
-            means that it does not stop early.
-        stagnation: Number of generations (for multistart: batches) without a better
-            point after which a search stops; null means never.
-    """
-
-    evaluations: int | None = Field(default=None, ge=1, lt=2**62)
-    seconds: Positive | None = None
-    target: Number | None = None
-    stagnation: int | None = Field(default=None, ge=1, lt=2**62)
-
-    @model_validator(mode="after")
-    def _some(self) -> "BudgetPart":
-        if self.evaluations is None and self.seconds is None:
-            raise ValueError("expected evaluations, seconds or both; found neither")
-        return self
-
-    def budget(self) -> Budget:
-        """Return the budget for the search."""
-        return Budget(**self.model_dump())
-
-
-class OrderPart(Part):
-    """Order of individuals: how the search weighs cost against violation.
-
-    Attributes:
-        name: Rule for comparing two individuals: cost plus weighted violation, feasible
-            ones first, or the latter with a tolerance that shrinks.
-        weight: Factor of the constraint violation in the cost, used by static_penalty
-            only.
-    """
-
-    name: Literal["static_penalty", "feasibility_first", "epsilon_level"]
-    weight: Positive = 1e4
-
-    def order(self) -> Order:
-        """Return the order for the search."""
-        if self.name == "static_penalty":
-            return static_penalty(self.weight)
-        if self.name == "epsilon_level":
-            return epsilon_level()
-        return feasibility_first()
 
 
 class IpoptPart(Part):
@@ -329,6 +121,7 @@ class PolishPart(Part):
             return
         beyond = [(("options", name), what) for name, what in refused(self.options)]
         yield from beyond
+        # Not tried with CasADi: making the solver would already obey such an option.
         if beyond:
             return
         try:
@@ -423,6 +216,7 @@ class SearchPart(Part):
 
 def _yaml_type(hint: Any) -> Any:
     """Return the type of a scenario's key for the type hint of a setting."""
+    # Expressions are allowed for every number of a scenario.
     if hint is float:
         return Number
     if get_origin(hint) in (Union, types.UnionType):
@@ -448,6 +242,7 @@ def search_part(name: str) -> type[SearchPart]:
         settings = _settings_of(name)
         hints, texts = get_type_hints(settings), attributes_of(settings)
         for setting in dataclasses.fields(settings):
+            # A docstring speaks of Python, the schema of YAML.
             text = texts.get(setting.name, "").replace("None", "null")
             field = Field(setting.default, description=text or None)
             keys[setting.name] = (_yaml_type(hints[setting.name]), field)
@@ -611,6 +406,7 @@ class Scenario(Part):
         population = population_of(algorithm, evaluations)
         if population is None:
             return 1
+        # The real problem is not posed yet; more dimensions only enlarge a generation.
         line = Box(lower=np.zeros(1), upper=np.ones(1))
         return population.first_size(line, evaluations)
 

@@ -52,11 +52,14 @@ def flight_of(posed: P, scenario: Scenario) -> Flight[P]:
         posed=posed,
         plant=Plant(
             plant.model,
+            # A decided end time has no dt of its own; the loop has the period, or a
+            # guess.
             dt=controller.dt if is_decided else problem.dt,
             substeps=plant.substeps,
             parameters=plant.parameters,
             signals=plant.signals,
             decided=plant.decided,
+            # Of order 4, also if plans are made with Euler steps.
             integrator=verifying_integrator(problem.integrator),
             clock=problem.clock,
         ),
@@ -81,6 +84,7 @@ def first_problem(posed: Posed) -> PlanningProblem:
             "expected one planning problem a step: all planned at once, or a given "
             f"plan for all but one agent; found {len(planning)} that plan"
         )
+    # Every agent before the one that plans has a given plan, which others see.
     shown: dict[int, Array] = {}
     sizes = [agent.problem.model.nx for agent in posed.agents]
     starts = np.split(posed.x0, np.cumsum(sizes)[:-1])
@@ -101,6 +105,7 @@ def _controller(posed: Posed, scenario: Scenario) -> Controller:
         return _local_team(posed, posed.nearby, scenario)
     agents = posed.agents
     if posed.order is None:
+        # Without an order there is one agent.
         (agent,) = agents
         loop = replace(_receding_horizon(agent, scenario), period=posed.period)
         return OpenLoop(loop=loop, repair=posed.repair) if posed.open_loop else loop
@@ -127,6 +132,8 @@ def _local_team(posed: Posed, nearby: Nearby, scenario: Scenario) -> LocalTeam:
     return LocalTeam(
         [
             LocalAgent(
+                # Parameters and candidates of such agents are constant: time 0 stands
+                # for all.
                 parameters=() if agent.parameters is None else agent.parameters(0.0),
                 links=agent.watches,
                 reference=agent.reference,
@@ -135,6 +142,7 @@ def _local_team(posed: Posed, nearby: Nearby, scenario: Scenario) -> LocalTeam:
             )
             for agent in posed.agents
         ],
+        # One planner for each number of others, shared by all agents: few compilations.
         planners={
             others: _planner(PosedAgent(problem=problem), scenario)
             for others, problem in nearby.problems.items()
@@ -154,6 +162,7 @@ def _receding_horizon(agent: PosedAgent, scenario: Scenario) -> RecedingHorizon:
         candidates=agent.candidates,
         append=agent.append,
         shift=agent.shift,
+        # A given plan is the first plan, which no search or polish changes.
         first=agent.first if agent.given is None else agent.given,
         previous=agent.previous,
     )

@@ -1,19 +1,56 @@
-"""UAVs in the plane: states, points, distances and limits that their scenarios share.
+"""UAVs in the plane: models, states, distances, limits and assignment that kinds share.
 
-A UAV's state is (v, psi, x, y), speed [m/s], heading [rad] and position [m]; those of
-several are stacked, UAV after UAV.
+A UAV's state is (v, psi, x, y) in the order of (5.3), speed [m/s], heading [rad] and
+position [m]; those of several are stacked, UAV after UAV. Both models have
+
+    x' = v cos psi,  y' = v sin psi
+
+`unicycle`, which steers by its turn rate (5.1): v' = u, psi' = omega, with the controls
+(u, omega), acceleration [m/s^2] and turn rate [rad/s].
+
+`bank_to_turn`, an aircraft that turns by banking (5.30): v' = a, psi' = g sin(phi) / v,
+with the controls (a, phi), acceleration [m/s^2] and bank [rad]; or (T, phi), thrust and
+bank, with
+
+    a = g (T - D) / W          thrust_equation "newton": W is the weight [N]
+    a = (T - D) / W            "printed", as in (5.30): W stands for the mass
+
+A coordinated turn has g tan(phi) / v, turn "tan"; (5.30) prints sin, turn "sin". The
+heading rate divides by the speed, so that v = 0 is not allowed.
+
+`shortest_assignment` has the least sum of squared distances. The common position of the
+targets does not matter: moving all of them by c adds
+
+    n |c|^2 - 2 c' sum_i (s_i - q_a(i)),
+
+which is the same for every assignment a.
+
+Source: Kuhn (1955), The Hungarian method for the assignment problem; squared distances
+as in Turpin, Michael and Kumar (2014), CAPT.
 """
 
 import itertools
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal
 
+import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
+from scipy.optimize import linear_sum_assignment
 
 from swarmstart.arrays import Array
-from swarmstart.cases.format.settings import LocatedFlaw, Number, Part, Range
-from swarmstart.ocp import DenseOutput, largest_distance, smallest_distance
+from swarmstart.cases.format.parts import Number, Part, Range
+from swarmstart.cases.format.settings import LocatedFlaw
+from swarmstart.ocp import (
+    DenseOutput,
+    InvalidProblemError,
+    Model,
+    largest_distance,
+    smallest_distance,
+)
 
 STATES = ("speed_m_s", "heading_rad", "x_m", "y_m")
 POSITION = (2, 3)
@@ -22,6 +59,13 @@ METRE = 1.0
 """Scale of distances and speeds in the chapter's penalties: in m and m/s."""
 SAME_PLACE_M = 1e-9
 """Distance below which two points count as one [m]."""
+
+GRAVITY_M_S2 = 9.8
+"""Value of the chapter, after (5.30)."""
+
+Turn = Literal["sin", "tan"]
+ThrustEquation = Literal["printed", "newton"]
+TURNS = {"sin": ca.sin, "tan": ca.tan}
 
 
 class PlanarState(Part):
@@ -75,6 +119,7 @@ def distance(a: PlanarState | Point, b: PlanarState | Point) -> float:
 def bank_flaws(turn: str, bank: Range) -> Iterator[LocatedFlaw]:
     """Yield errors of a range of the bank: beyond pi/2 turns become weaker."""
     most = max(-bank.lower, bank.upper)
+    # tan is infinite at pi/2, where sin is still allowed.
     if most > math.pi / 2 or (turn == "tan" and most == math.pi / 2):
         yield (
             ("bank_rad",),
@@ -145,6 +190,7 @@ def speed_bounds(limits: Range | None, *, uavs: int = 1) -> tuple[Array, Array] 
     """
     if limits is None:
         return None
+    # Heading and position have no bounds.
     free = [np.inf] * (len(STATES) - 1)
     return (
         np.tile([limits.lower, *np.negative(free)], uavs),
@@ -165,6 +211,7 @@ def pair_distances(stacked: Array, uavs: int) -> Array:
         uavs: Number of UAVs.
     """
     positions = by_uav(stacked, uavs)[:, list(POSITION)]
+    # Each pair once.
     first, second = np.triu_indices(uavs, k=1)
     return np.asarray(np.linalg.norm(positions[first] - positions[second], axis=1))
 
@@ -206,6 +253,7 @@ def largest_pair_distance(
     """
     first, second = np.triu_indices(len(positions), k=1)
     if pairs is not None:
+        # The type and the shape are for an empty list.
         first, second = np.array(pairs, dtype=np.intp).reshape(-1, 2).T
     return largest_distance(positions, first, second) if first.size else None
 
@@ -218,6 +266,84 @@ def smallest_range(positions: Array, point: Point) -> float:
         point: The point.
     """
     away = positions - np.array([point.x_m, point.y_m])[:, None, None]
+    # The point counts as one more vehicle, which stands still at zero.
     both = np.concatenate([away, np.zeros_like(away[:1])])
     uavs = len(positions)
     return smallest_distance(both, np.arange(uavs), np.full(uavs, uavs))
+
+
+def unicycle() -> Model:
+    """Return the model (5.1), nx = 4, nu = 2."""
+    v, psi, x, y = (ca.SX.sym(name) for name in ("v", "psi", "x", "y"))
+    u, omega = ca.SX.sym("u"), ca.SX.sym("omega")
+    return Model(
+        states=ca.vertcat(v, psi, x, y),
+        controls=ca.vertcat(u, omega),
+        ode=ca.vertcat(u, omega, v * ca.cos(psi), v * ca.sin(psi)),
+        state_names=STATES,
+        control_names=("acceleration_m_s2", "turn_rate_rad_s"),
+    )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Thrust:
+    """Aircraft that accelerates by thrust against drag.
+
+    Attributes:
+        drag: D, constant [N].
+        weight: W [N], positive.
+        equation: "printed" or "newton"; see above.
+    """
+
+    drag: float
+    weight: float
+    equation: ThrustEquation
+
+    def acceleration(self, thrust: ca.SX | float) -> ca.SX | float:
+        """Return a [m/s^2] for a thrust [N]."""
+        factor = GRAVITY_M_S2 if self.equation == "newton" else 1.0
+        return factor * (thrust - self.drag) / self.weight
+
+
+def bank_to_turn(*, turn: Turn, thrust: Thrust | None = None) -> Model:
+    """Return the model, nx = 4, nu = 2.
+
+    Args:
+        turn: Whether the heading rate has the sine or the tangent of the bank.
+        thrust: Conversion of the first control to an acceleration; None means that it
+            is an acceleration.
+
+    Raises:
+        InvalidProblemError: If the turn is neither "sin" nor "tan".
+    """
+    if turn not in TURNS:
+        raise InvalidProblemError(f"turn must be sin or tan, got {turn!r}")
+    v, psi, x, y = (ca.SX.sym(name) for name in ("v", "psi", "x", "y"))
+    push, phi = ca.SX.sym("push"), ca.SX.sym("phi")
+    return Model(
+        states=ca.vertcat(v, psi, x, y),
+        controls=ca.vertcat(push, phi),
+        ode=ca.vertcat(
+            push if thrust is None else thrust.acceleration(push),
+            GRAVITY_M_S2 * TURNS[turn](phi) / v,
+            v * ca.cos(psi),
+            v * ca.sin(psi),
+        ),
+        state_names=STATES,
+        control_names=(
+            "acceleration_m_s2" if thrust is None else "thrust_n",
+            "bank_rad",
+        ),
+    )
+
+
+def shortest_assignment(starts: Array, targets: Array) -> NDArray[np.int64]:
+    """Return the number of the target of each start, shape (n,).
+
+    Args:
+        starts: Shape (n, 2) [m].
+        targets: Same number, shape (n, 2) [m].
+    """
+    squared = np.sum((starts[:, None] - targets[None]) ** 2, axis=2)
+    _, columns = linear_sum_assignment(squared)
+    return np.asarray(columns, dtype=np.int64)

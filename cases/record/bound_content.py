@@ -79,6 +79,7 @@ def beside_of(content: Mapping[str, Any]) -> OptimalityGap:
 
 
 def _number(value: Any) -> float:
+    # JSON's true would count as 1, since bool is a subclass of int.
     if isinstance(value, bool) or not math.isfinite(value):
         raise ValueError(f"expected a finite number, found {value!r}")
     return float(value)
@@ -96,6 +97,7 @@ def kept_bound(folder: Path, key: str) -> dict[str, Any] | None:
         content = json.loads(text)["bound"]
         beside_of(content)
     except (OSError, ValueError, LookupError, TypeError, OverflowError):
+        # A damaged record has no bound to keep, and is written anew.
         return None
     return dict(content)
 
@@ -105,6 +107,7 @@ def compared_anew(content: Mapping[str, Any], answer: Solution) -> dict[str, Any
     old = beside_of(content)
     same = LowerBound(
         kind=old.kind,
+        # A bound without a value has NaN in the library, and null in JSON.
         value=math.nan if old.value is None else old.value,
         reason=old.reason,
         sense=old.sense,
@@ -114,10 +117,6 @@ def compared_anew(content: Mapping[str, Any], answer: Solution) -> dict[str, Any
 
 def write_certificate(folder: Path, bound: LowerBound) -> str | None:
     """Write the certificate of a bound; that of an earlier bound is removed.
-
-    Args:
-        folder: Folder to write to.
-        bound: The bound.
 
     Returns:
         The file's name; None if nothing was proven by polynomials, or the problem has
@@ -129,6 +128,7 @@ def write_certificate(folder: Path, bound: LowerBound) -> str | None:
     file = folder / CERTIFICATE
     content = None if bound.evidence is None else _certificate(bound.evidence)
     if content is None:
+        # It would prove the bound of another run.
         file.unlink(missing_ok=True)
         return None
     write_text(file, json.dumps(content, allow_nan=False) + "\n")
@@ -139,4 +139,5 @@ def _certificate(evidence: Evidence) -> Mapping[str, object] | None:
     try:
         return resolve_name(CONTENT_OF)(evidence)  # type: ignore[no-any-return]
     except (SwarmstartError, ValueError):
+        # The problem has an operation that a certificate cannot express.
         return None

@@ -34,6 +34,8 @@ PATIENCE_S = 3.0
 POLL_S = 0.05
 ROOM = 4096
 """Free space that a folder needs before any work is done [B]."""
+# As `replacing` names them. Writers of animations know the format by the ending,
+# which follows therefore after .tmp.
 _TEMPORARY = re.compile(
     r"\.[^.].*\.(csv|gif|html|json|mp4|npz|parquet|png|py|yaml)\.[0-9]+\.tmp(\.gif|\.mp4)?"
 )
@@ -62,6 +64,7 @@ def replacing(path: Path, *, suffix: str = "") -> Iterator[Path]:
     Raises:
         RecordError: If the file cannot be written; the old one is left.
     """
+    # In the same folder, since a file is renamed in one step only within one disk.
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp{suffix}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -93,6 +96,7 @@ def write_atomically(
     """
     with put_off(), replacing(path) as temporary, temporary.open("wb") as file:
         write(file)
+        # fsync concerns what the system has, not Python's buffer.
         file.flush()
         if sync:
             os.fsync(file.fileno())
@@ -156,6 +160,7 @@ def require_ours(path: Path, is_ours: Callable[[str], bool], what: str) -> None:
     except FileNotFoundError:
         return
     except UnicodeDecodeError:
+        # No text, so not written by this package.
         text = ""
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         raise RecordError(f"{path}: expected {what}: {said(error)}") from error
@@ -179,10 +184,7 @@ def locked(folder: Path) -> Iterator[None]:
 
     The lock is a lock of the system on the folder itself (flock): it ends with the
     process and leaves no file. Systems and file systems without such locks keep nothing
-    out.
-
-    Args:
-        folder: Folder to write to; temporary files of killed commands are removed.
+    out. Temporary files of killed commands are removed.
 
     Raises:
         FolderInUseError: If another command still uses it after PATIENCE_S.
@@ -194,6 +196,7 @@ def locked(folder: Path) -> Iterator[None]:
             folder.mkdir(parents=True, exist_ok=True)
             descriptor = _lock(folder)
             with tempfile.TemporaryFile(dir=folder) as file:
+                # An empty file fits on a full disk: only a write shows the room.
                 file.write(bytes(ROOM))
         except (OSError, ValueError) as error:  # ValueError: a NUL in the name
             raise RecordError(
@@ -203,6 +206,7 @@ def locked(folder: Path) -> Iterator[None]:
         yield
     finally:
         if descriptor is not None:
+            # This releases the lock.
             os.close(descriptor)
 
 
@@ -221,6 +225,7 @@ def _lock(folder: Path) -> int | None:
                 )
             time.sleep(POLL_S)
     except BaseException:
+        # Also on Ctrl-C while waiting, which must leave no descriptor open.
         os.close(descriptor)
         raise
     return descriptor

@@ -21,7 +21,6 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.cases.record.dual_arrays import dual_arrays, with_duals
 from swarmstart.cases.record.files import (
     RecordError,
     read_arrays,
@@ -29,12 +28,13 @@ from swarmstart.cases.record.files import (
     write_arrays,
     write_text,
 )
-from swarmstart.cases.record.multiplier_arrays import PREFIX
+from swarmstart.cases.record.multiplier_arrays import PREFIX, dual_arrays, with_duals
 from swarmstart.cases.record.trajectory_arrays import steps_of, trajectory_arrays
 from swarmstart.ocp import Step, Trajectory
 
 MARK, ARRAYS = "partial.json", "partial.npz"
 NOTHING: Mapping[str, NDArray[Any]] = MappingProxyType({})
+# What JSON, NumPy, zipfile and the conversions raise for a damaged file.
 UNREADABLE = (
     *(OSError, LookupError, TypeError, ValueError, AttributeError, EOFError),
     *(
@@ -76,6 +76,7 @@ def save_partial(
         "steps": len(trajectory.decisions),
         "rng": rng_state,
     }
+    # Last: it says that the arrays are complete.
     write_text(folder / MARK, _with_checksum(mark))
 
 
@@ -133,6 +134,7 @@ def load_partial(
         if mark["key"] != key:
             return None
         arrays = _arrays(folder)
+        # Another run wrote its arrays and was killed before its mark.
         if str(arrays["key"]) != key:
             return None
         # The arrays can have more steps than the mark, which is written after them.
@@ -149,6 +151,7 @@ def _mark(folder: Path) -> Mapping[str, Any]:
     text = (folder / MARK).read_text(encoding="utf-8")
     kept = json.loads(text)
     kept.pop("checksum")
+    # The whole text, so that a changed layout is noticed, too.
     if text != _with_checksum(kept):
         raise ValueError("a wrong checksum")
     return dict(kept)
@@ -169,6 +172,7 @@ def _arrays(folder: Path) -> dict[str, NDArray[Any]]:
 def _checksum_of_arrays(arrays: Mapping[str, NDArray[Any]]) -> str:
     digest = hashlib.sha256()
     for name, values in sorted(arrays.items()):
+        # The same bytes in another shape or type are other values.
         digest.update(f"{name} {values.dtype.str} {values.shape} ".encode())
         digest.update(values.tobytes())
     return digest.hexdigest()

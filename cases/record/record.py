@@ -106,6 +106,7 @@ def versions() -> dict[str, str]:
 @cache
 def environment() -> dict[str, Any]:
     """Return the versions and the hash of the code, on which a result depends."""
+    # A change of any module can change a result, so all of them count.
     root = Path(__file__).resolve().parents[2]
     digest = hashlib.sha256()
     for folder in ("cases", "ocp", "heuristics", "terminal_set", "machine_code"):
@@ -118,13 +119,7 @@ def environment() -> dict[str, Any]:
 
 
 def run_key(settings: Mapping[str, Any], seed: int, backend: str) -> str:
-    """Return the 16 characters that name a run: a hash of what determines its result.
-
-    Args:
-        settings: The resolved scenario.
-        seed: The seed.
-        backend: Evaluator of populations.
-    """
+    """Return the 16 characters that name a run: a hash of all that it depends on."""
     determines = {
         "settings": settings,
         "seed": seed,
@@ -132,7 +127,11 @@ def run_key(settings: Mapping[str, Any], seed: int, backend: str) -> str:
         **environment(),
     }
     text = json.dumps(
-        determines, sort_keys=True, separators=(",", ":"), allow_nan=False
+        # One text for equal settings, whatever the order of their keys.
+        determines,
+        sort_keys=True,
+        separators=(",", ":"),
+        allow_nan=False,
     )
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
@@ -150,6 +149,7 @@ def require_own(folder: Path, key: str, scenario: str) -> None:
             changed.
         RecordError: If it has finished steps that cannot be read.
     """
+    # Here, since both import NumPy, and `--version` needs neither.
     from swarmstart.cases.record.files import is_temporary
     from swarmstart.cases.record.partial import partial_key
 
@@ -172,6 +172,7 @@ def withdraw(folder: Path) -> None:
 
     Other files stay, since they can be the user's own.
     """
+    # Read before the mark is removed, which lists them.
     files = [*_listed(folder, "figures"), *_listed(folder, "documents")]
     (folder / MARK).unlink(missing_ok=True)
     for file in files:
@@ -191,6 +192,7 @@ def _listed(folder: Path, what: str) -> list[Path]:
     place = folder / FIGURES if what == "figures" else folder
     try:
         names = json.loads((folder / MARK).read_text(encoding="utf-8"))[what]
+        # The last part only: a changed record cannot name files of other folders.
         return [place / Path(str(name)).name for name in names]
     except (OSError, ValueError, LookupError, TypeError):
         return []

@@ -1,22 +1,25 @@
-"""Results of the library saved in folders, and any record read back as data.
+"""Results of the library: saved in folders, read back as data, given to other packages.
 
     result.json      status, cost, names; written last, it marks a complete record
     solution.npz     of a Solution: nodes, controls and the finer path
     bound_certificate.json   of a Solution whose bound is proven by polynomials
     trajectory.npz   of a Trajectory, as in the record of a run
 
-A record of `swarmstart run` is read the same way. No file is unpickled, no code is run.
+A record of `swarmstart run` is read the same way, and the first plan of any record can
+be the guess of another run. No file is unpickled, no code is run. The other packages
+are pandas and python-control; they get the values over time.
 """
 
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.cases.format.document import shown
 from swarmstart.cases.format.yaml_reader import read_yaml
 from swarmstart.cases.record.bound_content import (
@@ -46,15 +49,28 @@ from swarmstart.cases.record.record import (
     versions,
 )
 from swarmstart.cases.record.trajectory_arrays import (
+    held_controls,
     output_arrays,
     trajectory_arrays,
     trajectory_of,
 )
+from swarmstart.errors import SwarmstartError
 from swarmstart.ocp import Solution, Trajectory
 from swarmstart.ocp.nlp import Multipliers
 
+if TYPE_CHECKING:
+    import control
+    import pandas as pd
+
+
 RESULT, SOLUTION = "result.json", "solution.npz"
 T = TypeVar("T")
+LARGEST_FILE = 100 * 2**20
+"""Largest size of a file that is read [B]."""
+
+
+class MissingPackageError(SwarmstartError, ImportError):
+    """An optional package that a function needs is not installed."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -151,6 +167,7 @@ def _saved(
     """Write arrays, then the mark; an earlier mark is removed first."""
     with locked(folder):
         found = sorted(f.name for f in folder.iterdir() if not is_temporary(f.name))
+        # `force` replaces results of `save`, but never the record of a run.
         if found and not (force and MARK not in found):
             whose = "the record of a run" if MARK in found else "other files"
             raise OccupiedFolderError(
@@ -159,6 +176,7 @@ def _saved(
                 expected="an empty folder",
                 way="choose another, or replace an earlier result with force=True",
             )
+        # The mark first: without it the folder counts as unfinished.
         for old in (RESULT, SOLUTION, TRAJECTORY, CERTIFICATE):
             (folder / old).unlink(missing_ok=True)
         write_arrays(folder / name, arrays)
@@ -239,3 +257,137 @@ def _summary(file: Path) -> Mapping[str, Any]:
     if not isinstance(found, dict):
         raise TypeError("no mapping")
     return found
+
+
+def recorded_plan(folder: object) -> tuple[list[float], list[list[float]]]:
+    """Return the starts of the intervals [s] and a row of values for each control.
+
+    For linear controls these are knots, the last one at the end of the plan.
+
+    Args:
+        folder: The folder of a run of one problem, or of a saved Solution.
+
+    Raises:
+        ValueError: If no plan can be read, with the reason.
+    """
+    if not isinstance(folder, str):
+        raise ValueError(f"expected guess.record to be a folder, found {folder!r}")
+    saved, flown = Path(folder) / SOLUTION, Path(folder) / TRAJECTORY
+    file = saved if saved.exists() else flown
+    try:
+        # The path comes from a file that may be of a stranger.
+        if file.stat().st_size > LARGEST_FILE:
+            raise ValueError("the file is too large")
+        arrays = read_arrays(file)
+        plan = arrays["controls"] if file == saved else arrays["plan_controls"][0, 0]
+        rows = np.atleast_2d(np.asarray(plan, dtype=np.float64))
+        # There is one knot more than intervals.
+        steps = arrays["controls"].shape[1] - int("knots" in arrays)
+        if "control_ends" in arrays:  # A plan keeps the ends of linear controls.
+            rows = np.hstack([arrays["controls"][:, :1], rows])
+        dt = float(arrays["times"][-1] - arrays["times"][0]) / steps
+    except (*UNREADABLE, ArithmeticError) as error:
+        raise ValueError(
+            f"expected guess.record to be the folder of a run, found {folder!r}: "
+            f"{error}"
+        ) from None
+    if not (np.isfinite(rows).all() and 0 < dt < np.inf):
+        raise ValueError(f"expected a plan of finite numbers in {folder!r}")
+    return (dt * np.arange(rows.shape[1])).tolist(), rows.tolist()
+
+
+def dataframe_of(result: Solution | Trajectory) -> "pd.DataFrame":
+    """Return a result over time as a table; see `Presented.to_dataframe`.
+
+    Raises:
+        MissingPackageError: If pandas is not installed.
+    """
+    try:
+        import pandas as pd
+    except ImportError as error:
+        raise MissingPackageError(
+            "a table needs pandas, which is not installed: "
+            "pip install 'swarmstart[pandas]'"
+        ) from error
+    rows = [result.states, _controls(result)]
+    names = [*result.state_names, *result.control_names]
+    if isinstance(result, Solution) and result.algebraic_names:
+        rows.append(result.algebraic)
+        names += result.algebraic_names
+    # An output that is a state or a control under its name has its column.
+    more = [i for i, name in enumerate(result.output_names) if name not in names]
+    rows.append(_outputs_at(result)[more])
+    names += [result.output_names[i] for i in more]
+    return pd.DataFrame(
+        np.vstack(rows).T,
+        index=pd.Index(result.times, name="time [s]"),
+        columns=names,
+    )
+
+
+def time_response_of(result: Solution | Trajectory) -> "control.TimeResponseData":
+    """Return a result as a response of python-control.
+
+    See `Presented.to_time_response`.
+    """
+    import control
+
+    if isinstance(result, Solution):
+        path, nx = result.path, len(result.state_names)
+        times, states, outputs = path.times, path.states[:nx], path.outputs
+        inputs = _on_path(result)
+    else:
+        times, states, outputs = (
+            result.dense_times, result.dense_states, result.outputs,
+        )  # fmt: skip
+        inputs = _dense(held_controls(result)[1], times.size)
+    is_named = bool(result.output_names)
+    return control.TimeResponseData(
+        times,
+        outputs if is_named else states,
+        states,
+        inputs if inputs.size else None,
+        issiso=False,  # Else one output would lose its row.
+        output_labels=list(result.output_names if is_named else result.state_names),
+        state_labels=list(result.state_names),
+        input_labels=list(result.control_names) or None,
+    )
+
+
+def _dense(controls: Array, count: int) -> Array:
+    """Return controls at all times, from their values held over equal steps."""
+    if controls.shape[1] == count:  # linear ones, given at the times themselves
+        return controls
+    held = np.repeat(controls, (count - 1) // controls.shape[1], axis=1)
+    # The response needs a value at the last time, too.
+    return np.hstack([held, held[:, -1:]])
+
+
+def _on_path(result: Solution) -> Array:
+    """Return the controls along the finer path of a solution, shape (nu, n)."""
+    count, given = result.path.times.size, result.controls
+    if not result.problem.has_knots:
+        return _dense(given, count)
+    at = np.linspace(0, given.shape[1] - 1, count)
+    return np.array([np.interp(at, np.arange(given.shape[1]), row) for row in given])
+
+
+def _outputs_at(result: Solution | Trajectory) -> Array:
+    """Return the outputs at the nodes or control instants, shape (ny, n)."""
+    if isinstance(result, Solution) or not result.output_names:
+        return np.reshape(result.outputs, (-1, result.times.size))
+    # Outputs are given at the steps of the plant, as many in each interval.
+    every = (result.dense_times.size - 1) // (result.times.size - 1)
+    return result.outputs[:, ::every]
+
+
+def _controls(result: Solution | Trajectory) -> Array:
+    """Return held controls from each time on, or linear controls at each time."""
+    nodes, given = result.times.size, result.controls
+    if isinstance(result, Solution) and result.problem.has_knots:
+        at = np.linspace(0, given.shape[1] - 1, nodes)
+        rows = [np.interp(at, np.arange(given.shape[1]), row) for row in given]
+        return np.array(rows).reshape(len(given), nodes)
+    held = np.repeat(given, (nodes - 1) // given.shape[1], axis=1)
+    # At the last time nothing is held any more.
+    return np.hstack([held, np.full((held.shape[0], 1), np.nan)])

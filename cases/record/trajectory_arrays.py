@@ -1,4 +1,7 @@
-"""Conversion of a trajectory with its plans to arrays without pickle, and back."""
+"""Conversion of a trajectory with its plans to arrays without pickle, and back.
+
+Its steps are also written as a table for a spreadsheet, steps.csv.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -18,7 +21,9 @@ from swarmstart.ocp import (
     Step,
     Trajectory,
 )
-from swarmstart.ocp.common import Profile
+from swarmstart.ocp.statement import Profile
+
+STEPS = "steps.csv"
 
 
 def trajectory_arrays(trajectory: Trajectory) -> dict[str, Array]:
@@ -63,6 +68,7 @@ def output_arrays(names: Sequence[str], outputs: Array) -> dict[str, NDArray[Any
 
 def trajectory_of(arrays: Mapping[str, NDArray[Any]]) -> Trajectory:
     """Return the trajectory of arrays of `trajectory_arrays`, without plans' states."""
+    # All control intervals have the same number of steps of the plant.
     pieces, count = arrays["dense_times"].size - 1, arrays["step_seconds"].size
     steps = steps_of(arrays, pieces // count)
     return Trajectory(
@@ -81,18 +87,14 @@ def trajectory_of(arrays: Mapping[str, NDArray[Any]]) -> Trajectory:
 
 
 def steps_of(arrays: Mapping[str, NDArray[Any]], substeps: int) -> list[Step]:
-    """Return the steps of arrays of `trajectory_arrays`.
-
-    Args:
-        arrays: The arrays by name.
-        substeps: Steps of the plant in a control interval.
-    """
+    """Return the steps of such arrays, each of `substeps` steps of the plant."""
     steps: list[Step] = []
     for number, seconds in enumerate(arrays["step_seconds"]):
         is_new = arrays["plan_is_new"][number]
         plans = tuple(
             _plan(arrays, number, agent)
             if is_new[agent]
+            # The same object, by which `new_plans` sees that the plan is followed on.
             else steps[-1].decision.plans[agent]
             for agent in range(is_new.size)
         )
@@ -102,6 +104,7 @@ def steps_of(arrays: Mapping[str, NDArray[Any]], substeps: int) -> list[Step]:
         length, piece = (
             _number(arrays, name, number) for name in ("interval_s", "profile_s")
         )
+        # Only runs that decide an end time have this array.
         is_last = bool(arrays["is_last"][number]) if "is_last" in arrays else False
         profile = None
         if piece is not None:
@@ -181,6 +184,7 @@ def _profiles(decisions: Sequence[Decision]) -> dict[str, Array]:
 def _stacked(rows: Sequence[Sequence[Array]]) -> Array:
     """Return controls of plans, shape (T, agents, nu, N); missing entries are NaN."""
     shapes = np.array([[one.shape for one in row] for row in rows])
+    # The usual case needs no padding.
     if not shapes.size or (shapes == shapes[0, 0]).all():
         return np.array(rows)
     stacked = np.full((*shapes.shape[:2], *shapes.max(axis=(0, 1))), np.nan)
@@ -192,6 +196,7 @@ def _stacked(rows: Sequence[Sequence[Array]]) -> Array:
 
 def _unstacked(controls: Array) -> Array:
     """Return controls without the rows and columns that `_stacked` has filled."""
+    # Controls are finite, so NaN is padding.
     kept = ~np.isnan(controls)
     return controls[kept.any(axis=1)][:, kept.any(axis=0)]
 
@@ -309,6 +314,7 @@ def _plan(arrays: Mapping[str, NDArray[Any]], number: int, agent: int) -> Plan:
 
 def _unpadded(history: Array) -> Array:
     """Return a row of `_histories` without the NaN at its end."""
+    # Up to the last number: NaN before it stays. -1: there is no number.
     return history[: np.flatnonzero(~np.isnan(history)).max(initial=-1) + 1]
 
 
@@ -340,6 +346,7 @@ def effort(trajectory: Trajectory) -> dict[str, Measure]:
     evaluations = [[p.evaluations for p in d.plans] for d in trajectory.decisions]
     seconds = trajectory.step_seconds
     return {
+        # A plan that is followed for several steps counts once.
         "evaluations": int(np.sum(evaluations, where=new_plans(trajectory.decisions))),
         "steps_starting_outside": sum(
             any(plan.start_excess > 0 for plan in decision.plans)
@@ -363,3 +370,25 @@ def found_plans(decision: Decision) -> bool:
     return all(
         plan.feasible and plan.source is not Source.SHIFTED for plan in decision.plans
     )
+
+
+def step_table(trajectory: Trajectory) -> str:
+    """Return the steps of a run as CSV text, a line each.
+
+    Columns: the step from 0 on, its beginning [s], the wall time of its plans [s]
+    (empty if it is not known), and for each agent the origin of its plan,
+    named as `plan_source` in trajectory.npz.
+    """
+    agents = len(trajectory.decisions[0].plans)
+    head = ["step", "time_s", "step_seconds"]
+    lines = [head + [f"plan_{agent}" for agent in range(1, agents + 1)]]
+    for step, decision in enumerate(trajectory.decisions):
+        seconds = float(trajectory.step_seconds[step])
+        lines.append([
+            str(step),
+            f"{float(trajectory.times[step]):.9g}",
+            # An empty cell reads as missing in a spreadsheet; "nan" reads as text.
+            f"{seconds:.6g}" if np.isfinite(seconds) else "",
+            *(plan.source.name for plan in decision.plans),
+        ])  # fmt: skip
+    return "".join(",".join(line) + "\n" for line in lines)

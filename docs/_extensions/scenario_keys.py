@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Iterator
 from typing import Any
 
-from swarmstart.cases.format.schema import scenario_schema
+from swarmstart.cases.format.parts import scenario_schema
 from swarmstart.docs._extensions.schema_words import default_of, kind_of, unit_of
 
 Schema = dict[str, Any]

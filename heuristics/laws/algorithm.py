@@ -12,6 +12,10 @@ costs. How many individuals the next generation has is part of the state, so tha
 populations may shrink or grow. Everything that changes lives in the arrays of the state
 (and the level of the order); with a copy of them and of the generator's state a search
 continues bit for bit.
+
+Kernels copy arrays coordinate by coordinate, by the functions here. They do the same as
+`target[:] = source`; for that, Numba also compiles an error message about shapes that
+differ, which takes 1 to 2 s at the first use and never runs.
 """
 
 from collections.abc import Callable
@@ -21,9 +25,7 @@ import numpy as np
 
 from swarmstart.arrays import Array
 from swarmstart.errors import SwarmstartError
-from swarmstart.heuristics.laws.bound_handling import NAMES
-from swarmstart.heuristics.laws.box import Box
-from swarmstart.heuristics.laws.copying import take_column
+from swarmstart.heuristics.laws.box import NAMES, Box
 from swarmstart.heuristics.laws.order import (
     RunningOrder,
     begin_level,
@@ -71,7 +73,7 @@ class Settings(Protocol):
 
     @property
     def bound_handling(self) -> int:
-        """The rule at the bounds, a code of `bound_handling`."""
+        """The rule at the bounds, a code of `box.CODES`."""
 
 
 class State(Protocol):
@@ -216,6 +218,7 @@ def take_generation(
         cost: Their costs, shape (size,).
         violation: Their violations, shape (size,).
     """
+    # As numbers: `precedes` says why.
     rule, weight, level = order.rule, order.weight, order.tolerance
     least, least_violation, best = state.best_cost[0], state.best_violation[0], -1
     for i in range(cost.size):
@@ -230,7 +233,7 @@ def take_generation(
         state.improved[0] = state.generation[0] + 1
     state.generation[0] += 1
     state.evaluations[0] += cost.size
-    if state.generation[0] == 1:
+    if state.generation[0] == 1:  # These are the costs of the initial population.
         begin_level(order, violation)
     set_level(order, state.progress[0], violation)
     if order.level[0] > order.tolerance:
@@ -278,7 +281,7 @@ class BoundHandled:
 
 
 def require_bound_handling(name: str) -> None:
-    """Validate the name of a rule of `bound_handling`.
+    """Validate the name of a rule at the bounds.
 
     Raises:
         InvalidSettingsError: If there is no such rule.
@@ -298,10 +301,7 @@ def require_name(name: str, value: str, names: tuple[str, ...]) -> None:
 def first_size_of(algorithm: Algorithm, box: Box, evaluations: int | None) -> int:
     """Return the size of the first generation, if it fits into memory.
 
-    Args:
-        algorithm: The settings.
-        box: The box that is searched.
-        evaluations: The budget; None if it is wall time.
+    The budget `evaluations` is None if it is wall time.
 
     Raises:
         InvalidSettingsError: If a population has more than MOST_NUMBERS numbers.
@@ -320,3 +320,39 @@ def require_size(size: int, *, at_least: int) -> None:
     """
     ok = isinstance(size, int) and size >= at_least
     require("size", size, ok=ok, allowed=f"an integer of at least {at_least}")
+
+
+@kernel
+def copy_values(source: Array, target: Array) -> None:
+    """Copy the first numbers of a vector into another, as many as that has."""
+    for k in range(target.size):
+        target[k] = source[k]
+
+
+@kernel
+def copy_points(source: Array, target: Array) -> None:
+    """Copy the first columns of a matrix into another, as many as that has."""
+    for d in range(target.shape[0]):
+        for i in range(target.shape[1]):
+            target[d, i] = source[d, i]
+
+
+@kernel
+def copy_column(source: Array, i: int, target: Array, j: int) -> None:
+    """Copy column i of a matrix into column j of another, or of the same one."""
+    for d in range(target.shape[0]):
+        target[d, j] = source[d, i]
+
+
+@kernel
+def fill_column(value: Array, target: Array, j: int) -> None:
+    """Copy a vector into column j of a matrix."""
+    for d in range(target.shape[0]):
+        target[d, j] = value[d]
+
+
+@kernel
+def take_column(source: Array, i: int, target: Array) -> None:
+    """Copy column i of a matrix into a vector."""
+    for d in range(target.size):
+        target[d] = source[d, i]

@@ -1,9 +1,25 @@
-"""The box a search is confined to: {x : lower <= x <= upper}."""
+"""The box a search is confined to, {x : lower <= x <= upper}, and rules at its bounds.
+
+A coordinate that leaves the box is treated by one of these rules:
+
+clip      onto the bound it crossed; a particle keeps its velocity, as in the chapter
+absorb    onto the bound; a particle's velocity becomes zero (Clerc, SPSO 2007)
+reflect   as far inside of the bound as it was outside, as often as it takes; a
+          particle's velocity turns round with each reflection
+midpoint  halfway between its last position and the bound; a velocity becomes zero
+redraw    uniform between the bounds; a velocity becomes zero
+none      it stays outside (for published results that had no bounds)
+
+Under every rule but `none` the result lies in the box. `absorb` and `clip` differ only
+in the velocity. A variable whose bounds are equal stays there under every rule, and its
+velocity becomes zero.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,6 +27,11 @@ from numpy.typing import ArrayLike, NDArray
 from swarmstart.arrays import Array
 from swarmstart.errors import SwarmstartError
 from swarmstart.machine_code import Count, kernel
+
+BoundHandling = Literal["clip", "absorb", "reflect", "midpoint", "redraw", "none"]
+NAMES: tuple[str, ...] = get_args(BoundHandling)
+CLIP, ABSORB, REFLECT, MIDPOINT, REDRAW, NONE = range(6)
+CODES = {name: code for code, name in enumerate(NAMES)}
 
 
 class InvalidBoxError(SwarmstartError, ValueError):
@@ -159,6 +180,7 @@ def _problem(lower: Array, upper: Array) -> str:
             f"got shapes {lower.shape} and {upper.shape}"
         )
     for d, (low, high) in enumerate(zip(lower.tolist(), upper.tolist(), strict=True)):
+        # The width must not overflow either: points are drawn as fractions of it.
         if not (low <= high and math.isfinite(high - low)):
             return (
                 f"bounds of variable {d} must be finite, the lower not above the "
@@ -174,3 +196,83 @@ def _numbers(name: str, given: ArrayLike) -> Array:
     except (TypeError, ValueError) as error:
         problem = f"{name} must be a vector of numbers, got {given!r}"
         raise InvalidBoxError(problem, lower=given, upper=given) from error
+
+
+@kernel
+def repair(
+    rule: int,
+    value: float,
+    origin: float,
+    lower: float,
+    upper: float,
+    fraction: float,
+) -> float:
+    """Bring a coordinate back into [lower, upper].
+
+    Args:
+        rule: A code of CODES.
+        value: The coordinate. NaN becomes a bound, or a new draw under `redraw`, and
+            stays NaN under `none`.
+        origin: Its last position, in [lower, upper].
+        lower: Lower bound.
+        upper: Upper bound.
+        fraction: For `redraw` a random number in [0, 1), drawn by the caller: a call
+            with a generator costs ten times one without.
+    """
+    if lower == upper:
+        return lower
+    if rule == NONE or lower <= value <= upper:
+        return value
+    if rule == REFLECT:
+        return reflected(value, lower, upper)
+    if rule == REDRAW:
+        return between(lower, upper, fraction)
+    # `clip` would return NaN, which is neither below nor above a bound.
+    inside = clip(value, lower, upper) if not math.isnan(value) else lower
+    if rule == MIDPOINT:
+        return origin + 0.5 * (inside - origin)
+    return inside
+
+
+@kernel
+def turned(
+    rule: int, velocity: float, value: float, lower: float, upper: float
+) -> float:
+    """Return the velocity of a particle whose coordinate was repaired by a rule.
+
+    Args:
+        rule: A code of CODES.
+        velocity: Its velocity before.
+        value: The coordinate before the repair.
+        lower: Lower bound.
+        upper: Upper bound.
+    """
+    if lower == upper:
+        return 0.0
+    if lower <= value <= upper or rule in (CLIP, NONE):
+        return velocity
+    beyond = max(value - upper, lower - value)
+    if rule == REFLECT and math.isfinite(beyond):
+        crossed = np.ceil(beyond / (upper - lower))  # The number of reflections.
+        return velocity if crossed % 2.0 == 0.0 else -velocity
+    return 0.0
+
+
+@kernel
+def reflected(value: float, lower: float, upper: float) -> float:
+    """Return the coordinate after all reflections at the bounds: a triangular wave.
+
+    If the distance overflows or is NaN, or the bounds are equal, it is the lower bound.
+    """
+    width = upper - lower
+    if (
+        width == 0.0
+        or not math.isfinite(value - lower)
+        or not math.isfinite(2.0 * width)
+    ):
+        return lower
+    # The remainder is at least 0, also for a value below the lower bound.
+    beyond = (value - lower) % (2.0 * width)
+    if beyond > width:
+        beyond = 2.0 * width - beyond
+    return clip(lower + beyond, lower, upper)  # The sum is rounded.

@@ -6,7 +6,7 @@ and gradients of all columns in one call. In coordinates scaled by the box's wid
     d = -H g on the coordinates that no bound holds,  x <- P(x + a d)
 
 with H from the last ten steps and P the projection onto the box. The full step is tried
-first. If it fails (Armijo's condition), five shorter ones are tried side by side.
+first. If it fails (Armijo's condition), four shorter ones are tried side by side.
 
 Source: Nocedal and Wright (2006), Numerical optimization, algorithm 7.4; Bertsekas
 (1982), Projected Newton methods for optimization problems with simple constraints.
@@ -33,6 +33,7 @@ _CURVED = 1e-12
 _FIRST = 0.1
 """Length of the first step: the steepest coordinate moves this part of its width."""
 _AT_BOUND = 1e-12
+"""Distance from a bound, in widths, up to which a coordinate counts as on it."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -93,10 +94,11 @@ def descend(
 
     def seen(y: Array, numbers: Numbers) -> tuple[Array, Array]:
         value, slope = objective(placed(y), numbers)
+        # Infinity is above any other value, so that the step is rejected.
         lost = ~(np.isfinite(value) & np.isfinite(slope).all(axis=0))
         return np.where(lost, np.inf, value), np.where(lost, 0.0, slope * width)
 
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):  # 0 / 0 where x is fixed.
         y = np.where(width > 0, (starts - origin) / width, 0.0).clip(0.0, 1.0)
     value, slope = seen(y, np.arange(y.shape[1]))
     whole = Descended(
@@ -139,10 +141,13 @@ class _Columns:
         held = ((y <= _AT_BOUND) & (g > 0)) | ((y >= 1 - _AT_BOUND) & (g < 0))
         q, used = np.where(held, 0.0, g), range(len(self.inverse))
         along = np.zeros_like(self.inverse)
+        # The two loops of algorithm 7.4, the newest step at 0. An empty place has the
+        # inverse 0 and does nothing.
         for i in used:
             along[i] = self.inverse[i] * _dot(self.moves[i], q)
             q = q - along[i] * self.changes[i]
         steepest = np.maximum(np.abs(g).max(axis=0), 1e-300)
+        # (7.20) by the newest step; without one, by the length of the first step.
         square = np.maximum(self.inverse[0] * _dot(self.changes[0], self.changes[0]), 0)
         known = square > 0
         scale = np.where(known, 1 / np.where(known, square, 1.0), self.first / steepest)
@@ -151,6 +156,7 @@ class _Columns:
             q = q + self.moves[i] * (
                 along[i] - self.inverse[i] * _dot(self.changes[i], q)
             )
+        # Without the held coordinates, H need not lead downhill; the gradient does.
         d = np.where(held, 0.0, -q)
         downhill = _dot(d, g) < 0
         return np.where(downhill, d, np.where(held, 0.0, -g) * scale)
@@ -164,9 +170,10 @@ class _Columns:
             past[0][:, usable] = new[:, usable]
         self.inverse[1:, usable] = self.inverse[:-1, usable]
         self.inverse[0, usable] = 1 / product[usable]
+        # The gradient's step failed as well, down to 0.005 of it: begin nearer.
         stuck = ~good & (self.inverse[0] == 0)
         self.first = np.where(stuck, 0.02 * self.first, _FIRST)
-        self.inverse[:, ~good] = 0.0
+        self.inverse[:, ~good] = 0.0  # The memory is cleared.
 
 
 def _step(

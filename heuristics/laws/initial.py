@@ -1,9 +1,27 @@
-"""The initial population of a search: drawn, or given with or without its costs."""
+"""The initial population of a search: drawn, or given with or without its costs.
+
+Methods of drawing points:
+
+uniform          independent in every variable
+latin_hypercube  one of the n points in each n-th of every variable (McKay et al. 1979)
+smooth           correlated in time
+half_smooth      the first half smooth, the rest uniform
+
+Smooth in time: if the variables are a sequence in time, independent draws jitter; a
+sequence that turns one way all the time, for example, hardly occurs among them. Smooth
+draws have the same distribution in each variable (uniform), and are correlated in time
+by a first-order autoregressive process,
+
+    z_0 = n_0,  z_k = r z_k-1 + sqrt(1 - r^2) n_k,  r = exp(-1 / steps),  u_k = Phi(z_k)
+
+with n_k standard normal and Phi its distribution: correlated over the whole sequence.
+"""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import get_args
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,7 +29,11 @@ from numpy.typing import ArrayLike
 from swarmstart.arrays import Array
 from swarmstart.heuristics.laws.algorithm import require
 from swarmstart.heuristics.laws.box import Box, InvalidPointsError
-from swarmstart.heuristics.laws.sampling import Sampling, sample
+from swarmstart.machine_code import kernel
+
+Sampling = Literal["uniform", "latin_hypercube", "smooth", "half_smooth"]
+Values = tuple[Array, Array]
+"""Costs and violations, each (k,)."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -19,8 +41,9 @@ class Initial:
     """Options of an initial population.
 
     Attributes:
-        sampling: Method of drawing points, see `sampling`. None means "half_smooth" if
-            the variables are a sequence (`Box.per_step`), else "uniform".
+        sampling: Method of drawing points: "uniform", "latin_hypercube", "smooth" in
+            time or "half_smooth". None means "half_smooth" if the variables are a
+            sequence (`Box.per_step`), else "uniform".
         points: First columns of the population, shape (dim, k), in the box; None means
             that all points are drawn.
         cost: Known costs of these points, shape (k,), which are then not evaluated
@@ -62,20 +85,10 @@ class Initial:
         require("violation", self.violation, ok=ok, allowed="None without cost")
 
 
-Values = tuple[Array, Array]
-"""Costs and violations, each (k,)."""
-
-
 def initial_population(
     box: Box, size: int, initial: Initial, *, rng: np.random.Generator
 ) -> tuple[Array, Values | None]:
     """Return the population, shape (dim, size), and the values of its first columns.
-
-    Args:
-        box: The box.
-        size: Number of individuals.
-        initial: Options of the population.
-        rng: Source of randomness.
 
     Raises:
         InvalidPointsError: If given points do not fit, costs or violations have another
@@ -85,9 +98,10 @@ def initial_population(
     sampling = initial.sampling
     if sampling is None:
         sampling = "uniform" if box.per_step is None else "half_smooth"
-    ok = box.per_step is not None or "smooth" not in sampling
+    ok = box.per_step is not None or "smooth" not in sampling  # Nor "half_smooth".
     allowed = "uniform or latin_hypercube in a box without per_step"
     require("sampling", sampling, ok=ok, allowed=allowed)
+    # Drawn in full, so that the other columns do not depend on the points given.
     population = sample(box, size, sampling=sampling, rng=rng)
     if initial.points is None:
         return population, None
@@ -98,7 +112,7 @@ def initial_population(
 
 def _points(box: Box, size: int, given: ArrayLike) -> Array:
     """Return given points as an array, if they fit the box and the population."""
-    try:
+    try:  # Without a copy: the population takes one.
         points = np.asarray(given, dtype=np.float64)
     except (TypeError, ValueError) as error:
         problem = f"initial must be an array of numbers, shape ({box.dim}, k): {error}"
@@ -136,3 +150,88 @@ def _values(initial: Initial, count: int) -> Values | None:
         problem = f"violation must be at least 0, got {np.nanmin(violation)}"
         raise InvalidPointsError(problem, shape=violation.shape)
     return cost, violation
+
+
+def sample_uniform(box: Box, size: int, *, rng: np.random.Generator) -> Array:
+    """Draw points uniformly in the box; columns of a new array, shape (dim, size)."""
+    points = box.lower[:, None] + box.width[:, None] * rng.random((box.dim, size))
+    return np.minimum(points, box.upper[:, None])  # Rounding may step over.
+
+
+def sample(
+    box: Box, size: int, *, sampling: Sampling, rng: np.random.Generator
+) -> Array:
+    """Draw an initial population.
+
+    Returns:
+        The points as columns, shape (dim, size), a new array.
+    """
+    if sampling == "uniform":
+        return sample_uniform(box, size, rng=rng)
+    if sampling == "latin_hypercube":
+        fractions = latin_hypercube((box.dim, size), rng=rng)
+    else:
+        smooth = size if sampling == "smooth" else size // 2
+        fractions = smooth_in(box, smooth, rng=rng)
+    points = box.lower[:, None] + box.width[:, None] * fractions
+    points = np.minimum(points, box.upper[:, None])  # Rounding may step over.
+    rest = sample_uniform(box, size - points.shape[1], rng=rng)
+    return np.concatenate([points, rest], axis=1)
+
+
+def latin_hypercube(shape: tuple[int, int], *, rng: np.random.Generator) -> Array:
+    """Draw points of a Latin hypercube in (0, 1).
+
+    Args:
+        shape: (dim, size), the shape of the result.
+        rng: Source of randomness.
+    """
+    dim, size = shape
+    strata = np.tile(np.arange(size), (dim, 1))
+    points: Array = (rng.permuted(strata, axis=1) + rng.random(shape)) / size
+    return points
+
+
+def smooth_fractions(
+    shape: tuple[int, int], *, per_step: int, rng: np.random.Generator
+) -> Array:
+    """Draw numbers uniform in (0, 1), each column correlated over its steps.
+
+    Args:
+        shape: (dim, size), the shape of the result.
+        per_step: How many variables belong to one step; divides dim.
+        rng: Source of randomness.
+
+    Returns:
+        The numbers, a new array; columns, and variables of one step, are independent.
+    """
+    fractions = np.empty(shape)
+    correlate(rng, per_step, fractions)
+    return fractions
+
+
+def smooth_in(box: Box, size: int, *, rng: np.random.Generator) -> Array:
+    """Draw numbers uniform in (0, 1), smooth over the steps of a box's variables.
+
+    Variables that belong to no step are independent.
+    """
+    per_step = box.per_step or box.in_sequence
+    smooth = smooth_fractions((box.in_sequence, size), per_step=per_step, rng=rng)
+    if not box.constant:
+        return smooth
+    return np.concatenate([smooth, rng.random((box.constant, size))])
+
+
+@kernel
+def correlate(rng: np.random.Generator, per_step: int, fractions: Array) -> None:
+    """Fill (dim, size) with the process at the head of this module."""
+    dim, size = fractions.shape
+    r = math.exp(-per_step / dim)
+    spread = math.sqrt(1.0 - r * r)
+    for i in range(size):
+        for variable in range(per_step):
+            z = rng.standard_normal()
+            for d in range(variable, dim, per_step):
+                if d != variable:  # z_0 is n_0.
+                    z = r * z + spread * rng.standard_normal()
+                fractions[d, i] = 0.5 * (1.0 + math.erf(z / math.sqrt(2.0)))

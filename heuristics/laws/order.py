@@ -244,19 +244,13 @@ def epsilon_level(
 def begin_level(order: RunningOrder, violation: Array) -> None:
     """Take the first level from the violations of the initial population, (size,)."""
     level = quantile_of(violation, order.quantile)
-    if level < np.inf:
+    if level < np.inf:  # Else no violation was finite, and the level stays 0.
         order.level[1] = level
 
 
 @kernel
 def set_level(order: RunningOrder, progress: float, violation: Array) -> None:
-    """Update the level after a generation.
-
-    Args:
-        order: The order, whose level is changed in place; other rules have no level.
-        progress: Fraction of the budget used.
-        violation: Violations of the generation, shape (size,).
-    """
+    """Update the level after a generation with these violations, (size,)."""
     if order.rule != EPSILON_LEVEL:
         return
     left = 1.0 - progress / order.control
@@ -312,18 +306,7 @@ def better(
     cost_b: float,
     violation_b: float,
 ) -> bool:
-    """Return whether individual a is strictly better than individual b.
-
-    Args:
-        order: The order.
-        cost_a: Cost of a.
-        violation_a: Violation of a, at least 0.
-        cost_b: Cost of b.
-        violation_b: Violation of b, at least 0.
-
-    Returns:
-        True if a is strictly better; False on a tie.
-    """
+    """Return whether individual a is strictly better than b; False on a tie."""
     return better_at(order, order.level[0], cost_a, violation_a, cost_b, violation_b)
 
 
@@ -374,30 +357,23 @@ def precedes(  # noqa: PLR0913, PLR0917 - numbers only: see the docstring
 
 @kernel
 def ranking(order: RunningOrder, cost: Array, violation: Array) -> Count:
-    """Indices of a population from the best to the worst, by `better` (merge sort).
+    """Return indices from the best to the worst, (size,), by `better` (merge sort).
 
     Individuals that tie keep their order; those that are not finite come last.
-
-    Args:
-        order: The order.
-        cost: Costs, shape (size,).
-        violation: Violations, shape (size,).
-
-    Returns:
-        The indices, shape (size,).
     """
     size = cost.size
     rank = np.arange(size)
     merged = np.empty_like(rank)
-    length = 1  # of the runs that are sorted
+    length = 1  # Of the runs that are sorted.
     while length < size:
         for first in range(0, size, 2 * length):
             middle, end = min(first + length, size), min(first + 2 * length, size)
             i, j = first, middle
             for k in range(first, end):
+                # One of i and j may be past its run, and past the array.
                 a, b = rank[min(i, size - 1)], rank[min(j, size - 1)]
                 if j == end or (
-                    i < middle
+                    i < middle  # A tie takes the left one: the order stays.
                     and not better(order, cost[b], violation[b], cost[a], violation[a])
                 ):
                     merged[k] = a
@@ -420,13 +396,7 @@ def merits(order: RunningOrder, cost: Array, violation: Array, out: Array) -> No
     Individuals that `better` tells apart may tie by rounding; they never change places.
 
     Deb (2000) adds the violation to the worst feasible cost instead: that depends on
-    the units of the cost.
-
-    Args:
-        order: The order.
-        cost: Costs, shape (size,).
-        violation: Violations, shape (size,).
-        out: Filled with the merits, shape (size,).
+    the units of the cost. `out` is filled; all arrays have the shape (size,).
     """
     least, largest, worst = ranges(order, cost, violation)
     span = 0.5 * largest - 0.5 * least  # Halves: the difference may overflow.

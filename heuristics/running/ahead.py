@@ -91,7 +91,7 @@ def compiled_ahead(
     finally:
         _helper.reset(token)
         if helper.process is not None:
-            helper.process.kill()
+            helper.process.kill()  # What it has stored remains in the cache.
             helper.process.wait()
 
 
@@ -103,6 +103,7 @@ def helper_runs() -> bool:
 
 def _is_possible() -> bool:
     """Return whether a helper would be of any use."""
+    # The processors that this process may use; some systems do not tell.
     here = getattr(os, "sched_getaffinity", lambda _: range(os.cpu_count() or 1))(0)
     jit = not numba.config.DISABLE_JIT  # type: ignore[attr-defined, unused-ignore]
     fit = bool(sys.executable) and len(here) > 1 and _IN_HELPER not in os.environ

@@ -16,8 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from swarmstart.arrays import Array
+from swarmstart.heuristics.laws.algorithm import copy_column, fill_column
 from swarmstart.heuristics.laws.box import Box
-from swarmstart.heuristics.laws.copying import copy_column, fill_column
 from swarmstart.heuristics.laws.order import RunningOrder, better_at, is_finite
 from swarmstart.machine_code import Count, kernel
 
@@ -99,12 +99,12 @@ def offer(
         near = distance(archive, point, k) < archive.radius[0]
         if near and not _beats(order, cost, violation, archive, k):
             return
-    kept = 0
+    kept = 0  # The members near the point are worse and make way.
     for k in range(archive.members[0]):
         if distance(archive, point, k) >= archive.radius[0]:
             _move(archive, k, kept)
             kept += 1
-    place = min(kept, archive.cost.size - 1)
+    place = min(kept, archive.cost.size - 1)  # A full archive loses its worst.
     archive.members[0] = place + 1
     while place > 0 and _beats(order, cost, violation, archive, place - 1):
         _move(archive, place - 1, place)

@@ -1,13 +1,26 @@
-"""Budgets: how long a search may go on."""
+"""Budgets, how long a search may go on, and the criteria for its end.
+
+The criteria are judged by both loops after each generation:
+
+target      the best point is feasible and its cost at most the target
+stagnation  a number of generations without a better point; generations in which the
+            level of the order was above its tolerance do not count; a constant added to
+            the cost changes nothing
+"""
 
 from dataclasses import dataclass
 from numbers import Integral, Real
-from typing import cast
+from typing import NamedTuple, cast
 
 import numpy as np
 
 from swarmstart.errors import SwarmstartError
-from swarmstart.heuristics.running.stopping import UNLIMITED, Limits
+from swarmstart.heuristics.laws.algorithm import State
+from swarmstart.heuristics.laws.order import RunningOrder
+from swarmstart.machine_code import kernel
+
+GOES_ON, AT_TARGET, STAGNANT = 0, 1, 2
+UNLIMITED = np.iinfo(np.int64).max
 
 
 class InvalidBudgetError(SwarmstartError, ValueError):
@@ -23,6 +36,20 @@ class InvalidBudgetError(SwarmstartError, ValueError):
         super().__init__(message)
         self.evaluations: int | None = getattr(budget, "evaluations", None)
         self.seconds: float | None = getattr(budget, "seconds", None)
+
+
+class Limits(NamedTuple):
+    """Limits of a search, as plain numbers.
+
+    Attributes:
+        evaluations: Largest number of individuals.
+        target: Cost at which the search ends; minus infinity for none.
+        stagnation: Generations without a better point after which it ends; 0 for none.
+    """
+
+    evaluations: int
+    target: float
+    stagnation: int
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -111,9 +138,42 @@ def budget_of(given: Budget | int) -> Budget:
 def _is_count(value: object) -> bool:
     """Return whether a value is an integer from 1 to what compiled code can count."""
     ok = isinstance(value, Integral) and not isinstance(value, bool)
+    # Half of the range, so that a sum of evaluations cannot overflow.
     return ok and 1 <= int(cast(int, value)) < UNLIMITED // 2
 
 
 def _is_number(value: object) -> bool:
     """Return whether a value is a real number."""
     return isinstance(value, Real) and not isinstance(value, bool)
+
+
+@kernel
+def finished(order: RunningOrder, state: State, limits: Limits) -> int:
+    """Return whether and why a search ends now: GOES_ON, AT_TARGET or STAGNANT."""
+    feasible = state.best_violation[0] <= order.tolerance
+    if feasible and state.best_cost[0] <= limits.target:
+        return AT_TARGET
+    # By generations, not by costs: a constant added to them changes nothing.
+    idle = state.generation[0] - state.improved[0]
+    if limits.stagnation > 0 and idle >= limits.stagnation:
+        return STAGNANT
+    return GOES_ON
+
+
+@kernel
+def progress_of(evaluations: int, size: int, budget: int) -> float:
+    """Fraction of the budget used before a generation, in [0, 1].
+
+    It is 0 for the initial population and 1 for the last generation that fits; with
+    generations of one size it is iter_k / iter_max of (5.19). If sizes change, the
+    remaining generations are assumed to have the present size, so that a growing
+    population may end the search before 1.
+
+    Args:
+        evaluations: Individuals evaluated so far.
+        size: Individuals of the generation.
+        budget: Individuals that may be evaluated.
+    """
+    left = (budget - evaluations) // size  # Whole generations, this one included.
+    before_last = evaluations + (left - 1) * size
+    return min(evaluations / before_last, 1.0) if before_last > 0 else 0.0

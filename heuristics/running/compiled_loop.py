@@ -19,7 +19,7 @@ from numba.extending import intrinsic
 from swarmstart.arrays import Array
 from swarmstart.heuristics.laws.algorithm import Kernels, State
 from swarmstart.heuristics.running.archive import Archive, collect
-from swarmstart.heuristics.running.stopping import (
+from swarmstart.heuristics.running.budget import (
     GOES_ON,
     UNLIMITED,
     Limits,
@@ -44,6 +44,7 @@ def next_chunk(generations: int, seconds: float, *, left: float = np.inf) -> int
         left: Time that is left to the search [s].
     """
     wanted = min(CHUNK_S, max(left, 0.0))
+    # The time may be below the clock's resolution.
     fitting = generations * wanted / max(seconds, CHUNK_S / LARGEST_CHUNK)
     return min(max(int(fitting), 1), LARGEST_CHUNK)
 
@@ -95,7 +96,7 @@ class Work(NamedTuple):
         best_violation: Its violation, shape (generations,).
         evaluations: Evaluations of the whole search after each generation; int64, same
             shape.
-        done: Number of generations run, and the reason to stop, a code of `stopping`;
+        done: Number of generations run, and the reason to stop, a code of `budget`;
             int64, shape (2,).
     """
 
@@ -152,17 +153,11 @@ def calls_of(
 ) -> list[Call]:
     """Return the kernels that a generation calls, each with arguments of its types.
 
-    Args:
-        kernels: Those of the algorithm.
-        rng: Generator that they will be called with.
-        settings: Kernel settings of the algorithm.
-        searched: State and archive of the search.
-
     Returns:
         `propose`, `accept` and `collect`, in the order of `Entries`.
     """
     state, archive = searched
-    asked, values = np.empty((state.best.size, 0)), np.empty(0)
+    asked, values = np.empty((state.best.size, 0)), np.empty(0)  # Only types count.
     told = asked, values, values
     return [
         (kernels.propose, (rng, settings, state, asked)),
@@ -191,6 +186,7 @@ def loop(  # noqa: PLR0913, PLR0917 - compiled code takes no keywords
             break
         if limits.evaluations < UNLIMITED:  # Else it follows from time, before a chunk.
             state.progress[0] = progress_of(state.evaluations[0], n, limits.evaluations)
+        # Contiguous from the first address, to which the objective is bound.
         asked = memory[: dim * n].reshape((dim, n))
         cost, violation = work.cost[:n], work.violation[:n]
         call_at(entries.propose, (rng, settings, state, asked))

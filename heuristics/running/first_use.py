@@ -17,11 +17,7 @@ from swarmstart.heuristics.running.search import Search
 
 
 def smallest_search(algorithm: Algorithm) -> Search:
-    """Return a small search whose arguments have the types of any by the algorithm.
-
-    Args:
-        algorithm: The algorithm.
-    """
+    """Return a small search whose arguments have the types of any by the algorithm."""
     box = Box(lower=np.zeros(2), upper=np.ones(2), per_step=1)
     return Search(algorithm, box, rng=np.random.default_rng(0))
 

@@ -49,7 +49,7 @@ class _StandIns:
             # Python delivers no signals to other threads.
             if threading.current_thread() is threading.main_thread():
                 self._replace()
-        except BaseException:
+        except BaseException:  # A signal may arrive here too.
             self._put_back()
             raise
         return self
@@ -74,7 +74,7 @@ class _StandIns:
                 signal.signal(number, self._taken)
 
     def _put_back(self) -> None:
-        self.is_active = False
+        self.is_active = False  # First: from now on signals are passed on.
         for number, handler in self._replaced.items():
             signal.signal(number, handler)
 
@@ -102,6 +102,7 @@ class _PutOff(_StandIns):
         self._noted.append(handle)
 
     def _replace(self) -> None:
+        # The handler of an outer context is a method of it.
         within = getattr(signal.getsignal(signal.SIGINT), "__self__", None)
         if not (isinstance(within, _PutOff) and within.is_active):
             super()._replace()
@@ -124,6 +125,7 @@ class _Heeded(_StandIns):
         trace: TracebackType | None,
     ) -> None:
         self._put_back()
+        # A KeyboardInterrupt or SystemExit goes on by itself.
         if self._seen and (error is None or isinstance(error, Exception)):
             raise KeyboardInterrupt from error
 

@@ -131,10 +131,11 @@ class _Members:
     def improved(self, running: Running, budget: Budget) -> Array | None:
         """Return points to suggest, if local solves are due and there is a member."""
         local, known, spent = self._local, self._known, running.spent
-        if not self._search.generations:
+        if not self._search.generations:  # No member is known yet.
             return None
         if spent > local.share * (self._search.evaluations + spent):
             return None
+        # The mean of those so far, as soon as there is one.
         each = spent / known.solves if known.solves else local.each
         count = local.members
         if budget.evaluations is not None:
@@ -148,6 +149,7 @@ class _Members:
             found = local.improve(np.stack(chosen, axis=1))
         running.spent += found.evaluations
         known.solves += len(chosen)
+        # A solve from a point that was found would not leave it.
         known.points += [*chosen, *found.points.T]
         return found.points if found.points.shape[1] else None
 

@@ -15,7 +15,15 @@ from swarmstart.heuristics.laws.algorithm import Algorithm, require
 from swarmstart.heuristics.laws.box import Box
 from swarmstart.heuristics.laws.initial import Initial
 from swarmstart.heuristics.laws.order import Order
-from swarmstart.heuristics.running.budget import Budget, InvalidBudgetError, budget_of
+from swarmstart.heuristics.running.budget import (
+    AT_TARGET,
+    GOES_ON,
+    STAGNANT,
+    Budget,
+    InvalidBudgetError,
+    budget_of,
+    progress_of,
+)
 from swarmstart.heuristics.running.compiled_loop import (
     CHUNK,
     CompiledObjective,
@@ -34,12 +42,6 @@ from swarmstart.heuristics.running.search import (
     Individual,
     InvalidEvaluationError,
     Search,
-)
-from swarmstart.heuristics.running.stopping import (
-    AT_TARGET,
-    GOES_ON,
-    STAGNANT,
-    progress_of,
 )
 from swarmstart.heuristics.searches.arguments import algorithm_of, box_of, generator_of
 from swarmstart.machine_code import Count, Stopwatch, stopwatch
@@ -213,7 +215,7 @@ def until_stopped(
                 stopped = turn(watch)
         except KeyboardInterrupt as interrupt:
             search.abandon()
-            if not search.generations:
+            if not search.generations:  # There is no result to keep.
                 raise
             raise SearchInterrupted(
                 result(StopReason.INTERRUPTED, watch)
@@ -265,6 +267,7 @@ class Running:
         given = self._budget.evaluations
         if given is None or not self.spent:
             return self._budget
+        # A budget of 0 would be refused; `_used_up` sees that nothing is left.
         return replace(self._budget, evaluations=max(given - self.spent, 1))
 
     def __call__(
@@ -299,6 +302,7 @@ class Running:
             stopped: Reason for the end of the search.
             watch: Stopwatch that was started with the search.
         """
+        # `concatenate` needs an array, also if this call has finished no generation.
         search, best, none = self._search, self._search.best, np.empty(0)
         return SearchResult(
             x=locked(best.x),
@@ -321,10 +325,6 @@ class Running:
         """Advance in compiled code; return whether that was possible.
 
         Ctrl-C waits until the generations are in the history, here and below.
-
-        Args:
-            progress: Fraction of the budget used.
-            left: Wall time left [s].
         """
         begin = time.perf_counter()
         with put_off():
@@ -337,11 +337,13 @@ class Running:
             if work is None:
                 return False
             done = int(work.done[0])
+            # Views: the next chunk gets new arrays.
             self._costs.append(work.best_cost[:done])
             self._violations.append(work.best_violation[:done])
             self._evaluations.append(work.evaluations[:done] + self.spent)
         if self._chunk_size is None:
             took = time.perf_counter() - begin
+            # No generation is done if the next one needs more room or evaluations.
             self._generations = next_chunk(max(done, 1), took, left=left - took)
         return True
 

@@ -117,6 +117,7 @@ class SearchInterrupted(KeyboardInterrupt):
 
     def __reduce__(self) -> tuple[type[SearchInterrupted], tuple[SearchResult]]:
         """Pickle the exception with its result."""
+        # By default it would be made anew from its message.
         return type(self), (self.partial,)
 
 

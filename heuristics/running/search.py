@@ -31,6 +31,7 @@ from swarmstart.heuristics.laws.initial import Initial, Values, initial_populati
 from swarmstart.heuristics.laws.order import Order
 from swarmstart.heuristics.running.ahead import compiled_ahead, helper_runs
 from swarmstart.heuristics.running.archive import Archive, collect, new_archive
+from swarmstart.heuristics.running.budget import GOES_ON, Limits, finished
 from swarmstart.heuristics.running.compiled_loop import (
     Call,
     CompiledObjective,
@@ -42,8 +43,7 @@ from swarmstart.heuristics.running.compiled_loop import (
     new_work,
 )
 from swarmstart.heuristics.running.interrupts import put_off
-from swarmstart.heuristics.running.stopping import GOES_ON, Limits, finished
-from swarmstart.heuristics.searches.default import default_order
+from swarmstart.heuristics.searches.arguments import default_order
 from swarmstart.machine_code import address_of, compiling, is_kept, prepare, stopwatch
 
 ROOM = 4
@@ -175,6 +175,7 @@ class Search:
         size = first_size_of(algorithm, box, evaluations)
         if snapshot is not None:
             blank = np.zeros((box.dim, size))
+            # On a copy: a snapshot that is refused leaves the generator as it is.
             template = algorithm.start(box, blank, rng=copy.deepcopy(rng))
             self._state = self._restored(snapshot, template)
             return
@@ -183,6 +184,7 @@ class Search:
         with put_off(), stopwatch() as watch:
             self._state = algorithm.start(box, population, rng=rng)
         self.compile_seconds = watch.compile_seconds
+        # If all costs are known, nothing of generation 0 is left to evaluate.
         if self._known is not None and self._known[0].size == size:
             self.ask()
             self.tell([], [])
@@ -241,7 +243,7 @@ class Search:
         return int(self._state.nonfinite[0])
 
     def finished(self, limits: Limits) -> int:
-        """Return whether and why the search ends here, a code of `stopping`."""
+        """Return whether and why the search ends here, a code of `budget`."""
         if not self.generations:
             return GOES_ON
         return finished(self._order, self._state, limits)
@@ -282,7 +284,7 @@ class Search:
         self._state = _with_room(self._state)
         propose = self.algorithm.kernels.propose
         self._asked = np.empty((self.box.dim, int(self._state.size[0])))
-        with put_off():
+        with put_off():  # See `interrupts`: an exception in Numba is a crash.
             propose(self.rng, self._settings, self._state, self._asked)
         if suggested is not None:
             taken = suggested[:, : self._asked.shape[1]]
@@ -294,6 +296,7 @@ class Search:
     def _require_suggestible(self, suggested: Array) -> None:
         """Validate points suggested for the next generation."""
         first = not self.generations
+        # A distribution is updated by the points that were sampled from it.
         samples = "sampled" in _fields(self._state)
         allowed = "None for an algorithm that samples, and in the initial population"
         require("suggested", suggested, ok=not (first or samples), allowed=allowed)
@@ -339,7 +342,7 @@ class Search:
         with put_off():
             accept(self._settings, self._state, self._asked, cost, violation)
             collect(self._order, self._archive, self._asked, cost, violation)
-            self._state.evaluations[0] -= known
+            self._state.evaluations[0] -= known  # They were not evaluated here.
             self._asked = self._known = None
 
     def abandon(self) -> None:
@@ -410,16 +413,13 @@ class Search:
                         if k not in helper.part:
                             job()
                     helper.wait()
+            # What the helper has done is loaded; if it failed, it is done here.
             for job in jobs:
                 job()
         self.compile_seconds += watch.compile_seconds
 
     def preparations(self, *, compiled: bool) -> list[Callable[[], object]]:
-        """Return the parts of `prepare`, as functions: propose, accept, collect, loop.
-
-        Args:
-            compiled: As in `prepare`.
-        """
+        """Return the parts of `prepare`: of propose, accept, collect and the loop."""
         calls = self._calls()
         if not compiled:
             return [partial(prepare, kernel, *given) for kernel, given in calls]
@@ -476,6 +476,7 @@ class Search:
         """
         if self._asked is not None or self._known is not None:
             raise AskTellError("snapshot() before tell(): a generation is under way")
+        # The states of some generators, such as MT19937, contain arrays.
         rng = json.dumps(self.rng.bit_generator.state, default=np.ndarray.tolist)
         return {
             **{f"arguments.{n}": np.array(a) for n, a in self._arguments().items()},

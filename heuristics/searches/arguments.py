@@ -1,7 +1,20 @@
-"""Short forms of arguments: for settings, a box and a generator.
+"""Arguments of a search in short forms, and their defaults.
 
 A name or a class stands for the default settings of an algorithm, pairs of bounds for a
 box, a seed for a generator.
+
+The default algorithm is L-SHADE. Below 400 evaluations, which are too few for its
+population to shrink, it is the chaotic swarm with c1 = c2 = 1.496 and lengths taken
+from the box. Both were chosen by measurements on this project's own planning problems:
+docs/measured/planning.md, made by benchmarks/planning.py. CMA-ES alone, or with half of
+the budget from the best point of L-SHADE, has no advantage after the polish:
+docs/measured/search_2017.md, docs/measured/lane_searches.md.
+
+The default order is the adaptive epsilon level, which is feasibility first as soon as a
+tenth of a generation is feasible. It was measured on constrained problems of CEC 2006:
+docs/measured/orders.md, made by benchmarks/orders.py.
+
+Neither default depends on the units of the cost or of the variables.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,7 +25,9 @@ from numpy.typing import ArrayLike
 
 from swarmstart.heuristics.laws.algorithm import Algorithm, InvalidSettingsError
 from swarmstart.heuristics.laws.box import Box, InvalidBoxError
-from swarmstart.heuristics.searches.default import default_algorithm
+from swarmstart.heuristics.laws.order import Order, epsilon_level
+from swarmstart.heuristics.searches.chaotic_pso import ChaoticPSO
+from swarmstart.heuristics.searches.lshade import LSHADE
 from swarmstart.heuristics.searches.names import SEARCHES, installed_searches
 
 ALGORITHMS: Mapping[str, type[Algorithm]] = {
@@ -22,6 +37,9 @@ ALGORITHMS: Mapping[str, type[Algorithm]] = {
 
 PAIR = (2,)
 """Shape of the bounds of one variable."""
+
+FEWEST = 400
+"""Least number of evaluations for which L-SHADE is the default."""
 
 
 def algorithm_of(
@@ -99,7 +117,7 @@ def box_of(given: Box | ArrayLike | None, bounds: Box | ArrayLike | None = None)
     try:
         pairs = np.array(chosen, dtype=np.float64)
     except (TypeError, ValueError):
-        pairs = np.empty(0)
+        pairs = np.empty(0)  # Refused below, with the message for wrong shapes.
     if pairs.ndim != len(PAIR) + 1 or pairs.shape[1:] != PAIR:
         problem = (
             "bounds must be pairs (lower, upper), one for each variable, "
@@ -136,9 +154,48 @@ def generator_of(
             raise InvalidSettingsError("rng", rng, allowed)
         return rng
     allowed = "an integer of at least 0, or rng a numpy.random.Generator"
+    # NumPy would take True for the seed 1, and None for any seed.
     if seed is None or isinstance(seed, bool):
         raise InvalidSettingsError("seed", seed, allowed)
     try:
         return np.random.default_rng(np.random.SeedSequence(seed))
     except (TypeError, ValueError) as error:
         raise InvalidSettingsError("seed", seed, allowed) from error
+
+
+def default_algorithm(evaluations: int | None) -> Algorithm:
+    """Return the default algorithm for a budget.
+
+    Args:
+        evaluations: The budget; None if it is wall time.
+
+    Example:
+        >>> import swarmstart as ss
+        >>> [type(ss.default_algorithm(n)).__name__ for n in (100, 20_000)]
+        ['ChaoticPSO', 'LSHADE']
+    """
+    if evaluations is not None and evaluations < FEWEST:
+        return ChaoticPSO(
+            cognitive=1.496, social=1.496, velocity_max=None, search_length=None
+        )
+    return LSHADE()
+
+
+def default_order(tolerance: float = 0.0) -> Order:
+    """Return the order of individuals: the adaptive epsilon level.
+
+    Args:
+        tolerance: Largest violation that counts as feasible, at least 0.
+
+    Returns:
+        `epsilon_level(tolerance)`.
+
+    Raises:
+        InvalidOrderError: If the tolerance is negative or not finite.
+
+    Example:
+        >>> import swarmstart as ss
+        >>> ss.default_order(1e-6) == ss.epsilon_level(1e-6)
+        True
+    """
+    return epsilon_level(tolerance)

@@ -8,10 +8,16 @@ and reseeding: as soon as the particles have come together,
 
     D(iter_k) = 1 / (ps L) sum_i |p_i - P| < eps,    P the mean of the p_i   (5.18)
 
-the worse half is placed anew by the logistic map (5.17).
+the worse half is placed anew by the logistic map
+
+    Z_{n+1} = mu Z_n (1 - Z_n),    mu = 4                                    (5.17)
+
+Its numbers follow the arcsine law, Beta(1/2, 1/2): they crowd at 0 and 1. The map runs
+in float64; in float32 its orbits soon fall into the fixed point 0.
 
 Source: chapter 5, section 5.2.3.3, eq. (5.17)-(5.19), steps 4 to 8; Duan and Liu
-(2010). The docstring of `ChaoticPSO` says how gaps of the text are filled.
+(2010); the map: May (1976), Nature 261. The docstring of `ChaoticPSO` says how gaps of
+the text are filled.
 """
 
 import math
@@ -28,16 +34,14 @@ from swarmstart.heuristics.laws.algorithm import (
     Kernels,
     OfFixedSize,
     common_fields,
+    copy_points,
     require,
     require_bound_handling,
     require_size,
 )
-from swarmstart.heuristics.laws.bound_handling import CODES, BoundHandling
-from swarmstart.heuristics.laws.box import Box, between
-from swarmstart.heuristics.laws.copying import copy_points
+from swarmstart.heuristics.laws.box import CODES, BoundHandling, Box, between
+from swarmstart.heuristics.laws.initial import smooth_in
 from swarmstart.heuristics.laws.order import RunningOrder, better
-from swarmstart.heuristics.laws.sampling import smooth_in
-from swarmstart.heuristics.searches.chaos import draw_seeds, leave_traps, logistic
 from swarmstart.heuristics.searches.swarm import (
     fly,
     remember,
@@ -54,6 +58,10 @@ SPEED = 0.4
 
 NONE, UNIFORM, LOGISTIC = 0, 1, 2
 RESEED_CODES: dict[str, int] = {"none": NONE, "uniform": UNIFORM, "logistic": LOGISTIC}
+
+MU = 4.0
+TRAPS = (0.0, 0.25, 0.5, 0.75, 1.0)
+"""Fixed points of the map and the points that lead to one; no seeds (5.17)."""
 
 
 class ChaoticPSOSettings(NamedTuple):
@@ -210,7 +218,7 @@ class ChaoticPSO(OfFixedSize, BoundHandled):
     The text leaves some points open. Here:
 
     - Velocities start uniform in [-velocity_max, velocity_max]: independent of each
-      other, or smooth in time (`sampling`). The choice matters if velocity_max is large
+      other, or smooth in time (`initial`). The choice matters if velocity_max is large
       compared with the box: while the inertia is above 1, each coordinate stays for
       dozens of generations at the bound that its first velocity points to.
     - (5.18) is measured on the positions that were evaluated last, before they move,
@@ -239,8 +247,8 @@ class ChaoticPSO(OfFixedSize, BoundHandled):
         diversity_threshold: eps, at least 0; the swarm reseeds when D < eps.
         search_length: L of (5.18), above 0, in the units of the variables; None means
             that each variable is measured in widths of the box, and L = 1.
-        bound_handling: What happens to a particle that would leave the box; see
-            `bound_handling`.
+        bound_handling: What happens to a particle that would leave the box; see the
+            module `box`.
 
     Raises:
         InvalidSettingsError: If a value is out of its range.
@@ -373,3 +381,49 @@ class ChaoticPSO(OfFixedSize, BoundHandled):
             allowed = f"a number or a vector of {box.dim}, one for each variable"
             raise InvalidSettingsError("velocity_max", self.velocity_max, allowed)
         return np.full(box.dim, velocity_max)
+
+
+@kernel
+def logistic(z: Array) -> None:
+    """Advance every orbit by one step of the map (5.17).
+
+    Args:
+        z: Chaotic numbers in (0, 1), shape (dim, size), changed in place.
+    """
+    dim, size = z.shape
+    for d in range(dim):
+        for i in range(size):
+            z[d, i] = MU * z[d, i] * (1.0 - z[d, i])  # (5.17)
+
+
+@kernel
+def leave_traps(rng: np.random.Generator, z: Array) -> None:
+    """Give every orbit that stands on a trap a new seed.
+
+    Rounding leads an orbit onto a trap about once in 2e8 steps (a number within 2^-28
+    of 1/2 is mapped to 1), and there it would stay.
+
+    Args:
+        rng: Source of the seeds; used only if an orbit is trapped.
+        z: Chaotic numbers, shape (dim, size), changed in place.
+    """
+    dim, size = z.shape
+    for d in range(dim):
+        for i in range(size):
+            while z[d, i] in TRAPS:
+                z[d, i] = rng.random()
+
+
+def draw_seeds(shape: tuple[int, int], *, rng: np.random.Generator) -> Array:
+    """Draw seeds of the map, uniform in (0, 1) without the traps.
+
+    Args:
+        shape: Shape of the array to draw, (dim, size).
+        rng: Source of randomness.
+
+    Returns:
+        The seeds, a new array of that shape.
+    """
+    z = np.zeros(shape)  # Every entry a trap.
+    leave_traps(rng, z)
+    return z

@@ -41,19 +41,21 @@ from swarmstart.heuristics.laws.algorithm import (
     BoundHandled,
     Kernels,
     common_fields,
+    copy_points,
+    fill_column,
     require,
     require_bound_handling,
     require_size,
     take_generation,
 )
-from swarmstart.heuristics.laws.bound_handling import (
+from swarmstart.heuristics.laws.box import (
     CODES,
     REDRAW,
     BoundHandling,
+    Box,
+    clip,
     repair,
 )
-from swarmstart.heuristics.laws.box import Box, clip
-from swarmstart.heuristics.laws.copying import copy_points, fill_column
 from swarmstart.heuristics.laws.order import RunningOrder, ranking
 from swarmstart.heuristics.searches.cma_constants import (
     Constants,
@@ -146,6 +148,7 @@ def propose(
         for k, d in enumerate(settings.free):
             low, high = settings.lower[d], settings.upper[d]
             x = low + (high - low) * state.sampled[k, i]
+            # The mean may lie in a mirror image of the box.
             origin = clip(low + (high - low) * state.mean[k], low, high)
             if not low <= x <= high:
                 fraction = rng.random() if settings.bound_handling == REDRAW else 0.0
@@ -194,6 +197,7 @@ def accept(
         if has_ended(settings.order, state, size, settings.sigma):
             state.ended[0] = 1
             if settings.restarts:
+                # A population that began above the limit keeps its size.
                 state.size[0] = max(min(size * settings.increase, SIZE_MAX), size)
     take_generation(settings.order, state, asked, cost, violation)
 
@@ -231,8 +235,10 @@ def update(state: CMAESState, rank: Count) -> None:
     for i in range(size):
         total += weights[i]
         if weights[i] < 0.0:  # (46)
+            # A point may be sampled at the mean, where the square is 0.
             weights[i] *= dim / max(squares[i], LENGTH_LEAST)
     adapt(state, constants, h_sigma, total, weights, y)
+    # A decomposition takes of the order of n^3 operations, so it is postponed.
     gap = int(1.0 / (10.0 * dim * (constants.c_1 + constants.c_mu)))  # B.2
     if state.age[0] - state.decomposed[0] >= gap:
         decompose(state)
@@ -305,6 +311,7 @@ def adapt(
     C, p = state.covariance, state.path_c
     c_1, c_mu, c_c = constants.c_1, constants.c_mu, constants.c_c
     kept = 1.0 - c_1 - c_mu * total + c_1 * (1.0 - h_sigma) * c_c * (2.0 - c_c)
+    # One triangle, which is mirrored at the end: C stays symmetric to the last bit.
     for d in range(dim):
         for e in range(d + 1):
             C[d, e] = kept * C[d, e] + c_1 * p[d] * p[e]
@@ -340,8 +347,8 @@ class CMAES(BoundHandled):
         restarts: Whether the search restarts when a criterion of `cma_restarts` holds;
             if False, its distribution then stays as it is.
         increase: What the population is multiplied by at each restart, at least 1.
-        bound_handling: What happens to a coordinate that leaves the box; see
-            `bound_handling`.
+        bound_handling: What happens to a coordinate that leaves the box; see the
+            module `box`.
 
     Raises:
         InvalidSettingsError: If a value is out of its range.
@@ -406,7 +413,7 @@ class CMAES(BoundHandled):
         return CMAESState(
             *common_fields(population),
             sampled=population.copy(),
-            mean=np.full(dim, 0.5),
+            mean=np.full(dim, 0.5),  # Until the first costs are known.
             sigma=np.full(1, float(self.sigma)),
             covariance=np.eye(dim),
             axes=np.eye(dim),

@@ -103,7 +103,7 @@ def write_record(
 ) -> None:
     """Record a ranked generation; its number is the age of the state."""
     size = cost.size
-    column = state.age[0] % state.record.shape[1]
+    column = state.age[0] % state.record.shape[1]  # A ring buffer.
     for row, place in ((BEST, 0), (MEDIAN, size // 2)):
         state.record[row, column] = cost[rank[place]]
         state.record[row + 1, column] = violation[rank[place]]
@@ -148,6 +148,7 @@ def has_flat_record(state: Distribution, window: int) -> bool:
         for k in range(age - window + 1, age + 1):
             value = state.record[row, k % length]
             least, largest = min(least, value), max(largest, value)
+        # Not flat either if values are infinite, whose difference is NaN.
         if not largest - least <= TOL_FUN * max(abs(least), abs(largest)):
             return False
     return True
@@ -181,7 +182,7 @@ def is_stagnant(order: RunningOrder, state: Distribution, size: int) -> bool:
     """Stagnation: neither best nor median values have improved for a long time."""
     age, length = state.age[0], state.record.shape[1]
     window = max(age // 5, math.ceil(120.0 + 30.0 * state.mean.size / size))
-    window = min(window, length)
+    window = min(window, length)  # Older generations are overwritten.
     if age < window:
         return False
     part = math.ceil(0.3 * window)
@@ -212,9 +213,10 @@ def has_no_effect(state: Distribution) -> bool:
     """ConditionCov, NoEffectAxis and NoEffectCoord."""
     dim, sigma = state.mean.size, state.sigma[0]
     largest, least = np.max(state.lengths), np.min(state.lengths)
+    # The lengths are the roots of the eigenvalues of C.
     if largest * largest > CONDITION_MAX * least * least:
         return True
-    axis, moved = state.age[0] % dim, False
+    axis, moved = state.age[0] % dim, False  # One axis a generation, in turn.
     for d in range(dim):
         m = state.mean[d]
         if m == m + 0.2 * sigma * math.sqrt(max(state.covariance[d, d], 0.0)):

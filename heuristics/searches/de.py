@@ -34,15 +34,14 @@ from swarmstart.heuristics.laws.algorithm import (
     Kernels,
     OfFixedSize,
     common_fields,
+    copy_points,
     require,
     require_bound_handling,
     require_name,
     require_size,
     take_generation,
 )
-from swarmstart.heuristics.laws.bound_handling import CODES, BoundHandling
-from swarmstart.heuristics.laws.box import Box
-from swarmstart.heuristics.laws.copying import copy_points
+from swarmstart.heuristics.laws.box import CODES, BoundHandling, Box
 from swarmstart.heuristics.laws.order import RunningOrder, best_index
 from swarmstart.heuristics.searches.trials import (
     cross_binomially,
@@ -116,11 +115,12 @@ def propose(
         return
     dim, size = asked.shape
     plan = new_plan(dim, size)
-    best = 0
+    best = 0  # Not used by rand/1.
     if settings.strategy != RAND:
         best = best_index(settings.order, state.cost, state.violation)
     for i in range(size):
         if settings.strategy == RAND:
+            # Without a leader, base and lead are one: their difference is 0.
             r1, r2, r3 = draw_three_others(rng, size, i)
             plan.base[i], plan.lead[i], plan.plus[i], plan.minus[i] = r1, r1, r2, r3
         else:
@@ -160,8 +160,8 @@ class DifferentialEvolution(OfFixedSize, BoundHandled):
             goes on (exp), in [0, 1].
         strategy: Formula of the mutant: "rand/1", "best/1" or "current-to-best/1".
         crossover: Coordinates that the trial takes from the mutant: "bin" or "exp".
-        bound_handling: What happens to a coordinate that leaves the box; see
-            `bound_handling`.
+        bound_handling: What happens to a coordinate that leaves the box; see the
+            module `box`.
 
     Raises:
         InvalidSettingsError: If a value is out of its range.
@@ -189,7 +189,7 @@ class DifferentialEvolution(OfFixedSize, BoundHandled):
 
     def __post_init__(self) -> None:
         """Check the values."""
-        require_size(self.size, at_least=4)
+        require_size(self.size, at_least=4)  # Each and three others.
         require("F", self.F, ok=0.0 < self.F <= F_MAX, allowed=f"in (0, {F_MAX}]")
         require("CR", self.CR, ok=0.0 <= self.CR <= 1.0, allowed="in [0, 1]")
         require_name("strategy", self.strategy, STRATEGIES)

@@ -23,17 +23,15 @@ from swarmstart.heuristics.laws.algorithm import (
     Kernels,
     OfFixedSize,
     common_fields,
-    require,
-    require_size,
-    take_generation,
-)
-from swarmstart.heuristics.laws.box import Box, between
-from swarmstart.heuristics.laws.copying import (
     copy_points,
     copy_values,
     fill_column,
+    require,
+    require_size,
     take_column,
+    take_generation,
 )
+from swarmstart.heuristics.laws.box import Box, between
 from swarmstart.heuristics.laws.order import (
     RunningOrder,
     best_index,
@@ -95,6 +93,7 @@ def propose(
     for i in range(0, size, 2):
         a = state.population[:, spin(rng, weight)]
         b = state.population[:, spin(rng, weight)]
+        # With alpha = 1 the children are copies of their parents.
         alpha = rng.random() if rng.random() < settings.crossover else 1.0
         breed(rng, settings, alpha, (a, b), asked[:, i])
         if i + 1 < size:
@@ -139,7 +138,7 @@ def accept(
     Before generation 0 the costs of the parents are infinite, so no parent is kept.
     """
     elite = best_index(settings.order, state.cost, state.violation)
-    elite_point = np.empty(asked.shape[0])
+    elite_point = np.empty(asked.shape[0])  # A copy: its column is overwritten.
     take_column(state.population, elite, elite_point)
     elite_cost, elite_violation = state.cost[elite], state.violation[elite]
     copy_points(asked, state.population)
@@ -174,7 +173,7 @@ def roulette_weights(
     merits(order, cost, violation, merit)
     least, largest = finite_range(merit)
     for i in range(cost.size):
-        if largest > least:  # J_max - J_i; halves, since the difference may overflow
+        if largest > least:  # J_max - J_i; halves: the difference may overflow.
             span = 0.5 * largest - 0.5 * least
             weight[i] = max((0.5 * largest - 0.5 * merit[i]) / span, 0.0)
         elif largest == least:
@@ -214,7 +213,7 @@ def spin(rng: np.random.Generator, weight: Array) -> int:
         reached += weight[i]
         if mark < reached:
             return i
-    return weight.size - 1  # never: mark < total, summed in the same order
+    return weight.size - 1  # Never: mark < total, summed in the same order.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

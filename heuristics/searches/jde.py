@@ -25,13 +25,12 @@ from swarmstart.heuristics.laws.algorithm import (
     Kernels,
     OfFixedSize,
     common_fields,
+    copy_points,
     require_bound_handling,
     require_size,
     take_generation,
 )
-from swarmstart.heuristics.laws.bound_handling import CODES, BoundHandling
-from swarmstart.heuristics.laws.box import Box
-from swarmstart.heuristics.laws.copying import copy_points
+from swarmstart.heuristics.laws.box import CODES, BoundHandling, Box
 from swarmstart.heuristics.laws.order import RunningOrder
 from swarmstart.heuristics.searches.trials import (
     cross_binomially,
@@ -111,6 +110,7 @@ def propose(
             state.F_trial[i] = F_LOWER + F_WIDTH * rng.random()
         if rng.random() < TAU_2:
             state.CR_trial[i] = rng.random()
+        # Without a leader, base and lead are one: their difference is 0.
         r1, r2, r3 = draw_three_others(rng, size, i)
         plan.base[i], plan.lead[i], plan.plus[i], plan.minus[i] = r1, r1, r2, r3
         plan.F[i] = state.F_trial[i]
@@ -141,8 +141,8 @@ class SelfAdaptiveDE(OfFixedSize, BoundHandled):
 
     Attributes:
         size: Number of individuals NP, at least 4.
-        bound_handling: What happens to a coordinate that leaves the box; see
-            `bound_handling`.
+        bound_handling: What happens to a coordinate that leaves the box; see the
+            module `box`.
 
     Raises:
         InvalidSettingsError: If a value is out of its range.
@@ -166,7 +166,7 @@ class SelfAdaptiveDE(OfFixedSize, BoundHandled):
 
     def __post_init__(self) -> None:
         """Check the values."""
-        require_size(self.size, at_least=4)
+        require_size(self.size, at_least=4)  # Each and three others.
         require_bound_handling(self.bound_handling)
 
     def kernel_settings(self, box: Box, order: RunningOrder) -> SelfAdaptiveDESettings:
@@ -191,6 +191,7 @@ class SelfAdaptiveDE(OfFixedSize, BoundHandled):
             violation=np.full(self.size, np.inf),
             F=np.full(self.size, FIRST_F),
             CR=np.full(self.size, FIRST_CR),
+            # Every individual of generation 0 takes these over.
             F_trial=np.full(self.size, FIRST_F),
             CR_trial=np.full(self.size, FIRST_CR),
         )

@@ -55,27 +55,25 @@ from swarmstart.heuristics.laws.algorithm import (
     BoundHandled,
     Kernels,
     common_fields,
+    copy_column,
+    copy_points,
     require,
     require_bound_handling,
     require_size,
     take_generation,
 )
-from swarmstart.heuristics.laws.bound_handling import CODES, BoundHandling
-from swarmstart.heuristics.laws.box import Box
-from swarmstart.heuristics.laws.copying import copy_column, copy_points
+from swarmstart.heuristics.laws.box import CODES, BoundHandling, Box
 from swarmstart.heuristics.laws.order import RunningOrder, better, worst_index
-from swarmstart.heuristics.searches.success_history import (
-    FIRST_MEMORY,
-    draw_parameters,
-    measure_improvements,
-    remember,
-)
 from swarmstart.heuristics.searches.trials import (
+    FIRST_MEMORY,
     cross_binomially,
     draw_index,
+    draw_parameters,
     draw_two_others,
     fill_trials,
+    measure_improvements,
     new_plan,
+    remember,
     select,
 )
 from swarmstart.machine_code import Count, kernel
@@ -152,16 +150,18 @@ def propose(
     if state.generation[0] == 0:
         copy_points(state.pool, asked)
         return
+    # After `accept` has added losers and shrunk the population; it has no generator.
     trim_archive(rng, settings, state)
     plan = new_plan(dim, size)
     leaders = np.empty(max(2, rounded(settings.greediness * size)), dtype=np.int64)
     find_leaders(settings.order, state, leaders)
     for i in range(size):
         draw_parameters(rng, state, i)
-        plan.base[i] = i
+        plan.base[i] = i  # current-to-pbest/1
         plan.lead[i] = leaders[draw_index(rng, leaders.size)]
         r1, r2 = draw_two_others(rng, size, i, size + state.archived[0])
         plan.plus[i] = r1
+        # From `size` on they are those of the archive, whose columns begin at N_0.
         plan.minus[i] = r2 if r2 < size else r2 - size + state.cost.size
         plan.F[i] = state.F_trial[i]
         cross_binomially(rng, state.CR_trial[i], settings.free, plan.mutated, i)
@@ -173,7 +173,7 @@ def find_leaders(order: RunningOrder, state: LSHADEState, leaders: Count) -> Non
     """Fill leaders with the indices of the best individuals, the best first."""
     cost, violation = state.cost, state.violation
     last = leaders.size - 1
-    for i in range(state.size[0]):
+    for i in range(state.size[0]):  # By insertion, since leaders are few.
         k = min(i, last + 1)
         while k > 0:
             j = leaders[k - 1]
@@ -208,16 +208,17 @@ def accept(
     violation: Array,
 ) -> None:
     """Select, and update archive, memory and the size of the next generation."""
+    # All of these compare with the parents, which `select` replaces.
     improvement = np.empty(cost.size)
     measure_improvements(settings.order, state, cost, violation, improvement)
     remember(state, improvement)
     keep_losers(state, improvement)
     parents = (state.pool, state.cost, state.violation)
     select(settings.order, parents, asked, cost, violation)
-    before = state.evaluations[0]
+    before = state.evaluations[0]  # `take_generation` counts on.
     take_generation(settings.order, state, asked, cost, violation)
     fraction = fraction_after(state.progress[0], before, cost.size)
-    first = state.cost.size
+    first = state.cost.size  # N_0: the arrays never shrink.
     size = rounded(first + (settings.smallest - first) * fraction)
     remove_worst(settings.order, state, max(size, settings.smallest))
 
@@ -280,8 +281,8 @@ class LSHADE(BoundHandled):
         memory: Number of slots H of the memory, at least 1.
         archive: Size r_arc of the archive relative to the population, at least 0.
         greediness: Fraction p of the population that leads, in (0, 1].
-        bound_handling: What happens to a coordinate that leaves the box; see
-            `bound_handling`.
+        bound_handling: What happens to a coordinate that leaves the box; see the
+            module `box`.
 
     Raises:
         InvalidSettingsError: If a value is out of its range.
@@ -356,6 +357,7 @@ class LSHADE(BoundHandled):
         """The state before generation 0; arguments as in `Algorithm.start`."""
         del rng
         first = population.shape[1]
+        # Population, archive, and the losers of a generation before it is trimmed.
         pool = np.zeros((box.dim, 2 * first + rounded(self.archive * first)))
         pool[:, :first] = population
         return LSHADEState(

@@ -32,15 +32,14 @@ from swarmstart.heuristics.laws.algorithm import (
     Kernels,
     OfFixedSize,
     common_fields,
+    copy_points,
     require,
     require_bound_handling,
     require_size,
 )
-from swarmstart.heuristics.laws.bound_handling import CODES, BoundHandling
-from swarmstart.heuristics.laws.box import Box
-from swarmstart.heuristics.laws.copying import copy_points
+from swarmstart.heuristics.laws.box import CODES, BoundHandling, Box
+from swarmstart.heuristics.laws.initial import sample_uniform
 from swarmstart.heuristics.laws.order import RunningOrder
-from swarmstart.heuristics.laws.sampling import sample_uniform
 from swarmstart.heuristics.searches.swarm import (
     fly,
     remember,
@@ -119,8 +118,8 @@ class ParticleSwarm(OfFixedSize, BoundHandled):
         velocity_max: Largest speed in each coordinate, as a fraction of the width of
             the box (that of `ChaoticPSO` is in the units of the variables); None means
             no limit.
-        bound_handling: What happens to a particle that would leave the box; see
-            `bound_handling`.
+        bound_handling: What happens to a particle that would leave the box; see the
+            module `box`.
 
     Raises:
         InvalidSettingsError: If a value is out of its range.
@@ -198,7 +197,7 @@ class ParticleSwarm(OfFixedSize, BoundHandled):
             social=float(self.social),
             velocity_max=velocity_max,
             bound_handling=CODES[self.bound_handling],
-            neighbours=self.neighbours or 0,
+            neighbours=self.neighbours or 0,  # 0: the whole swarm.
         )
 
     def start(
@@ -209,7 +208,7 @@ class ParticleSwarm(OfFixedSize, BoundHandled):
         return ParticleSwarmState(
             *common_fields(population),
             position=population.copy(),
-            velocity=0.5 * (elsewhere - population),
+            velocity=0.5 * (elsewhere - population),  # SPSO 2007
             personal=population.copy(),
             personal_cost=np.full(self.size, np.inf),
             personal_violation=np.full(self.size, np.inf),

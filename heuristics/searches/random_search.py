@@ -13,11 +13,11 @@ from swarmstart.heuristics.laws.algorithm import (
     Kernels,
     OfFixedSize,
     common_fields,
+    copy_points,
     require_size,
     take_generation,
 )
 from swarmstart.heuristics.laws.box import Box, between
-from swarmstart.heuristics.laws.copying import copy_points
 from swarmstart.heuristics.laws.order import RunningOrder
 from swarmstart.machine_code import Count, kernel
 

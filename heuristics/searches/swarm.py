@@ -23,12 +23,11 @@ from swarmstart.arrays import Array
 from swarmstart.heuristics.laws.algorithm import (
     Settings,
     State,
+    copy_column,
     require,
     take_generation,
 )
-from swarmstart.heuristics.laws.bound_handling import REDRAW, repair, turned
-from swarmstart.heuristics.laws.box import clip
-from swarmstart.heuristics.laws.copying import copy_column
+from swarmstart.heuristics.laws.box import REDRAW, clip, repair, turned
 from swarmstart.heuristics.laws.order import RunningOrder, better, precedes
 from swarmstart.machine_code import kernel
 
@@ -76,6 +75,7 @@ class SwarmState(State, Protocol):
 @kernel
 def swarm_best(state: SwarmState) -> Array:
     """Return the best point seen as the attractor of each particle, (dim, size)."""
+    # A column for each particle, as from `ring_best`: `fly` takes both.
     attractor = np.empty_like(state.position)
     for d in range(attractor.shape[0]):
         attractor[d, :] = state.best[d]

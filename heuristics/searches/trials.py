@@ -9,23 +9,50 @@ For each individual x_i, with the donors b, l, p, m and the weight F_i,
 The random numbers of a generation are drawn first, individual by individual; then the
 trials are computed coordinate by coordinate, along the rows of the arrays.
 
+F and the crossover rate CR may come from a memory of successful ones (SHADE, L-SHADE):
+trial i draws them around a random slot of it; after the generation those of the
+successful trials are averaged into one slot. The equations are in `lshade`.
+
 Source: Storn and Price (1997), Differential evolution - a simple and efficient
 heuristic for global optimization over continuous spaces, Journal of Global
-Optimization 11.
+Optimization 11; the memory: Tanabe and Fukunaga (2014), Improving the search
+performance of SHADE using linear population size reduction, IEEE Congress on
+Evolutionary Computation.
 """
 
-from typing import NamedTuple
+import math
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.arrays import Array
 from swarmstart.heuristics.laws.algorithm import Settings
-from swarmstart.heuristics.laws.bound_handling import REDRAW, repair
-from swarmstart.heuristics.laws.order import RunningOrder, precedes
+from swarmstart.heuristics.laws.box import REDRAW, repair
+from swarmstart.heuristics.laws.order import (
+    STATIC_PENALTY,
+    RunningOrder,
+    better,
+    is_finite,
+    precedes,
+)
 from swarmstart.machine_code import Count, kernel
 
 Mask = NDArray[np.bool_]
+
+FIRST_MEMORY = 0.5
+"""M_F and M_CR at the beginning."""
+
+SPREAD = 0.1
+"""Scale of the distributions of F and CR around the memory."""
+
+TERMINAL = -1.0
+"""Code of the terminal value of M_CR."""
+
+OF_COST, OF_VIOLATION = 0, 1
+"""Kinds of improvement: of the cost, or of the violation."""
+
+LARGEST_FLOAT = float(np.finfo(np.float64).max)
 
 
 class Plan(NamedTuple):
@@ -73,7 +100,7 @@ def draw_three_others(
 ) -> tuple[int, int, int]:
     """Draw three distinct individuals other than i, all triples equally likely."""
     r1 = i
-    while r1 == i:
+    while r1 == i:  # Rejection: all triples stay equally likely.
         r1 = draw_index(rng, size)
     r2 = i
     while r2 in (i, r1):
@@ -121,7 +148,7 @@ def cross_binomially(
         i: Index of the trial.
     """
     dim = mutated.shape[0]
-    k = free[draw_index(rng, free.size)]
+    k = free[draw_index(rng, free.size)]  # Else a trial may equal its parent.
     for d in range(dim):
         mutated[d, i] = rng.random() < CR
     mutated[k, i] = True
@@ -177,7 +204,7 @@ def fill_trials(
             value = value if mutated[i] else row[i]
             out[i] = value
             outside += not low <= value <= high
-        if outside == 0:
+        if outside == 0:  # As a rule: then there is no second pass.
             continue
         for i in range(size):
             if not low <= out[i] <= high and mutated[i]:
@@ -225,3 +252,114 @@ def select(
         for i in range(size):
             row[i] = trial[i] if replaced[i] else row[i]
     return replaced
+
+
+class Remembering(Protocol):
+    """The part of an algorithm's state that the kernels here read and change."""
+
+    @property
+    def cost(self) -> Array:
+        """Costs of the parents, shape (at least size,)."""
+
+    @property
+    def violation(self) -> Array:
+        """Their violations, same shape."""
+
+    @property
+    def F_memory(self) -> Array:  # noqa: N802 - a field
+        """M_F, shape (H,)."""
+
+    @property
+    def CR_memory(self) -> Array:  # noqa: N802 - a field
+        """M_CR, shape (H,)."""
+
+    @property
+    def slot(self) -> Count:
+        """The slot of the memory that is next, int64, shape (1,)."""
+
+    @property
+    def F_trial(self) -> Array:  # noqa: N802 - a field
+        """Weights of the trials asked last, shape (at least size,)."""
+
+    @property
+    def CR_trial(self) -> Array:  # noqa: N802 - a field
+        """Their crossover rates, same shape."""
+
+
+@kernel
+def draw_parameters(rng: np.random.Generator, state: Remembering, i: int) -> None:
+    """Draw F and CR of individual i's trial."""
+    slot = draw_index(rng, state.F_memory.size)
+    CR = state.CR_memory[slot]
+    if CR != TERMINAL:
+        CR += SPREAD * rng.standard_normal()
+    state.CR_trial[i] = min(max(CR, 0.0), 1.0)
+    F = 0.0
+    while F <= 0.0:  # As published; only values above 1 are cut.
+        cauchy = math.tan(math.pi * (rng.random() - 0.5))
+        F = state.F_memory[slot] + SPREAD * cauchy
+    state.F_trial[i] = min(F, 1.0)
+
+
+@kernel
+def measure_improvements(
+    order: RunningOrder,
+    state: Remembering,
+    cost: Array,
+    violation: Array,
+    improvement: Array,
+) -> None:
+    """Fill in the improvement of each trial on its parent, in [0, 1]; 0 if it is worse.
+
+    Improvements of the cost are divided by the largest of them, and so are those of the
+    violation: units do not matter.
+    """
+    largest = np.zeros(2)
+    for i in range(cost.size):
+        old, old_violation = state.cost[i], state.violation[i]
+        improvement[i] = 0.0
+        if is_finite(old, old_violation) and better(
+            order, cost[i], violation[i], old, old_violation
+        ):
+            gain = old - cost[i]
+            kind = kind_of(order, violation[i], old_violation)
+            if kind == OF_VIOLATION:
+                gain = old_violation - violation[i]
+            elif order.rule == STATIC_PENALTY:
+                penalised = cost[i] + order.weight * violation[i]
+                gain = old + order.weight * old_violation - penalised
+            improvement[i] = min(gain, LARGEST_FLOAT)  # A difference may overflow.
+            largest[kind] = max(largest[kind], improvement[i])
+    for i in range(cost.size):
+        if improvement[i] > 0.0:
+            improvement[i] /= largest[kind_of(order, violation[i], state.violation[i])]
+
+
+@kernel
+def kind_of(order: RunningOrder, violation: float, old_violation: float) -> int:
+    """Return the kind of a better trial's improvement: OF_COST or OF_VIOLATION."""
+    if order.rule == STATIC_PENALTY or max(violation, old_violation) <= order.level[0]:
+        return OF_COST
+    return OF_VIOLATION
+
+
+@kernel
+def remember(state: Remembering, improvement: Array) -> None:
+    """Update one slot of the memory with the weighted Lehmer means."""
+    sum_F = sum_FF = sum_CR = sum_CRCR = 0.0
+    for i in range(improvement.size):
+        F, CR, weight = state.F_trial[i], state.CR_trial[i], improvement[i]
+        sum_F += weight * F
+        sum_FF += weight * F * F
+        sum_CR += weight * CR
+        sum_CRCR += weight * CR * CR
+    if sum_F == 0.0:  # No trial was better: the memory and its slot stay.
+        return
+    slot = state.slot[0]
+    state.F_memory[slot] = sum_FF / sum_F
+    # A slot whose successful rates were all 0 keeps CR = 0 for ever.
+    if state.CR_memory[slot] == TERMINAL or sum_CR == 0.0:
+        state.CR_memory[slot] = TERMINAL
+    else:
+        state.CR_memory[slot] = sum_CRCR / sum_CR
+    state.slot[0] = (slot + 1) % state.F_memory.size

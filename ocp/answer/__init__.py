@@ -7,14 +7,14 @@ from swarmstart.ocp.answer.improving import (
     improved,
     repaired,
 )
-from swarmstart.ocp.answer.interruptible_bound import (
-    BoundInterrupted,
-    bounded,
-)
 from swarmstart.ocp.answer.plan import (
     Plan,
     Source,
     start_of,
+)
+from swarmstart.ocp.answer.solving import (
+    BoundInterrupted,
+    bounded,
 )
 
 __all__ = [

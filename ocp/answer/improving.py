@@ -41,7 +41,7 @@ from swarmstart.ocp.nlp.polish import SAME_COST, Polished, Polisher, is_better
 from swarmstart.ocp.nlp.polish_options import PolishStatus
 from swarmstart.ocp.rollout.checking import Excess
 from swarmstart.ocp.rollout.fitness import Fitness, Known
-from swarmstart.ocp.rollout.smoothing import PARTS, kink_sizes, smoothed
+from swarmstart.ocp.rollout.kinks import PARTS, kink_sizes, smoothed
 from swarmstart.ocp.rollout.status import SolutionStatus
 from swarmstart.ocp.search.settings import SearchSettings
 from swarmstart.ocp.statement.problem import OptimalControlProblem
@@ -125,6 +125,7 @@ def settled_answer(
         rng: Source of all randomness.
     """
     solution, used, given = answer
+    # At a kink second derivatives and small moves decide nothing.
     undecided = solution.status is SolutionStatus.FEASIBLE and not solution.path.kinks
     if used.polisher is None or not undecided or solution.plan.point is None:
         return solution
@@ -202,6 +203,7 @@ def _descended(
         found = polisher(plan.controls + move, x0, known, near=True)
         evaluations += found.evaluations
         work += found.iterations * (0 if plan.point is None else plan.point.lam_g.size)
+        # Relative to the natural size as well: near a cost of 0 any change would count.
         falls = plan.cost - found.cost > SAME_COST * max(abs(plan.cost), sizes.cost)
         feasible = found.violation <= fitness.problem.tolerance
         if feasible and falls and found.status is PolishStatus.CONVERGED:
@@ -248,9 +250,10 @@ def followed_down(
             smoothed(problem, sizes, part),
             search=None,
             polish=planner.polish,
+            # Machine code is not worth its compilation for a few evaluations.
             backend="casadi",
         )
-        near = part < PARTS[0]
+        near = part < PARTS[0]  # From then on the guess is nearly an answer.
         start = start_of(problem, at.plan, x0)
         plan = other.plan(
             start, known=known, guess=at.plan.controls, near=near, rng=rng
@@ -304,6 +307,7 @@ def repaired(
         slack = slack_at_checks(planner.tracer, at, x0, known, checks)
         wanted = hurried(excesses, last, attempt)
         margins = added(margins, wanted, slack, checks / more)
+        # An excess between checks falls with the square of their distance.
         least = max(e.relative for e in wanted) * (checks / more) ** 2
         tight = tightened(
             problem, [*margins.values()], for_all=least if attempt > 0 else 0.0
@@ -369,6 +373,8 @@ def _with_checks_for_margins(  # noqa: PLR0913 - an answer, and how it was found
         if at.status.is_confirmed:
             saved = best.solution.plan.cost - at.plan.cost
             best = found if _is_better_answer(at, best.solution) else best
+            # Margins fell to 1 / DENSER^2, and their cost with them, so this part is
+            # left.
             if saved / (DENSER**2 - 1) <= _NOTICED * at.path.magnitude:
                 break  # The remaining margins cost hardly anything.
             checks, coarser = checks * DENSER, 1 / DENSER

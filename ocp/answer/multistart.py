@@ -11,7 +11,7 @@ from swarmstart.heuristics import Budget
 from swarmstart.ocp.answer.plan import Plan, PlanningInterrupted, Source
 from swarmstart.ocp.answer.planner import Planner
 from swarmstart.ocp.common.errors import InvalidProblemError
-from swarmstart.ocp.common.progress import ProgressCallback, of_budget, tell_nothing
+from swarmstart.ocp.common.presentation import ProgressCallback, of_budget, tell_nothing
 from swarmstart.ocp.nlp.polish import Polished, Polisher, is_better
 from swarmstart.ocp.rollout.fitness import NOTHING, Known
 from swarmstart.ocp.search.search_space import TrajectoryFamily, space_of
@@ -91,7 +91,7 @@ def multistart(  # noqa: PLR0913 - a whole solver in one call
             start = space.decoded(x, x0, known)
             at = x0 if start.x0 is None else start.x0
             one = polish(start.controls, at, known, states=start.states)
-            evaluations += max(one.evaluations, 1)
+            evaluations += max(one.evaluations, 1)  # The loop ends in any case.
             since_better += 1
             if best is None or is_better(
                 (one.cost, one.violation),

@@ -13,7 +13,7 @@ import math
 from dataclasses import dataclass
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 
-from swarmstart.ocp.lower_bound.answer import BoundKind, LowerBound
+from swarmstart.ocp.lower_bound.stated.answer import BoundKind, LowerBound
 
 _DIGITS, _GAP_DIGITS = 6, 2
 _SHORT = Decimal("1e-4"), Decimal("1e7")
@@ -139,6 +139,8 @@ def _rounded(value: float, digits: int, *, up: bool) -> str:
     rounding = ROUND_CEILING if up else ROUND_FLOOR
     if abs(value) < _OF_ROUNDING:
         return "0"
+    # By its shortest digits: the binary value of 0.1 is above it and would round to
+    # 0.11.
     exact = Decimal(repr(float(value)))
     shown = exact.normalize(Context(prec=digits, rounding=rounding))
     is_short = _SHORT[0] <= abs(shown) < _SHORT[1] or not shown

@@ -1,8 +1,38 @@
-"""A plan: controls over one horizon, with their origin, cost and violation."""
+"""Plan: controls over one horizon, with origin, cost and violation; starts from a plan.
+
+A plan becomes a start on another grid, or from another initial state, by
+
+    states       interpolated over the time
+    controls     means over the new intervals; knots are interpolated
+    decided      unchanged: parameters, a free end time, a free start
+    multipliers  as in nlp/start.py
+
+If the horizon differs, everything is stretched: start maps to start, end to end. States
+of joined phases, which count their intervals, are omitted on another grid.
+
+In closed loop a plan starts from the last one, shifted by an interval with its
+multipliers. The polish from there is enough, and no search is needed, unless
+
+    it fails            it does not converge, or is not feasible
+    the problem jumps   J - J_last > max(S / 2, 1e-3 S_0)
+
+J is its cost and J_last that of the last plan, an upper bound of the cost of that
+plan's rest (costs that are not negative only fall along a plan). S is the sum of
+|costs| along the new plan, and S_0 the cost's natural size, from the problem's bounds
+(scaling.py); without S_0, noise about a target with zero costs would count as a jump.
+The cost rises if a target, a reference or an obstacle jumps, or the plant is pushed
+away. For costs that are not negative the rule is J > 2 J_last.
+
+Then the search and the lanes run as for a first plan, and the better plan is kept. The
+search also runs if nothing of the last plan is left, as for a horizon of one interval.
+A first plan is made both ways, too, since a search may miss the answer of a polish
+alone.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import Any, TypedDict
 
@@ -10,11 +40,26 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from swarmstart.arrays import Array
-from swarmstart.ocp.nlp.duals import Duals
+from swarmstart.ocp.common.errors import InvalidProblemError
+from swarmstart.ocp.nlp.multipliers import Duals, duals_of
 from swarmstart.ocp.nlp.optimality import NlpPoint
+from swarmstart.ocp.nlp.polish import is_better
 from swarmstart.ocp.nlp.polish_options import PolishStatus
+from swarmstart.ocp.nlp.start import Carried, Start
+from swarmstart.ocp.rollout.fitness import Fitness, Known, at_nodes, shared_arguments
 from swarmstart.ocp.search.account import Lanes, StartsAccount
+from swarmstart.ocp.search.settings import SearchSettings
+from swarmstart.ocp.statement.decisions import Free
+from swarmstart.ocp.statement.lowering import Lowered, lowered
 from swarmstart.ocp.statement.problem import OptimalControlProblem
+from swarmstart.ocp.system.separation import label
+
+JUMP = 0.5
+"""Rise of the cost, relative to its size, that counts as a jump."""
+_WORTH = 0.01
+"""Relative saving needed by a plan that no polish has converged to."""
+_NOISE = 1e-3
+"""Rise of the cost, relative to its natural size, that counts as noise."""
 
 
 class Source(Enum):
@@ -173,3 +218,206 @@ class PlanningInterrupted(KeyboardInterrupt):
         """Keep the best plan so far."""
         super().__init__("planning was interrupted before its end")
         self.partial = partial
+
+
+def guess_of(
+    plan: Plan, stated: OptimalControlProblem, problem: OptimalControlProblem
+) -> Start:
+    """Return a plan as a start of another problem with the same names.
+
+    Args:
+        plan: The plan, with its states.
+        stated: The problem that it answers.
+        problem: The problem to solve.
+
+    Raises:
+        InvalidProblemError: If states, controls, constraints or decisions have other
+            names, or controls another shape.
+    """
+    _require_same(stated, problem)
+    before, after = lowered(stated), lowered(problem)
+    decided = {
+        before.core.model.state_names[one.states[0]]: float(plan.x0[one.states[0]])
+        for one in before.core.free_starts
+    }
+    controls = _controls(before.knots(plan.controls, plan.x0), problem, stated)
+    carried = None
+    if plan.point is not None:
+        carried = Carried(
+            duals=duals_of(plan.point),
+            program=plan.point.program,
+            stretch=_length(after, decided) / before.end_time(plan.x0),
+        )
+    # Joined phases count their intervals in a state.
+    counts = bool(stated.clock) and problem.intervals != stated.intervals
+    return Start(
+        controls=controls,
+        states=None if counts else _states(plan, before, after, controls),
+        is_guess=not counts,
+        carried=carried,
+        decided=decided,
+    )
+
+
+def _length(after: Lowered, decided: dict[str, float]) -> float:
+    """Return the length of the new horizon [s]; a free one keeps it, in bounds."""
+    horizon = after.stated.horizon
+    if not isinstance(horizon, Free):
+        return after.stated.length
+    names = after.core.model.state_names
+    (place,) = after.places["end time"]
+    guess = decided.get(names[place], horizon.first)
+    return float(np.clip(guess, horizon.lower, horizon.upper))
+
+
+def _controls(
+    given: Array, problem: OptimalControlProblem, stated: OptimalControlProblem
+) -> Array:
+    """Return controls, or knots, over the intervals of a problem."""
+    N, before = problem.intervals, stated.intervals
+    if problem.has_knots:
+        at = np.linspace(0.0, before, N + 1)
+        return np.array([np.interp(at, np.arange(before + 1), row) for row in given])
+    if N == before:
+        return given.copy()
+    edges, old = np.linspace(0.0, 1.0, N + 1), np.linspace(0.0, 1.0, before + 1)
+    totals = np.hstack([np.zeros((given.shape[0], 1)), np.cumsum(given, axis=1)])
+    means = [np.diff(np.interp(edges, old, row)) * N / before for row in totals]
+    return np.array(means).reshape((given.shape[0], N))
+
+
+def _states(plan: Plan, before: Lowered, after: Lowered, controls: Array) -> Array:
+    """Return the states of the new core at its nodes."""
+    old = np.linspace(0.0, 1.0, plan.states.shape[1])
+    new = np.linspace(0.0, 1.0, after.core.nodes)
+    names = before.core.model.state_names
+    found = np.zeros((after.core.model.nx, new.size))
+    for i, name in enumerate(after.core.model.state_names):
+        if name in names:
+            found[i] = np.interp(new, old, plan.states[names.index(name)])
+    places = after.places["previous"]
+    if places:  # These states jump.
+        nodes = np.arange(new.size) // after.core.checks
+        held = np.hstack([found[places, :1], controls[: len(places)]])
+        found[places] = held[:, nodes]
+    return found
+
+
+def _require_same(
+    stated: OptimalControlProblem, problem: OptimalControlProblem
+) -> None:
+    """Raise unless two problems have the same names."""
+    if not isinstance(problem, OptimalControlProblem):
+        raise InvalidProblemError(
+            f"as_guess takes an OptimalControlProblem, got {type(problem).__name__}"
+        )
+    for what, own, others in zip(
+        ("states", "controls", "path constraints", "terminal constraints", "decisions"),
+        _names(stated),
+        _names(problem),
+        strict=True,
+    ):
+        if own != others:
+            raise InvalidProblemError(
+                f"an answer is a guess of the same problem only: its {what} are "
+                f"{_listed(own)}, those of the new one {_listed(others)}"
+            )
+    if problem.has_knots != stated.has_knots:
+        shapes = stated.control_shape, problem.control_shape
+        raise InvalidProblemError(
+            f"an answer is a guess of the same problem only: its controls are "
+            f"{shapes[0]}, those of the new one {shapes[1]}"
+        )
+
+
+def _names(problem: OptimalControlProblem) -> list[list[str]]:
+    model = problem.model
+    every = [*problem.stated, *problem.soft]
+    free = ["end time"] if isinstance(problem.horizon, Free) else []
+    return [
+        [*model.state_names],
+        [*model.control_names],
+        sorted(map(label, every)),  # In any order: multipliers are found by name.
+        sorted(map(label, problem.terminal_constraints)),
+        sorted([*free, *problem.decided]),
+    ]
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names) or "none"
+
+
+def begins_warm(search: SearchSettings | None, *, lanes: bool) -> bool:
+    """Return whether a plan is first made by a polish alone, if there is one.
+
+    Args:
+        search: The population search; None without one.
+        lanes: Whether there are lanes.
+    """
+    return lanes if search is None else search.when == "needed"
+
+
+def is_enough(
+    fitness: Fitness,
+    warm: Plan,
+    x0: ArrayLike,
+    known: Known,
+    last_cost: float | None,
+) -> bool:
+    """Return whether a plan polished from the last one needs no search.
+
+    Args:
+        fitness: The problem's evaluator.
+        warm: The plan.
+        x0: Its initial state, shape (nx,).
+        known: Parameters and signals.
+        last_cost: Cost of the last plan; None if not known.
+    """
+    if not warm.feasible or warm.polish_status is not PolishStatus.CONVERGED:
+        return False
+    if last_cost is None or not np.isfinite(last_cost) or warm.cost <= last_cost:
+        return True
+    size = _size_along(fitness, warm, x0, known)
+    natural = fitness.arguments.sizes(x0, known).cost
+    return bool(warm.cost - last_cost <= max(JUMP * size, _NOISE * natural))
+
+
+def better_plan(
+    fitness: Fitness, plan: Plan, warm: Plan, x0: ArrayLike, known: Known
+) -> Plan:
+    """Return the better of a searched plan and another, with the effort of both.
+
+    Of two feasible plans, the one that a polish has converged to is preferred, unless
+    the other costs much less: the next polish can start from it.
+
+    Args:
+        fitness: The problem's evaluator.
+        plan: The searched plan.
+        warm: The plan made without a search.
+        x0: Initial state, shape (nx,).
+        known: Parameters and signals.
+    """
+    found, before = (plan.cost, plan.violation), (warm.cost, warm.violation)
+    takes_warm = is_better(before, found, tolerance=fitness.problem.tolerance)
+    if plan.feasible and warm.feasible and _is_solved(plan) != _is_solved(warm):
+        solved, other = (warm, plan) if _is_solved(warm) else (plan, warm)
+        worth = _WORTH * _size_along(fitness, solved, x0, known)
+        # True if the solved one is `warm` and good enough, or neither.
+        takes_warm = (solved is warm) == (solved.cost - other.cost <= worth)
+    best = plan
+    if takes_warm:
+        # The search did run, so its results stay.
+        best = replace(warm, search=plan.search, starts=plan.starts)
+    return replace(best, evaluations=plan.evaluations + warm.evaluations)
+
+
+def _is_solved(plan: Plan) -> bool:
+    return plan.polish_status is PolishStatus.CONVERGED
+
+
+def _size_along(fitness: Fitness, plan: Plan, x0: ArrayLike, known: Known) -> float:
+    """Return the sum of |costs| along a plan."""
+    _, p, flat = shared_arguments(fitness.problem, x0, known)
+    signals = at_nodes(fitness.problem, flat)
+    sizing = fitness.shooting.sizing
+    return sizing.cost_along(plan.states, plan.controls, p, signals)

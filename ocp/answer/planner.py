@@ -30,10 +30,12 @@ from swarmstart.ocp.answer.plan import (
     PlanningInterrupted,
     SearchReport,
     Source,
+    begins_warm,
+    better_plan,
+    is_enough,
 )
-from swarmstart.ocp.answer.warm_steps import begins_warm, better_plan, is_enough
 from swarmstart.ocp.common.errors import InvalidProblemError
-from swarmstart.ocp.common.progress import ProgressCallback, of_budget, tell_nothing
+from swarmstart.ocp.common.presentation import ProgressCallback, of_budget, tell_nothing
 from swarmstart.ocp.nlp.integer_polish import IntegerPolisher
 from swarmstart.ocp.nlp.polish import (
     Polished,
@@ -57,12 +59,12 @@ from swarmstart.ocp.rollout.path import Tracer
 from swarmstart.ocp.rollout.shooting import Shooting
 from swarmstart.ocp.search.account import Effort, Origin, StartsAccount
 from swarmstart.ocp.search.lane_search import LaneSearch, searched
-from swarmstart.ocp.search.lane_settings import Memetic, Multistart, population_of
 from swarmstart.ocp.search.lane_starts import Task, ToldBest
 from swarmstart.ocp.search.many_starts import (
     Answered,
     ManyStarts,
     ManyStartsInterrupted,
+    straight_states,
 )
 from swarmstart.ocp.search.search_space import (
     SearchSpace,
@@ -71,14 +73,16 @@ from swarmstart.ocp.search.search_space import (
     space_of,
 )
 from swarmstart.ocp.search.settings import (
+    Memetic,
+    Multistart,
     SearchGiven,
     SearchSettings,
+    population_of,
     search_settings,
     traded_order,
 )
-from swarmstart.ocp.search.state_guesses import straight_states
 from swarmstart.ocp.statement.control_shape import split_knots
-from swarmstart.ocp.statement.guess import bounded_controls, zero_controls
+from swarmstart.ocp.statement.lowering import bounded_controls, zero_controls
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 
 _BASINS = 3
@@ -184,6 +188,7 @@ class Planner:
         self._checker = Checker(self.fitness.shooting)
         search = search_settings(search)
         if search is not None and problem.maximize:
+            # The user's target belongs to the maximised cost, the core's is minimised.
             search = _turned(search)
         self.search, self.polish, self.watch = search, polish, watch
         self._space: SearchSpace | None = None
@@ -264,6 +269,7 @@ class Planner:
             InvalidProblemError: If a shape is not the problem's.
         """
         lowered = self.lowered
+        # All members of an ensemble may be given one start, which must be repeated.
         is_core = lowered.core is self.stated and self.stated.risk is None
         if is_core and not self.problem.free_starts:
             return x0, known, guess
@@ -359,7 +365,7 @@ class Planner:
             warm = self._alone.plan(x0, known=known, guess=guess, near=near, rng=rng)
             if near and is_enough(self.fitness, warm, x0, known, last_cost):
                 return warm
-            follows = False
+            follows = False  # From here on as for a first plan.
         plan = self._made(x0, known, guess, candidates, follows, rng, progress)
         return (
             plan if warm is None else better_plan(self.fitness, plan, warm, x0, known)
@@ -376,6 +382,7 @@ class Planner:
         """The same planner without search and lanes."""
         alone = copy(self)
         alone.search, alone._space, alone._lanes = None, None, 0
+        # A copy takes cached values along; this one is for a planner with lanes.
         alone.__dict__.pop("many_starts", None)
         return alone
 
@@ -395,7 +402,9 @@ class Planner:
             x0 = x0 if given.x0 is None else given.x0
             controls = bounded_controls(self.problem, given.controls)
             given = given._replace(
-                controls=controls, is_guess=given.states is not None, x0=None
+                controls=controls,
+                is_guess=given.states is not None,
+                x0=None,  # It is the request's own now.
             )
         first = []
         if candidates is not None:
@@ -424,6 +433,7 @@ class Planner:
                     )
                 else:
                     account = None if near else self._whole_account()
+                    # A search's points are answers, too.
                     near = near or self.search is not None
                     rounded = self._rounding(starts, x0, known, near=near)
                     polished, evaluations = rounded.polished, rounded.evaluations
@@ -463,6 +473,7 @@ class Planner:
                 try:
                     plan, starts = self._searched(request)
                 except PlanningInterrupted as stopped:
+                    # Kept here, since `many_starts` knows the results of polishes only.
                     searched.append((stopped.partial, watch.seconds))
                     raise
                 searched.append((plan, watch.seconds))
@@ -477,6 +488,7 @@ class Planner:
                 )
         except ManyStartsInterrupted as stopped:
             best = self._of_many(stopped.partial, searched, request.known)
+            # The search's answer may be better than those of the few polishes so far.
             for plan, _ in searched:
                 one, other = ((p.cost, p.violation) for p in (plan, best))
                 if is_better(one, other, tolerance=self.problem.tolerance):
@@ -550,6 +562,7 @@ class Planner:
         )
         if found.violation <= tolerance or near or self.watch.is_over:
             return found, evaluations
+        # A second attempt for a first plan that is infeasible.
         straight = self._straight(starts[0], x0, known)
         if straight:
             again, more = polish_basins(
@@ -623,7 +636,7 @@ class Planner:
             return plan, [Start(controls)]
         objective = space.objective(x0, known)
         order = search.order or default_order(self.problem.tolerance)
-        basins = search.basins if self.polisher else 0
+        basins = search.basins if self.polisher else 0  # They are for the polish.
         if self.polisher and self.problem.free_starts:
             basins = basins or _BASINS
             order = search.order or traded_order(objective, space.box, rng)

@@ -19,9 +19,8 @@ from swarmstart.ocp.rollout.checking import Excess, Points
 from swarmstart.ocp.rollout.fitness import Known, at_nodes, shared_arguments
 from swarmstart.ocp.rollout.path import Tracer, signals_between
 from swarmstart.ocp.statement.problem import OptimalControlProblem
-from swarmstart.ocp.system.constraint_forms import label
 from swarmstart.ocp.system.constraints import Constraint, PathConstraint
-from swarmstart.ocp.system.separation import Connection, Separation
+from swarmstart.ocp.system.separation import Connection, Separation, label
 
 ATTEMPTS = 3
 _MORE = 1.05
@@ -108,7 +107,7 @@ def slack_at_checks(
     points = Points(
         path.times[columns],
         path.states[:, columns],
-        path.controls[:, columns - 1],
+        path.controls[:, columns - 1],  # Held up to these times.
         signals_between(problem, at_nodes(problem, flat), at),
     )
     return tracer.checker.slack(points, p)
@@ -200,7 +199,7 @@ def with_more_checks(
     finer = replace(
         problem,
         checks=problem.checks * times,
-        substeps=-(-problem.substeps // times),
+        substeps=-(-problem.substeps // times),  # Rounded up.
     )
     shape = (problem.ns, problem.nodes)
     given = np.asarray(known.signals, dtype=np.float64).reshape(shape)
@@ -254,6 +253,7 @@ def _with_margin(constraint: Constraint, excess: Excess, margin: float) -> Const
         )
     if isinstance(constraint, Connection):
         most = constraint.distance - constraint.margin
+        # Some of the distance must be left.
         return replace(constraint, margin=constraint.margin + min(margin, 0.5 * most))
     if isinstance(constraint, PathConstraint):
         lower, upper = np.array(constraint.lower), np.array(constraint.upper)

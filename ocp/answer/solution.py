@@ -27,12 +27,10 @@ from numpy.typing import ArrayLike
 
 from swarmstart.arrays import Array
 from swarmstart.ocp.answer.optimality_gap import OptimalityGap
-from swarmstart.ocp.answer.plan import Plan, start_of
-from swarmstart.ocp.answer.travelling import guess_of
+from swarmstart.ocp.answer.plan import Plan, guess_of, start_of
 from swarmstart.ocp.common.presentation import Presented
-from swarmstart.ocp.common.profile import piece_at, rows_at
-from swarmstart.ocp.lanes.optima import Optimum
-from swarmstart.ocp.lower_bound.answer import LowerBound
+from swarmstart.ocp.lanes.answers import Optimum
+from swarmstart.ocp.lower_bound.stated.answer import LowerBound
 from swarmstart.ocp.nlp.multipliers import Multipliers, multipliers_of
 from swarmstart.ocp.nlp.optimality import Curvature, curvature, is_stationary
 from swarmstart.ocp.nlp.polish import SAME_COST
@@ -49,8 +47,13 @@ from swarmstart.ocp.rollout.member_costs import member_costs
 from swarmstart.ocp.rollout.path import Path, Tracer, first_not_finite
 from swarmstart.ocp.rollout.scaling import Sizes
 from swarmstart.ocp.rollout.shooting import Shooting
-from swarmstart.ocp.rollout.status import Found, SolutionStatus, advice_for
-from swarmstart.ocp.rollout.stiffness import fastest_mode
+from swarmstart.ocp.rollout.status import (
+    Found,
+    SolutionStatus,
+    advice_for,
+    fastest_mode,
+)
+from swarmstart.ocp.statement.control_shape import piece_at, rows_at
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 
 if TYPE_CHECKING:
@@ -287,6 +290,7 @@ class Solution(Presented):
             lines.append(f"  outputs     {_ranges(self.output_names, self.outputs)}")
         if self.decided:
             values = [f"{name} {value:.9g}" for name, value in self.decided.items()]
+            # The later line first, so that the places of the others stay valid.
             lines.insert(7, f"  decided     {', '.join(values)}")
         if self.member_costs.size:
             lines.insert(4, f"  members     {_spread(self.member_costs)}")
@@ -356,6 +360,7 @@ def verified(  # noqa: PLR0913 - a plan and how it is judged
     sizes = trace.shooting.sizing(state, parameters, signals, plan.controls)
     path = trace(plan.controls, state, parameters, signals, sizes)
     found = _judged(trace.shooting, plan, path, sizes, tolerance=tolerance)
+    # Away from kinks and jumps, neighbours have nearly the same value.
     if found.status is SolutionStatus.FEASIBLE and path.kinks:
         for controls, start in _beside(problem, plan.controls, state, sizes):
             moved = trace(controls, start, parameters, signals, sizes)
@@ -376,7 +381,7 @@ def verified(  # noqa: PLR0913 - a plan and how it is judged
     failed = plan.polish_status is PolishStatus.NUMERICAL_FAILURE
     if advised and (failed or not status.is_confirmed):
         fast = fastest_mode(trace.shooting, path, state, Known(parameters, signals))
-    every = (path.times.size - 1) // (problem.nodes - 1)
+    every = (path.times.size - 1) // (problem.nodes - 1)  # Fine steps between nodes.
     stated = trace.shooting.stated
     sense = stated.sense
     return Solution(
@@ -385,6 +390,7 @@ def verified(  # noqa: PLR0913 - a plan and how it is judged
         advice=advice_for(problem, found, fast),
         problem=stated,
         times=path.times[::every],
+        # Further states of the core are none of the user's.
         states=path.states[: stated.model.nx, ::every],
         controls=trace.shooting.lowered.knots(plan.controls, state),
         known=stated_known(trace.shooting.lowered, state, parameters, signals),
@@ -417,6 +423,7 @@ def _algebraic(
     at = ca.Function("algebraic", [*core.symbols().values()], [found.solution])
     u = np.repeat(plan.controls, core.checks, axis=1)
     p = np.repeat(parameters[:, None], states.shape[1], axis=1)
+    # No control begins at the last node.
     return np.array(at(states, np.hstack([u, u[:, -1:]]), p, signals))
 
 
@@ -490,7 +497,8 @@ def _same_beside(
     """Return MISMATCH if a neighbour's path has another value."""
     problem, sense = shooting.problem, shooting.stated.sense
     allowed = tolerance * path.magnitude + _STEADY * _BESIDE * sizes.cost
-    changes = not abs(moved.cost - path.cost) <= allowed
+    changes = not abs(moved.cost - path.cost) <= allowed  # True for NaN, too.
+    # The answer itself may break them by the tolerance.
     broken = [e for e in moved.broken if e.relative > 2 * problem.path_tolerance]
     if not (changes or broken):
         return Found(SolutionStatus.FEASIBLE, "")
@@ -537,7 +545,7 @@ def _differences(
     told = []
     allowed = tolerance * path.magnitude + _NOTHING_MOVES * sizes.cost
     if abs(path.cost - plan.cost) > allowed:
-        share = abs(path.cost - plan.cost) / max(path.magnitude, 1e-300)
+        share = abs(path.cost - plan.cost) / max(path.magnitude, 1e-300)  # No 0 / 0.
         told.append(
             f"the cost is {sense * path.cost:.6g} on the finer path, "
             f"{sense * plan.cost:.6g} on the problem's grid ({share:.2g} of its "
@@ -593,6 +601,7 @@ def _ranked(plan: Plan, path: Path, settled: bool) -> Found:
             "a smooth optimum say nothing",
         )
     point = plan.point
+    # By the project's own test, whatever the solver reports.
     if point is not None and not is_stationary(point):
         point = None
     if point is None or plan.polish_status is not PolishStatus.CONVERGED:

@@ -1,7 +1,11 @@
-"""Solution of a problem in one call: search, polish, verification, and repair."""
+"""Solution of a problem in one call: search, polish, verification, repair, and bound.
+
+A lower bound is searched after an answer was found, and a stop loses no answer.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Literal
@@ -10,18 +14,20 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from swarmstart.arrays import Array
+from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics import Budget, Order, generator_of
 from swarmstart.heuristics.running import heeded
 from swarmstart.machine_code import stopwatch
 from swarmstart.ocp.answer.improving import improved
-from swarmstart.ocp.answer.interruptible_bound import BoundInterrupted, bounded
 from swarmstart.ocp.answer.plan import PlanningInterrupted
 from swarmstart.ocp.answer.planner import Planner
 from swarmstart.ocp.answer.solution import Solution, verified
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.common.expressions import shortened
 from swarmstart.ocp.common.limits import require_choice, require_count, require_seconds
-from swarmstart.ocp.common.progress import ProgressCallback, tell_nothing
+from swarmstart.ocp.common.presentation import ProgressCallback, tell_nothing
+from swarmstart.ocp.lower_bound import bounding
+from swarmstart.ocp.lower_bound.stated.answer import BoundKind, LowerBound
 from swarmstart.ocp.nlp.polish_options import (
     IpoptOptions,
     NlpOptions,
@@ -48,6 +54,19 @@ class SolveInterrupted(KeyboardInterrupt):
     def __init__(self, partial: Solution) -> None:
         """Keep the best answer so far."""
         super().__init__("solve was interrupted; the best answer so far is in .partial")
+        self.partial = partial
+
+
+class BoundInterrupted(KeyboardInterrupt):
+    """Ctrl-C while the lower bound of an answer was computed.
+
+    Attributes:
+        partial: The best bound so far; None if there is none.
+    """
+
+    def __init__(self, partial: LowerBound | None) -> None:
+        """Keep the best bound so far."""
+        super().__init__("the bound was interrupted")
         self.partial = partial
 
 
@@ -139,6 +158,7 @@ def solve(  # noqa: PLR0913 - the whole way in one call
         require_count("lanes", lanes)
     require_choice("start", start, ("must hold", "may violate"))
     require_seconds("bound", bound)
+    # The bound is that of the stated problem, whereas `posed` returns the core's.
     given = x0, known
     rng = generator_of(rng, seed)
     settings = search_settings(search, budget, order)
@@ -173,6 +193,51 @@ def solve(  # noqa: PLR0913 - the whole way in one call
     if bound is None:
         return solution
     return _with_bound(solution, *given, seconds=bound, progress=progress)
+
+
+def bounded(
+    answer: Solution | float | None,
+    problem: OptimalControlProblem,
+    x0: ArrayLike,
+    known: Known = NOTHING,
+    *,
+    seconds: float,
+    progress: ProgressCallback = tell_nothing,
+) -> LowerBound:
+    """Return a lower bound of the optimal cost; of kind NONE if there is none.
+
+    Args:
+        answer: An answer, or its cost as the problem states it, which makes the bound
+            tighter; None: no answer is known.
+        problem: The problem as it was given.
+        x0: Initial state, as it was given.
+        known: Parameters and signals as they were given.
+        seconds: Time limit [s].
+        progress: Callback, as in `solve`.
+
+    Raises:
+        BoundInterrupted: On Ctrl-C, with the best bound so far.
+    """
+    progress(0, 0, "bounding")
+    found = None
+    try:
+        with heeded():
+            found = bounding.lower_bound(
+                problem,
+                x0,
+                known=known,
+                answer=answer,
+                seconds=float(seconds),
+                progress=progress,
+            )
+    except KeyboardInterrupt:
+        # Not None if the signal came after the search had ended.
+        raise BoundInterrupted(found) from None
+    except SwarmstartError as error:
+        return LowerBound(
+            kind=BoundKind.NONE, value=math.nan, reason=str(error), sense=problem.sense
+        )
+    return found
 
 
 def _with_bound(
@@ -215,6 +280,7 @@ def _solved(  # noqa: PLR0913 - what solve was given, checked
     progress(0, 0, "verifying")
     answers = improved(planner, plan, x0, known, repair=repair, rng=rng)
     with heeded():
+        # One step after the other, so that Ctrl-C loses the present step only.
         solution = next(answers)
     progress(0, 0, "improving")
     try:

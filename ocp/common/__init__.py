@@ -1,4 +1,4 @@
-"""Common ground of `ocp`: errors, limits, expressions, units, progress."""
+"""Common ground of `ocp`: errors, limits, expressions, presentation."""
 
 from swarmstart.ocp.common.expressions import (
     symbol_names,
@@ -6,19 +6,13 @@ from swarmstart.ocp.common.expressions import (
 from swarmstart.ocp.common.limits import (
     require_seconds,
 )
-from swarmstart.ocp.common.profile import (
-    Profile,
-    piece_at,
-)
-from swarmstart.ocp.common.progress import (
+from swarmstart.ocp.common.presentation import (
     ProgressCallback,
     tell_nothing,
 )
 
 __all__ = [
-    "Profile",
     "ProgressCallback",
-    "piece_at",
     "require_seconds",
     "symbol_names",
     "tell_nothing",

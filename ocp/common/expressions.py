@@ -1,7 +1,27 @@
-"""Expressions given by a user: columns, symbols, and their text in messages."""
+"""Expressions given by a user: columns, symbols, MX converted to SX, common factors.
 
-from collections.abc import Sequence
-from typing import Any, cast
+The right-hand side is compiled from SX expressions, whose operations are scalar. A
+model in MX symbols gets an SX symbol of the same name and shape for each of them, and
+every expression in them is expanded:
+
+    e(x, u, p) in MX  ->  Function([x, u, p], [e]).expand()  called with the SX symbols
+
+If CasADi cannot write a function's body in scalar operations (an integrator, a root
+finder, a callback), the function stays in the expanded expression as a call, without an
+error (CasADi 3.8.2). Such a call is refused here. Tables (`casadi.interpolant`) stay as
+calls, too, but are allowed: the compiler reads them (interpolants.py).
+
+Powers of two are factored out of an expression, so that they cause no rounding. A cost
+times a power of two has the same digits with other exponents. But 2^k (a b) + c is not
+rounded like a b + c: sums are fused with products, and derivatives add up in another
+order. If the power is factored out and applied at the very end, every answer has the
+same bits.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
+from typing import Any, TypeVar, cast
 
 import casadi as ca
 
@@ -9,6 +29,9 @@ from swarmstart.ocp.common.errors import InvalidProblemError
 
 LONGEST_SHOWN = 60
 """Largest number of characters of a value in a message."""
+T = TypeVar("T")
+_WEIGHTS = ("weight", "quadratic_weight")
+_TABLES = ("LinearInterpolant", "BSplineInterpolant")
 
 
 def shortened(value: object) -> str:
@@ -49,6 +72,7 @@ def as_column(role: str, expression: ca.SX) -> ca.SX:
     """
     try:
         if isinstance(expression, list | tuple):
+            # The empty SX makes the result SX, also of numbers alone or of no rows.
             expression = ca.vertcat(ca.SX(0, 1), *expression)
         column = ca.SX(expression)
     except (NotImplementedError, TypeError) as error:
@@ -89,6 +113,7 @@ def require_known(role: str, expression: ca.SX, known: dict[str, ca.SX]) -> None
             two of the known symbols are the same.
     """
     try:
+        # CasADi refuses free symbols at once; they are searched for only if it does.
         ca.Function("known", list(known.values()), [expression])
     except RuntimeError as error:
         columns = list(known.values())
@@ -111,6 +136,7 @@ def rows_that_depend(column: ca.SX, symbols: ca.SX) -> list[int]:
     """Return the rows of an expression that depend on any of some symbols."""
     if not (symbols.numel() and column.numel()):
         return []
+    # Order 1: in any way; for each row.
     depend = ca.which_depends(column, symbols, 1, True)
     return [row for row, depends in enumerate(depend) if depends]
 
@@ -123,3 +149,188 @@ def symbol_names(symbols: ca.SX) -> tuple[str, ...]:
 def symbol_of(name: str) -> ca.SX:
     """Return a scalar symbol of any name; CasADi would split a name at brackets."""
     return ca.SX.sym(name.translate(str.maketrans("[],", "   ")))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SymbolMap:
+    """MX symbols, each with the SX symbol that replaces it.
+
+    Attributes:
+        given: The MX symbols of the user.
+        symbols: An SX column or matrix for each, of the same name and shape.
+    """
+
+    given: tuple[ca.MX, ...] = ()
+    symbols: tuple[ca.SX, ...] = ()
+
+    def sx(self, role: str, expression: ca.SX | ca.MX) -> ca.SX:
+        """Return an expression in MX symbols as one in SX symbols.
+
+        Args:
+            role: Description of the expression, for the message.
+            expression: MX in the given symbols; anything else is returned unchanged.
+
+        Raises:
+            InvalidProblemError: If it has other MX symbols, or a call that cannot be
+                written in scalar operations.
+        """
+        if not isinstance(expression, ca.MX):
+            return expression
+        foreign = [
+            symbol.name()
+            for symbol in ca.symvar(expression)
+            if not any(ca.is_equal(symbol, known) for known in self.given)
+        ]
+        if foreign:
+            raise InvalidProblemError(
+                f"{role} has MX symbols that are not symbols of the model: "
+                f"{', '.join(foreign)}"
+            )
+        # A call with SX symbols expands the function.
+        function = ca.Function("expression", list(self.given), [expression])
+        expanded = function.call(list(self.symbols))[0]
+        require_scalar_operations(role, expanded)
+        return expanded
+
+    def extended(
+        self, columns: Mapping[str, ca.SX | ca.MX]
+    ) -> tuple["SymbolMap", dict[str, ca.SX]]:
+        """Return the map with further symbols, and the columns as SX.
+
+        Args:
+            columns: Columns of symbols by role; those that are not MX are returned
+                unchanged.
+
+        Raises:
+            InvalidProblemError: If an MX column is neither a symbol nor a column of
+                symbols.
+        """
+        given, symbols = list(self.given), list(self.symbols)
+        for role, column in columns.items():
+            for primitive in _primitives(role, column):
+                if not any(ca.is_equal(primitive, known) for known in given):
+                    given.append(primitive)
+                    name, sparsity = primitive.name(), primitive.sparsity()
+                    symbols.append(ca.SX.sym(name, sparsity))
+        extended = SymbolMap(tuple(given), tuple(symbols))
+        return extended, {
+            role: extended.sx(role, column) for role, column in columns.items()
+        }
+
+
+def _primitives(role: str, column: ca.SX | ca.MX) -> list[ca.MX]:
+    """Return the MX symbols that a column consists of."""
+    if not isinstance(column, ca.MX):
+        return []
+    if not column.is_valid_input():
+        raise InvalidProblemError(
+            f"{role} must be CasADi symbols, got {shortened(column)}"
+        )
+    return [p for p in column.primitives() if p.numel()]
+
+
+def require_scalar_operations(role: str, expression: ca.SX) -> None:
+    """Raise if an expression calls a function other than a table.
+
+    Raises:
+        InvalidProblemError: With the names of the called functions.
+    """
+    called = sorted({
+        f"{function.name()} ({function.class_name()})"
+        for function in _called(expression)
+        if function.class_name() not in _TABLES
+    })  # fmt: skip
+    if called:
+        raise InvalidProblemError(
+            f"{role} must consist of scalar operations (CasADi's expand), it calls "
+            f"{', '.join(called)}; write the formula itself, for example an explicit "
+            "right-hand side in place of an integrator"
+        )
+
+
+def _called(expression: ca.SX) -> Iterator[ca.Function]:
+    """Yield the functions that an SX expression calls, outermost calls first."""
+    whole = ca.Function("whole", ca.symvar(expression), [expression])
+    calls = (
+        k
+        for k in range(whole.n_instructions())
+        if whole.instruction_id(k) == ca.OP_CALL
+    )
+    if next(calls, None) is None:  # the usual case, and a quick one
+        return
+    waiting = list(ca.vertsplit(ca.vec(ca.densify(expression))))
+    seen = set()
+    while waiting:
+        node = waiting.pop()
+        # Shared subexpressions are visited once; else the walk may grow exponentially.
+        if node.element_hash() in seen:
+            continue
+        seen.add(node.element_hash())
+        if node.is_call():
+            yield node.which_function()
+        waiting.extend(node.dep(k) for k in range(node.n_dep()))
+
+
+def in_sx(role: str, entry: T, sx: Callable[[str, ca.SX | ca.MX], ca.SX]) -> T:
+    """Return a user's entry with every expression in it converted to SX.
+
+    Args:
+        role: Description of the entry, for messages.
+        entry: An expression, a constraint of this package, or a list or tuple of these;
+            anything else is returned unchanged.
+        sx: Converts an expression, given its role, to SX.
+    """
+    stated: object = entry
+    if isinstance(stated, ca.SX | ca.MX):
+        stated = sx(role, stated)
+    elif isinstance(stated, list | tuple):
+        stated = type(stated)(in_sx(role, part, sx) for part in stated)
+    elif is_dataclass(stated) and not isinstance(stated, type):
+        changed = {
+            attribute: sx(role, value)
+            for attribute in ("expression", "relative", *_WEIGHTS)
+            if attribute in {f.name for f in fields(stated)}
+            and isinstance(value := getattr(stated, attribute), ca.SX | ca.MX)
+        }
+        # An entry without MX is returned itself: `replace` would validate it again.
+        if any(value is not getattr(stated, name) for name, value in changed.items()):
+            stated = replace(stated, **changed)
+    return cast(T, stated)
+
+
+def without_power_of_two(expression: ca.SX) -> tuple[int, ca.SX]:
+    """Return (k, rest) with expression = 2^k rest, k taken from constant factors."""
+    if expression.is_constant() or not expression.nnz():
+        return 0, expression
+    operation = expression.op()
+    if operation == ca.OP_MUL:
+        return _of_product(expression)
+    if operation == ca.OP_TWICE:
+        power, rest = without_power_of_two(expression.dep(0))
+        return power + 1, rest
+    if operation == ca.OP_NEG:
+        power, rest = without_power_of_two(expression.dep(0))
+        return power, -rest
+    if operation in (ca.OP_ADD, ca.OP_SUB):
+        return _of_sum(expression)
+    return 0, expression
+
+
+def _of_product(product: ca.SX) -> tuple[int, ca.SX]:
+    first, second = product.dep(0), product.dep(1)
+    for factor, other in ((first, second), (second, first)):  # Either may be constant.
+        # 0, inf and NaN have no power of two.
+        if factor.is_constant() and float(factor) and math.isfinite(float(factor)):
+            mantissa, exponent = math.frexp(float(factor))
+            power, rest = without_power_of_two(other)
+            left = 2 * mantissa  # In [1, 2), with its sign.
+            return power + exponent - 1, rest if left == 1.0 else left * rest
+    return 0, product
+
+
+def _of_sum(total: ca.SX) -> tuple[int, ca.SX]:
+    """Return the power that both terms share, taken out of a sum or difference."""
+    (k, a), (m, b) = (without_power_of_two(total.dep(i)) for i in (0, 1))
+    if k != m or not k:
+        return 0, total
+    return k, a + b if total.op() == ca.OP_ADD else a - b

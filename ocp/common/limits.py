@@ -27,6 +27,7 @@ def limits_of(role: str, limits: Sequence[Limit], size: int) -> tuple[Array, Arr
         InvalidProblemError: If they do not broadcast, are not numbers, or cross.
     """
     try:
+        # A copy, since a broadcast array shares one number among its elements.
         lower, upper = (np.broadcast_to(vector_of(v), (size,)).copy() for v in limits)
     except (TypeError, ValueError) as error:
         raise InvalidProblemError(
@@ -108,6 +109,7 @@ def vector_of(values: object) -> Array:
     if isinstance(values, ca.DM):
         return np.array(values, dtype=np.float64).ravel()
     array = np.asarray(values)
+    # Booleans, integers and floats only: NumPy would also convert text to numbers.
     if array.dtype.kind not in "biuf":
         raise TypeError(f"expected numbers, got {values!r}")
     return array.astype(np.float64)
@@ -136,6 +138,7 @@ def require_number(role: str, number: object) -> float:
     Raises:
         InvalidProblemError: If it is not a real number; text is not converted.
     """
+    # A bool is a Real in Python.
     if isinstance(number, bool) or not isinstance(number, Real):
         raise InvalidProblemError(
             f"{role} must be a number, got {number!r} ({type(number).__name__})"

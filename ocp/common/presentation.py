@@ -1,27 +1,37 @@
-"""Plots, files and tables of results, by functions that `ocp` knows by name only.
+"""Presentation of results and of progress, by functions that `ocp` does not contain.
 
-`ocp` neither plots nor writes. A result looks up the function in the table below when
-it is needed, and `cases` does the work.
+`ocp` neither prints, nor plots, nor writes. A result looks up the function for its
+figures, files and tables in the table below when it is needed, and `cases` does the
+work. Long work reports its progress to a callback of the program that called it.
 """
 
+import time as clock
+from collections.abc import Callable
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any
+
+from swarmstart.heuristics import Budget
 
 _DRAWING, _RECORD = "swarmstart.cases.drawing", "swarmstart.cases.record"
 PRESENTATIONS = {
     ("Solution", "plot"): f"{_DRAWING}.problem_figures:draw_solution",
     ("Trajectory", "plot"): f"{_DRAWING}.problem_figures:draw_trajectory",
-    ("Solution", "html"): f"{_DRAWING}.summaries:html_of",
-    ("Trajectory", "html"): f"{_DRAWING}.summaries:html_of",
+    ("Solution", "html"): f"{_DRAWING}.problem_figures:html_of",
+    ("Trajectory", "html"): f"{_DRAWING}.problem_figures:html_of",
     ("Solution", "save"): f"{_RECORD}.results:save_solution",
     ("Trajectory", "save"): f"{_RECORD}.results:save_trajectory",
-    ("Solution", "to_dataframe"): f"{_RECORD}.tables:dataframe_of",
-    ("Trajectory", "to_dataframe"): f"{_RECORD}.tables:dataframe_of",
-    ("Solution", "to_time_response"): f"{_RECORD}.tables:time_response_of",
-    ("Trajectory", "to_time_response"): f"{_RECORD}.tables:time_response_of",
+    ("Solution", "to_dataframe"): f"{_RECORD}.results:dataframe_of",
+    ("Trajectory", "to_dataframe"): f"{_RECORD}.results:dataframe_of",
+    ("Solution", "to_time_response"): f"{_RECORD}.results:time_response_of",
+    ("Trajectory", "to_time_response"): f"{_RECORD}.results:time_response_of",
 }
 """(class, verb) -> "module:function"; the function takes the result first."""
+ProgressCallback = Callable[[int, int, str], None]
+"""(done, of, description of the work) -> None; `of` is 0 if it is not known.
+
+The library itself prints nothing.
+"""
 
 
 class Presented:
@@ -80,5 +90,39 @@ class Presented:
 
     def _presented(self, verb: str, *arguments: Any, **options: Any) -> Any:
         """Call the function that the table lists for this class and a verb."""
+        # At the call, not at the import: `cases` stands above `ocp` and loads
+        # matplotlib.
         present = resolve_name(PRESENTATIONS[type(self).__name__, verb])
         return present(self, *arguments, **options)
+
+
+def tell_nothing(done: int, of: int, what: str, /) -> None:
+    """Do nothing: the default callback."""
+
+
+def of_budget(
+    progress: ProgressCallback, budget: Budget, what: str
+) -> Callable[[int], None] | None:
+    """Return a function of the evaluations so far that reports the progress.
+
+    Args:
+        progress: Callback; receives evaluations, or whole seconds if the budget has
+            only these.
+        budget: Budget of the work, which starts now.
+        what: Description of the work.
+
+    Returns:
+        The function; None if no progress is to be reported.
+    """
+    if progress is tell_nothing:  # A search without this function makes no reports.
+        return None
+    began = clock.perf_counter()
+
+    def tell(evaluations: int) -> None:
+        if budget.evaluations is None and budget.seconds is not None:
+            seconds = int(clock.perf_counter() - began)
+            progress(seconds, int(budget.seconds), what)
+        else:
+            progress(evaluations, budget.evaluations or 0, what)
+
+    return tell

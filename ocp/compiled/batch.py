@@ -54,6 +54,8 @@ class BatchFunction:
         if self.backend == "llvm":
             try:
                 self._function = expanded(function)
+                # Most calls vary the first argument only. It is compiled here, so that
+                # a function that cannot be compiled shows at once.
                 first = tuple(i == 0 for i in range(function.n_in()))
                 self._kernel(first)
             except (NoCompilerError, UnknownOperationError) as error:
@@ -80,6 +82,7 @@ class BatchFunction:
             for buffer, given in zip(small.arguments, arrays, strict=True):
                 buffer[...] = given
             small.run()
+            # The next call writes into the same buffers.
             outputs = small.split(small.results.copy())
         else:
             outputs = self._evaluate(arrays, shapes)
@@ -150,6 +153,7 @@ class BatchFunction:
     ) -> tuple[Array, ...]:
         """Evaluate by CasADi's map: individuals side by side, in matrices."""
         f = self._function
+        # CasADi cannot map a function 0 times.
         if size == 0:
             return tuple(np.empty((f.numel_out(i), 0)) for i in range(f.n_out()))
         given = []
@@ -236,7 +240,7 @@ def with_gradient(function: ca.Function) -> ca.Function:
     try:
         function = expanded(function)
     except UnknownOperationError:
-        kind = ca.MX
+        kind = ca.MX  # It is not compiled then, but has a gradient.
     inputs = [
         kind.sym(function.name_in(i), function.sparsity_in(i))
         for i in range(function.n_in())

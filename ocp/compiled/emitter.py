@@ -10,6 +10,10 @@ h/6 (((k + 2 k) + 2 k) + k). Here it becomes h k, which equals the h k of the la
 stage, so that one sine serves both. This removes some roundings. Multiples are merged
 only if they have one sign, so that nothing cancels, and if nothing else uses the
 partial sum.
+
+Steps of adaptive length are a loop of their own, until all individuals are done.
+ocp/integration/rodas.py defines their tick; for an individual that is done it changes
+nothing.
 """
 
 import math
@@ -17,11 +21,27 @@ from collections import Counter
 from dataclasses import dataclass
 
 from swarmstart.ocp.compiled.frame import Frame, Target, module_of
-from swarmstart.ocp.compiled.ticks import Ticks, stepped, with_steps
-from swarmstart.ocp.compiled.vectors.loop import Loop
 from swarmstart.ocp.compiled.vectors.operations import Read, emit_operation, emit_tape
-from swarmstart.ocp.compiled.vectors.vector_ir import VectorIR
+from swarmstart.ocp.compiled.vectors.vector_ir import Loop, VectorIR
 from swarmstart.tape import Node, Tape, TapeBuilder
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Ticks:
+    """Steps of adaptive length from check to check; see ocp/integration/rodas.py.
+
+    Attributes:
+        tick: (z, u, p, s) -> z after one tick, s flat over both ends of a check; z is
+            (y, |y| so far, left, h), y the states and the integrals.
+        checks: Number of checks in an interval.
+        first: Step size h at the beginning of an interval.
+        most: Largest number of ticks between two checks.
+    """
+
+    tick: Tape
+    checks: int
+    first: float
+    most: int
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -101,6 +121,7 @@ def _emit_roll(frame: Frame, roll: Roll) -> None:
         else frame.load_row(0, str(first + row))
         for i, row in enumerate(roll.decided)
     ]  # fmt: skip
+    # Computed once before the loop; then each turn takes them over from the last one.
     repeated = repeated_functions(stage)
     known = [
         emit_operation(ir, stage.nodes[now].operation, [state[i]])
@@ -148,6 +169,7 @@ def _unless_finite(ir: VectorIR, cost: str, violation: str) -> str:
     """Return the violation; infinity unless it and the cost are finite numbers."""
     infinity = ir.constant(math.inf)
     both = ir.add(ir.intrinsic("fabs", cost), violation)
+    # An ordered comparison is false for NaN.
     return ir.select(ir.compare("olt", both, infinity), violation, infinity)
 
 
@@ -170,11 +192,7 @@ def _stage_reader(frame: Frame, roll: Roll, k: str, state: list[str]) -> Read:
 
 
 def simplified(tape: Tape) -> Tape:
-    """Return a tape with the multiples of one value in each sum merged.
-
-    Args:
-        tape: The tape.
-    """
+    """Return a tape with the multiples of one value in each sum merged."""
     users = tape.users()
     sums = _Sums()
     numbers: list[int] = []
@@ -199,9 +217,6 @@ def with_inverses(tape: Tape) -> Tape:
     CasADi turns each product with an inverse into a quotient; elimination, whose pivots
     divide rows and columns, has many of them. A division takes a processor ten times as
     long as a product.
-
-    Args:
-        tape: The tape.
     """
     divided = Counter(n.arguments[1] for n in tape.nodes if n.operation == "div")
     builder, numbers = TapeBuilder(), list[int]()
@@ -327,3 +342,63 @@ def repeated_functions(stage: Tape) -> list[tuple[int, int, int]]:
         for entry, number in before.items()
         if argument == number and (operation, stage.outputs[0][entry]) in places
     ]
+
+
+def stepped(
+    frame: Frame, ticks: Ticks, read: Read, state: list[str]
+) -> tuple[list[str], list[str]]:
+    """Emit the ticks of an interval.
+
+    Returns:
+        The states at each check, check after check, and the integrals.
+    """
+    ir, size = frame.ir, (ticks.tick.inputs[0] - 2) // 2
+    zero, nan = ir.constant(0.0), ir.constant(math.nan)
+    y = [*state, *[zero] * (size - len(state))]
+    z = [*y, *(ir.intrinsic("fabs", value) for value in y), "", ""]
+    h, reached = ir.constant(ticks.first), []
+    for check in range(ticks.checks):
+        # Lanes whose result is not needed count as done from the beginning.
+        z = [*z[:-2], ir.flag(frame.wanted), h]
+        z = _until_all_are_done(ir, ticks, read, z, check)
+        # Not 0 after too many ticks, or if h became too small.
+        done, h = ir.compare("oeq", z[-2], zero), z[-1]
+        z = [*(ir.select(done, value, nan) for value in z[:-2]), "", ""]
+        reached += z[: len(state)]
+    return reached, z[len(state) : size]
+
+
+def _until_all_are_done(
+    ir: VectorIR, ticks: Ticks, read: Read, z: list[str], check: int
+) -> list[str]:
+    """Emit the loop over the ticks to the end of one check; return z after it."""
+    # u, p and s do not change between ticks: they are read before the loop.
+    tape, known = ticks.tick, {}
+    # s has the signals at both ends of a check.
+    first = check * (tape.inputs[3] // 2)
+    for node in tape.nodes:
+        if node.operation == "input" and node.arguments[0] > 0:
+            argument, entry = node.arguments
+            at = first + entry if argument == 3 else entry  # noqa: PLR2004 - z, u, p, s
+            known[node.arguments] = read(argument, at)
+    loop = Loop(ir, [*z, ir.unserved], ticks.most)
+    *before, ir.unserved = loop.carried
+
+    def of_tick(argument: int, entry: int) -> str:
+        return known[argument, entry] if argument else before[entry]
+
+    values = emit_tape(ir, tape, of_tick)
+    after = [values[number] for number in tape.outputs[0]]
+    running = ir.any(ir.compare("ogt", after[-2], ir.constant(0.0)))
+    loop.close([*after, ir.unserved], while_=running)
+    return after
+
+
+def with_steps(read: Read, steps: tuple[list[str], list[str]]) -> Read:
+    """Return a reader of an interval's arguments and of the results of its steps."""
+
+    def either(argument: int, entry: int) -> str:
+        own = argument - 4  # After x, u, p, s.
+        return read(argument, entry) if own < 0 else steps[own][entry]
+
+    return either

@@ -166,6 +166,7 @@ def link(code: bytes) -> Compiled:
         code: Object code that `translate` made for this machine.
     """
     target = machine()
+    # MCJIT begins with a module; the object code is added to it.
     empty = llvm.parse_assembly("")
     empty.triple = target.triple
     engine = llvm.create_mcjit_compiler(empty, _target_machine(target))

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from swarmstart.arrays import Array
 from swarmstart.machine_code import compiling, load_code, sources, store_code
-from swarmstart.ocp.compiled.casadi_map import BoundMap, CasadiMap
+from swarmstart.ocp.compiled.backend import BoundMap, CasadiMap
 from swarmstart.ocp.compiled.engine import (
     Compiled,
     NoCompilerError,
@@ -115,7 +115,7 @@ def program_of(function: ca.Function) -> Program:
             if number is None:
                 number = _power(code, known.get(given[-1]))
             table.append((number, to[0] + 1, given[0] + 1, given[-1] + 1))
-        known.pop(to[0], None)
+        known.pop(to[0], None)  # The place has another value now.
     return Program(
         np.array(table, dtype=np.int64),
         np.array(constants),
@@ -134,7 +134,7 @@ def _power(code: int, exponent: float | None) -> int:
 
 
 class Interpreted:
-    """A BatchEvaluator that reads a function's instructions; see interface.py."""
+    """A BatchEvaluator that reads a function's instructions."""
 
     backend = "llvm"
 
@@ -246,6 +246,7 @@ def _emit(frame: Frame) -> None:
     ir = frame.ir
     table, count, work = (_pointer(ir, number) for number in (2, 3, 4))
     total = ir.emit(f"load i64, ptr {count}, align 8")
+    # Place 0 collects the marks of arguments out of range.
     _store(ir, work, "0", ir.constant(0.0))
     before, head, latch = ir.body.block, ir.name("head"), ir.name("latch")
     done, pc, following = ir.name("done"), ir.name("pc"), ir.name("following")
@@ -284,6 +285,7 @@ def _emit_instruction(
     elif name == "output":
         frame.store_row(0, to, _load(ir, work, first))
     else:
+        # Any operation may follow any other, so marks go through memory.
         unserved = _load(ir, work, "0")
         ir.mark(unserved)
         _store(ir, work, to, _value(ir, name, work, first, second))

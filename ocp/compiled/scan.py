@@ -24,9 +24,8 @@ from swarmstart.ocp.compiled.simd import (
     cached,
     key_of,
 )
-from swarmstart.ocp.compiled.vectors.loop import Loop
 from swarmstart.ocp.compiled.vectors.operations import emit_tape
-from swarmstart.ocp.compiled.vectors.vector_ir import Precision
+from swarmstart.ocp.compiled.vectors.vector_ir import Loop, Precision
 from swarmstart.ocp.interpolation.interpolants import without_interpolants
 from swarmstart.tape import Tape, read_tape
 

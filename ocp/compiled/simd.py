@@ -14,9 +14,9 @@ from swarmstart.arrays import Array
 from swarmstart.heuristics import Pointers
 from swarmstart.machine_code import compiling, load_code, source, sources, store_code
 from swarmstart.ocp.common.errors import InvalidProblemError
-from swarmstart.ocp.compiled.aside import Later, code_of
 from swarmstart.ocp.compiled.emitter import (
     Roll,
+    Ticks,
     emit_flat,
     emit_rollout,
     simplified,
@@ -31,8 +31,7 @@ from swarmstart.ocp.compiled.engine import (
     translate,
 )
 from swarmstart.ocp.compiled.frame import target_of
-from swarmstart.ocp.compiled.threads import in_parts
-from swarmstart.ocp.compiled.ticks import Ticks
+from swarmstart.ocp.compiled.threads import Later, code_of, in_parts
 from swarmstart.ocp.compiled.vectors.vector_ir import Precision
 from swarmstart.ocp.interpolation.interpolants import without_interpolants
 from swarmstart.tape import read_tape
@@ -106,7 +105,7 @@ class Prepared:
 
 
 class SimdBatch:
-    """A BatchEvaluator in machine code; see interface.py.
+    """A BatchEvaluator in machine code.
 
     Attributes:
         shape: Rows of its arguments and outputs.
@@ -372,7 +371,7 @@ def compile_flat(
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Ticking:
-    """Steps of adaptive length in an interval; see ocp/integration/adaptive.py.
+    """Steps of adaptive length in an interval; see ocp/integration/rodas.py.
 
     Attributes:
         tick: (z, u, p, s) -> z after one tick.
@@ -463,6 +462,7 @@ def compile_rollout(  # noqa: PLR0913 - a rollout's parts
             f"{instructions}"
         )
     nodes = intervals * signals_per_interval + end.numel_in(2)
+    # States may share a decision, so the largest number counts.
     free = 1 + max((row for row in places if row is not None), default=-1)
     rows = (nu * intervals + free, nx, np_, nodes)
     shape = Shape((True, False, False, False), rows, (1, 1))
@@ -475,7 +475,7 @@ def compile_rollout(  # noqa: PLR0913 - a rollout's parts
 
 
 def cached(key: str, emit: Callable[[], str]) -> Compiled | Later:
-    """Return machine code from the cache, or make and store it; see aside.py."""
+    """Return machine code from the cache, or make and store it; see `aside`."""
     with compiling():
         code = load_code(key)
         if code is not None:
@@ -505,6 +505,7 @@ def key_of(
         maker: Name of the module that makes it, in addition to MAKERS.
     """
     digest = hashlib.sha256(_sources(maker).encode())
+    # The processor counts too: machines may share a cache.
     for part in (*(f.serialize() for f in functions), settings, machine()):
         digest.update(repr(part).encode())
     return digest.hexdigest()

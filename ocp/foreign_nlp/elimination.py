@@ -1,6 +1,9 @@
-"""Elimination of the states of an NLP that is given as functions.
+"""NLP given by the user of another tool, and the elimination of its states.
 
-    min f(x, p)   subject to   lower <= g(x, p) <= upper
+    min f(x, p)   subject to   lower <= g(x, p) <= upper,    as scalar SX expressions
+
+Functions that SX can only contain as calls (`cvodes`, a plain `rk`, interpolants) are
+refused: substituting through such a node ends the process (CasADi 3.8.2).
 
 Peeling: a row with lower = upper that contains one unknown state c linearly, with a
 factor a that does not depend on the states, defines this state:
@@ -20,7 +23,7 @@ point.
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import casadi as ca
@@ -28,16 +31,92 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.ocp.common.errors import InvalidProblemError
-from swarmstart.ocp.foreign_nlp.nlp_given import GivenNlp
+from swarmstart.ocp.nlp.nlp_sources import NlpSource, OptiSource, last_line
 
 Indices = NDArray[np.int64]
-
 _EXACT = 1e-6
 """Largest residual of an eliminated row at a random point, relative to its terms."""
 _UNSUPPORTED = (
     "states are eliminated from explicit steps x[k+1] = F(x[k], u[k]) only, not from "
     "an implicit Euler or trapezoidal step or a collocation"
 )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class GivenNlp:
+    """Expressions of an NLP, independent of the form in which it was given.
+
+    Attributes:
+        x: Variables, SX of shape (nx, 1).
+        p: Parameters, SX of shape (np, 1).
+        f: The cost.
+        g: The rows, of shape (ng, 1).
+        source: The object that it was read from.
+        rows: (x, p) -> g.
+        cost: (x, p) -> f.
+        jacobian: (x, p) -> the Jacobian of g, sparse.
+        slopes: The Jacobian's expression.
+    """
+
+    x: ca.SX
+    p: ca.SX
+    f: ca.SX
+    g: ca.SX
+    source: OptiSource | NlpSource
+    rows: ca.Function = field(init=False)
+    cost: ca.Function = field(init=False)
+    jacobian: ca.Function = field(init=False)
+    slopes: ca.SX = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Make the functions."""
+        arguments = [self.x, self.p]
+        slopes = ca.jacobian(self.g, self.x)
+        object.__setattr__(self, "slopes", slopes)
+        for name, value in (("rows", self.g), ("cost", self.f), ("jacobian", slopes)):
+            object.__setattr__(self, name, ca.Function(name, arguments, [value]))
+
+    def name(self, index: int) -> str:
+        """Return the name of a variable for a message."""
+        return self.source.name(index)
+
+    def describe(self, row: int) -> str:
+        """Return the description of a row of g for a message."""
+        return f"constraint g[{row}]: {self.source.describe(row)}"
+
+
+def read_nlp(source: OptiSource | NlpSource) -> GivenNlp:
+    """Return an NLP as scalar SX expressions.
+
+    Raises:
+        InvalidProblemError: If it cannot be written in scalar SX.
+    """
+    function = source.function()
+    try:
+        expanded = function.expand()
+    except RuntimeError as error:
+        raise InvalidProblemError(
+            "the NLP cannot be written in scalar SX, which the elimination of states "
+            f"needs: {last_line(error)}"
+        ) from error
+    if expanded.find_functions():
+        raise InvalidProblemError(
+            "the NLP cannot be written in scalar SX, which the elimination of states "
+            f"needs: it calls {_called(function)}; write the integrator's steps out "
+            "(integrator('rk', ..., {'simplify': True}) does), and tables by "
+            "casadi.pw_lin"
+        )
+    x = ca.SX.sym("x", function.numel_in(0))
+    p = ca.SX.sym("p", function.numel_in(1))
+    f, g = expanded(x, ca.reshape(p, function.size_in(1)))
+    return GivenNlp(x=x, p=p, f=ca.densify(f), g=ca.densify(g), source=source)
+
+
+def _called(function: ca.Function) -> str:
+    """Return the names of called functions that are not plain expressions."""
+    plain = ("MXFunction", "SXFunction", "Map", "MapSum", "MapAccum")
+    inner = (f for f in function.find_functions() if f.class_name() not in plain)
+    return ", ".join(sorted({f"{f.name()} ({f.class_name()})" for f in inner}))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -57,40 +136,6 @@ class Elimination:
     kept: Indices
     value: ca.Function
     whole: ca.Function
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Rows:
-    """Equality rows and the states in them.
-
-    Attributes:
-        numbers: Numbers of the rows in g.
-        entries: For each row its states, as (state, entry of the Jacobian).
-        users: For each state the rows that contain it.
-        factors: Entries of the Jacobian.
-        usable: Whether an entry is nonzero and independent of the states.
-    """
-
-    numbers: Indices
-    entries: list[list[tuple[int, int]]]
-    users: list[list[int]]
-    factors: list[Any]
-    usable: NDArray[np.bool_]
-
-
-@dataclass(slots=True)
-class _Peel:
-    """Assignment of states to the rows that define them, in the order of definition.
-
-    Attributes:
-        defined: (row, state, entry of the Jacobian).
-        torn: States that stay variables.
-        unknown: States that are neither defined nor torn.
-    """
-
-    defined: list[tuple[int, int, int]]
-    torn: list[int]
-    unknown: set[int]
 
 
 def eliminated(
@@ -136,6 +181,40 @@ def eliminated(
     found = _substituted(nlp, rows, peel, states)
     _require_exact(nlp, found, rows, peel)
     return found, layout
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Rows:
+    """Equality rows and the states in them.
+
+    Attributes:
+        numbers: Numbers of the rows in g.
+        entries: For each row its states, as (state, entry of the Jacobian).
+        users: For each state the rows that contain it.
+        factors: Entries of the Jacobian.
+        usable: Whether an entry is nonzero and independent of the states.
+    """
+
+    numbers: Indices
+    entries: list[list[tuple[int, int]]]
+    users: list[list[int]]
+    factors: list[Any]
+    usable: NDArray[np.bool_]
+
+
+@dataclass(slots=True)
+class _Peel:
+    """Assignment of states to the rows that define them, in the order of definition.
+
+    Attributes:
+        defined: (row, state, entry of the Jacobian).
+        torn: States that stay variables.
+        unknown: States that are neither defined nor torn.
+    """
+
+    defined: list[tuple[int, int, int]]
+    torn: list[int]
+    unknown: set[int]
 
 
 def _rows_of(nlp: GivenNlp, states: Indices, equalities: Indices) -> _Rows:
@@ -184,7 +263,7 @@ def _peeled(rows: _Rows, times: Indices) -> _Peel:  # noqa: C901 - two closures
         while ready:
             row = ready.popleft()
             if left[row] == 1 and (found := _defined_by(rows, row, peel, times)):
-                left[row] = 0
+                left[row] = 0  # Used: it must not become ready again.
                 peel.defined.append((row, *found))
                 know(found[0])
 

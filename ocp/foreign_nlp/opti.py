@@ -19,12 +19,13 @@ from numpy.typing import ArrayLike
 from swarmstart.heuristics import Budget
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.common.expressions import shortened
-from swarmstart.ocp.foreign_nlp.nlp_given import read_nlp
+from swarmstart.ocp.foreign_nlp.elimination import read_nlp
 from swarmstart.ocp.foreign_nlp.warm_search import BASINS, RADIUS
 from swarmstart.ocp.foreign_nlp.warm_started import WarmStartedSolver
 from swarmstart.ocp.nlp.nlp_sources import Indices, NlpSource, OptiSource, arguments_of
-from swarmstart.ocp.search.lane_settings import Memetic, Multistart
 from swarmstart.ocp.search.settings import (
+    Memetic,
+    Multistart,
     SearchGiven,
     SearchSettings,
     search_settings,
@@ -149,6 +150,7 @@ def _source(
             "expected continuous variables, found the option 'discrete'"
         )
     try:
+        # Made here, so that refused options are reported at once.
         made = ca.nlpsol("owner", solver, dict(nlp), settings)
     except RuntimeError as error:
         raise InvalidProblemError(
@@ -179,7 +181,7 @@ def _layouts(
 
     Time may run along the columns, along the rows, or along the list itself.
     """
-    if isinstance(given, ca.MX | ca.SX):
+    if isinstance(given, ca.MX | ca.SX):  # One variable, not a list.
         given = [given]
     if not isinstance(given, list | tuple) or not given:
         raise InvalidProblemError(
@@ -187,6 +189,7 @@ def _layouts(
         )
     tables = [source.indices(role, one) for one in given]
     found = _readings(tables)
+    # Over a single interval, controls have one time only.
     if not found and role == "controls" and all(t.shape[1] == 1 for t in tables):
         found.append(np.concatenate(tables))
     if not found:
@@ -206,6 +209,7 @@ def _readings(tables: Sequence[Indices]) -> list[Indices]:
         if len({part.shape[1] for part in parts}) == 1 and parts[0].shape[1] > 1:
             found.append(np.concatenate(parts))
     if len({table.size for table in tables}) == 1 and len(tables) > 1:
+        # One variable for each time.
         found.append(np.stack([t.ravel(order="F") for t in tables], axis=1))
     return found
 

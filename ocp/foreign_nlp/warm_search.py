@@ -19,13 +19,11 @@ from swarmstart.heuristics import (
     minimize,
 )
 from swarmstart.ocp.common.errors import InvalidProblemError
-from swarmstart.ocp.compiled.casadi_map import CasadiMap
+from swarmstart.ocp.compiled.backend import CasadiMap
 from swarmstart.ocp.compiled.interpreter import Interpreted, interpreted
-from swarmstart.ocp.foreign_nlp.elimination import Elimination
-from swarmstart.ocp.foreign_nlp.nlp_given import GivenNlp
+from swarmstart.ocp.foreign_nlp.elimination import Elimination, GivenNlp
 from swarmstart.ocp.nlp.nlp_sources import Indices, Numbers
-from swarmstart.ocp.search.lane_settings import population_of
-from swarmstart.ocp.search.settings import SearchSettings, traded_order
+from swarmstart.ocp.search.settings import SearchSettings, population_of, traded_order
 
 Values = Callable[[Array], tuple[Array, Array]]
 """Search variables, shape (nz, size) -> cost and violation, each (size,)."""
@@ -99,7 +97,7 @@ def roll_out_of(found: Elimination, controls: Sequence[Indices]) -> RollOut:
         indices = sequence[times]
         count = min(KNOTS, times.size)
         at = np.linspace(times[0], times[-1], count)
-        for knot in np.eye(count):
+        for knot in np.eye(count):  # A hat function for each knot.
             column = np.zeros(found.free.size)
             column[[place[int(i)] for i in indices]] = np.interp(times, at, knot)
             columns.append(column)
@@ -129,7 +127,7 @@ def _evaluator(found: Elimination, spread: Array) -> Evaluator:
         )
     ]
     least, most, free_from, free_to = limits
-    free = ca.mtimes(ca.sparsify(ca.DM(spread)), z)
+    free = ca.mtimes(ca.sparsify(ca.DM(spread)), z)  # Most entries are 0.
     cost, rows = found.value(ca.fmin(ca.fmax(free, free_from), free_to), p, lower)
     excess = ca.sum1(ca.fmax(ca.fmax(least - rows, rows - most), 0))
     # fmax drops a NaN, and an infinite value may lie within infinite bounds.
@@ -261,9 +259,10 @@ def _simple_rows(nlp: GivenNlp, p: Array) -> list[tuple[int, int, float, float]]
     """Return the rows slope * x_i + offset, as (row, i, slope, offset)."""
     sparsity = nlp.jacobian.sparsity_out(0)
     rows, columns = (np.array(part) for part in sparsity.get_triplet())
-    rng = np.random.default_rng(2)
+    rng = np.random.default_rng(2)  # Fixed: one NLP is always read alike.
     points = [np.zeros(nlp.x.numel()), *rng.normal(0.0, 1.0, (2, nlp.x.numel()))]
     slopes = [np.array(nlp.jacobian(x, p).nonzeros()) for x in points]
+    # The same bits at all points: a slope that depends on x hardly has them.
     constant = (slopes[0] == slopes[1]) & (slopes[1] == slopes[2]) & (slopes[0] != 0.0)
     offsets = np.array(nlp.rows(points[0], p)).ravel()
     per_row = np.bincount(rows.astype(np.int64), minlength=nlp.g.numel())

@@ -26,8 +26,7 @@ import numpy as np
 from swarmstart.arrays import Array
 from swarmstart.machine_code import Stopwatch, stopwatch
 from swarmstart.ocp.common.errors import InvalidProblemError, SolveError
-from swarmstart.ocp.foreign_nlp.elimination import eliminated
-from swarmstart.ocp.foreign_nlp.nlp_given import GivenNlp
+from swarmstart.ocp.foreign_nlp.elimination import GivenNlp, eliminated
 from swarmstart.ocp.foreign_nlp.warm_search import (
     Ranges,
     ranges_of,
@@ -201,7 +200,7 @@ class WarmStartedSolver:
                 f"own start: {first.status}; searched start: {second.status}"
             )
         if winner == "own start" and run is not None:
-            source.restore(numbers.start)
+            source.restore(numbers.start)  # The Opti holds the searched solution.
         self.report = WarmStartReport(
             winner=winner,
             own=first,
@@ -227,6 +226,7 @@ class WarmStartedSolver:
         finite = [o for o in outcomes if np.isfinite(o[:2]).all()]
         if not finite:
             return None
+        # Among feasible ones the cost decides.
         return polished[min(finite, key=lambda o: (max(o[1], FEASIBLE), o[0]))[2]]
 
     def _candidates(self, numbers: Numbers) -> list[Array]:
@@ -235,7 +235,7 @@ class WarmStartedSolver:
             self._ranges(numbers),
             numbers,
             search=self._search,
-            rng=np.random.default_rng(self._seed),
+            rng=np.random.default_rng(self._seed),  # Anew for each `solve`.
         )
 
     def _may_win(self, x: Array, own: StartOutcome, numbers: Numbers) -> bool:
@@ -262,7 +262,7 @@ class WarmStartedSolver:
         entries, columns = slopes.sparsity().get_triplet()
         terms = np.abs(np.array(slopes.nonzeros()) * x[columns])
         size = np.ones(rows.size)
-        np.maximum.at(size, entries, terms)
+        np.maximum.at(size, entries, terms)  # A row has several entries.
         for bound in (numbers.lower_g, numbers.upper_g):
             size = np.maximum(size, np.where(np.isfinite(bound), np.abs(bound), 0.0))
         excess = np.maximum(numbers.lower_g - rows, rows - numbers.upper_g) / size

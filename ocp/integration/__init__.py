@@ -1,9 +1,5 @@
 """Integrators: a step of each, equal steps, steps with size control, collocation."""
 
-from swarmstart.ocp.integration.adaptive import (
-    COARSEST,
-    FINEST,
-)
 from swarmstart.ocp.integration.integrators import (
     PARTS,
     Integrator,
@@ -13,6 +9,10 @@ from swarmstart.ocp.integration.integrators import (
 from swarmstart.ocp.integration.radau import (
     Radau,
     Transcription,
+)
+from swarmstart.ocp.integration.rodas import (
+    COARSEST,
+    FINEST,
 )
 
 __all__ = [

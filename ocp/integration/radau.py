@@ -107,11 +107,13 @@ def radau_coefficients(points: int) -> Coefficients:
     """
     polynomial = np.zeros(points + 1)
     polynomial[-2:] = 1.0, -1.0
+    # All roots are real; rounding may give them imaginary parts.
     roots = np.sort(legendre.legroots(polynomial).real)
     times = (1 + roots) / 2
-    times[-1] = 1.0
+    times[-1] = 1.0  # A root is exactly 1, which rounding may miss.
     powers = np.arange(points)
     grown = times[:, None] ** (powers + 1) / (powers + 1)
+    # The integrals of l_j, from those of the powers.
     A = np.linalg.solve((times[:, None] ** powers).T, grown.T).T
     inverse = np.linalg.inv(A)
     slopes = np.hstack([-inverse.sum(axis=1, keepdims=True), inverse])

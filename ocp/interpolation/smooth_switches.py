@@ -105,7 +105,7 @@ def _functions_of(
     value: int, dependencies: Mapping[int, tuple[int, ...]], constant: set[int]
 ) -> dict[int, None]:
     """Return the functions of one value and of numbers alone, in order."""
-    alone: dict[int, None] = {}
+    alone: dict[int, None] = {}  # A set that keeps its order.
     for node, below in dependencies.items():
         depends = any(d in alone or d == value for d in below)
         if depends and all(d in alone or d in constant or d == value for d in below):
@@ -131,6 +131,7 @@ def _rough(
                 rough[i] |= rough[row[below]]
         if key in switches:
             rough[i, switches[key]] = True
+        # A function that agrees on both sides ends the kink of its arguments.
         rough[i] &= ~agree[i]
     return rough
 
@@ -162,6 +163,7 @@ def _agreeing(
     for part, (one, other, some) in enumerate(zip(left, right, beside, strict=True)):
         seen = np.abs(np.hstack([one, some]))
         size = np.where(np.isfinite(seen), seen, 0.0).max(axis=1, keepdims=True)
+        # Each derivative divides the rounding of the values by their distance.
         error = error / gap if part else _ROUNDING * size
         allowed = (_LOOSE if part else _TIGHT) * size + error
         with np.errstate(invalid="ignore"):
@@ -183,7 +185,7 @@ def _around(functions: Sequence[ca.SX], comparisons: Sequence[_Comparison]) -> A
                     taken = float(node.dep(other))
                     numbers.add(taken if node.op() == ca.OP_SUB else -taken)
     low, high = min(numbers), max(numbers)
-    room = (high - low) / 10 or max(1.0, abs(high))
+    room = (high - low) / 10 or max(1.0, abs(high))  # A single number has no span.
     return np.linspace(low - room, high + room, 8)
 
 

@@ -86,6 +86,7 @@ class Spline:
 
         (knots,), (degree,) = self.knots, self.degrees
         found = PPoly.from_spline((knots, self.coefficients, degree))
+        # Repeated knots give pieces without length.
         kept = np.diff(found.x) > 0
         return found.x[:-1][kept], found.c[:, kept]
 
@@ -131,6 +132,7 @@ def _bases(x: ca.SX, knots: Array, degree: int) -> list[ca.SX]:
         raised = []
         for i in range(len(bases) - 1):
             value = ca.SX.zeros(*x.shape)
+            # For repeated knots 0 / 0 counts as 0.
             if knots[i + p] > knots[i]:
                 value += (x - knots[i]) * (1 / (knots[i + p] - knots[i])) * bases[i]
             if knots[i + p + 1] > knots[i + 1]:

@@ -52,6 +52,7 @@ class Posed:
         numbers = {
             "least": self.least, "most": self.most, "first_least": self.first_least,
             "first_most": self.first_most,
+            # Longest step of a decision about the start: a tenth of its range.
             "stride": np.where(np.isfinite(reach), 0.1 * reach, 1.0),
             "fixed": np.where(self.tied.any(axis=1), 0.0, self.x0),
         }  # fmt: skip

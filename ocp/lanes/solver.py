@@ -10,10 +10,8 @@ from swarmstart.ocp.compiled.scan import MOST_INSTRUCTIONS
 from swarmstart.ocp.lanes.answers import LaneAnswers
 from swarmstart.ocp.lanes.ddp import solve_by_sweeps
 from swarmstart.ocp.lanes.posed import Posed, posed
-from swarmstart.ocp.lanes.schedule import LaneOptions
-from swarmstart.ocp.lanes.slope_kernels import Slopes, compile_slopes
-from swarmstart.ocp.lanes.slopes import solve_by_slopes
-from swarmstart.ocp.lanes.stages import stages
+from swarmstart.ocp.lanes.slopes import Slopes, compile_slopes, solve_by_slopes
+from swarmstart.ocp.lanes.stages import LaneOptions, stages
 from swarmstart.ocp.lanes.sweep_kernels import Sweeps, compile_sweeps
 from swarmstart.ocp.nlp.transcription import NonlinearProgram, multiple_shooting
 from swarmstart.ocp.rollout.fitness import NOTHING, Arguments, Known
@@ -216,6 +214,7 @@ def _step_of(
             raise NoLanesError(f"second-order steps are too long: {error}") from error
         starts = [(one.value.lower, one.value.upper) for one in problem.free_starts]
         limits = (*problem.control_limits, np.array(starts))
+        # The descent by gradients needs bounds on both sides.
         if not all(np.isfinite(part).all() for part in limits):
             raise
         return compile_slopes(program, options, threads=threads)
@@ -265,6 +264,7 @@ def random_starts(
     )
     controls = np.empty((lower.size, N, n))
     for first, knots in enumerate((6, 12)):
+        # A view of every second individual, which is written below.
         columns, count = controls[:, :, first::2], max(2, min(knots, N))
         places = np.linspace(0, count - 1, N)
         left = np.minimum(places.astype(int), count - 2)

@@ -16,9 +16,9 @@ from typing import NamedTuple
 
 import casadi as ca
 
-from swarmstart.ocp.lanes.schedule import LaneOptions
 from swarmstart.ocp.lanes.stages import (
     Kernel,
+    LaneOptions,
     Reads,
     Stage,
     augmented,
@@ -45,7 +45,7 @@ _AT_BOUND = 1e-9
 class Sweeps(NamedTuple):
     """The kernels of a step, in the order in which they are called.
 
-    block.py explains what they read and write.
+    ddp.py explains what they read and write.
 
     Attributes:
         backward: The sweep from the end to the start.
@@ -64,10 +64,6 @@ class Sweeps(NamedTuple):
 
 def compile_sweeps(program: NonlinearProgram, options: LaneOptions) -> Sweeps:
     """Return the machine code of steps by sweeps.
-
-    Args:
-        program: The problem's NLP.
-        options: Conditions at which lanes end.
 
     Raises:
         UnknownOperationError: If a function has an operation that is not compiled.
@@ -93,6 +89,7 @@ def _backward(stage: Stage, N: int) -> Kernel:
     slope, bend, spent, stuck = carried.values()
     mu, theta, r, r_was, fresh = lane.values()
     given = ca.SX.sym("m", stage.rows.numel())
+    # The old weight: the steps so far were made with it.
     m = ca.if_else(fresh, augmented(stage, given, r_was).multipliers, given)
     al, V = augmented(stage, m, r), symmetric(bend, nx)
     J, rows = ca.jacobian(stage.after, z), ca.jacobian(stage.rows, z)
@@ -102,6 +99,7 @@ def _backward(stage: Stage, N: int) -> Kernel:
     Q += r * (rows.T @ (rows * ca.repmat(al.pressed, 1, nx + nu))) + J.T @ V @ J
     Qu, Quu, Qux = Qz[nx:], Q[nx:, nx:], Q[nx:, :nx]
     k, K = _box_step(u, Qu, Quu, Qux, list(shared.values()), mu)
+    # In full, since a step that is regularised or held at bounds does not minimise Q.
     before = Qz[:nx] + K.T @ (Quu @ k + Qu) + Qux.T @ k
     bent = Q[:nx, :nx] + K.T @ Quu @ K + K.T @ Qux + Qux.T @ K
     writes = {

@@ -12,11 +12,19 @@ Without that, a lane with light weights shortens a free end time as long as this
 less than its end conditions, and may reach a point from which it cannot meet them.
 """
 
-from typing import NamedTuple
+import ctypes
+from collections.abc import Callable
+from typing import Any, NamedTuple, cast
+
+import numba
+from llvmlite import ir
+from numba.extending import intrinsic
 
 from swarmstart.arrays import Array
 from swarmstart.machine_code import Count, free_kernel, kernel
-from swarmstart.ocp.compiled.calls import call_part
+from swarmstart.ocp.compiled.engine import PART
+
+Call = Callable[[int, int, int, int, int], None]
 
 _MOST = 0.75
 """Fraction of the lanes that must wait for a sweep before it is done."""
@@ -26,6 +34,40 @@ _AGAIN_WEIGHT = 100.0
 """Least weight of the end's rows in a lane that begins again."""
 _WHOLE = 1.0
 """Step length of a waiting lane: a full step."""
+
+
+def _call_part(
+    typing_context: Any, function: Any, inputs: Any, outputs: Any, size: Any, last: Any
+) -> tuple[Any, Callable[..., Any]]:
+    """Call void part(double **in, double **out, int64 n, int64 first, int64 last)."""
+    integer = numba.types.int64
+    signature = numba.types.void(integer, integer, integer, integer, integer)
+
+    def generate(context: Any, builder: Any, _: Any, arguments: Any) -> Any:
+        address, first, second, count, end = arguments
+        pointer, number = ir.IntType(8).as_pointer(), ir.IntType(64)
+        kind = ir.FunctionType(
+            ir.VoidType(), [pointer, pointer, number, number, number]
+        )
+        called = builder.inttoptr(address, kind.as_pointer())
+        given = [builder.inttoptr(a, pointer) for a in (first, second)]
+        builder.call(called, [*given, count, number(0), end])
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+def _in_python(function: int, inputs: int, outputs: int, size: int, last: int) -> None:
+    """Call it from plain Python."""
+    tables = ctypes.c_void_p(int(inputs)), ctypes.c_void_p(int(outputs))
+    PART(int(function))(*tables, size, 0, int(last))
+
+
+# Without compilation the loop is plain Python, which knows no intrinsics.
+_PLAIN = bool(numba.config.DISABLE_JIT)  # type: ignore[attr-defined, unused-ignore]
+call_part = cast(Call, _in_python if _PLAIN else intrinsic(_call_part))
+"""Evaluate the first individuals: (address of `part`, addresses of the tables of its
+arguments and outputs, individuals in a row, number of individuals to evaluate)."""
 
 
 class Rows(NamedTuple):
@@ -125,6 +167,7 @@ def _refill(memory: Array, rows: Rows, starts: Starts, ends: Ends, work: Count) 
             ends.found[i, number] = memory[ends.rows[i], lane]
         work[0] -= 1
         for i in range(memory.shape[0]):
+            # The lane that takes the place may have ended too: it is looked at next.
             memory[i, lane] = memory[i, work[0]]
         work[2 + lane] = work[2 + work[0]]
     while work[0] < memory.shape[1] and work[1] < starts.numbers.size:
@@ -186,7 +229,9 @@ def take_turns(  # noqa: PLR0913, PLR0917 - compiled code takes no keywords
         if lanes == 0:
             return
         all_go = _waiting(memory, rows, lanes) >= _MOST * lanes
+        # Kernel 0 is the backward sweep, which waits until most lanes need it.
         for i in range(0 if all_go else 1, last):
             call_part(calls[i, 0], calls[i, 1], calls[i, 2], width, lanes)
         _take_over(memory, rows, lanes, all_go)
+        # Intervals are copied last: waiting lanes are not `taken` any more.
         call_part(calls[last, 0], calls[last, 1], calls[last, 2], width, lanes)

@@ -11,17 +11,19 @@ from typing import NamedTuple
 
 import casadi as ca
 
-from swarmstart.ocp.lanes.schedule import LaneOptions, Schedule, renewed
 from swarmstart.ocp.lanes.stages import (
     Augmented,
     Kernel,
+    LaneOptions,
     Named,
+    Schedule,
     Stage,
     augmented,
     bend_of,
     flat_kernel,
     known_of,
     lower,
+    renewed,
     slope_of,
     symbols,
 )
@@ -77,8 +79,10 @@ def _any(first: ca.SX, *others: ca.SX) -> ca.SX:
 def _judged(lane: Named, new: ca.SX, finite: ca.SX, options: LaneOptions) -> _Verdict:
     """Return the judgement of a step that leads to a new value."""
     value, length, mu = lane["value_now"], lane["length"], lane["mu"]
+    # At length 0 the lane is rolled out for the first time: nothing to compare with.
     begins, whole = length == 0, length == STEPS[0]
     size = ca.fmax(ca.fabs(value), _LEAST_VALUE)
+    # A decrease within rounding is no progress.
     low = value - _ROUNDING * ca.fabs(value)
     better = _all(ca.logic_not(begins), finite, new < low)
     # A full step that neither gains nor loses: the lane has converged.
@@ -94,11 +98,13 @@ def _judged(lane: Named, new: ca.SX, finite: ca.SX, options: LaneOptions) -> _Ve
     fall = ca.if_else(better, (value - new) / size, 0)
     gained = _all(better, whole)
     eased = ca.if_else(gained, ca.fmax(mu / 10, _LEAST_MU), mu)
+    # A step that had to be shortened should have been regularised more.
     eased = ca.if_else(_all(better, ca.logic_not(whole)), 2 * mu, eased)
     mu = ca.if_else(failed, ca.fmax(20 * mu, 1e-4), eased)
     theta = ca.if_else(_all(gained, fall < _SLOW), 1, lane["theta"])
     theta = ca.if_else(_any(failed, _all(better, length < _SHORT)), 0, theta)
     small = _all(better, fall < lane["tolerance"])
+    # A short step gains little in any case, which does not mean that the lane is done.
     small = _all(small, _any(whole, fall < 0.01 * lane["tolerance"]))
     tired = _any(mu > _MOST_MU, lane["since"] + 1 >= options.inner)
     return _Verdict(
@@ -139,6 +145,7 @@ def verdict_kernel(
     new = lane["sums_new"][0] + _at(end, lane, "end_new", "end").al.value
     if begin is not None:
         new += _at(begin, lane, "x0_new", "begin").al.value
+    # False for NaN too.
     finite = _all(ca.fabs(new) < _FINITE, _below(lane["end_new"], _FINITE), _tame(lane))
     verdict = _judged(lane, new, finite, options)
     now = _taken_over(verdict, lane, new)

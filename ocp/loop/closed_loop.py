@@ -18,11 +18,10 @@ from swarmstart.machine_code import stopwatch
 from swarmstart.ocp.common.errors import DivergedError, InvalidProblemError
 from swarmstart.ocp.common.expressions import shortened
 from swarmstart.ocp.common.limits import numbers_of
-from swarmstart.ocp.common.presentation import Presented
-from swarmstart.ocp.common.profile import piece_at, rows_at
-from swarmstart.ocp.common.progress import ProgressCallback, tell_nothing
+from swarmstart.ocp.common.presentation import Presented, ProgressCallback, tell_nothing
 from swarmstart.ocp.loop.controller import Controller, Decision
 from swarmstart.ocp.loop.plant import AnyPlant, Plant, SteppedPlant, plant_of
+from swarmstart.ocp.statement.control_shape import piece_at, rows_at
 
 _MIDDLES = 100
 """Points in time whose mean represents linear controls, for an object that holds."""
@@ -177,6 +176,8 @@ def fly(  # noqa: PLR0913 - a closed loop and where to begin in it
         return
     before = previous.dt if previous else None
     for number in range(done, steps):
+        # Intervals that a plan decides have one length; phases keep the time as a
+        # state.
         time = number * (before or plant.dt)
         with stopwatch() as watch:
             decision = controller.decide(time, state, previous, rng=rng)
@@ -212,6 +213,7 @@ def _checked(
     plant: AnyPlant, controller: Controller, x0: ArrayLike
 ) -> tuple[Plant | SteppedPlant, Array]:
     """Return the plant and its initial state, checked against each other."""
+    # By its methods: users write controllers of their own.
     if not (hasattr(controller, "decide") and hasattr(controller, "dt")):
         raise InvalidProblemError(
             "controller must have decide() and dt, such as RecedingHorizon, "
@@ -332,6 +334,7 @@ def collected(plant: Plant | SteppedPlant, steps: Sequence[Step]) -> Trajectory:
     dense = np.hstack([steps[0].state[:, None], *[s.dense_states for s in steps]])
     times, dense_times = _times(plant, steps)
     if isinstance(plant, Plant) and plant.clock:
+        # Steps of phases differ in length, so the plant's own clock counts.
         dense_times = dense[plant.state_names.index(plant.clock)]
         times = dense_times[:: plant.substeps]
     return Trajectory(
@@ -361,7 +364,7 @@ def _outputs(
         if step.decision.decided and isinstance(own, Plant):
             own = own.with_decided(step.decision.decided)
         first = step.number * m
-        last = first + m + (step is steps[-1])
+        last = first + m + (step is steps[-1])  # The last one includes the end.
         u = _begins(step.decision, own.dt, m)[:, : last - first]
         found.append(own.outputs(states[:, first:last], u, times[first:last]))
     return np.hstack(found)
@@ -382,6 +385,7 @@ def _times(plant: Plant | SteppedPlant, steps: Sequence[Step]) -> tuple[Array, A
     """Return the control instants and the times of the plant's steps [s]."""
     count, m = len(steps), plant.substeps
     if all(step.dt is None for step in steps):
+        # Not a running sum, which would add a rounding error at each step.
         end = count * plant.dt
         return np.linspace(0.0, end, count + 1), np.linspace(0.0, end, count * m + 1)
     lengths = np.array([step.dt or plant.dt for step in steps])

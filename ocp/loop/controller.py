@@ -26,15 +26,14 @@ from swarmstart.ocp.answer.improving import improved
 from swarmstart.ocp.answer.plan import Plan, Source
 from swarmstart.ocp.answer.planner import Planner
 from swarmstart.ocp.common.errors import InvalidProblemError
-from swarmstart.ocp.common.profile import Profile
-from swarmstart.ocp.nlp.carried import Carried
-from swarmstart.ocp.nlp.duals import duals_of
+from swarmstart.ocp.nlp.multipliers import duals_of
 from swarmstart.ocp.nlp.polish import is_better
-from swarmstart.ocp.nlp.start import Start
+from swarmstart.ocp.nlp.start import Carried, Start
 from swarmstart.ocp.rollout.fitness import Known
+from swarmstart.ocp.statement.control_shape import Profile
 from swarmstart.ocp.statement.core_problem import END_TIME
-from swarmstart.ocp.statement.free import Free
-from swarmstart.ocp.statement.guess import Appended, shifted_controls
+from swarmstart.ocp.statement.decisions import Free
+from swarmstart.ocp.statement.lowering import Appended, shifted_controls
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 
 ReferenceSignals = Callable[[Array], Array]
@@ -267,6 +266,7 @@ class RecedingHorizon:
                 decided=decided,
             )
         length = self._length(plan)
+        # Else the rest after one more period would be shorter than allowed.
         ends = length < self.period * (1 + _ROUNDING) + self._shortest
         return Decision(
             control=first,
@@ -290,6 +290,8 @@ class RecedingHorizon:
             length: Length of its horizon [s].
             pieces: Number of intervals that count; None: all.
         """
+        # Knots are one more than the intervals, so these are counted by the core's
+        # controls.
         controls, piece = self.flown(plan), length / plan.controls.shape[1]
         if not self.planner.stated.has_knots:
             return Profile(controls=controls, piece=piece)
@@ -372,7 +374,7 @@ class RecedingHorizon:
             is_new=not self._leaves_some,
             rng=rng,
         )
-        if plan.feasible or shifted is None:
+        if plan.feasible or shifted is None:  # A first plan has no fallback.
             return plan
         return fallback_of(self.planner, plan, shifted, state, known)
 
@@ -420,6 +422,8 @@ class RecedingHorizon:
             return flown.at(np.array([self.period]))[:, 0]
         N = last.controls.shape[1]
         intervals = self.period / (self._length(last) / N)
+        # The interval that contains the end; an end on an edge belongs to the one
+        # before.
         return last.controls[:, min(max(int(np.ceil(intervals - _ROUNDING)), 1), N) - 1]
 
     def _shrunk(
@@ -534,7 +538,7 @@ class OpenLoop:
         planner = self.loop.planner
         intervals, lowered = planner.problem.intervals, planner.lowered
         length = lowered.end_time(plans[0].x0) / intervals
-        number = round(time / length)
+        number = round(time / length)  # A whole number up to rounding.
         if number >= intervals:
             raise InvalidProblemError(
                 f"an open loop must end with its plan of {intervals} intervals, "
@@ -553,6 +557,7 @@ class OpenLoop:
             control=controls[:, number],
             plans=plans,
             profile=profile,
+            # Further states of the core are none of the plant's.
             start=plans[0].x0[: state.size] if planner.stated.start else None,
             dt=length if decided else None,
             is_last=decided and number == intervals - 1,
@@ -564,5 +569,6 @@ class OpenLoop:
         planner = self.loop.planner
         x0, known, _ = planner.posed(state, self.loop.known(0.0))
         plan = self.loop.plan(0.0, state, None, is_only=True, rng=rng)
+        # The last one is the best.
         *_, best = improved(planner, plan, x0, known, repair=self.repair, rng=rng)
         return best.plan

@@ -46,7 +46,7 @@ from swarmstart.ocp.loop.controller import Decision, RecedingHorizon, ReferenceS
 from swarmstart.ocp.loop.team import first_controls
 from swarmstart.ocp.rollout.fitness import Known
 from swarmstart.ocp.statement.control_shape import require_held
-from swarmstart.ocp.statement.guess import shifted_controls
+from swarmstart.ocp.statement.lowering import shifted_controls
 
 FAR = 1e6
 """Position [m] given to unused neighbour slots."""
@@ -237,6 +237,7 @@ class LocalTeam:
             others = []
             if held is None:
                 others = self.within_range(shown, states, number)
+            # The smallest one, since the numbers are sorted.
             room = next(room for room in self._rooms if room >= len(others))
             controller = self._controllers[number][room]
             seen = self._seen(number, time, shown, others, room)
@@ -248,6 +249,7 @@ class LocalTeam:
                 plan = controller.planner.evaluated(
                     held, states[number], known=known, source=Source.GUESS
                 )
+            # Those that plan later see the new plan.
             plans[number], shown[number] = plan, plan.states
         made = tuple(plans[number] for number in range(len(self.agents)))
         return Decision(control=first_controls(made), plans=made)
@@ -265,6 +267,7 @@ class LocalTeam:
         for number, agent in enumerate(self.agents):
             if previous is not None:
                 last = previous.plans[number].controls
+                # As the controllers append, see `_controller`.
                 expected[number] = shifted_controls(problem, last, "last")
             elif agent.held is not None:
                 expected[number] = agent.held
@@ -289,6 +292,7 @@ class LocalTeam:
             number: Number of the agent.
         """
         rows = list(self.position)
+        # One column for all nodes: without a plan it stays.
         own = shown[number][rows] if number in shown else states[number, rows][:, None]
         others = [j for j in shown if j != number]
         if not others:
@@ -319,12 +323,12 @@ class LocalTeam:
         return (
             followed,
             *[shown[j][rows] for j in agent.links],
-            *self._nobody(self._links - len(agent.links), problem.nodes),
+            *self._unused_slots(self._links - len(agent.links), problem.nodes),
             *[shown[j][rows] for j in others],
-            *self._nobody(room - len(others), problem.nodes),
+            *self._unused_slots(room - len(others), problem.nodes),
         )
 
-    def _nobody(self, count: int, nodes: int) -> list[Array]:
+    def _unused_slots(self, count: int, nodes: int) -> list[Array]:
         return [np.full((len(self.position), nodes), FAR)] * count
 
 

@@ -28,13 +28,13 @@ from swarmstart.ocp.answer.plan import Plan
 from swarmstart.ocp.answer.planner import Planner
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.common.expressions import symbol_names, symbol_of
-from swarmstart.ocp.common.profile import Profile
 from swarmstart.ocp.loop.controller import Decision, fallback_of
 from swarmstart.ocp.loop.plant import Plant
 from swarmstart.ocp.nlp.polish_options import PolishOptions
 from swarmstart.ocp.rollout.fitness import Known
 from swarmstart.ocp.search.settings import SearchGiven
-from swarmstart.ocp.statement.free import Free
+from swarmstart.ocp.statement.control_shape import Profile
+from swarmstart.ocp.statement.decisions import Free
 from swarmstart.ocp.statement.phases import (
     CLOCK,
     Linkage,
@@ -149,13 +149,15 @@ class PhasedHorizon:
         rng: np.random.Generator,
     ) -> Decision:
         """Return the decision of a new plan at the state's time; see Controller."""
-        del time
+        del time  # It is a state of the plant.
         values = dict(zip(self.model.state_names, state.tolist(), strict=True))
+        # A whole number up to rounding.
         number = min(max(round(values[PHASE]), 0), len(self.stated) - 1)
         planner = self.planners[number]
         plan = self._plan(number, values, previous, rng)
         found = planner.lowered.decided(plan.x0)
         rest, intervals = found[_REST], self.stated[number].intervals
+        # Else a rest below the smallest one would be left.
         ends = rest < self.period * (1 + _ROUNDING + _SHORTEST)
         is_last = number == len(self.stated) - 1 and ends
         held = self._in_plant(number, plan.controls[:, :intervals])
@@ -166,6 +168,7 @@ class PhasedHorizon:
             dt=rest if ends else self.period,
             is_last=is_last,
             profile=Profile(controls=held, piece=rest / intervals),
+            # No linkage follows the last phase.
             decided={**own, ENDS: float(ends and not is_last)},
         )
 
@@ -179,6 +182,7 @@ class PhasedHorizon:
         """Return the plan of the remaining phases."""
         planner, names = self.planners[number], self.stated[number].model.state_names
         x0 = self.left[number].start([values[name] for name in names])
+        # The joined problem alone would begin at time 0.
         x0[self.left[number].problem.model.state_names.index(CLOCK)] = values[CLOCK]
         decided = planner.stated.decided
         known = {**self.parameters, SINCE: values[SINCE]}
@@ -221,6 +225,7 @@ class PhasedHorizon:
             number: Number of the present phase.
             previous: The last decision.
         """
+        # The last step ended a phase.
         dropped = int(previous.decided.get(ENDS, 0.0) > 0)
         last, before = previous.plans[0], number - dropped
         found = self.planners[before].lowered.decided(last.x0)
@@ -350,9 +355,10 @@ def _rest_of(phase: OptimalControlProblem, period: float) -> OptimalControlProbl
         if isinstance(horizon, Free)
         else (float(horizon), float(horizon))
     )
+    # By its name `rest` becomes the decided duration of the joined problem.
     since, rest = symbol_of(SINCE), symbol_of(_REST)
     guess = horizon.first if isinstance(horizon, Free) else float(horizon)
-    shortest = min(_SHORTEST * period, lower)
+    shortest = min(_SHORTEST * period, lower)  # A free horizon must be above 0.
     return replace(
         phase,
         model=replace(model, parameters=ca.vertcat(model.parameters, since, rest)),
@@ -410,6 +416,7 @@ def _plant_model(
         states=ca.vertcat(every, time, phase, since),
         controls=ca.vertcat(*controls.values()),
         ode=ca.vertcat(_selected(phase, rates), 1, 0, 1),
+        # With `ends` at 0 nothing jumps; at 1 the next phase begins.
         next_state=ca.vertcat(linked, time, phase + ends, since * (1 - ends)),
         parameters=ca.vertcat(*parameters.values(), ends),
         state_names=(*states, CLOCK, PHASE, SINCE),
@@ -448,5 +455,6 @@ def _selected(phase: ca.SX, of_phases: Sequence[ca.SX]) -> ca.SX:
     """Return the entry of the present phase."""
     found = of_phases[-1]
     for number, one in reversed([*enumerate(of_phases)][:-1]):
+        # The phase is a whole number up to rounding.
         found = ca.if_else(phase < number + 0.5, one, found)
     return found

@@ -174,6 +174,7 @@ class Plant:
         if not self.model.jumps:
             return states
         end = np.array([time + self.dt])
+        # Parameters are held over a step, so those of the last step count.
         begin = time + self.dt * ((self.substeps - 1) / self.substeps)
         jumped = self._jump(
             states[:, -1],
@@ -234,6 +235,8 @@ class Plant:
             at, times = every[:, side], nodes[side]
             known = parameters, self.varying(times)
             rest = np.abs(np.array(self._unsolved(at, u, *known))).max(axis=0)
+            # States that are not finite are reported elsewhere; a residual of NaN is
+            # wrong.
             wrong = np.isfinite(at).all(axis=0) & ~(rest <= SOLVED_WITHIN)
             if wrong.any():
                 first = int(np.argmax(wrong))
@@ -269,7 +272,7 @@ class Plant:
         Args:
             values: Values by name; names that the plant does not expect are ignored.
         """
-        again = copy.copy(self)
+        again = copy.copy(self)  # Parameters are arguments: nothing is compiled.
         again._decided = {n: values.get(n, old) for n, old in self._decided.items()}
         return again
 
@@ -393,6 +396,7 @@ class SteppedPlant:
         if self._system is not None:
             after: ArrayLike = self._system.step(state, control, self.dt, time)
         else:
+            # Copies: a user's object may change its arguments.
             after = self._steps.step(state.copy(), control.copy(), self.dt)
         after = numbers_of("the state that step() returns", after)
         if after.size != state.size:

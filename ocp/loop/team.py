@@ -112,7 +112,7 @@ class Team:
         require_held(a.controller.planner.stated.control_shape for a in self.agents)
         problems = [a.controller.planner.problem for a in self.agents]
         lengths = [problem.dt for problem in problems]
-        if not np.allclose(lengths, lengths[0], rtol=1e-9, atol=0.0):
+        if not np.allclose(lengths, lengths[0], rtol=1e-9, atol=0.0):  # Rounding only.
             raise InvalidProblemError(
                 f"agents must share one control interval, got {sorted(lengths)} s"
             )
@@ -173,7 +173,7 @@ class Team:
         made: dict[int, Plan] = {}
         for number in self.order:
             seen = tuple(
-                made[j].states[list(self.agents[j].shows)]
+                made[j].states[list(self.agents[j].shows)]  # Made in this step already.
                 for j in self.agents[number].watches
             )
             made[number] = make(number, states[number], seen)

@@ -14,20 +14,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from swarmstart.arrays import Array
-from swarmstart.ocp.lower_bound.answer import BoundKind, LowerBound
 from swarmstart.ocp.lower_bound.basis import values_of
+from swarmstart.ocp.lower_bound.hamiltonian import Forms, Setting, Stage
 from swarmstart.ocp.lower_bound.region import Region
-from swarmstart.ocp.lower_bound.stage import Stage
-from swarmstart.ocp.lower_bound.stated.evidence import Evidence, Pruning, Step, Tube
-from swarmstart.ocp.lower_bound.stated.statement import Statement
-from swarmstart.ocp.lower_bound.stated.stating import affine_form
+from swarmstart.ocp.lower_bound.stated.answer import (
+    BoundKind,
+    Evidence,
+    LowerBound,
+    Pruning,
+    Step,
+    Tube,
+)
+from swarmstart.ocp.lower_bound.stated.statement import Statement, affine_form
 from swarmstart.ocp.lower_bound.subsolution import (
     Aim,
     Cuts,
-    Forms,
     Round,
     Search,
-    Setting,
     loss_of,
     worth,
 )
@@ -120,6 +123,7 @@ class Ascent:
         usual = latest * float(np.median(np.abs(L))) if L.size else 0.0
         usual += float(np.median(np.abs(stage.end(points)))) if L.size else 0.0
         size = abs(self.goal) if math.isfinite(self.goal) else usual
+        # A goal near 0 says little about the size of the costs.
         return max(size, 1e-3 * usual, 1e-12)
 
     def bounds(self) -> Iterator[Best]:
@@ -181,6 +185,7 @@ class Ascent:
     def _bound(self, step: Step, degree: int) -> Best:
         """Return the bound that a step proves."""
         self._boxes += step.boxes
+        # Trajectories that were pruned cost at least `known`, but perhaps no more.
         value = min(self._known, worth(step, self.statement))
         evidence = Evidence(
             statement=self.statement,
@@ -222,6 +227,7 @@ class Ascent:
             sample = self._region.sampled(self.rng, 8000)
             region = self._region.pruned(pruning, self._known)
             share = float(region.inside(sample).mean()) if sample.size else 1.0
+            # A set without boxes has nothing that a polynomial could be scaled to.
             if share > USELESS or not region.paving[0].size:
                 return
             self._region = region
@@ -254,6 +260,7 @@ class Ascent:
         """Return a step that prunes, proven with a small slack."""
         search = self._search(forms, aim, ROUGH_SHARE)
         now = clock.perf_counter()
+        # Half of the time: `come`, which follows `go`, has the same limit.
         search = replace(search, until=now + 0.5 * max(0.0, limit - now), needed=needed)
         best, quality = None, (-1.0, -math.inf)
         latest = self.statement.horizon[1]

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.arrays import Array
-from swarmstart.ocp.lower_bound.stated.evidence import Polynomial
+from swarmstart.ocp.lower_bound.stated.answer import Polynomial
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,9 +63,10 @@ class Basis:
         derived = np.zeros_like(powers)
         derived[:, 1:2] = 1.0
         for k in range(2, powers.shape[1]):
+            # T_k = 2 z T_(k-1) - T_(k-2), differentiated.
             derived[:, k] = 2 * powers[:, k - 1] + 2 * z * derived[:, k - 1]
             derived[:, k] -= derived[:, k - 2]
-        derived /= box.half[:, None, None]
+        derived /= box.half[:, None, None]  # dz/dy.
         found = []
         for axis in range(self.variables):
             mixed = powers.copy()

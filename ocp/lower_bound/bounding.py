@@ -24,14 +24,13 @@ from threadpoolctl import threadpool_limits
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.common.expressions import shortened
 from swarmstart.ocp.common.limits import require_number
-from swarmstart.ocp.common.progress import ProgressCallback, tell_nothing
-from swarmstart.ocp.lower_bound.answer import BoundKind, LowerBound
+from swarmstart.ocp.common.presentation import ProgressCallback, tell_nothing
 from swarmstart.ocp.lower_bound.ascent import Ascent, Best
 from swarmstart.ocp.lower_bound.region import Region
-from swarmstart.ocp.lower_bound.stated.evidence import Tube
-from swarmstart.ocp.lower_bound.stated.statement import Statement
-from swarmstart.ocp.lower_bound.stated.stating import (
+from swarmstart.ocp.lower_bound.stated.answer import BoundKind, LowerBound, Tube
+from swarmstart.ocp.lower_bound.stated.statement import (
     NoBoundError,
+    Statement,
     statement_of,
 )
 from swarmstart.ocp.lower_bound.tubes.tube import NoTubeError, tube_of
@@ -155,12 +154,14 @@ def _cost_of(
     """
     if answer is None:
         try:  # Duck typing: `Solution` imports this module.
+            # Any cost serves, so a local solve without a search is enough.
             solve = resolve_name("swarmstart.ocp.answer.solving:solve")
             answer = solve(problem, x0, known=known, search=None, seed=seed)
         except InvalidProblemError:
             return math.nan
     if isinstance(answer, Answered):
         return answer.verified_cost if answer.status.is_confirmed else math.nan
+    # A bool is an int to Python, but no cost.
     if isinstance(answer, bool) or not isinstance(answer, int | float | np.number):
         raise InvalidProblemError(
             f"answer must be a Solution or a cost, got {shortened(answer)}"
@@ -191,6 +192,7 @@ def _bounded(
                 break
     except (NoTubeError, UnknownIntervalOperationError) as error:
         best = replace(best, reason=f"{best.reason}; {error}")
+    # What is proven so far stays proven.
     except KeyboardInterrupt:
         best = replace(best, reason=f"{best.reason}; interrupted")
     return best.answer()
@@ -212,6 +214,8 @@ def _trivial(statement: Statement, tube: Tube | None) -> Best:
     n, latest = statement.n, statement.horizon[1]
     low, high = statement.state_box
     if tube is not None:
+        # The first 2n faces of a tube are the axes, e_1, -e_1, ...: their levels are
+        # bounds of the states.
         low = np.maximum(low, -tube.levels[:, 1 : 2 * n : 2].max(axis=0))
         high = np.minimum(high, tube.levels[:, 0 : 2 * n : 2].max(axis=0))
     at = ca.vertcat(statement.point, statement.controls)
@@ -231,6 +235,7 @@ def _trivial(statement: Statement, tube: Tube | None) -> Best:
     # A negative rate counts over the whole of the longest horizon.
     duration = latest if stage < 0 else statement.horizon[0]
     value = stage * duration + end
+    # Far more than the rounding of the product and of the sum.
     value -= 1e-14 * (abs(stage * duration) + abs(end))
     if not math.isfinite(value):
         return none

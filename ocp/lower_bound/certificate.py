@@ -19,7 +19,7 @@ import casadi as ca
 import numpy as np
 
 from swarmstart.arrays import Array
-from swarmstart.ocp.lower_bound.stated.evidence import Evidence, Step, Tube
+from swarmstart.ocp.lower_bound.stated.answer import Evidence, Step, Tube
 from swarmstart.ocp.lower_bound.stated.statement import Statement
 from swarmstart.terminal_set.certificates import digest
 from swarmstart.terminal_set.interval_arithmetic import Instruction, tape_of
@@ -30,9 +30,6 @@ VERSION = 1
 
 def certificate_content(evidence: Evidence) -> dict[str, object]:
     """Return a certificate's content, for `json.dumps(content, allow_nan=False)`.
-
-    Args:
-        evidence: A proven bound with its evidence.
 
     Returns:
         Numbers, texts, lists and objects; floats are read back to the last bit; None
@@ -66,6 +63,7 @@ def certificate_content(evidence: Evidence) -> dict[str, object]:
 
 def _statements(prunings: int) -> list[str]:
     """Return the statements, in words."""
+    # Not imported from the checker, which must share no code with the writer.
     pruning = "no trajectory that costs less than the known cost leaves the set of"
     return [
         "every admissible trajectory stays in the tube",
@@ -84,7 +82,7 @@ def _problem(statement: Statement) -> dict[str, object]:
     )
     tape, numbers = tape_of(function)
     n, paths = statement.n, sum(g.numel() for g in statement.path)
-    rest = numbers[n + 2 :]
+    rest = numbers[n + 2 :]  # After f, L and phi.
     return {
         "n": n,
         "m": statement.m,

@@ -1,6 +1,7 @@
-"""The Hamilton-Jacobi-Bellman inequality V_t + L + V_x f >= -slack, over boxes.
+"""The Hamilton-Jacobi-Bellman inequality V_t + L + V_x f >= -slack, of a step.
 
-If f is affine in u and L is separable and quadratic,
+Over boxes it is bounded from below, in intervals. If f is affine in u and L is
+separable and quadratic,
 
     h = a + sum over k of p_k(b_k),    a = V_t + L0 + V_x f0,    b_k = V_x B_k + c_k,
     p_k(b) = min over u in [low, high] of b u + q_k u^2
@@ -14,10 +15,16 @@ with the last term only if u(b) is not the same bound over the whole box. If q =
 the minimum of two lines, which lies above its chord over a box in which b may change
 sign. For all other problems u is a coordinate of the boxes, and h is a function of
 (t, x, u).
+
+At points (`Stage`), h, the costs and the best control are plain floats. These numbers
+are not rigorous: they make rows of linear programs and find points at which a
+polynomial fails. The proof depends on the intervals alone.
 """
 
 from __future__ import annotations
 
+import itertools
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import casadi as ca
@@ -32,6 +39,9 @@ from swarmstart.ocp.lower_bound.taylor_form import (
     TaylorForm,
     least_quadratic,
 )
+
+GRID = 9
+MOST_CANDIDATES = 729
 
 
 class Bounds(NamedTuple):
@@ -101,6 +111,7 @@ class Inequality:
             slope += line.u * at.slope[k]
             bend += line.u * at.bend[k]
             for number, (i, j) in enumerate(pairs):
+                # (b - b_m)^2 / (4 q), with b - b_m about g'd, is a part of d'Hd / 2.
                 bend[number] -= line.curved * at.slope[k, i] * at.slope[k, j]
             rest += np.abs(line.u) * at.rest[k] + line.rest
             pull += np.abs(line.u) * at.pull[k] + line.pull
@@ -178,12 +189,7 @@ class Quadratic(NamedTuple):
 
 
 def settled(at: Quadratic, pairs: list[tuple[int, int]]) -> Bounds:
-    """Return lower bounds over the boxes, rounded down.
-
-    Args:
-        at: The functions.
-        pairs: The pairs of coordinates.
-    """
+    """Return lower bounds over the boxes, rounded down."""
     least, spread = least_quadratic(at.slope, at.bend, at.reach, pairs)
     size = np.abs(at.constant) + spread.sum(axis=0) + at.rest
     low = at.constant + least - at.rest - PADDING * size
@@ -226,3 +232,128 @@ class Margin:
                 ),
                 self._form.pairs,
             )
+
+
+class Stage:
+    """Rates and costs of a problem at points."""
+
+    def __init__(self, statement: Statement, affine: Affine | None) -> None:
+        """Compile rates and costs; `affine` is the problem in that form, if any."""
+        self._statement, self._affine = statement, affine
+        point, u = statement.point, statement.controls
+        rates = ca.densify(ca.vertcat(statement.rate, statement.stage))
+        self._rates = ca.Function("rates", [point, u], [rates])
+        self._end = ca.Function("end", [point], [ca.densify(statement.end)])
+        if affine is not None:
+            columns = ca.densify(ca.vertcat(*affine.columns, ca.SX(0, 1)))
+            self._columns = ca.Function("columns", [point], [columns])
+
+    def rates(self, points: Array, u: Array) -> tuple[Array, Array]:
+        """Return f (n, N) and L (N,) at points (1 + n, N), controls (m, N)."""
+        found = np.array(self._rates(points, u))
+        return found[:-1], found[-1]
+
+    def end(self, points: Array) -> Array:
+        """Return phi at points (1 + n, N), shape (N,)."""
+        return np.array(self._end(points)).ravel()
+
+    def hamiltonian(
+        self, slopes: Array, points: Array, u: Array | None = None
+    ) -> tuple[Array, Array]:
+        """Return h and the controls that minimise it.
+
+        Args:
+            slopes: Derivatives of V, shape (1 + n, N).
+            points: Shape (1 + n, N).
+            u: Controls to use, shape (m, N); None means the best ones.
+
+        Returns:
+            h, shape (N,), not finite at points at which the problem is not finite;
+            controls, (m, N).
+        """
+        if u is None:
+            u = self._best(slopes, points)
+        f, L = self.rates(points, u)
+        return slopes[0] + L + (slopes[1:] * f).sum(axis=0), u
+
+    def _best(self, slopes: Array, points: Array) -> Array:
+        low, high = (limit[:, None] for limit in self._statement.control_box)
+        m, count = self._statement.m, points.shape[1]
+        if self._affine is not None:
+            columns = np.array(self._columns(points)).reshape(m, -1, count)
+            b = (columns * slopes[None, 1:]).sum(axis=1)
+            b += self._affine.linear[:, None]
+            q = self._affine.quadratic[:, None]
+            # Both branches below are computed: none may divide by 0.
+            curved = np.where(q > 0, q, 1.0)
+            smooth = np.clip(-b / (2 * curved), low, high)
+            return np.where(q > 0, smooth, np.where(b > 0, low, high))
+        found, best = None, np.full(count, np.inf)
+        for candidate in self._candidates():
+            u = np.repeat(candidate[:, None], count, axis=1)
+            h, _ = self.hamiltonian(slopes, points, u)
+            # False for NaN, so a control at which h is not finite is not chosen.
+            better = h < best
+            best = np.where(better, h, best)
+            found = u if found is None else np.where(better, u, found)
+        if found is None:
+            return np.zeros((0, count))
+        return self._refined(slopes, points, found, best)
+
+    def _candidates(self) -> Array:
+        m = self._statement.m
+        each = GRID
+        # Both ends are kept: a control in which h is linear is best there.
+        while each > 2 and each**m > MOST_CANDIDATES:  # noqa: PLR2004
+            each -= 1
+        axes = [
+            np.linspace(low, high, each)
+            for low, high in zip(*self._statement.control_box, strict=True)
+        ]
+        return np.array(list(itertools.product(*axes))).reshape(-1, m)
+
+    def _refined(self, slopes: Array, points: Array, u: Array, h: Array) -> Array:
+        """Return controls of lower h, by shrinking steps along each control."""
+        low, high = (limit[:, None] for limit in self._statement.control_box)
+        step = (high - low) / (GRID - 1)
+        for _ in range(6):
+            step = step / 2
+            for k in range(len(u)):
+                for sign in (1.0, -1.0):
+                    tried = u.copy()
+                    tried[k] = np.clip(u[k] + sign * step[k], low[k], high[k])
+                    other, _ = self.hamiltonian(slopes, points, tried)
+                    better = other < h
+                    u, h = np.where(better, tried, u), np.where(better, other, h)
+        return u
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """A problem in all forms that the steps need.
+
+    Attributes:
+        statement: The problem.
+        affine: The problem in affine form, if it has one.
+        stage: Its rates and costs at points.
+        size: Size of its costs, > 0.
+    """
+
+    statement: Statement
+    affine: Affine | None
+    stage: Stage
+    size: float
+
+
+class Forms:
+    """The inequalities, derived once for all polynomials of a degree."""
+
+    def __init__(self, setting: Setting, degree: int) -> None:
+        """Form the derivatives; see Inequality."""
+        statement = setting.statement
+        self.basis = Basis(1 + statement.n, degree)
+        self.inequality = Inequality(statement, setting.affine, self.basis)
+        parameters = ca.SX.sym("parameters", self.basis.parameters)
+        point = statement.point
+        V = self.basis.expression(point, parameters)
+        self.end = Margin(statement.end - V, point, parameters)

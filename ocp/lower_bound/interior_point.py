@@ -57,11 +57,13 @@ def maximised(
         tolerance: Tolerance of the gap, in units of the objective.
         iterations: Largest number of iterations.
     """
+    # Rows of equal size, so that one tolerance serves all of them.
     sizes = 1.0 / np.maximum(np.abs(A).max(axis=1), 1e-12)
     A, b = A * sizes[:, None], b * sizes
     rows, m = A.shape
     w = np.zeros(m)
     s = b.copy()
+    # The method needs positive slacks from the start, not feasible ones.
     s += max(0.0, 1e-2 - 1.5 * float(s.min()))
     z = np.full(rows, 10.0 / rows)
     gap, solved = np.inf, False
@@ -81,7 +83,9 @@ def maximised(
         dw, ds, dz = newton.step(-z * s)
         far_s, far_z = _longest(ds, s), _longest(dz, z)
         after = float((s + far_s * ds) @ (z + far_z * dz))
+        # Mehrotra's choice: the better the predictor, the less centring.
         center = (max(after, 0.0) / gap) ** 3 * gap / rows
+        # ds dz is the part of second order that the predictor leaves out.
         dw, ds, dz = newton.step(center - z * s - ds * dz)
         far_s = min(1.0, STEP * _longest(ds, s))
         far_z = min(1.0, STEP * _longest(dz, z))
@@ -89,6 +93,7 @@ def maximised(
         if not all((np.abs(part) < DIVERGED).all() for part in moved):
             break
         w, s, z = moved
+    # Of the rows as given: z belongs to the scaled ones.
     return Optimum(w, z * sizes, gap, solved)
 
 
@@ -107,6 +112,7 @@ class _Newton:
         self._weights = z / s
         weighted = A * np.sqrt(self._weights)[:, None]
         normal = weighted.T @ weighted
+        # A diagonal of ones, so that one ridge suits all unknowns.
         self._sizes = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
         normal *= self._sizes[:, None] * self._sizes
         diagonal, ridge = np.diag_indices(len(normal)), RIDGE
@@ -116,6 +122,7 @@ class _Newton:
                 self._factor = scipy.linalg.cho_factor(normal, check_finite=False)
                 return
             except scipy.linalg.LinAlgError:
+                # Cholesky fails if the rows hardly determine some unknown.
                 ridge *= 10.0
         raise scipy.linalg.LinAlgError("the normal equations are singular")
 

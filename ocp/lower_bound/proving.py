@@ -18,7 +18,7 @@ from swarmstart.arrays import Array
 from swarmstart.ocp.lower_bound.hamiltonian import Bounds
 
 Mask = NDArray[np.bool_]
-CHUNK = 8192
+CHUNK = 8192  # Boxes evaluated at a time.
 BEYOND = 1.05
 """Factor by which the slack is set above that of a point that was met."""
 FEW = 40_000
@@ -90,6 +90,7 @@ def proven_floor(
         if not lower.size:
             continue
         found = bounds(lower, upper)
+        # Not `<`: a bound that is NaN proves nothing.
         left = ~(found.low >= -slack)
         if not left.any():
             continue
@@ -100,12 +101,15 @@ def proven_floor(
         if below.any():
             met.append(middle[:, below])
             values.append(at[below])
+            # With no more slack than the point needs, boxes around it would be halved
+            # without end.
             slack = max(slack, -BEYOND * float(at.min()))
         stack.append(halved(lower, upper, spread))
         if slack >= limits.useless and useless_since < 0:
             useless_since = boxes
         given_up = useless_since >= 0 and boxes > useless_since + FEW
         too_long = boxes > limits.max_boxes or clock.perf_counter() > limits.until
+        # If a box has no spread, no cut makes its bound better.
         if given_up or too_long or (spread.max(axis=0) <= 0).any():
             break
     # The remaining boxes have lower bounds too, so even a search cut short is a proof.

@@ -1,4 +1,4 @@
-"""The set S of evidence.py, which holds every trajectory that may be optimal.
+"""The set S of answer.py, which holds every trajectory that may be optimal.
 
 Tube, bounds of the states and path constraints hold all admissible trajectories; the
 prunings keep those that cost less than the known cost.
@@ -18,7 +18,7 @@ from swarmstart.arrays import Array
 from swarmstart.ocp.lower_bound.basis import Box, basis_of, packed, values_of
 from swarmstart.ocp.lower_bound.hamiltonian import Margin
 from swarmstart.ocp.lower_bound.proving import halved
-from swarmstart.ocp.lower_bound.stated.evidence import Polynomial, Pruning, Tube
+from swarmstart.ocp.lower_bound.stated.answer import Polynomial, Pruning, Tube
 from swarmstart.ocp.lower_bound.stated.statement import Statement
 from swarmstart.ocp.lower_bound.taylor_form import PADDING
 from swarmstart.ocp.lower_bound.tubes import tube_set as tubes
@@ -63,6 +63,7 @@ class Region:
         low, high = (limit[:, None] for limit in self.statement.state_box)
         out = ((lower[1:] > high) | (upper[1:] < low)).any(axis=0)
         out |= tubes.outside(self.tube, lower, upper)
+        # The slowest tests come last: each sees only the boxes that are left.
         tests = [one.excludes for one in self.filters]
         if self.statement.path:
             tests.insert(0, self._path.broken)
@@ -101,6 +102,7 @@ class Region:
         lower, upper = lower[:, fits], upper[:, fits]
         kept = ~self.outside(lower, upper)
         lower, upper = lower[:, kept], upper[:, kept]
+        # Boxes may drop out as fast as they are halved, so the rounds are limited.
         for _ in range(12):
             if not 0 < lower.shape[1] < PAVING / 2:
                 break
@@ -126,6 +128,7 @@ class Region:
         weight = 0.7 * volume / volume.sum() + 0.3 / volume.size
         chosen = rng.choice(volume.size, size=count, p=weight)
         low, high = lower[:, chosen], upper[:, chosen]
+        # One coordinate in six lies at an end of its box.
         part = np.clip(1.2 * rng.random(low.shape) - 0.1, 0.0, 1.0)
         points = low + part * (high - low)
         # A polynomial fails first at the ends of the set, above all at the last time.
@@ -224,6 +227,7 @@ class EndSet:
         lower, upper = lower.copy(), upper.copy()
         for axis, slope, constant in self._linear:
             at = -constant / slope
+            # The quotient is rounded, and no admissible end may be cut off.
             at_pad = (1 + abs(at)) * PADDING
             if slope > 0:
                 upper[axis] = np.minimum(upper[axis], at + at_pad)
@@ -251,13 +255,7 @@ class Filter:
     """The points of a set that a pruning leaves."""
 
     def __init__(self, statement: Statement, pruning: Pruning, known: float) -> None:
-        """Form the derivatives of the cost through a point.
-
-        Args:
-            statement: The problem.
-            pruning: Its steps.
-            known: The cost to compare with.
-        """
+        """Form the derivatives of the cost through a point."""
         come, go = pruning.come, pruning.go
         self._pruning = pruning
         bases = [basis_of(step.polynomial) for step in (come, go)]
@@ -274,6 +272,7 @@ class Filter:
         least_start, _ = value_interval(come.polynomial, start)
         end_slack = go.end_slack or 0.0
         numbers = [least_start - end_slack - known, come.slack, go.slack]
+        # The rounding of the sum; with a smaller constant a pruning excludes less.
         numbers[0] -= PADDING * (abs(least_start) + abs(end_slack) + abs(known))
         self._parameters = np.concatenate(
             [packed(come.polynomial), packed(go.polynomial), numbers]

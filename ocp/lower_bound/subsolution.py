@@ -16,21 +16,22 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-import casadi as ca
 import numpy as np
 
 from swarmstart.arrays import Array
-from swarmstart.ocp.lower_bound.basis import Basis, Box, packed
-from swarmstart.ocp.lower_bound.hamiltonian import Inequality, Margin
+from swarmstart.ocp.lower_bound.basis import Box, packed
+from swarmstart.ocp.lower_bound.hamiltonian import (
+    Forms,
+    Setting,
+)
 from swarmstart.ocp.lower_bound.interior_point import maximised
 from swarmstart.ocp.lower_bound.proving import Floor, Limits, proven_floor
 from swarmstart.ocp.lower_bound.region import Region, value_interval
-from swarmstart.ocp.lower_bound.stage import Stage, slopes_of
-from swarmstart.ocp.lower_bound.stated.evidence import Step
-from swarmstart.ocp.lower_bound.stated.statement import Affine, Statement
+from swarmstart.ocp.lower_bound.stated.answer import Step
+from swarmstart.ocp.lower_bound.stated.statement import Statement
 
 Aim = Literal["start", "come", "go"]
-"""Objective of a step: V at the start, or the pruning by C or G; see evidence.py."""
+"""Objective of a step: V at the start, or the pruning by C or G; see answer.py."""
 MOST_ROWS = 15_000
 LARGEST = 1e4
 """Largest coefficient, in units of the cost's size."""
@@ -50,37 +51,6 @@ BINDING = 1e-9
 """Least dual variable at which a row is never dropped."""
 SHARE_OF_ENDS = 0.1
 """Fraction of the target slack that is for the end."""
-
-
-@dataclass(frozen=True, eq=False)
-class Setting:
-    """A problem in all forms that the steps need.
-
-    Attributes:
-        statement: The problem.
-        affine: The problem in affine form, if it has one.
-        stage: Its rates and costs at points.
-        size: Size of its costs, > 0.
-    """
-
-    statement: Statement
-    affine: Affine | None
-    stage: Stage
-    size: float
-
-
-class Forms:
-    """The inequalities, derived once for all polynomials of a degree."""
-
-    def __init__(self, setting: Setting, degree: int) -> None:
-        """Form the derivatives; see Inequality."""
-        statement = setting.statement
-        self.basis = Basis(1 + statement.n, degree)
-        self.inequality = Inequality(statement, setting.affine, self.basis)
-        parameters = ca.SX.sym("parameters", self.basis.parameters)
-        point = statement.point
-        V = self.basis.expression(point, parameters)
-        self.end = Margin(statement.end - V, point, parameters)
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,6 +161,7 @@ class Search:
         for share in (0.0, 0.5, 1.0, None):
             drawn = self.rng.random((statement.m, points.shape[1]))
             part = drawn if share is None else share
+            # `0 * drawn` gives a constant share the shape of the points.
             u = low + part * (high - low) + 0 * drawn
             rows.append(np.vstack([points, u]))
         return Cuts(np.hstack(rows), self.sampled_ends(4 * self.forms.basis.size))
@@ -218,6 +189,7 @@ class Search:
         """
         rows = _Rows(self, cuts or self.first_cuts())
         best = useless
+        # The first proof is tried in the second round at the latest.
         last_proof, number = -3, 0
         while clock.perf_counter() < self.until:
             objective = self._objective()
@@ -231,6 +203,7 @@ class Search:
             # Pruning steps get new weights in each round, so values do not compare.
             compares = self.aim == "start" and np.isfinite(best)
             room = (value - best) / latest if compares else np.inf
+            # A proof pays once the loss that samples show leaves a better bound.
             enough = max(4 * self.hoped, min(0.5 * room, 0.1 * self.setting.size))
             if found.lowest > -enough or number - last_proof > PATIENCE:
                 last_proof = number
@@ -265,6 +238,7 @@ class Search:
         points = np.hstack([points, near])
         h, u = np.concatenate([h, near_h]), np.hstack([u, near_u])
         order = np.argsort(h)
+        # The worst points, and some others, since the worst lie close together.
         chosen = np.concatenate([order[: WORST // 2], order[WORST // 2 : 4000 : 20]])
         chosen = chosen[h[chosen] < 2 * self.hoped]
         ends = self.sampled_ends(3000)
@@ -295,7 +269,7 @@ class Search:
         return np.hstack(tracks)
 
     def _h(self, w: Array, points: Array) -> tuple[Array, Array]:
-        slopes = slopes_of(self.forms.basis, self.box, w, points)
+        slopes = self.forms.basis.slopes(self.box, points) @ w
         h, u = self.setting.stage.hamiltonian(slopes, points)
         return np.where(np.isfinite(h), h, np.inf), u
 
@@ -342,7 +316,7 @@ class Search:
         n = statement.n
 
         def value(points: Array) -> Array:
-            slopes = slopes_of(self.forms.basis, self.box, w, points[: 1 + n])
+            slopes = self.forms.basis.slopes(self.box, points[: 1 + n]) @ w
             u = points[1 + n :] if with_controls else None
             h, _ = self.setting.stage.hamiltonian(slopes, points[: 1 + n], u)
             inside = self.region.inside(points[: 1 + n])
@@ -447,7 +421,10 @@ class _Rows:
         """Return the best coefficients; drop loose rows if there are too many."""
         size, m = self._search.setting.size, self._A.shape[1]
         bounds = np.vstack([np.eye(m), -np.eye(m)])
+        # At the end V must lie below phi, so these rows have the other sign.
         A = np.vstack([self._A, -self._E, bounds])
+        # Unknowns in units of `size`, so that LARGEST and the tolerance suit any
+        # problem.
         b = np.concatenate([self._b / size, self._e / size, np.full(2 * m, LARGEST)])
         found = maximised(objective, A, b)
         rows = len(self._b)
@@ -465,5 +442,6 @@ def worth(step: Step, statement: Statement) -> float:
     start = np.concatenate([[0.0], statement.x0])
     low, _ = value_interval(step.polynomial, start)
     latest, end_slack = statement.horizon[1], step.end_slack or 0.0
+    # Far more than the rounding of these sums.
     padding = 1e-14 * (abs(low) + step.slack * latest + end_slack)
     return low - step.slack * latest - end_slack - padding

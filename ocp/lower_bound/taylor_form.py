@@ -76,6 +76,7 @@ class TaylorForm:
         self.pairs = list(combinations_with_replacement(range(d), 2))
         triples = list(combinations_with_replacement(range(d), 3))
         self._triples = triples
+        # Orders of iii, of iij and of ijk, by the number of different entries.
         orders = {1: 1.0, 2: 3.0, 3: 6.0}
         self._orders = np.array([orders[len(set(one))] / 6 for one in triples])
         low: list[ca.SX] = []
@@ -101,9 +102,11 @@ class TaylorForm:
         """
         d, k, count = self.coordinates, self.functions, lower.shape[1]
         middle = (lower + upper) / 2
+        # The middle is rounded, so one half may be longer than the other.
         reach = np.maximum(upper - middle, middle - lower) * (1 + PADDING)
         given = np.repeat(parameters[:, None], count, axis=1)
         at = np.vstack([middle, given])
+        # Intervals without width: only rounding makes the results wider.
         center, radius = _center_and_radius(*self._low(at, at))
         size = 1 + d + len(self.pairs)
         center, radius = (part.reshape(k, size, count) for part in (center, radius))
@@ -113,6 +116,8 @@ class TaylorForm:
             pull += unsure
             rest += unsure.sum(axis=1)
             for number, (i, j) in enumerate(self.pairs):
+                # A pair i < j stands for both orders, which cancels the 1/2 of d'Hd /
+                # 2.
                 area = reach[i] * reach[j] * (0.5 if i == j else 1.0)
                 term = radius[:, 1 + d + number] * area
                 rest += term
@@ -187,7 +192,7 @@ def least_quadratic(
         g, r = np.abs(slope[i]), reach[i]
         least = -g * r + H * r * r / 2
         with np.errstate(divide="ignore", invalid="ignore"):
-            inside = (H > 0) & (g < H * r)
+            inside = (H > 0) & (g < H * r)  # The vertex of the parabola.
             total += np.where(inside, -g * g / (2 * H), least)
         spread[i] += g * r + np.abs(H) * r * r / 2
     return total, spread

@@ -3,12 +3,10 @@
 A polish begins at a `Start` and ends with a status, never with an error.
 """
 
-from swarmstart.ocp.nlp.duals import (
-    Duals,
-    duals_of,
-)
 from swarmstart.ocp.nlp.multipliers import (
+    Duals,
     Multipliers,
+    duals_of,
     multipliers_of,
 )
 from swarmstart.ocp.nlp.polish import (

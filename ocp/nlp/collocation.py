@@ -258,7 +258,7 @@ def collocated_check(
         for i, (time, weight) in enumerate(
             zip(coefficients.times, coefficients.weights, strict=True)
         ):
-            x = ca.SX(state)
+            x = ca.SX(state)  # A copy; states without a rate keep their values.
             x[moving] = own[:, i]
             s = between(ends, (element + float(time)) / layout.elements)
             slope = through @ ca.DM(coefficients.slopes[i])
@@ -267,7 +267,7 @@ def collocated_check(
             if problem.quadrature == "integral":
                 cost += h * float(weight) * shooting.stage_cost(x, u, p, s)
             at.append((x, s))
-        state = at[-1][0]
+        state = at[-1][0]  # The last Radau point is the element's end.
     return Reached(state, cost, defects, at)
 
 
@@ -290,6 +290,7 @@ def lifted(expressions: ca.SX, values: ca.SX, symbols: ca.SX) -> ca.SX:
     function = ca.Function("whole", [known], [ca.densify(expressions), values])
     try:
         tape = read_tape(function)
+    # The expressions stay correct; they only keep Newton's iterations.
     except UnknownOperationError:
         return expressions
     places: dict[int, ca.SX] = {}

@@ -20,12 +20,7 @@ class InnerGuess:
     """Guess of the inner unknowns of a problem's intervals; compiled once."""
 
     def __init__(self, shooting: Shooting, layout: Layout) -> None:
-        """Compile the integration from point to point.
-
-        Args:
-            shooting: The problem's functions.
-            layout: Layout of the collocation.
-        """
+        """Compile the integration from point to point."""
         self._problem = problem = shooting.problem
         self._layout = layout
         times = radau_coefficients(layout.points).times
@@ -53,6 +48,7 @@ class InnerGuess:
         states, varying = [pieces[:, 0]], [known[:, 0]]
         for k in range(layout.checks):
             ends = known[:, k], known[:, k + 1]
+            # Only the first check begins with a jump of the controls.
             along = self._along[0 if k == 0 else 1]
             found = np.array(along(pieces[:, k], controls, p, *ends))
             found = found.reshape((len(found), N, self._parts.size)).transpose(2, 0, 1)
@@ -135,6 +131,7 @@ class InnerGuess:
         states = np.where(lost, line, states)
         if bends:
             missed = end - states[-1]
+            # It misses the end by more than the whole way, so it leads elsewhere.
             lost = (np.abs(missed) > np.abs(end - begin)).any(axis=0)
             states = states + parts * missed
         return np.where(lost, line, states)

@@ -21,9 +21,9 @@ from swarmstart.ocp.nlp.polish_options import PolishOptions, PolishStatus
 from swarmstart.ocp.nlp.start import Start
 from swarmstart.ocp.nlp.watching import UNWATCHED, Watch, WorkAlone
 from swarmstart.ocp.rollout.fitness import Fitness, Known
-from swarmstart.ocp.statement.blocks import block_numbers, first_intervals
+from swarmstart.ocp.statement.control_shape import block_numbers, first_intervals
+from swarmstart.ocp.statement.decisions import neighbours, sum_up_rounded, whole
 from swarmstart.ocp.statement.problem import OptimalControlProblem
-from swarmstart.ocp.statement.whole_numbers import neighbours, sum_up_rounded, whole
 
 _ROUNDS = 500
 """Largest number of steps of a descent."""
@@ -73,7 +73,10 @@ class IntegerPolisher:
         relaxed = Fitness(relaxation(problem), backend="casadi")
         unwatched = watch is UNWATCHED
         self.relaxed = Polisher(
-            relaxed, options, watch=watch if unwatched else WorkAlone(watch)
+            relaxed,
+            options,
+            # An answer with fractions is no answer of the problem itself.
+            watch=watch if unwatched else WorkAlone(watch),
         )
         self._integer, self._limits = problem.integer, problem.control_limits
         self._block = block_numbers(problem.blocks, problem.intervals)
@@ -139,6 +142,7 @@ class IntegerPolisher:
                 break
             best = self._held(stepped, best.x0, known)
             evaluations += best.evaluations
+            # Without other decisions a second descent finds nothing new.
             if not self._decides_more or self._watch.is_over:
                 break
         return replace(best, evaluations=evaluations)
@@ -158,6 +162,7 @@ class IntegerPolisher:
             cost, violation = objective(population)
             spent += cost.size
             self._watch.counted(cost.size)
+            # The order of is_better: violation beyond the tolerance, then the cost.
             broken = np.where(violation > tolerance, violation, 0.0)
             i = int(np.lexsort((cost, broken))[0])
             reached = float(cost[i]), float(violation[i])

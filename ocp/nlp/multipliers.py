@@ -1,4 +1,4 @@
-"""Multipliers of an answer, in the units of the user: costates and shadow prices.
+"""Multipliers of an answer: in the units of the user, and as a start of another solve.
 
 With L = cost + costate' (state after an interval - state there) + multiplier' (value -
 limit), stationary at the answer,
@@ -11,21 +11,37 @@ limit), stationary at the answer,
 A limit of a path constraint has a multiplier at every check. Those of an interval are
 added up, so the sum over all intervals is the worth of the limit as a whole.
 
+An NLP (transcription.py) divides its rows, variables and cost by sizes that depend on
+the initial state and the guess. Without these sizes, the multipliers are those of the
+core, from which another solve can start:
+
+    of a row    lam_g * (size of the cost) / (size of the row)
+    of a bound  lam_x * (size of the cost) / (size of the variable)
+
+A receding horizon shifts them by one interval, as it does with its plan. The costates
+and multipliers of the last interval are repeated at the end.
+
 Source: Nocedal and Wright (2006), Numerical Optimization, section 12.8; Bryson and Ho
-(1975), Applied Optimal Control, chapter 2, for the costate as a gradient.
+(1975), Applied Optimal Control, chapter 2, for the costate as a gradient; Diehl, Bock
+and Schloeder (2005), A real-time iteration scheme for nonlinear optimization in optimal
+feedback control, SIAM J. Control Optim. 43, for the shift.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from swarmstart.arrays import Array
+from swarmstart.ocp.nlp.collocation import layout_of
 from swarmstart.ocp.nlp.nlp_assembly import decided_states, inputs_of
 from swarmstart.ocp.nlp.optimality import NlpPoint
+from swarmstart.ocp.nlp.transcription import NonlinearProgram
+from swarmstart.ocp.statement.control_shape import ties
 from swarmstart.ocp.statement.problem import OptimalControlProblem
-from swarmstart.ocp.system.constraint_forms import label
 from swarmstart.ocp.system.constraints import Constraint
+from swarmstart.ocp.system.separation import label
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -90,8 +106,9 @@ def multipliers_of(point: NlpPoint, stated: OptimalControlProblem) -> Multiplier
         for c in (*core.path_constraints, *core.terminal_constraints, *core.soft)
     ]
     for part, lam, weight in zip(parts.present, of_parts, weights, strict=True):
+        # The end and the start have one column each.
         column = slice(None) if part is parts.interval else slice(0, 1)
-        kept = len(lam) - len(weight)
+        kept = len(lam) - len(weight)  # Rows with limits come last.
         for (number, row), value, w in zip(
             part.rows.places, lam[kept:], weight, strict=True
         ):
@@ -99,6 +116,7 @@ def multipliers_of(point: NlpPoint, stated: OptimalControlProblem) -> Multiplier
     own, last = stated.model.nx, len(core.path_constraints)
     soft = len(found) - len(core.soft)
     of_path = [*found[: len(core.stated)], *found[soft:]]
+    # Excesses and collocation unknowns follow the controls.
     controls = (of_bounds[:nu] / sizes_u[:, None])[: core.model.nu]
     states = of_bounds[nu:] / sizes_x[:, None]
     if last > len(core.stated):  # Bounds at inner checks.
@@ -157,4 +175,89 @@ def _of_starts(core: OptimalControlProblem, multipliers: Array) -> dict[str, flo
         name = core.model.state_names[one.states[0]]
         found[name] = float(multipliers[place : place + count].sum())
         place += count
+    return found
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Duals:
+    """Multipliers of an NLP's rows and bounds, in the units of the core.
+
+    Attributes:
+        rows: Multipliers of the rows, shape (ng,).
+        bounds: Multipliers of the bounds of the variables, shape (nw,).
+    """
+
+    rows: Array
+    bounds: Array
+
+    def flat(self) -> Array:
+        """Return all multipliers in one vector, (ng + nw,)."""
+        return np.concatenate([self.rows, self.bounds])
+
+
+def duals_of(point: NlpPoint) -> Duals:
+    """Return the multipliers of a point without scaling."""
+    rows, bounds = units_of(point.program, point.q, point.cost_size)
+    return Duals(point.lam_g * rows, point.lam_x * bounds)
+
+
+def units_of(
+    program: NonlinearProgram, q: Array, cost_size: float
+) -> tuple[Array, Array]:
+    """Return the units of the multipliers of rows (ng,) and of bounds (nw,).
+
+    Args:
+        program: The NLP.
+        q: Arguments of the NLP, which hold the sizes.
+        cost_size: Divisor of the cost in the NLP.
+    """
+    core, parts = program.problem, program.parts
+    layout, nx, N = layout_of(core), core.model.nx, core.intervals
+    inner = 0 if layout is None else layout.size
+    ends = np.cumsum(parts.argument_sizes(core)).tolist()
+    weights = [q[a:b] for a, b in pairwise(ends[1:-1])]
+    first = ends[0] + core.model.np
+    after = first + nx, first + nx + core.model.nu + core.slacks + inner
+    x, u = 1.0 / q[first : after[0]], 1.0 / q[after[0] : after[1]]
+    inside = [x, weights[0]]
+    if layout is not None:
+        residuals = 1.0 / q[after[1] : after[1] + layout.lifted]
+        moving = np.tile(x[list(layout.moving)], layout.places)
+        inside[1:1] = [moving, np.tile(residuals, layout.places + 1)]
+    of_rows = [np.tile(np.concatenate(inside), N)]
+    equations = parts.end.value.numel_out(0) - weights[1].size
+    of_epigraph = 1.0 if core.epigraph is None else x[core.epigraph.first]
+    of_rows += [np.full(equations, of_epigraph), weights[1]]
+    if parts.begin is not None:
+        tied = [i for one in core.free_starts for i in one.states[1:]]
+        of_rows += [x[tied], weights[2]]
+    if core.ties_controls:
+        of_rows.append(u[ties(core.control_labels)[0] % core.model.nu])
+    of_bounds = [np.tile(np.concatenate([u, x]), N), x[decided_states(core)]]
+    return cost_size * np.concatenate(of_rows), cost_size * np.concatenate(of_bounds)
+
+
+def columns_of(program: NonlinearProgram, duals: Duals) -> tuple[Array, Array]:
+    """Return rows (height, N) and bounds (inputs + nx, N) of the intervals, views."""
+    core, N = program.problem, program.problem.intervals
+    height = program.parts.interval.value.numel_out(0)
+    width = inputs_of(core) + core.model.nx
+    return (
+        duals.rows[: height * N].reshape((N, height)).T,
+        duals.bounds[: width * N].reshape((N, width)).T,
+    )
+
+
+def shifted_duals(program: NonlinearProgram, duals: Duals) -> Duals:
+    """Return multipliers one interval later; those of the last interval are repeated.
+
+    Args:
+        program: The NLP that they belong to.
+        duals: Not changed.
+    """
+    found = Duals(duals.rows.copy(), duals.bounds.copy())
+    for now, before in zip(
+        columns_of(program, found), columns_of(program, duals), strict=True
+    ):
+        now[:, :-1] = before[:, 1:]
     return found

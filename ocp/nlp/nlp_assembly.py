@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from swarmstart.arrays import Array
 from swarmstart.ocp.nlp.collocation import inner_unknowns
-from swarmstart.ocp.statement.blocks import ties
+from swarmstart.ocp.statement.control_shape import ties
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 
 Index = NDArray[np.int64]
@@ -103,12 +103,7 @@ class Mapped:
     """Symbols of the NLP, and the functions of its parts applied to them."""
 
     def __init__(self, problem: OptimalControlProblem, parts: Parts) -> None:
-        """Create the symbols, and arrange them as arguments side by side.
-
-        Args:
-            problem: The problem.
-            parts: The parts of its NLP.
-        """
+        """Create the symbols, and arrange them as arguments side by side."""
         model, N, checks = problem.model, problem.intervals, problem.checks
         self.nx, self.nu, self.N, self.parts = model.nx, inputs_of(problem), N, parts
         empty = np.empty(0, dtype=np.intp)
@@ -132,6 +127,7 @@ class Mapped:
         )
         z = ca.vertcat(ca.horzcat(start, self.x[:, :-1]), both[: self.nu, :])
         signals = ca.reshape(flat, problem.ns, problem.nodes)
+        # The node between two intervals belongs to both.
         columns = [k * checks + c for k in range(N) for c in range(checks + 1)]
         places = [
             (z, signals[:, columns]),
@@ -140,6 +136,7 @@ class Mapped:
         ]
         self._arguments = [
             [at, ca.vertcat(known, rows), s]
+            # The start may have no part.
             for (at, s), rows in zip(places, weights, strict=False)
         ]
 
@@ -178,6 +175,7 @@ class Mapped:
         """Return the indices in w of equal controls, each with the one before."""
         step = self.nu + self.nx
         now, before = (
+            # From ca.vec of u to w.
             (places // self.controls) * step + places % self.controls
             if places.size
             else places
@@ -215,11 +213,7 @@ def decided_states(problem: OptimalControlProblem) -> list[int]:
 
 
 def derivatives_of(mapped: Mapped) -> dict[str, ca.Function]:
-    """Return gradient, Jacobian and Hessian of the NLP, as nlpsol's IPOPT takes them.
-
-    Args:
-        mapped: The NLP's symbols.
-    """
+    """Return gradient, Jacobian and Hessian of the NLP, as IPOPT takes them."""
     costs = mapped.applied(lambda part: part.cost_slope)
     values = mapped.applied(lambda part: part.slopes)
     w, q = mapped.w, mapped.q
@@ -326,7 +320,7 @@ def _triplet(function: ca.Function, output: int) -> tuple[Index, Index]:
 def _nonzeros(sparsity: ca.Sparsity, blocks: ca.MX, count: int) -> ca.MX:
     """Return the nonzeros of blocks side by side as one column, block after block."""
     expected = ca.repmat(sparsity, 1, count)
-    if blocks.sparsity() != expected:
+    if blocks.sparsity() != expected:  # The places were computed for this pattern.
         blocks = ca.project(blocks, expected)
     return ca.vec(blocks.nz[:]) if blocks.nnz() else ca.MX(0, 1)
 
@@ -340,10 +334,12 @@ def _assembled(
     """
     rows, columns = (np.concatenate(v) for v in zip(*entries, strict=True))
     kept = np.flatnonzero((rows >= 0) & (columns >= 0))
+    # Column by column, as CasADi stores a matrix.
     order = kept[np.lexsort((rows[kept], columns[kept]))]
     if not order.size:
         return ca.MX(ca.Sparsity.triplet(*shape, [], []))
     rows, columns = rows[order], columns[order]
+    # After the sort, the entries of one place follow one another.
     new = np.r_[True, (np.diff(rows) != 0) | (np.diff(columns) != 0)]
     sparsity = ca.Sparsity.triplet(*shape, rows[new].tolist(), columns[new].tolist())
     found = ca.vec(values[order.tolist()])
@@ -352,5 +348,6 @@ def _assembled(
         ones = ca.Sparsity.triplet(
             int(new.sum()), order.size, into, [*range(order.size)]
         )
+        # A sparse matrix of ones adds up the entries of each place.
         found = ca.mtimes(ca.DM(ones, 1.0), found)
     return ca.MX(sparsity, found)

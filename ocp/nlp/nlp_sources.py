@@ -158,7 +158,7 @@ class OptiSource:
             opti.set_initial(self.x, start)
         begin = time.perf_counter()
         try:
-            with heeded():
+            with heeded():  # CasADi would discard Ctrl-C.
                 solution = opti.solve()
         except RuntimeError as error:
             return _failed(_opti_status(opti, error), begin)
@@ -203,7 +203,7 @@ class NlpSource:
 
     def function(self) -> ca.Function:
         """Return (x, p) -> (f, g), with the bounded variables after the rows of g."""
-        nlp, kind = self.nlp, type(self.nlp["x"])
+        nlp, kind = self.nlp, type(self.nlp["x"])  # SX or MX.
         x, p = ca.vec(nlp["x"]), ca.vec(nlp.get("p", kind.sym("p", 0)))
         rows = ca.vertcat(ca.vec(nlp.get("g", kind(0, 1))), x[self.bounded])
         return ca.Function("given", [x, p], [nlp["f"], rows])
@@ -268,11 +268,13 @@ def _places(role: str, given: Any, x: Any, whose: str) -> Indices:
         raise InvalidProblemError(f"{role} must be {whose}, got {shortened(given)}")
     selected: Any = given
     numbers = np.arange(x.numel(), dtype=np.float64)
+    # A variable shows its own index at the first point, and its own number at this one;
+    # a function of variables hardly does both.
     others = np.random.default_rng(0).normal(size=x.numel())
     try:
         function = ca.Function("places", [ca.vec(x)], [selected])
         found, probe = (np.array(function(point)) for point in (numbers, others))
-    except (RuntimeError, NotImplementedError):
+    except (RuntimeError, NotImplementedError):  # Other symbols; reported below.
         found, probe = np.full((1, 1), -1.0), np.zeros((1, 1))
     known = bool(np.isin(found, numbers).all())
     places = found.astype(np.int64) if known else np.zeros((1, 1), dtype=np.int64)
@@ -351,7 +353,7 @@ def _failed(status: str, begin: float) -> Run:
 
 def _opti_status(opti: ca.Opti, error: Exception) -> str:
     """Return the solver's status of a failure, or CasADi's error if it never ran."""
-    if "return_status is" in str(error):
+    if "return_status is" in str(error):  # CasADi's words if the solver has run.
         return str(opti.return_status())
     return last_line(error)
 

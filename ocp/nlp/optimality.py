@@ -36,7 +36,7 @@ from swarmstart.ocp.nlp.collocation import inner_unknowns
 from swarmstart.ocp.nlp.nlp_assembly import Part, decided_states, inputs_of
 from swarmstart.ocp.nlp.transcription import Limits, NonlinearProgram
 from swarmstart.ocp.rollout.fitness import at_nodes
-from swarmstart.ocp.statement.blocks import ties
+from swarmstart.ocp.statement.control_shape import ties
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 
 STATIONARY_WITHIN = 1e-5
@@ -121,6 +121,7 @@ def curvature(point: NlpPoint) -> Curvature:
     if problem.ties_controls:
         stages.remember_controls(problem)
     nx = stages.ends[0][0].shape[0]
+    # A linear problem has no curvature, but needs thresholds above 0.
     size = max(stages.largest, np.finfo(np.float64).tiny)
     flat, held = _FLAT * size, _HELD * size
     found = Curvature.POSITIVE
@@ -132,16 +133,18 @@ def curvature(point: NlpPoint) -> Curvature:
         free = np.flatnonzero(~stages.held_controls[k]) + nx
         if free.size:
             values, vectors = np.linalg.eigh(M[np.ix_(free, free)])
+            # Clearly negative. Down to this value rounding may decide the sign.
             if values[0] < -flat * 10:
                 return Curvature.NEGATIVE
             if values[0] < flat:
                 found = Curvature.FLAT
+            # Flat directions count as barely positive, so that the recursion goes on.
             root = vectors / np.sqrt(np.maximum(values, flat))
             gain = M[:nx, free] @ root
             P = M[:nx, :nx] - gain @ gain.T
         else:
             P = M[:nx, :nx]
-        if not np.isfinite(P).all():
+        if not np.isfinite(P).all():  # An overflow decides nothing.
             return Curvature.FLAT
     nx = problem.model.nx
     return _with_start(stages, P[:nx, :nx], found, (flat, held))
@@ -267,6 +270,7 @@ def _without_inner(H: Array, J: Array, nx: int, count: int) -> tuple[Array, Arra
     if not count:
         return H, J
     rows = J[nx : nx + count]
+    # Least squares, since the rows may be singular at this point.
     follow = -np.linalg.lstsq(rows[:, -count:], rows[:, :-count], rcond=None)[0]
     T = np.vstack([np.eye(H.shape[0] - count), follow])
     return T.T @ H @ T, np.delete(J, slice(nx, nx + count), axis=0) @ T
@@ -285,6 +289,7 @@ def _distance(point: NlpPoint) -> Array:
     """Return the distance of each row from the limit on its multiplier's side."""
     g = np.array(point.program.derivatives["jac_g"](point.w, point.q)[0]).ravel()
     lower, upper = point.limits.lbg, point.limits.ubg
+    # Less than any multiplier: equalities are always active.
     return np.where(lower == upper, -1.0, _room(point.lam_g, g, lower, upper))
 
 

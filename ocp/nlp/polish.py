@@ -13,7 +13,7 @@ are tried once.
 
 Collocation (collocation.py) does not integrate the dynamics as the evaluator does. If
 the evaluator finds another cost or a broken limit, the NLP is solved again with its
-rows of motion shifted to the evaluator's states (correction.py), until both agree.
+rows of motion shifted to the evaluator's states (nlp_solvers.py), until both agree.
 
 A search's best point need not lie in the basin of the best local optimum. The search's
 archive (`heuristics/running/archive.py`) keeps the best points that are apart in the
@@ -31,9 +31,14 @@ from numpy.typing import ArrayLike
 from swarmstart.arrays import Array
 from swarmstart.heuristics.running import heeded
 from swarmstart.ocp.common.errors import InvalidProblemError, SolveError
-from swarmstart.ocp.nlp.carried import Carried
-from swarmstart.ocp.nlp.correction import MOST_CORRECTIONS, corrected
-from swarmstart.ocp.nlp.nlp_solvers import NlpSolvers, Solvers
+from swarmstart.ocp.nlp.nlp_solvers import (
+    MOST_CORRECTIONS,
+    FixedSteps,
+    NlpSolvers,
+    Solvers,
+    StepChoice,
+    corrected,
+)
 from swarmstart.ocp.nlp.nlp_sources import last_line
 from swarmstart.ocp.nlp.optimality import NlpPoint, is_stationary
 from swarmstart.ocp.nlp.polish_options import (
@@ -42,7 +47,7 @@ from swarmstart.ocp.nlp.polish_options import (
     PolishOptions,
     PolishStatus,
 )
-from swarmstart.ocp.nlp.start import Start
+from swarmstart.ocp.nlp.start import Carried, Start
 from swarmstart.ocp.nlp.transcription import Given, Limits, NonlinearProgram
 from swarmstart.ocp.nlp.watching import (
     UNWATCHED,
@@ -59,9 +64,8 @@ from swarmstart.ocp.rollout.fitness import (
     at_nodes,
     shared_arguments,
 )
-from swarmstart.ocp.rollout.fixed_steps import FixedSteps, StepChoice
 from swarmstart.ocp.rollout.scaling import Sizes
-from swarmstart.ocp.statement.guess import bounded_controls
+from swarmstart.ocp.statement.lowering import bounded_controls
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 
 SAME_COST = 1e-6
@@ -177,7 +181,7 @@ class Polisher:
     """An NLP solver on the multiple-shooting NLP of one problem, built once.
 
     With step size control, the steps of the NLP are chosen for each guess
-    (fixed_steps.py), and there is one NLP for each number of them.
+    (nlp_solvers.py), and there is one NLP for each number of them.
     """
 
     def __init__(
@@ -315,6 +319,7 @@ class Polisher:
             return found
         states = self._fitness.states(found.controls, found.x0, known)
         needed = self._steps(found.controls, states, found.x0, known)
+        # The sum counts steps and parts.
         if needed is None or not np.isfinite(states).all() or sum(needed) <= sum(steps):
             return found
         x0, states = self._fitness.with_threshold(found.x0, states, known)
@@ -349,6 +354,7 @@ class Polisher:
         status = self._judged(answer)
         iterations, evaluations = answer.effort
         rollouts = answer.rollouts
+        # Only collocation is corrected; see nlp_solvers.py.
         for _ in range(MOST_CORRECTIONS if how.solvers.program.inner_guess else 0):
             if status is not PolishStatus.CONVERGED or answer.agrees(after, problem):
                 break
@@ -400,6 +406,7 @@ class Polisher:
         """Return controls and start of an answer within bounds, with their value."""
         found = how.solvers.program.split(answer.point.w, answer.sizes)
         better, start = _within(self._fitness.problem, x0, *found)
+        # Exactly: a solver keeps a fixed variable up to rounding only.
         better[list(how.held)] = controls[list(how.held)]
         if not (np.isfinite(better).all() and np.isfinite(start).all()):
             return better, start, (np.inf, np.inf)
@@ -438,6 +445,7 @@ class Polisher:
             pieces = program.inner_guess.pieces_of(nodes)
             given = Given(controls, pieces, parameters, signals)
             first = program.with_points(first, given, sizes)
+        # After the other variables, from whose values the excesses follow.
         first = program.with_slacks(first, q, limits)
         program.hold(limits, first, how.held)
         multipliers = None
@@ -461,9 +469,11 @@ class Polisher:
             begun = dict(zip(("lam_g0", "lam_x0"), asked.multipliers, strict=True))
         given = {"x0": asked.first, "p": asked.q, **begun, **asked.limits._asdict()}
         if solvers.iterates is not None:
+            # The callback is built into the solver, so its receiver is set for each
+            # solve.
             solvers.iterates.told = self._told(asked, solvers)
         try:
-            with heeded():
+            with heeded():  # CasADi would discard Ctrl-C.
                 answer = solver(**given)
         except RuntimeError as error:
             raise SolveError(
@@ -496,6 +506,7 @@ class Polisher:
                 x0 = np.empty(0) if asked.x0 is None else asked.x0
                 return _within(problem, x0, *solvers.program.split(w, asked.sizes))
 
+            # Before the first iteration the start itself is evaluated.
             so_far = next(iterations) * each + Work(1, 1).evaluations(ratios)
             return self.watch.iterated(so_far, answer)
 
@@ -547,6 +558,7 @@ def polish_basins(
             known,
             states=start.states,
             is_guess=start.is_guess,
+            # A start with states of its own is a guess, not an answer.
             near=near and start.states is None,
             carried=start.carried,
         )
@@ -588,9 +600,12 @@ def _within(
     lower, upper = (limit[:, None] for limit in problem.control_limits)
     start, place = x0.copy(), 0
     for one in problem.nlp_starts:
+        # States that start together have one variable each, which rows tie: take the
+        # first.
         value = np.clip(decided[place], one.value.lower, one.value.upper)
         start[list(one.states)] = value
         place += len(one.states)
+    # The mean first: its rounding may pass a bound.
     return np.clip(problem.averaged(controls), lower, upper), start
 
 

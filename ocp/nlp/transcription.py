@@ -2,7 +2,7 @@
 
     minimise  f(w, q)   subject to  lbg <= g(w, q) <= ubg,  lbw <= w <= ubw
     w = (u_0, x_1, u_1, x_2, ... u_N-1, x_N, decided states of x_0), divided by sizes;
-        after each u_k the excesses e_k >= 0 of soft constraints (soft.py), and the
+        after each u_k the excesses e_k >= 0 of soft constraints (violation.py), and the
         collocation unknowns of the interval, if there are any (collocation.py)
     g = (defects and rows of interval 0, of interval 1, ..., terminal rows, rows of x_0,
          differences of controls that must be equal)
@@ -50,8 +50,8 @@ from swarmstart.ocp.nlp.nlp_assembly import (
 )
 from swarmstart.ocp.rollout.scaling import Sizes
 from swarmstart.ocp.rollout.shooting import Shooting, shooting_of
-from swarmstart.ocp.rollout.soft import SoftRows
-from swarmstart.ocp.statement.blocks import first_of, ties
+from swarmstart.ocp.rollout.violation import SoftRows
+from swarmstart.ocp.statement.control_shape import first_of, ties
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 from swarmstart.ocp.system.algebraic import UNSOLVED
 from swarmstart.ocp.system.constraints import Rows
@@ -131,6 +131,7 @@ class NonlinearProgram:
             for side in ("lower", "upper")
         ]
         inner = np.full(inner_unknowns(problem), np.inf)
+        # Excesses are at least 0; collocation unknowns have no bounds.
         slacks = (
             np.append(np.zeros(problem.slacks), -inner),
             np.append(np.full(problem.slacks, np.inf), inner),
@@ -150,7 +151,7 @@ class NonlinearProgram:
         ]
         size = (bounds[0].size - len(free)) // N
         tied = ties(problem.control_labels)[0] if problem.ties_controls else empty
-        k, j = np.divmod(tied, problem.model.nu or 1)
+        k, j = np.divmod(tied, problem.model.nu or 1)  # There may be no controls.
         for values, none in zip(bounds, (-np.inf, np.inf), strict=True):
             values[k * size + j] = none
         g = []
@@ -207,7 +208,7 @@ class NonlinearProgram:
         N, nu, interval = problem.intervals, problem.model.nu, self.parts.interval
         height = interval.value.numel_out(0)
         rows = beyond[: height * N].reshape((height, N), order="F")
-        rows = rows[-len(interval.rows.places) :]
+        rows = rows[-len(interval.rows.places) :]  # Rows with limits come last.
         found, step = w.copy(), inputs_of(problem) + problem.model.nx
         own_slacks = slice(nu, nu + problem.slacks)
         slacks = found[: step * N].reshape((N, step))[:, own_slacks]  # A view.
@@ -354,9 +355,6 @@ def _interval_part(shooting: Shooting) -> Part:
     """Return an interval: z = (x, u, e, c), g = (x after, rows of c, constraint rows).
 
     c are the collocation unknowns, see collocation.py.
-
-    Args:
-        shooting: The problem's functions.
     """
     problem = shooting.problem
     model, shared = problem.model, _shared_symbols(problem)
@@ -374,7 +372,7 @@ def _interval_part(shooting: Shooting) -> Part:
         state, spent = inner.check(state, ends, k)
         cost += spent
         points.append((state, s[:, k + 1], False))
-        if not model.is_discrete:
+        if not model.is_discrete:  # In discrete time only the jump moves the state.
             at = (state, u, p, s[:, k + 1])
             chosen = _rows_of_check(shooting, last=k == problem.checks - 1)
             parts += _rows_at(shooting, at, chosen, k + 1)
@@ -389,7 +387,7 @@ def _interval_part(shooting: Shooting) -> Part:
     if shooting.soft is not None:
         parts += _soft_rows(shooting.soft, points, (u, e, p))
         spent = shooting.soft.price(points[0][0], p, s[:, 0], e)
-        cost += problem.dt * spent / shooting.costs[0]
+        cost += problem.dt * spent / shooting.costs[0]  # The price has the user's unit.
     limited = _joined(parts)
     g = ca.vertcat(
         state / shared.states,
@@ -475,11 +473,7 @@ def _rows_at(
 
 
 def _end_part(shooting: Shooting) -> Part:
-    """Return the end of the horizon: z = x, g = equations of a risk, terminal rows.
-
-    Args:
-        shooting: The problem's functions.
-    """
+    """Return the end of the horizon: z = x, g = equations of a risk, terminal rows."""
     problem = shooting.problem
     symbols, shared = problem.symbols(), _shared_symbols(problem)
     first = len(problem.path_constraints)
@@ -498,6 +492,7 @@ def _end_part(shooting: Shooting) -> Part:
     s = ca.SX.sym("s", problem.ns)
     cost, equations, values = at_end(x_ * shared.states, shared.parameters, s)
     if problem.epigraph is not None:
+        # They compare costs, and t has the size of a cost.
         equations = equations / shared.states[problem.epigraph.first]
     return _part(x_, shared, s, cost, ca.vertcat(equations, values), rows)
 
@@ -512,11 +507,7 @@ def _end_terms(shooting: Shooting) -> tuple[ca.SX, ca.SX]:
 
 
 def _begin_part(shooting: Shooting) -> Part:
-    """Return the start of the horizon: z = x, g = ties and rows of a decided start.
-
-    Args:
-        shooting: The problem's functions.
-    """
+    """Return the start of the horizon: z = x, g = ties and rows of a decided start."""
     problem = shooting.problem
     symbols, shared = problem.symbols(), _shared_symbols(problem)
     x_ = ca.SX.sym("x", problem.model.nx)
@@ -560,6 +551,7 @@ def _part(
         ca.Function(
             "curvature",
             [*arguments, lam_f, lam_g],
+            # IPOPT takes the upper triangle only.
             ca.cse([ca.triu(ca.hessian(lagrangian, z)[0])]),
         ),
         rows,

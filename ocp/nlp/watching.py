@@ -104,10 +104,6 @@ def ratios_of(program: NonlinearProgram, shooting: Shooting) -> Ratios:
     """Return the cost of an NLP's derivatives, in rollouts.
 
     With step size control, a rollout counts as the NLP's own fixed steps.
-
-    Args:
-        program: The NLP.
-        shooting: Functions of its problem.
     """
     problem, parts = program.problem, program.parts.present
     times = [problem.intervals, *[1] * (len(parts) - 1)]
@@ -259,7 +255,7 @@ class Iterates(ca.Callback):
             "x": w, "f": 1, "g": rows, "lam_x": w, "lam_g": rows, "lam_p": parameters
         }  # fmt: skip
         self.told: Callable[[Array], bool] = lambda _: True
-        self.construct("iterates", {})
+        self.construct("iterates", {})  # Last, since CasADi asks for the sizes at once.
 
     def get_n_in(self) -> int:
         """Return the number of the solver's outputs."""
@@ -284,4 +280,5 @@ class Iterates(ca.Callback):
 
     def eval(self, arguments: Sequence[ca.DM]) -> list[int]:
         """Return 0 to continue, 1 to stop."""
+        # The first of the solver's outputs is x.
         return [0 if self.told(np.array(arguments[0]).ravel()) else 1]

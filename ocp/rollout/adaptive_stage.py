@@ -1,7 +1,7 @@
 """A control interval integrated with step size control.
 
     begin   z from the state at the start
-    ticks   z -> z, from one check to the next (adaptive.py), for each check
+    ticks   z -> z, from one check to the next (rodas.py), for each check
     close   cost and violation of the interval, from the states at its checks
 
 The arguments are those of an interval (shooting.py): x, u, p, S. The last entries of p
@@ -12,16 +12,16 @@ from collections.abc import Callable
 
 import casadi as ca
 
-from swarmstart.ocp.integration.adaptive import (
+from swarmstart.ocp.integration.rodas import (
+    Rate,
     column_at_begin,
     column_at_check,
     followed,
     ticked,
     values_of,
 )
-from swarmstart.ocp.integration.rosenbrock import Rate
+from swarmstart.ocp.statement.decisions import whole_symbols
 from swarmstart.ocp.statement.problem import OptimalControlProblem
-from swarmstart.ocp.statement.whole_numbers import whole_symbols
 
 Rates = Callable[[ca.SX, ca.SX, tuple[ca.SX, ca.SX]], Rate]
 """(u, p, signals at both ends of a check) -> rate of the integrated quantities."""
@@ -69,7 +69,7 @@ def adaptive_stage(
     z = column_at_begin(x, integrals=problem.integrals, steps=problem.substeps)
     reached = []
     for k in range(problem.checks):
-        z = column_at_check(z) if k else z
+        z = column_at_check(z) if k else z  # The first one begins at a check already.
         z = follow(z, u, p, s[:, k : k + 2])
         reached.append(z[:nx])
     integrals = values_of(z)[nx:]

@@ -15,8 +15,8 @@ from swarmstart.arrays import Array
 from swarmstart.ocp.rollout.scaling import Sizes
 from swarmstart.ocp.rollout.shooting import Shooting, shooting_of
 from swarmstart.ocp.statement.problem import STATE_BOUNDS, OptimalControlProblem
-from swarmstart.ocp.system.constraint_forms import label
 from swarmstart.ocp.system.constraints import Constraint
+from swarmstart.ocp.system.separation import label
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -131,8 +131,10 @@ class Checker:
             times = np.append(times, left.times)
         for start in outside:
             row = self._path.number(start)
+            # Some room: an excess that only stays as it is must not count.
             limit = start.amount * (1 + self._problem.path_tolerance)
             bad = excess[row] > self._problem.path_tolerance * start.scale
+            # argmin finds the first False; without one the row is never kept.
             first_kept = int(np.argmin(bad)) if not bad.all() else bad.size
             if (excess[row, :first_kept] <= limit).all():
                 excess[row, :first_kept] = -np.inf
@@ -155,7 +157,7 @@ class Checker:
         self, x: Array, p: Array, s: Array, sizes: Sizes, time: float
     ) -> list[Excess]:
         """Return the excess of each terminal row, if positive, at the end time."""
-        u = np.zeros((self._problem.model.nu, 1))
+        u = np.zeros((self._problem.model.nu, 1))  # Terminal rows contain no control.
         excess, above = self._end.excess(x[:, None], u, p, s[:, None])
         return self._end.worst(excess, above, np.array([time]), sizes)
 
@@ -244,10 +246,11 @@ class ConstraintRows:
         infinite if the row is not a finite number.
         """
         values = self.values(x, u, np.tile(p[:, None], (1, x.shape[1])), s)
-        with np.errstate(invalid="ignore"):
+        with np.errstate(invalid="ignore"):  # Of rows that are infinite; see `lost`.
             below, above = self.lower - values, values - self.upper
             excess = np.maximum(below, above)
         limited = np.isfinite(self.lower) | np.isfinite(self.upper)
+        # A row without limits is not even broken by NaN.
         lost = np.where(limited, np.inf, -np.inf)
         return np.where(np.isfinite(values), excess, lost), above > below
 

@@ -23,13 +23,13 @@ from swarmstart.ocp.common.limits import numbers_of, require_count
 from swarmstart.ocp.compiled.backend import (
     BatchEvaluator,
     BoundEvaluator,
+    CasadiMap,
     evaluator,
     require_precision,
 )
-from swarmstart.ocp.compiled.casadi_map import CasadiMap
 from swarmstart.ocp.compiled.simd import Ticking, compile_rollout
 from swarmstart.ocp.compiled.vectors.vector_ir import Precision
-from swarmstart.ocp.integration.adaptive import FIRST, MOST_TICKS
+from swarmstart.ocp.integration.rodas import FIRST, MOST_TICKS
 from swarmstart.ocp.rollout.scaling import Sizes
 from swarmstart.ocp.rollout.shooting import Shooting, shooting_of
 from swarmstart.ocp.statement.lowering import Lowered
@@ -279,7 +279,7 @@ class Fitness:
             states[:, -1], p, flat[flat.size - self.problem.ns :]
         )
         values = epigraph.values(np.array(at_end).ravel())
-        states = np.array(states)
+        states = np.array(states)  # A copy: the caller keeps its own.
         x[epigraph.states], states[epigraph.states] = values, values[:, None]
         return x, states
 
@@ -369,6 +369,7 @@ class Arguments:
         if not self._problem.automatic:
             return state, parameters, signals
         asked = b"".join(values.tobytes() for values in (state, parameters, signals))
+        # One planning problem asks for the same sizes many times, and they take long.
         if self._last is None or self._last[0] != asked:
             self._last = asked, self._automatic(self.sizes(state, known))
         return state, np.concatenate([parameters, self._last[1]]), signals
@@ -421,10 +422,12 @@ class Arguments:
             reach = np.abs(states).max(axis=1)
             floor = LEAST_STATE * natural.states
             names = problem.model.state_names
+            # Sizes that are decisions' or the user's are not adapted.
             kept = [i for one in problem.nlp_starts for i in one.states]
             kept += [names.index(name) for name in problem.scales if name in names]
             floor[kept] = natural.states[kept]
             natural = replace(natural, states=np.clip(reach, floor, natural.states))
+            # The cost was measured within the old sizes of the states.
             cost = self._sizing.cost_around(start, parameters, signals[:, 0], natural)
             natural = replace(natural, cost=cost)
         along = self._sizing.cost_along(states, controls, parameters, signals)
@@ -444,7 +447,7 @@ def shared_arguments(
     """
     signals = numbers_of("signals", known.signals)
     if problem.ns == 0 and signals.size == 0:
-        signals = np.empty((0, problem.nodes))
+        signals = np.empty((0, problem.nodes))  # A user without signals gives ().
     return (
         _shaped("x0", x0, (problem.model.nx,)),
         _shaped("parameters", known.parameters, (problem.model.np,)),
@@ -468,14 +471,7 @@ def core_known(lowered: Lowered, known: Known) -> Known:
 def stated_known(
     lowered: Lowered, x0: Array, parameters: Array, signals: Array
 ) -> Known:
-    """Return the known data of a stated problem, with the parameters it decides.
-
-    Args:
-        lowered: The problem with its core.
-        x0: Initial state of the core.
-        parameters: Parameters of the core.
-        signals: Signals of the core at the nodes.
-    """
+    """Return the known data of a stated problem, with the parameters it decides."""
     model, given = lowered.stated.model, lowered.known_parameters
     decided = lowered.decided_parameters(x0)
     names = symbol_names(model.parameters)
@@ -522,7 +518,7 @@ def replay(
         cost, violation = cost + float(spent), violation + float(broken)
     end = shooting.terminal(states[-1][:, -1], p, signals[:, -1])
     cost, violation = cost + float(end[0]), violation + float(end[1])
-    if not np.isfinite([cost, violation]).all():
+    if not np.isfinite([cost, violation]).all():  # As in a rollout (violation.py).
         violation = np.inf
     return np.hstack(states), cost, violation
 

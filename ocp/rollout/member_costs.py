@@ -4,15 +4,15 @@ import casadi as ca
 import numpy as np
 
 from swarmstart.arrays import Array
-from swarmstart.ocp.integration.adaptive import (
+from swarmstart.ocp.integration.integrators import integrate
+from swarmstart.ocp.integration.rodas import (
+    Rate,
     Symbolic,
     column_at_begin,
     column_at_check,
     follower,
     values_of,
 )
-from swarmstart.ocp.integration.integrators import integrate
-from swarmstart.ocp.integration.rosenbrock import Rate
 from swarmstart.ocp.rollout.shooting import Shooting
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 from swarmstart.ocp.statement.risk import Risk
@@ -39,6 +39,7 @@ def member_costs(
     x, costs = x0, np.array(ends(x0, parameters, signals[:, 0])[0]).ravel()
     interval, p = _interval(shooting, risk), parameters
     if problem.is_adaptive:
+        # The allowed errors of the steps are relative to these sizes.
         sizes = shooting.sizing(x0, parameters, signals)
         p = np.concatenate([p, sizes.states, np.full(costs.size, sizes.cost)])
     for k in range(problem.intervals):
@@ -110,6 +111,7 @@ def _at_end(
     problem, (u, p, s) = shooting.problem, at
     nx = problem.model.nx
     after, costs = y[:nx], y[nx:]
+    # Before the cost, which is that of the state after the jump.
     if problem.model.jumps:
         after = shooting.jump(after, u, p, s[: problem.model.ns])
     if problem.quadrature == "right":
@@ -118,7 +120,7 @@ def _at_end(
 
 
 def _follower(shooting: Shooting, stage: ca.Function) -> ca.Function:
-    """Return (z, u, (p, sizes), s at both ends) -> z after a check; see adaptive.py."""
+    """Return (z, u, (p, sizes), s at both ends) -> z after a check; see rodas.py."""
     problem = shooting.problem
     model, size = problem.model, problem.model.nx + stage.numel_out(0)
     u, known = ca.SX.sym("u", model.nu), ca.SX.sym("p", model.np + size)
@@ -144,6 +146,7 @@ def _rate(
         at, state = start + t / duration * (end - start), y[: model.nx]
         spent = stage(state, u, p, at)
         if problem.quadrature != "integral":
+            # Such costs are added at an interval's ends.
             spent = ca.SX.zeros(spent.numel())
         return ca.vertcat(shooting.dynamics(state, u, p, at[: model.ns]), spent)
 

@@ -14,14 +14,19 @@ import casadi as ca
 import numpy as np
 
 from swarmstart.arrays import Array
-from swarmstart.ocp.integration.adaptive import FIRST, column_at_check, finer, follower
 from swarmstart.ocp.integration.integrators import integrate, verifying_integrator
-from swarmstart.ocp.integration.rosenbrock import Rate
+from swarmstart.ocp.integration.rodas import (
+    FIRST,
+    Rate,
+    column_at_check,
+    finer,
+    follower,
+)
 from swarmstart.ocp.rollout.checking import Checker, Excess, Points
 from swarmstart.ocp.rollout.kinks import kinks_of
 from swarmstart.ocp.rollout.scaling import Sizes
 from swarmstart.ocp.rollout.shooting import Shooting, shooting_of
-from swarmstart.ocp.rollout.soft import SoftRows
+from swarmstart.ocp.rollout.violation import SoftRows
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 
 FINER = 10
@@ -90,7 +95,7 @@ class Tracer:
         self._steps = problem.checks * problem.substeps * FINER
         self._at_once = self._steps
         if not problem.model.jumps:
-            self._at_once *= problem.intervals
+            self._at_once *= problem.intervals  # The whole path is one call.
         fine = _adaptive_step if problem.is_adaptive else _fine_step
         self._fine = fine(shooting, problem.dt / self._steps).mapaccum(
             "path", self._at_once
@@ -121,6 +126,7 @@ class Tracer:
         u = np.repeat(controls, m, axis=1)
         times = np.linspace(0.0, problem.length, u.shape[1] + 1)
         s = signals_between(problem, signals, times)
+        # With a free end time the core's horizon is 1, and its rates are per horizon.
         times = times * (self.shooting.lowered.end_time(x0) / problem.length)
         states, before, sums = self._followed(x0, u, self._shared(p, sizes), s)
         if problem.clock:
@@ -201,6 +207,8 @@ class Tracer:
             after = slice(first + 1, first + at_once + 1)
             both = np.array(self._fine(y, u[:, part], many, s[:, part], s[:, after]))
             y = both[:, -1]
+            # A copy, since the state after the jump is written into the same array
+            # below.
             before.append(both[:nx, m - 1 :: m].copy())
             if self.problem.model.jumps:
                 known = s[: self.problem.model.ns, first + at_once]
@@ -215,7 +223,7 @@ class Tracer:
         n = states.shape[1]
         if not self.problem.model.outputs:
             return np.empty((0, n))
-        held = np.hstack([u, u[:, -1:]])
+        held = np.hstack([u, u[:, -1:]])  # No control begins at the last time.
         many = np.tile(p[:, None], (1, n))
         return np.array(self._outputs(states, held, many, s))
 
@@ -247,6 +255,7 @@ class Tracer:
             states[:, m::m],
         )
         rate = np.array(soft.price(states[:, :-1:m], each, s[:, :-1:m], e))
+        # Such costs are never negative, so their absolute values are the same.
         return np.full(2, self.problem.dt * rate.sum())
 
     def _touched(
@@ -266,7 +275,7 @@ class Tracer:
         m, N = self._steps, self.problem.intervals
         columns = (np.arange(N)[:, None] * m + np.arange(m + 1)).ravel()
         seen = states[:, columns]
-        seen[:, m :: m + 1] = before
+        seen[:, m :: m + 1] = before  # An interval ends before its jump.
         u = np.repeat(controls, m + 1, axis=1)
         many = np.tile(p[:, None], (1, columns.size))
         sides, reach = self._kinks.sides(
@@ -332,7 +341,7 @@ def _fine_rate(
 
 
 def _adaptive_step(shooting: Shooting, h: float) -> ca.Function:
-    """Return (z, u, shared, s before, s after) -> z after h; see adaptive.py.
+    """Return (z, u, shared, s before, s after) -> z after h; see rodas.py.
 
     The y of z is (x, cost, |cost|); shared is (p, sizes of y, longest first step as a
     fraction of h).
@@ -349,6 +358,7 @@ def _adaptive_step(shooting: Shooting, h: float) -> ca.Function:
     )
     z, *known = (ca.MX.sym(f"a{i}", *follow.size_in(i)) for i in range(follow.n_in()))
     begun = column_at_check(z)
+    # The last entry is the next step; after a jump of the controls it begins short.
     begun = ca.vertcat(begun[:-1], ca.fmin(begun[-1], known[1][-1]))
     return ca.Function("fine", [z, *known], [follow(begun, *known)])
 

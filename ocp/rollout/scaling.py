@@ -31,9 +31,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from swarmstart.arrays import Array
-from swarmstart.ocp.rollout.soft import SoftRows
+from swarmstart.ocp.rollout.violation import SoftRows
 from swarmstart.ocp.statement.problem import OptimalControlProblem
-from swarmstart.ocp.system.constraint_forms import known_scales
+from swarmstart.ocp.system.separation import known_scales
 
 _PARTS = (0.618, -0.382)
 """Moves around the start, relative to the sizes; irregular, to avoid half turns."""
@@ -156,7 +156,7 @@ class Sizing:
         for one in self._problem.free_starts:
             together = list(one.states)
             if not self._given[0][together].any():
-                states[together] = states[together].max()
+                states[together] = states[together].max()  # One decision has one size.
         values = self._around(at, states, controls, guess)
         rows = self._rows(values[3:])
         return Sizes(
@@ -170,7 +170,10 @@ class Sizing:
                     *[
                         1 / size[np.isnan(known)]
                         for size, known in zip(
-                            rows[: self._hard], self._known, strict=False
+                            # Soft rows have a price, and no weight in the violation.
+                            rows[: self._hard],
+                            self._known,
+                            strict=False,
                         )
                     ],
                 ]
@@ -274,6 +277,7 @@ class Sizing:
     ) -> tuple[Array, Array]:
         """Return the sizes, with zeros replaced from the dynamics if possible."""
         T, nx = self._lasting(at), states.size
+        # A size passes on to one state a round, so a chain of states needs as many.
         for _ in range(2 * (nx + controls.size)):
             if states.all() and controls.all():
                 break
@@ -314,6 +318,7 @@ class Sizing:
         """
         T, nx = self._problem.length, at.x0.size
         decay = np.diag(at.slopes[:, :nx]) if self._problem.integrator == "stiff" else 0
+        # fmax, so that a slope that is NaN counts as 0.
         return np.full((nx, 1), T) / np.fmax(1.0, T * decay * np.ones(nx))[:, None]
 
     def _needed(self, at: "_Point", sizes: Array) -> Array:
@@ -327,7 +332,7 @@ class Sizing:
 
         Shape (nx, nx + nu), infinity if the rate does not depend on it.
         """
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore"):  # Zero slopes: inf below.
             needed = states[:, None] / (self._problem.length * at.slopes)
         needed[~((needed > 0) & (needed < np.inf))] = np.inf
         return np.asarray(needed)
@@ -420,6 +425,7 @@ def _target_function(problem: OptimalControlProblem) -> ca.Function:
         offset = ca.substitute(rows.values, x, ca.SX.zeros(x.numel()))
         for i in np.flatnonzero(rows.lower == rows.upper):
             slope = ca.sparsify(slopes[int(i), :])
+            # One state alone and linear: such a row fixes it.
             if slope.nnz() == 1 and slope.nz[0].is_constant():
                 j = slope.sparsity().get_col()[0]
                 target[j] = (float(rows.lower[i]) - offset[int(i)]) / slope.nz[0]

@@ -7,7 +7,7 @@ initial state. All functions here take these arguments, in this order:
                 decisions about the start, one for each of problem.free_starts
     x0          initial state, shape (nx,); its decided entries are ignored
     parameters  (p, w): the model's parameters (np,), and 1 / scale of each row whose
-                scale depends on the initial state; with step size control (adaptive.py)
+                scale depends on the initial state; with step size control (rodas.py)
                 also the sizes of the states and of the integrated cost / unit
                 (problem.automatic in all)
     signals     ca.vec of (ns, nodes): node after node, shape (ns * nodes,)
@@ -25,20 +25,20 @@ from typing import TypeVar
 import casadi as ca
 
 from swarmstart.ocp.integration.integrators import PARTS, integrate
-from swarmstart.ocp.integration.rosenbrock import Rate
+from swarmstart.ocp.integration.rodas import Rate
 from swarmstart.ocp.rollout.adaptive_stage import adaptive_stage, tick_of
 from swarmstart.ocp.rollout.scaling import Sizing
-from swarmstart.ocp.rollout.soft import SoftRows
 from swarmstart.ocp.rollout.violation import (
+    SoftRows,
     infinite_unless_finite,
     path_violation,
     row_weights,
     rows_depending,
     unless_finite,
 )
+from swarmstart.ocp.statement.decisions import whole_symbols
 from swarmstart.ocp.statement.lowering import Lowered, lowered
 from swarmstart.ocp.statement.problem import Costs, OptimalControlProblem
-from swarmstart.ocp.statement.whole_numbers import whole_symbols
 from swarmstart.ocp.system.constraints import row_excess
 from swarmstart.ocp.system.model import jump_of, rate_of
 
@@ -211,7 +211,7 @@ class Shooting:
 
     @property
     def tick(self) -> ca.Function:
-        """(z, u, p, s) -> z after one tick; see adaptive.py."""
+        """(z, u, p, s) -> z after one tick; see rodas.py."""
         return self.tick_to(self.problem.integrator_tolerance or 0.0)
 
     def tick_to(self, tolerance: float) -> ca.Function:
@@ -254,6 +254,7 @@ class Shooting:
     def rollout(self) -> ca.Function:
         """(decisions, x0, parameters, signals) -> (cost, violation)."""
         if self.problem.is_adaptive:
+            # The stage with step size control is made of calls, which SX cannot hold.
             arguments, outputs = _rolled(self, self.stage, ca.MX)
             return _named_rollout(arguments, outputs)
         given, found = _rolled(self, self.stage_without_path, ca.SX)
@@ -299,8 +300,10 @@ class Shooting:
         The steps are `substeps` equal ones, regardless of the problem's tolerance.
         """
         problem, duration = self.problem, self.problem.dt / self.problem.checks
+        # Nothing moves within the interval, and nothing is integrated.
         if problem.model.is_discrete and problem.quadrature != "integral":
             return x, ca.SX(0)
+        # The integral is one more state.
         begun = x if problem.quadrature != "integral" else ca.vertcat(x, 0)
         both = integrate(
             problem.integrator,
@@ -368,6 +371,7 @@ def _closing(shooting: Shooting) -> ca.Function:
         k: int, x: ca.SX, u: ca.SX, p: ca.SX, ends: tuple[ca.SX, ca.SX]
     ) -> tuple[ca.SX, ca.SX]:
         del x, u, p, ends
+        # They are those of the whole interval, so they are counted once.
         spent = integrals if k == 0 and problem.integrals else ca.SX(0)
         return reached[:, k], spent
 
@@ -379,13 +383,7 @@ Steps = Callable[[int, ca.SX, ca.SX, ca.SX, tuple[ca.SX, ca.SX]], tuple[ca.SX, c
 
 
 def _closed(shooting: Shooting, steps: Steps, more: list[ca.SX]) -> ca.Function:
-    """Return the stage for given steps.
-
-    Args:
-        shooting: The problem's functions.
-        steps: Steps from check to check.
-        more: Further arguments of the stage.
-    """
+    """Return the stage for given steps."""
     problem = shooting.problem
     model = problem.model
     x, given = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
@@ -416,6 +414,7 @@ def _closed(shooting: Shooting, steps: Steps, more: list[ca.SX]) -> ca.Function:
         states.append(after)
     if problem.quadrature == "right":
         cost += problem.dt * shooting.stage_cost(state, u, parameters, signals[:, -1])
+    # The power of two comes last, so that it rounds nothing (expressions.py).
     cost = shooting.costs[0] * cost
     if soft is not None:
         cost += problem.dt * soft.price(x, parameters, signals[:, 0], e)
@@ -451,9 +450,10 @@ def _check_violation(
         value, weight = shooting.path_values[number], weights[number]
         start = value(before, u, p, s0)
         broken = ca.SX(0)
-        if not discrete:
+        if not discrete:  # In discrete time only the interval's end moves the state.
             excess = constraint.excess(start, value(reached, u, p, s1))
             broken = path_violation(constraint, excess, weight)
+        # The control jumps at the interval's start, where its rows are checked, too.
         rows = shooting.rows_with_controls[number] if k == 0 else []
         if rows:
             excess = constraint.excess(start, start)[rows]
@@ -461,6 +461,7 @@ def _check_violation(
         rows = shooting.rows_that_jump[number] if last else []
         if rows:
             end = value(after, u, p, s1)
+            # In discrete time the jump is the motion, which a segment has to cover.
             excess = constraint.excess(start if discrete else end, end)[rows]
             broken += path_violation(constraint, excess, weight[rows])
         violation += broken
@@ -495,6 +496,7 @@ def _terminal(problem: OptimalControlProblem) -> ca.Function:
     symbols, count = problem.symbols(), problem.automatic
     automatic = ca.SX.sym("w", count)
     weights = row_weights(problem, automatic)[len(problem.path_constraints) :]
+    # If one state is NaN or infinite, so is the sum.
     violation = infinite_unless_finite(ca.sum1(symbols["states"]))
     for constraint, weight in zip(problem.terminal_constraints, weights, strict=True):
         excess = constraint.excess(constraint.expression, constraint.expression)
@@ -526,6 +528,7 @@ def _trajectory(shooting: Shooting) -> ca.Function:
     ]
     decisions, given, parameters, flat = arguments
     signals = ca.reshape(flat, problem.ns, problem.nodes)
+    # The node between two intervals belongs to both.
     columns = [k * checks + c for k in range(N) for c in range(checks + 1)]
     controls, x0 = decisions[: model.nu * N], _started(shooting, given, decisions)
     _, states = step.mapaccum("steps", N)(
@@ -575,7 +578,7 @@ def _outside(shooting: Shooting) -> ca.Function:
         weights,
         shooting.rows_with_controls,
         shooting.rows_of_start,
-        strict=False,
+        strict=False,  # Weights of terminal constraints follow.
     ):
         excess = row_excess(constraint.rows(constraint.expression))
         for row in range(excess.numel()):
@@ -611,13 +614,7 @@ def _named_rollout(arguments: list[Symbolic], outputs: list[Symbolic]) -> ca.Fun
 def _rolled(
     shooting: Shooting, interval: ca.Function, kind: type[Symbolic]
 ) -> tuple[list[Symbolic], list[Symbolic]]:
-    """Return the arguments, and cost and violation as expressions of them.
-
-    Args:
-        shooting: The problem's functions.
-        interval: The stage.
-        kind: Type of the expressions.
-    """
+    """Return the arguments, and cost and violation as expressions of them."""
     problem = shooting.problem
     model, checks = problem.model, problem.checks
     arguments = [

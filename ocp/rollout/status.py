@@ -1,16 +1,50 @@
-"""Status of an answer, and advice on what to change in the problem or the call."""
+"""Status of an answer, and advice on what to change in the problem or the call.
 
-from dataclasses import dataclass
+One cause of an answer that is not finite is a mode that is too fast for the steps of
+an explicit integrator. A step of length h multiplies a mode e^(lambda t) of the
+linearised model by R(h lambda), whereas the exact factor is e^(h lambda):
+
+    rk4    R(z) = 1 + z + z^2/2 + z^3/6 + z^4/24     stable from -2.785 on, if real
+    euler  R(z) = 1 + z                              from -2 on
+
+If a mode decays, Re lambda < 0, but grows from step to step, |R(h lambda)| > 1, the
+computed states explode. The model is stiff if such a mode decays faster than it
+oscillates. If it oscillates faster, only a shorter step resolves it.
+
+Source: Hairer and Wanner (1996), Solving Ordinary Differential Equations II, IV.2.
+"""
+
+from dataclasses import dataclass, replace
 from enum import Enum
 
-from swarmstart.ocp.integration.adaptive import MOST_TICKS
+import casadi as ca
+import numpy as np
+from numpy.polynomial.polynomial import polyval
+from numpy.typing import NDArray
+
+from swarmstart.arrays import Array
 from swarmstart.ocp.integration.integrators import INTEGRATORS
+from swarmstart.ocp.integration.rodas import MOST_TICKS
 from swarmstart.ocp.rollout.checking import Excess
-from swarmstart.ocp.rollout.stiffness import FastMode
+from swarmstart.ocp.rollout.fitness import Known, at_nodes, replay, shared_arguments
+from swarmstart.ocp.rollout.path import Path, signals_between
+from swarmstart.ocp.rollout.shooting import Shooting
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 
 _MANY = 1000
 """Number of substeps above which they are no alternative."""
+_OFTEN = 0.25
+"""Share of points with a mode that is too fast from which it counts as the cause."""
+_MUCH = np.log(1e6)
+"""Logarithm of the growth over all points from which the mode also counts as the
+cause: an explosion in one of many intervals."""
+_A_STEP = np.log(4.0)
+"""Largest logarithm of growth that one step counts for: at the edge of a model's
+domain, as of a root, a few steps see modes of any rate."""
+_IMPLICIT = 16
+"""Number of implicit steps between checks, if the explicit steps explode."""
+_LOOKED_AT = 100
+"""Number of points of a path at which eigenvalues are computed."""
 
 
 class SolutionStatus(Enum):
@@ -46,6 +80,25 @@ class Found:
     unpolished: bool = False
 
 
+@dataclass(frozen=True, slots=True)
+class FastMode:
+    """A mode of the model that is too fast for the integrator's step.
+
+    Attributes:
+        time: Time of the point [s].
+        rate: Absolute value of the eigenvalue [1/s].
+        growth: Logarithm of the factor by which a step multiplies the mode.
+        substeps: Number of substeps that would be stable.
+        is_stiff: Whether it decays faster than it oscillates.
+    """
+
+    time: float
+    rate: float
+    growth: float
+    substeps: int
+    is_stiff: bool
+
+
 def advice_for(
     problem: OptimalControlProblem, found: Found, fast: FastMode | None
 ) -> str:
@@ -61,7 +114,7 @@ def advice_for(
     told = {
         SolutionStatus.BROKEN: _between_checks(problem, found.excess),
         SolutionStatus.MISMATCH: _finer(problem),
-        SolutionStatus.NOT_FINITE: _DEFINED + _too_fast(problem),
+        SolutionStatus.NOT_FINITE: _DEFINED + _too_many_ticks(problem),
         SolutionStatus.INFEASIBLE: _WEAKER,
     }
     if found.unpolished:
@@ -79,7 +132,7 @@ _WEAKER = (
 )
 
 
-def _too_fast(problem: OptimalControlProblem) -> str:
+def _too_many_ticks(problem: OptimalControlProblem) -> str:
     """Return another possible cause of a failure with step size control."""
     if not problem.is_adaptive:
         return ""
@@ -132,4 +185,107 @@ def _between_checks(problem: OptimalControlProblem, excess: Excess | None) -> st
     return (
         f"repair=True, more checks ({more}), or a margin of {excess.amount:.2g} on "
         f"{excess.name}"
+    )
+
+
+def fastest_mode(
+    shooting: Shooting, path: Path, x0: Array, known: Known
+) -> FastMode | None:
+    """Return the fastest mode for which an explicit step is too long; None without one.
+
+    Args:
+        shooting: The problem's functions.
+        path: The finer path.
+        x0: Initial state, shape (nx,).
+        known: Parameters and signals.
+    """
+    problem = shooting.problem
+    # An implicit method is stable for every mode that decays.
+    if not INTEGRATORS[problem.integrator].growth:
+        return None
+    points = _points(problem, path, x0, known)
+    fast: list[FastMode] = []
+    for time, A in zip(points[0], _slopes(shooting, *points, known), strict=True):
+        # eigvals raises an error for numbers that are not finite.
+        values = np.linalg.eigvals(A) if np.isfinite(A).all() else np.zeros(1)
+        mode = _too_fast(problem, float(time), values.astype(np.complex128))
+        if mode is not None:
+            fast.append(mode)
+    if not fast:
+        return None
+    # Number of steps that each of the points stands for.
+    steps = problem.intervals * problem.checks * problem.substeps / points[0].size
+    grown = sum(min(mode.growth, _A_STEP) for mode in fast) * steps
+    if len(fast) < _OFTEN * points[0].size and grown < _MUCH:
+        return None
+    if np.isfinite(path.states).all():
+        return max(fast, key=lambda mode: mode.rate)
+    return fast[0]  # Later ones may come from an explosion.
+
+
+def _points(
+    problem: OptimalControlProblem, path: Path, x0: Array, known: Known
+) -> tuple[Array, Array, Array]:
+    """Return times, states and controls of the test points, one column each.
+
+    States that explode because the finer steps are too long as well say nothing of the
+    model. A method that is stable for any decaying mode then finds the true states.
+    """
+    times, states, controls = path.times[:-1], path.states[:, :-1], path.controls
+    if not np.isfinite(path.states).all():
+        every = controls.shape[1] // problem.intervals
+        implicit = replace(problem, integrator="stiff", substeps=_IMPLICIT)
+        with np.errstate(all="ignore"):
+            found, _, _ = replay(implicit, controls[:, ::every], x0, known)
+        if np.isfinite(found).all():
+            times, states = problem.times[:-1], found[:, :-1]
+            controls = np.repeat(controls[:, ::every], problem.checks, axis=1)
+    finite = np.flatnonzero(np.isfinite(states).all(axis=0))
+    if not finite.size:
+        return np.empty(0), states[:, :0], controls[:, :0]
+    places = finite[np.linspace(0, finite.size - 1, _LOOKED_AT).astype(int)]
+    return times[places], states[:, places], controls[:, places]
+
+
+def _slopes(
+    shooting: Shooting, times: Array, states: Array, controls: Array, known: Known
+) -> list[Array]:
+    """Return the Jacobian of the dynamics at each point."""
+    problem, f = shooting.problem, shooting.dynamics
+    _, parameters, flat = shared_arguments(problem, states[:, 0], known)
+    signals = signals_between(problem, at_nodes(problem, flat), times)
+    arguments = [ca.SX.sym(f.name_in(i), *f.size_in(i)) for i in range(f.n_in())]
+    slopes = ca.Function(
+        "slopes", arguments, [ca.jacobian(f(*arguments), arguments[0])]
+    )
+    return [
+        np.array(slopes(x, u, parameters, s[: problem.model.ns]))
+        for x, u, s in zip(states.T, controls.T, signals.T, strict=True)
+    ]
+
+
+def _too_fast(
+    problem: OptimalControlProblem, time: float, values: NDArray[np.complex128]
+) -> FastMode | None:
+    """Return the fastest of the decaying modes that grow from step to step."""
+    step = problem.dt / problem.checks / problem.substeps
+    method = INTEGRATORS[problem.integrator]
+    with np.errstate(over="ignore", invalid="ignore"):
+        growth = np.abs(polyval(step * values, method.growth))
+    # Not `growth > 1`: NaN, after an overflow, is growth as well.
+    grows = (values.real < 0) & ~(growth <= 1)
+    if not grows.any():
+        return None
+    fastest = values[grows][np.argmax(np.abs(values[grows]))]
+    rate = float(np.abs(fastest))
+    needed = np.ceil(problem.substeps * rate * step / method.stable)
+    if not np.isfinite(needed):
+        return None
+    return FastMode(
+        time=time,
+        rate=rate,
+        growth=float(np.log(np.nan_to_num(growth[grows], nan=np.inf).max())),
+        # Advice to keep the present number would help nothing.
+        substeps=max(int(needed), problem.substeps + 1),
+        is_stiff=bool(abs(fastest.real) >= abs(fastest.imag)),
     )

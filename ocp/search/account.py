@@ -4,7 +4,7 @@ import math
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal, get_args
 
-from swarmstart.ocp.lanes.optima import Optimum, Unseen
+from swarmstart.ocp.lanes.answers import Optimum, Unseen
 from swarmstart.ocp.nlp.polish import SAME_COST
 
 Origin = Literal[
@@ -41,7 +41,7 @@ class Tried:
     feasible: bool
     iterations: int
     evaluations: int
-    seconds: float = field(compare=False)
+    seconds: float = field(compare=False)  # Differs from run to run.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -142,6 +142,7 @@ class StartsAccount:
         enough = least + SAME_COST * abs(least)
         seconds, waits = 0.0, True
         for one in self.tried:
+            # Search and lanes run after the cold starts and before all others.
             if waits and one.origin not in _FIRST:
                 waits = False
                 parts = (self.search, self.lanes)

@@ -1,7 +1,7 @@
 """Searches of one planning problem that use local solves in parallel lanes.
 
 multistart  smooth random starts -> lanes -> distinct optima, batch after batch, until
-            the budget is spent or hardly an optimum is left unseen (lane_settings.py);
+            the budget is spent or hardly an optimum is left unseen (settings.py);
             the polish starts from the best optima
 memetic     generations of L-SHADE; its best distinct members -> lanes -> back into the
             population (heuristics/running/memetic.py)
@@ -41,14 +41,18 @@ from swarmstart.ocp.lanes.solver import LaneSolver, NoLanesError
 from swarmstart.ocp.nlp.polish import Polisher
 from swarmstart.ocp.rollout.fitness import Fitness
 from swarmstart.ocp.search.account import Lanes
-from swarmstart.ocp.search.lane_settings import Memetic, Multistart, population_of
 from swarmstart.ocp.search.lane_starts import Members, PolishStarts, RandomStarts, Task
 from swarmstart.ocp.search.search_space import (
     ControlSpace,
     SearchSpace,
     first_population,
 )
-from swarmstart.ocp.search.settings import SearchSettings
+from swarmstart.ocp.search.settings import (
+    Memetic,
+    Multistart,
+    SearchSettings,
+    population_of,
+)
 
 TOO_DEAR = "a local solve would cost more than its share of the budget"
 
@@ -138,19 +142,15 @@ class LaneSearch:
                 self._require_solvable()
 
     def with_search(self, search: SearchSettings) -> "LaneSearch":
-        """Return a copy with other settings of the same algorithm; nothing is rebuilt.
-
-        Args:
-            search: The settings.
-        """
-        other = copy(self)
+        """Return a copy with other settings of its algorithm; nothing is rebuilt."""
+        other = copy(self)  # Shallow: both use the same compiled lanes.
         other._search = search
         return other
 
     def prepare(self) -> None:
         """Wait for machine code that is still being compiled."""
         if self._solver is not None:
-            float(self._solver.rollouts_per_iteration)
+            float(self._solver.rollouts_per_iteration)  # Reading it waits for the code.
 
     def _require_solvable(self) -> None:
         """Raise if nothing can solve the starts of a multistart."""
@@ -198,6 +198,7 @@ class LaneSearch:
                 self._search, self._space, task.guess, task.first, task.x0
             ),
             evaluations=budget.evaluations,
+            # Members are chosen among the basins that were not improved yet.
             basins=max(task.basins, 2 * settings.members),
             radius=self._search.radius,
         )
@@ -215,11 +216,12 @@ class LaneSearch:
             on_advance=task.tell,
             on_best=task.told_best,
         )
+        # More basins were kept for the choice of members than were asked for.
         result = replace(found, basins=found.basins[: task.basins])
         if lanes is None:
             return Searched(result, None, self._without)
         if not lanes.solves:
-            return Searched(result, None, TOO_DEAR)
+            return Searched(result, None, TOO_DEAR)  # No solve fitted into their share.
         return Searched(result, lanes.account())
 
 
@@ -247,9 +249,10 @@ def _until_spent(
         try:
             while stopped is None:
                 left = (budget.evaluations or np.inf) - evaluations
+                # A whole number, also of an unlimited budget.
                 most = int(min(left / starts.each, 2**31))
                 before = starts.best()
-                evaluations += starts.batch(max(most, 1))
+                evaluations += starts.batch(max(most, 1))  # One start is always made.
                 cost, violation = after = starts.best()
                 still = 0 if after != before else still + 1
                 history.append((cost, violation, evaluations))

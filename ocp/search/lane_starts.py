@@ -15,15 +15,19 @@ from swarmstart.arrays import Array
 from swarmstart.heuristics import Order
 from swarmstart.heuristics.running import Improved, Individual, heeded
 from swarmstart.machine_code import stopwatch
-from swarmstart.ocp.lanes.answers import LaneAnswers
-from swarmstart.ocp.lanes.optima import Optimum, distinct_optima, unseen_share
+from swarmstart.ocp.lanes.answers import (
+    LaneAnswers,
+    Optimum,
+    distinct_optima,
+    unseen_share,
+)
 from swarmstart.ocp.lanes.solver import LaneSolver, random_starts
 from swarmstart.ocp.nlp.polish import Polisher, is_better
 from swarmstart.ocp.nlp.start import Start
 from swarmstart.ocp.rollout.fitness import Known, Objective, started
 from swarmstart.ocp.search.account import Lanes
-from swarmstart.ocp.search.lane_settings import Multistart
 from swarmstart.ocp.search.search_space import ControlSpace, SearchSpace, side_by_side
+from swarmstart.ocp.search.settings import Multistart
 
 Told = Callable[[int], None] | None
 ToldBest = Callable[[int, Callable[[], Individual]], None] | None
@@ -85,6 +89,7 @@ class _Found:
         before = np.array([one.count for one in self.optima], dtype=np.int64)
         every = answers if self.kept is None else _joined(self.kept, answers)
         ones = np.ones(answers.cost.size, dtype=np.int64)
+        # An optimum from earlier batches stands for all lanes that ended in it.
         self.optima = distinct_optima(every, stand_for=np.concatenate([before, ones]))
         lanes = [one.lane for one in self.optima]
         self.kept = _some(every, lanes)
@@ -137,6 +142,7 @@ class _Lanes:
     def solve(self, controls: Array, decided: Array) -> tuple[LaneAnswers, int]:
         """Solve in lanes; return the answers and their cost, in evaluations."""
         task = self._task
+        # Lanes that diverge overflow; they end as failed ones.
         with stopwatch() as watch, heeded(), np.errstate(all="ignore"):
             answers = self.found.solver(
                 self._state, controls, decided, known=task.known, rng=task.rng
@@ -195,6 +201,7 @@ class RandomStarts(_Lanes):
         super().__init__(solver, space, task)
         self._settings, self._given = settings, given
         self._limits = solver.problem.search_limits
+        # The best (violation, cost, point), in case no lane ends in an optimum.
         self._lost: tuple[float, float, Array] | None = None
 
     @property
@@ -215,6 +222,7 @@ class RandomStarts(_Lanes):
     def batch(self, most: int) -> int:
         """Solve at most `most` starts; return their cost, in evaluations."""
         task, problem = self._task, self.found.solver.problem
+        # In the first batch only.
         given = () if self.found.solves else self._given[:most]
         count = min(self._settings.size, most) - len(given)
         controls, decided = random_starts(
@@ -235,7 +243,8 @@ class RandomStarts(_Lanes):
     def best(self) -> tuple[float, float]:
         """Return cost and violation of the best answer."""
         if self.found.optima:
-            return self.found.optima[0].cost, 0.0
+            return self.found.optima[0].cost, 0.0  # Optima are feasible.
+        # Cost and violation, which are stored the other way round.
         return (np.inf, np.inf) if self._lost is None else self._lost[1::-1]
 
     def points(self, most: int) -> list[Array]:

@@ -5,13 +5,18 @@
     lanes      local solves from these, from the search's points and from smooth random
                controls (lanes/solver.py); the distinct optima are counted
     polish     the NLP solver from the best three optima of the lanes, from the search's
-               points, and from states that reach a fixed end (state_guesses.py)
+               points, and from states that reach a fixed end
     again      the NLP solver once more from the best answer with its own settings, if
                it had been kept near its start, so that it can leave a saddle point
 
 The answer is never worse than the result of any single start. Of answers that agree to
 1e-6, the one from the first kind of start is taken. Features that lanes do not support
 (blocks, stiff models) are left to the NLP solver, and the account says so.
+
+If the controls of a start lead far from a fixed end, an NLP solver may not recover;
+from states that reach the end, it often does. Such guesses, lines with sine modes, are
+drawn, not optimised: only the NLP solver's answer shows which of them leads to a good
+optimum.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,21 +24,27 @@ from dataclasses import dataclass
 from typing import NamedTuple, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
+from swarmstart.arrays import Array
 from swarmstart.machine_code import stopwatch
-from swarmstart.ocp.compiled.aside import aside
 from swarmstart.ocp.compiled.engine import NoCompilerError
-from swarmstart.ocp.lanes.optima import distinct_optima, unseen_share
+from swarmstart.ocp.compiled.threads import aside
+from swarmstart.ocp.lanes.answers import distinct_optima, unseen_share
 from swarmstart.ocp.lanes.solver import LaneSolver, NoLanesError, random_starts
 from swarmstart.ocp.nlp.polish import SAME_COST, Polished, Polisher, is_better
 from swarmstart.ocp.nlp.polish_options import PolishStatus
 from swarmstart.ocp.nlp.start import Start
-from swarmstart.ocp.rollout.fitness import Fitness, Known, started
+from swarmstart.ocp.rollout.fitness import (
+    Fitness,
+    Known,
+    at_nodes,
+    shared_arguments,
+    started,
+)
 from swarmstart.ocp.search.account import Lanes, Origin, StartsAccount, Tried
 from swarmstart.ocp.search.search_space import side_by_side
-from swarmstart.ocp.search.state_guesses import state_guesses
-from swarmstart.ocp.statement.guess import middle_controls, zero_controls
+from swarmstart.ocp.statement.lowering import middle_controls, zero_controls
 
 LANES = 64
 """Number of random starts of `solve`."""
@@ -46,6 +57,10 @@ _MOST_WORK = 5_000_000
 polished: an iteration of a large problem may take a tenth of a second."""
 _NEAR: tuple[Origin, ...] = ("the lanes", "the search")
 """Kinds of starts that are answers, which the NLP solver stays near."""
+MODES = (1, 3)
+"""Numbers of the sine modes, used in turn."""
+_AMPLITUDE = 0.5
+"""Standard deviation of the first mode, relative to the way; mode k has 1/k of it."""
 
 
 class Origined(NamedTuple):
@@ -91,9 +106,11 @@ class ManyStarts:
         self._fitness, self._polisher, self._random = fitness, polisher, random
         self._solver, self._refused = None, ""
         try:
+            # Compiled in another thread while the cold starts are polished.
             with aside():
                 self._solver = LaneSolver(
                     fitness.shooting,
+                    # They seldom meet constraints; see LaneSolver.
                     constrained_slopes=False,
                     program=polisher.program,
                 )
@@ -105,7 +122,7 @@ class ManyStarts:
         if self._solver is None:
             return
         try:
-            float(self._solver.rollouts_per_iteration)
+            float(self._solver.rollouts_per_iteration)  # Reading it waits for the code.
         except NoCompilerError as error:
             self._solver, self._refused = None, str(error)
 
@@ -314,3 +331,72 @@ class _Tries:
         if not max(violation, broken) <= self._tolerance:
             return False
         return abs(cost - least) <= SAME_COST * max(abs(cost), abs(least))
+
+
+def straight_states(fitness: Fitness, x0: ArrayLike, known: Known) -> Array | None:
+    """Return states that lead straight to the fixed end states, (nx, nodes).
+
+    Other states stay at their initial value. None if the end fixes no state.
+
+    Args:
+        fitness: The problem's evaluator.
+        x0: Initial state, shape (nx,).
+        known: Parameters and signals.
+    """
+    way = _way(fitness, x0, known)
+    return None if way is None else way[0]
+
+
+def state_guesses(
+    fitness: Fitness, x0: ArrayLike, known: Known, n: int, rng: np.random.Generator
+) -> list[Start]:
+    """Return guesses whose states start at x0 and reach the fixed end states.
+
+    The first is the straight line, the others add sine modes to it; all have zero
+    controls. The list is empty if the end fixes no state.
+
+    Args:
+        fitness: The problem's evaluator.
+        x0: Initial state, shape (nx,).
+        known: Parameters and signals.
+        n: Number of guesses.
+        rng: Source of all randomness.
+    """
+    way = _way(fitness, x0, known)
+    if way is None or n < 1:
+        return []
+    line, fixed = way
+    problem = fitness.problem
+    controls = zero_controls(problem)
+    reach = np.abs(line[:, -1] - line[:, 0])
+    # A state whose end equals its start gets its natural size as amplitude.
+    sizes = fitness.arguments.sizes(x0, known).states
+    reach = np.where(fixed, np.where(reach > 0, reach, sizes), 0.0)
+    part = np.linspace(0.0, 1.0, problem.nodes)
+    lower, upper = (side[:, None] for side in problem.state_limits)
+    found = [Start(controls, line)]
+    for number in range(n - 1):
+        modes = np.arange(1, MODES[number % len(MODES)] + 1)
+        drawn = rng.standard_normal((reach.size, modes.size))
+        amplitudes = _AMPLITUDE * reach[:, None] * drawn / modes
+        bent = line + amplitudes @ np.sin(np.pi * np.outer(modes, part))
+        inside = np.clip(bent, lower, upper)
+        inside[:, 0] = line[:, 0]  # The start is given, even beyond a bound.
+        found.append(Start(controls, inside))
+    return found
+
+
+def _way(
+    fitness: Fitness, x0: ArrayLike, known: Known
+) -> tuple[Array, NDArray[np.bool_]] | None:
+    """Return the line at the nodes, and a mask of the states that the end fixes."""
+    problem = fitness.problem
+    state, p, flat = shared_arguments(problem, x0, known)
+    signals = at_nodes(problem, flat)
+    target = fitness.shooting.sizing.target(p, signals[:, -1])
+    fixed = ~np.isnan(target)
+    if not fixed.any():
+        return None
+    reached = np.where(fixed, target, state)
+    part = np.linspace(0.0, 1.0, problem.nodes)
+    return state[:, None] + np.outer(reached - state, part), fixed

@@ -42,7 +42,7 @@ from swarmstart.heuristics import (
 )
 from swarmstart.heuristics.laws import first_size_of
 from swarmstart.ocp.common.errors import InvalidProblemError
-from swarmstart.ocp.compiled.casadi_map import CasadiMap
+from swarmstart.ocp.compiled.backend import CasadiMap
 from swarmstart.ocp.nlp.start import Start
 from swarmstart.ocp.rollout.fitness import (
     BlockObjective,
@@ -53,20 +53,17 @@ from swarmstart.ocp.rollout.fitness import (
     unflatten,
 )
 from swarmstart.ocp.rollout.shooting import Shooting
-from swarmstart.ocp.rollout.soft import SoftRows
 from swarmstart.ocp.rollout.violation import (
+    SoftRows,
     infinite_unless_finite,
     path_violation,
     row_weights,
     unless_finite,
 )
-from swarmstart.ocp.search.lane_settings import population_of
-from swarmstart.ocp.search.settings import SearchSettings
-from swarmstart.ocp.statement.blocks import first_of, variables_of
-from swarmstart.ocp.statement.control_shape import control_of
-from swarmstart.ocp.statement.free import FreeStart
+from swarmstart.ocp.search.settings import SearchSettings, population_of
+from swarmstart.ocp.statement.control_shape import control_of, first_of, variables_of
+from swarmstart.ocp.statement.decisions import FreeStart, whole, widened
 from swarmstart.ocp.statement.problem import OptimalControlProblem
-from swarmstart.ocp.statement.whole_numbers import whole, widened
 
 Index = NDArray[np.intp]
 
@@ -153,6 +150,7 @@ class ControlSpace:
     def encoded(self, controls: Array, x0: ArrayLike) -> Array:
         """Return the decision vector of controls; see SearchSpace."""
         decisions = self._fitness.decision(controls, x0)[self._first]
+        # The bounds of a search may be narrower than those of the controls.
         return np.clip(decisions, self.box.lower, self.box.upper)
 
 
@@ -194,7 +192,7 @@ def _control_box(fitness: Fitness) -> Box:
     return Box(
         lower=np.append(lower, [least for least, _ in starts]),
         upper=np.append(upper, [most for _, most in starts]),
-        per_step=problem.flown_controls,
+        per_step=problem.flown_controls,  # For smooth random sequences.
         constant=len(starts),
     )
 
@@ -278,6 +276,7 @@ class FamilySpace:
             )
         )
         checks, last = self._problem.checks, self._problem.nodes - 1
+        # The nodes of each interval, both of its ends included.
         parts = [controls[:, k : k + last : checks] for k in range(checks + 1)]
         lower, upper = (limit[:, None] for limit in self._problem.control_limits)
         return Start(np.clip(np.mean(parts, axis=0), lower, upper), states)
@@ -303,7 +302,7 @@ def _member_value(shooting: Shooting, family: TrajectoryFamily) -> ca.Function:
     at_node, at_check = _node_terms(problem), _check_violation(shooting)
     cost, violation = shooting.terminal(x[:, -1], p, signals[:, -1])
     weights = np.full(nodes, problem.dt / problem.checks)
-    weights[[0, -1]] /= 2
+    weights[[0, -1]] /= 2  # Trapezoidal rule.
     for k in range(nodes):
         spent, broken = at_node(x[:, k], u[:, k], parameters, signals[:, k])
         cost, violation = cost + weights[k] * spent, violation + broken
@@ -345,6 +344,7 @@ def _check_violation(shooting: Shooting) -> ca.Function:
         excess = constraint.excess(value(*before), value(*after))
         broken += path_violation(constraint, excess, weight)
     before[2], after[2] = (
+        # Both ends have an argument for the weights; only that of the start is used.
         ca.vertcat(side[2], w)
         for side, w in ((before, automatic), (after, ca.SX.sym("w", automatic.numel())))
     )
@@ -400,6 +400,7 @@ def first_population(
     size = first_size_of(population, space.box, evaluations)
     given = [space.encoded(controls, x0) for controls in first]
     if guess is not None and search.warm_start != "none":
+        # May be negative, which is no copy.
         copies = {"all": size - len(given), "half": size // 2, "one": 1}
         given += [space.encoded(guess, x0)] * copies[search.warm_start]
     if not given:
@@ -408,11 +409,7 @@ def first_population(
 
 
 def points(result: SearchResult) -> list[Array]:
-    """Return a search's best point and its other basins, each (dim,), the best first.
-
-    Args:
-        result: Result of the search.
-    """
+    """Return a search's best point and other basins, each (dim,), the best first."""
     others = [
         basin.x for basin in result.basins if not np.array_equal(basin.x, result.x)
     ]

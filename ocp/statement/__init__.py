@@ -1,18 +1,18 @@
 """The problem as stated, and its rewrites to a core that all solvers share.
 
-Free end times, decided parameters, phases, ensembles and blocks are each one module.
+Shapes of controls, further decisions, phases and ensembles are each one module.
 """
 
 from swarmstart.ocp.statement.control_shape import (
     ControlShape,
+    Profile,
+    piece_at,
 )
 from swarmstart.ocp.statement.core_problem import (
     END_TIME,
 )
-from swarmstart.ocp.statement.guess import (
-    Appended,
-)
 from swarmstart.ocp.statement.lowering import (
+    Appended,
     Lowered,
     lowered,
 )
@@ -37,6 +37,8 @@ __all__ = [
     "Lowered",
     "Measure",
     "Phases",
+    "Profile",
     "Quadrature",
     "lowered",
+    "piece_at",
 ]

@@ -20,7 +20,7 @@ import numpy as np
 
 from swarmstart.ocp.common.expressions import symbol_names, symbol_of
 from swarmstart.ocp.statement.control_shape import Knots, knot_names, knots_of
-from swarmstart.ocp.statement.free import Free
+from swarmstart.ocp.statement.decisions import Free
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 from swarmstart.ocp.statement.risk import Epigraph, Risk, epigraph_symbols
 from swarmstart.ocp.system.constraints import Bounds, Constraint, TerminalConstraint
@@ -69,8 +69,9 @@ class _Added:
 def _added(stated: OptimalControlProblem) -> _Added:
     """Return the symbols that the core of a problem needs in addition."""
     model, free_end = stated.model, isinstance(stated.horizon, Free)
-    T = ca.SX.sym(END_TIME, int(free_end))
+    T = ca.SX.sym(END_TIME, int(free_end))  # Empty if the end is given.
     names = symbol_names(model.parameters)
+    # The symbol itself becomes a state, so expressions need no change.
     decided = [model.parameters[names.index(name)] for name in stated.decided]
     copies = [symbol_of(_copy_of(name)) for name in stated.periodic]
     accrued, epigraph = _risk_symbols(stated)
@@ -79,6 +80,7 @@ def _added(stated: OptimalControlProblem) -> _Added:
         end_time=T,
         decided=ca.vertcat(ca.SX(0, 1), *decided),
         copies=ca.vertcat(ca.SX(0, 1), *copies),
+        # The knot at the start of an interval is the previous control.
         previous=ca.SX(0, 1) if stated.has_knots else stated.previous,
         knots=knots_of(model.control_names, stated.control_shape),
         accrued=accrued,
@@ -90,11 +92,7 @@ def _added(stated: OptimalControlProblem) -> _Added:
 
 
 def core_of(stated: OptimalControlProblem) -> OptimalControlProblem:
-    """Return the core of a problem whose costs are minimised.
-
-    Args:
-        stated: The problem.
-    """
+    """Return the core of a problem whose costs are minimised."""
     added, free_end = _added(stated), isinstance(stated.horizon, Free)
     model = stated.model
 
@@ -200,7 +198,7 @@ def _core_model(stated: OptimalControlProblem, added: _Added, timed: _Timed) -> 
 def _knot_rates(stated: OptimalControlProblem, knots: Knots) -> ca.SX:
     """Return the rates of the states of linear controls."""
     if not stated.has_knots:
-        return knots.states
+        return knots.states  # Empty.
     whole = 1.0 if isinstance(stated.horizon, Free) else stated.length
     return knots.rates(stated.model.controls, whole / stated.intervals)
 
@@ -231,6 +229,7 @@ def _core_constraints(
         replace(
             c,
             expression=timed(c.expression),
+            # A weight is per second, and the core integrates over its own time.
             weight=added.scale * timed(c.weights[0]),
             quadratic_weight=added.scale * timed(c.weights[1]),
         )
@@ -278,13 +277,7 @@ def _risk_symbols(stated: OptimalControlProblem) -> tuple[ca.SX, ca.SX]:
 def _accrual(
     stated: OptimalControlProblem, added: _Added, after: ca.SX
 ) -> tuple[ca.SX, ca.SX]:
-    """Return the rates of the members' costs, and the increments at an interval's end.
-
-    Args:
-        stated: The problem.
-        added: The core's other symbols.
-        after: States after an interval's end.
-    """
+    """Return the rates of the members' costs, and their steps at an interval's end."""
     risk, model = stated.risk, stated.model
     if risk is None or not epigraph_symbols(risk).numel():
         return ca.SX(0, 1), ca.SX(0, 1)
@@ -345,7 +338,7 @@ def _starts(
     for key, value in stated.start.items():
         names = (key,) if isinstance(key, str) else tuple(key)
         copies = [_copy_of(name) for name in names if name in stated.periodic]
-        together = (*names, *copies)
+        together = (*names, *copies)  # A copy starts at the same value.
         yield (together[0] if len(together) == 1 else together), value
     if isinstance(stated.horizon, Free):
         yield END_TIME, stated.horizon
@@ -359,6 +352,7 @@ def _first_knots(
     """Yield the first knots of linear controls, if they are decided."""
     if stated.control_shape != "linear":
         return
+    # Members of an ensemble that share the first control share its first knot.
     labels = stated.control_labels[:, 0]
     lower, upper = stated.control_limits
     for label in np.unique(labels):
@@ -377,7 +371,7 @@ def _scales(stated: OptimalControlProblem) -> dict[str, float]:
     lower, upper = stated.control_limits
     for j, name in enumerate(stated.model.control_names):
         size = scales.get(name, float(upper[j] - lower[j]))
-        if 0 < size < np.inf:
+        if 0 < size < np.inf:  # Else it is found, as for any other state.
             scales.update(dict.fromkeys(knot_names(name), size))
     return scales
 
@@ -397,5 +391,6 @@ def _bounds(stated: OptimalControlProblem, states: int) -> Bounds:
             np.append(lower, np.full(more, -np.inf)),
             np.append(upper, np.full(more, np.inf)),
         ),
+        # Unbounded states have no excess, so any number will do.
         state_scale=None if scale is None else np.append(scale, np.ones(more)),
     )

@@ -131,7 +131,7 @@ def ensemble(  # noqa: PLR0913 - the members, and how their costs count
         level=level,
         robust_horizon=robust_horizon,
     )
-    if risk != "mean" and members > 1:
+    if risk != "mean" and members > 1:  # Only then are costs accrued in states.
         _require_accruable(problem)
     return _of(problem, copies, told)
 
@@ -185,6 +185,7 @@ class _Member:
         changed: dict[str, Any] = {
             one.name: self.of(value)
             for one in fields(constraint)  # type: ignore[arg-type]
+            # `replace` refuses a field without init.
             if one.init and isinstance(value := getattr(constraint, one.name), ca.SX)
         }
         if constraint.name:
@@ -196,11 +197,13 @@ def _of(
     problem: OptimalControlProblem, copies: list[_Member], risk: Risk
 ) -> OptimalControlProblem:
     """Return the problem of all members together."""
+    # Number of control sequences: one for all members, or one for each.
     branches = 1 if risk.robust_horizon is None else len(copies)
     costs = _stacked_costs(risk)
     return replace(
         problem,
         model=_stacked_model(problem, copies, branches),
+        # All signals belong to the stacked model, whose signals a problem adds.
         signals=ca.SX(0, 1),
         previous=ca.vertcat(ca.SX(0, 1), *[one.previous for one in copies[:branches]]),
         risk=risk,
@@ -212,7 +215,7 @@ def _of(
             one.constraint(c)
             for one in copies
             for c in problem.stated
-            if c.name != UNSOLVED
+            if c.name != UNSOLVED  # The stacked model adds it for all members.
         ],
         terminal=[
             replace(
@@ -229,6 +232,7 @@ def _of(
             for key, value in problem.start.items()
         },
         scales=_scales(problem, copies, own_controls=risk.robust_horizon is not None),
+        # The time is the same for all members.
         clock=copies[0].named(problem.clock) if problem.clock else "",
         periodic=[one.named(name) for one in copies for name in problem.periodic],
     )
@@ -376,6 +380,7 @@ def _named_rows(own: Sequence[str], given: Values) -> tuple[list[str], list[Any]
     if isinstance(given, Mapping):
         return list(given), list(given.values())
     if not (isinstance(given, Sequence) and all(isinstance(m, Mapping) for m in given)):
+        # Values of a single parameter may be given as one row.
         return list(own), list(np.atleast_2d(np.asarray(given)))
     members: list[Mapping[str, float]] = [dict(m) for m in given]
     names = list(members[0]) if members else []
@@ -414,7 +419,10 @@ def _require_accruable(problem: OptimalControlProblem) -> None:
     if problem.quadrature == "left":
         step.append(problem.stage_cost)
     moving = ca.vertcat(
-        problem.signals, model.time, ca.SX(0, 1) if model.is_discrete else model.states
+        # These have changed at the interval's end, where the cost is accrued.
+        problem.signals,
+        model.time,
+        ca.SX(0, 1) if model.is_discrete else model.states,
     )
     if moving.numel() and any(ca.depends_on(cost, moving) for cost in step):
         raise InvalidProblemError(

@@ -1,6 +1,7 @@
-"""Conversion of a stated problem to its core, in which decisions become states.
+"""Conversion of a stated problem, and of guesses, to its core.
 
-The conversion is described in core_problem.py; maximised costs are multiplied by -1.
+In the core all decisions are states; it is described in core_problem.py. Maximised
+costs are multiplied by -1.
 
 A decision is then a free start of one of these states, which search, NLP and
 verification can handle. The states of the stated problem come first and keep their
@@ -9,11 +10,15 @@ names, bounds and units.
     stated: x, u, p, s   ->   core: (x, T, decided p, copies, previous u, u as it is and
                                      its knot, members' costs, t, e, r of risk.py), u,
                                     (known p, t0), (the model's s, tau, other s)
+
+Guesses of a control sequence, shape (nu, N), are zero, the middle of the bounds, a
+user's own within the bounds, or an earlier plan shifted by one interval.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,8 +29,7 @@ from swarmstart.ocp.common.expressions import symbol_names
 from swarmstart.ocp.common.limits import numbers_of
 from swarmstart.ocp.statement.control_shape import split_knots
 from swarmstart.ocp.statement.core_problem import END_TIME, core_of, risk_states
-from swarmstart.ocp.statement.free import Free
-from swarmstart.ocp.statement.guess import zero_controls
+from swarmstart.ocp.statement.decisions import Free, whole
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 
 _ROUNDING = 1e-9
@@ -114,10 +118,12 @@ class Lowered:
             )
         place = self.places
         state = np.full(self.core.model.nx, np.nan)
+        # Costs accrue from 0.
         state[place["states"]], state[place["risk"]] = given, 0.0
         if place["previous"]:
             state[place["previous"]] = self._before(previous)
         if place["knots"]:
+            # The control itself begins at its first knot.
             state[place["knots"]] = np.tile(self._first_knot(previous), 2)
         for copy, name in zip(place["copies"], self.stated.periodic, strict=True):
             state[copy] = given[self.stated.model.state_names.index(name)]
@@ -148,6 +154,7 @@ class Lowered:
             return zero_controls(self.stated)[:, 0]
         given, nu = numbers_of("previous", previous).ravel(), self.stated.model.nu
         if given.size and given.size == self.stated.flown_controls:
+            # A plant has the controls of one member, and all members begin with them.
             given = np.tile(given, nu // given.size)
         return _sized("previous", given, nu)
 
@@ -219,6 +226,7 @@ class Lowered:
         rows = np.asarray(states, dtype=np.float64)
         if rows.shape[0] == self.core.model.nx:
             return rows
+        # As a guess, the states that the core adds stay at their start.
         more = np.repeat(x0[rows.shape[0] :, None], rows.shape[1], axis=1)
         return np.vstack([rows, more])
 
@@ -230,6 +238,7 @@ class Lowered:
             time: At the start of the horizon [s].
         """
         given = np.asarray(values)
+        # If there is one more, the values are already those of the core.
         if self.stated.model.time.numel() and given.size == len(self.known_parameters):
             return np.append(given, time)
         return given
@@ -303,3 +312,72 @@ def _sized(role: str, values: ArrayLike, size: int) -> Array:
             f"{role} must be {size} finite numbers, got {values!r}"
         )
     return found
+
+
+def zero_controls(problem: OptimalControlProblem) -> Array:
+    """Return zero controls, or the bound nearest to zero if zero is not allowed.
+
+    Args:
+        problem: The problem.
+
+    Returns:
+        Controls, shape (nu, N).
+    """
+    lower, upper = problem.control_limits
+    nearest = np.clip(np.zeros(problem.model.nu), lower, upper)
+    return np.repeat(nearest[:, None], problem.intervals, axis=1)
+
+
+def middle_controls(problem: OptimalControlProblem) -> Array:
+    """Return the middle of the controls' bounds; zero controls if one is missing."""
+    limits, zero = np.array(problem.control_limits), zero_controls(problem)
+    ends = np.isfinite(limits).all(axis=0)
+    # Infinite bounds are replaced before the mean, which would be inf - inf.
+    middle = np.where(ends, np.where(ends, limits, 0).mean(axis=0), zero[:, 0])
+    return np.repeat(middle[:, None], problem.intervals, axis=1)
+
+
+def bounded_controls(problem: OptimalControlProblem, guess: ArrayLike) -> Array:
+    """Return a guess clipped to the bounds, with one value in each block; a copy.
+
+    Args:
+        problem: The problem that the guess is for.
+        guess: Controls, shape (nu, N), finite; clipped to the bounds. A block gets the
+            mean of its intervals.
+
+    Raises:
+        InvalidProblemError: If the shape is wrong, or a value is not finite.
+    """
+    controls = np.array(guess, dtype=np.float64)
+    shape = (problem.model.nu, problem.intervals)
+    if controls.shape != shape:
+        raise InvalidProblemError(
+            f"a guess must have shape {shape}, got {controls.shape}"
+        )
+    if not np.isfinite(controls).all():
+        raise InvalidProblemError(f"a guess must be finite, got {controls}")
+    lower, upper = problem.control_limits
+    within = problem.averaged(controls)
+    within = np.clip(within, lower[:, None], upper[:, None])
+    return whole(within, problem.integer, problem.control_limits)
+
+
+Appended = Literal["zero", "last"]
+"""End of a shifted plan: zero controls, or the plan's own last ones."""
+
+
+def shifted_controls(
+    problem: OptimalControlProblem, controls: Array, append: Appended = "zero"
+) -> Array:
+    """Return a plan one interval later: the first interval dropped, one appended.
+
+    Args:
+        problem: The problem that the plan was made for.
+        controls: The last plan, shape (nu, N); not changed.
+        append: The appended controls: "zero" or the plan's "last" ones.
+
+    Returns:
+        Controls, shape (nu, N).
+    """
+    end = controls[:, -1:] if append == "last" else zero_controls(problem)[:, :1]
+    return np.hstack([controls[:, 1:], end])

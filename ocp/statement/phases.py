@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike
 from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.common.expressions import symbol_names, symbol_of
-from swarmstart.ocp.statement.free import Free
+from swarmstart.ocp.statement.decisions import Free
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 from swarmstart.ocp.system.constraints import Bounds, PathConstraint, TerminalConstraint
 from swarmstart.ocp.system.model import Model
@@ -82,6 +82,8 @@ class Phases:
             )
         values = dict(zip(self.first, given, strict=True))
         return np.array(
+            # Time, counter and exits begin at 0; states of later phases wait for a
+            # linkage.
             [values.get(name, 0.0) for name in self.problem.model.state_names]
         )
 
@@ -223,6 +225,7 @@ class _Union:
             duration = ca.SX(0)
             if isinstance(phase.horizon, Free):
                 name = f"duration of phase {number + 1}"
+                # A decided parameter, so that the core makes it a state.
                 duration = self.parameters[name] = ca.SX.sym(name)
                 self.decided[name] = phase.horizon
             else:
@@ -235,6 +238,7 @@ class _Union:
         """Return the present phase's entry, by the number of finished intervals."""
         found = of_phases[-1]
         for end, one in reversed([*zip(self.ends, of_phases, strict=True)][:-1]):
+            # The counter is a whole number up to the rounding of an NLP solver.
             found = ca.if_else(self.counter < end - 0.5, one, found)
         return found
 
@@ -318,7 +322,9 @@ class _Joined:
     def _active(self, constraint: PathConstraint) -> PathConstraint:
         """Return a constraint that is active in its phase only."""
         lower, upper = np.asarray(constraint.lower), np.asarray(constraint.upper)
+        # A row with one limit keeps away from it by the size of the limit.
         room = np.maximum(1.0, np.abs(np.where(np.isfinite(lower), lower, upper)))
+        # A value within the limits, which the rows have during other phases.
         inside = np.where(
             np.isfinite(lower),
             np.where(np.isfinite(upper), (lower + upper) / 2, lower + room),
@@ -431,6 +437,7 @@ def _after(union: _Union, joined: Sequence[_Joined], links: Sequence[Linkage]) -
                 linked = one.joined(ca.SX(links[one.number][name]))
                 own = union.at_end_of(one.number, linked, own)
             in_phases.append(own)
+        # Left as it is, a state does not count as one that jumps.
         same = all(ca.is_equal(own, state) for own in in_phases)
         found.append(state if same else union.selected(in_phases))
     return ca.vertcat(*found)
@@ -460,6 +467,7 @@ def _require(
             "blocks of intervals": len(phase.blocks),
             "linear controls": phase.has_knots,
             "several members": phase.risk is not None,
+            # Only the first phase begins at the start of the horizon.
             "initial cost": number > 0 and not phase.initial_cost.is_zero(),
             "a state named time": CLOCK in phase.model.state_names,
         }

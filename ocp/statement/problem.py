@@ -39,10 +39,12 @@ from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.common.expressions import (
     as_column,
+    in_sx,
     require_known,
     require_symbols,
     shortened,
     symbol_names,
+    without_power_of_two,
 )
 from swarmstart.ocp.common.limits import (
     Limit,
@@ -53,36 +55,39 @@ from swarmstart.ocp.common.limits import (
     scales_given,
     sizes_given,
 )
-from swarmstart.ocp.common.symbol_map import in_sx
-from swarmstart.ocp.common.units import without_power_of_two
-from swarmstart.ocp.integration.adaptive import COARSEST, FINEST
 from swarmstart.ocp.integration.integrators import require_integrator
 from swarmstart.ocp.integration.radau import Radau, Transcription, as_transcription
-from swarmstart.ocp.statement.blocks import (
+from swarmstart.ocp.integration.rodas import COARSEST, FINEST
+from swarmstart.ocp.statement.control_shape import (
+    ControlShape,
     averaged,
     block_lengths,
     control_labels,
+    require_shape,
     same_in_labels,
 )
-from swarmstart.ocp.statement.control_shape import ControlShape, require_shape
-from swarmstart.ocp.statement.free import Free, FreeStart, free_starts
-from swarmstart.ocp.statement.risk import Epigraph, Risk
-from swarmstart.ocp.statement.whole_numbers import integer_numbers
-from swarmstart.ocp.system.constraint_forms import (
-    as_path,
-    as_terminal,
-    known_scales,
-    label,
+from swarmstart.ocp.statement.decisions import (
+    Free,
+    FreeStart,
+    free_starts,
+    integer_numbers,
 )
+from swarmstart.ocp.statement.risk import Epigraph, Risk
 from swarmstart.ocp.system.constraints import (
     Bounds,
     Constraint,
     MovingLimit,
     PathConstraint,
     TerminalConstraint,
+    fixed_and_moving,
 )
 from swarmstart.ocp.system.model import Model
-from swarmstart.ocp.system.moving_bounds import fixed_and_moving
+from swarmstart.ocp.system.separation import (
+    as_path,
+    as_terminal,
+    known_scales,
+    label,
+)
 
 STATE_BOUNDS = "bounds of the states"
 """Name of the path constraint that represents bounds of the states."""
@@ -103,7 +108,7 @@ class Costs(NamedTuple):
     terminal: ca.SX
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)  # No slots: cached properties need a dict.
 class OptimalControlProblem:
     """An optimal-control problem over a horizon; the initial state is an argument.
 
@@ -229,7 +234,7 @@ class OptimalControlProblem:
                 f"maximize must be True or False, got {shortened(self.maximize)}"
             )
         self._check_grid()
-        self._check_step()
+        self._check_step()  # After the grid, which gives dt.
         self._bring_symbols_to_sx()
         require_symbols("signals", self.signals)
         require_symbols("previous", self.previous)
@@ -245,6 +250,7 @@ class OptimalControlProblem:
             listed = tuple(map(stated, self._listed(role)))
             self._set(role, in_sx(role, listed, self.model.sx))
         self._set("constraints", self._with_solved())
+        # Moving bounds become constraints here, so before the constraints are checked.
         self._set("bounds", self._array_bounds())
         require_shape(
             self.control_shape,
@@ -263,6 +269,7 @@ class OptimalControlProblem:
         columns = {role: getattr(self, role) for role in ("signals", "previous")}
         if any(isinstance(column, ca.MX) for column in columns.values()):
             symbol_map, columns = self.model.symbol_map.extended(columns)
+            # Only for MX: a model that is built again is validated again.
             self._set("model", replace(self.model, symbol_map=symbol_map))
             for role, column in columns.items():
                 self._set(role, column)
@@ -272,6 +279,7 @@ class OptimalControlProblem:
         stated = tuple(as_path(c) for c in self.constraints)
         names = {constraint.name for constraint in stated}
         solved = self.model.elimination.constraints()
+        # A problem made by `replace` has them already.
         return (*stated, *[c for c in solved if c.name not in names])
 
     def _listed(self, role: str) -> list[object]:
@@ -351,6 +359,7 @@ class OptimalControlProblem:
 
     def _check_decisions(self) -> None:
         """Raise if names of states and parameters are unknown or repeated."""
+        # For its errors; the property of this name returns the result.
         free_starts(self.start, self.model.state_names, self.state_limits)
         parameters = symbol_names(self.model.parameters)
         for role, named, names in (
@@ -406,6 +415,7 @@ class OptimalControlProblem:
         search = self.bounds.search
         if search is not None:
             within = limits_of("controls in the search", search, self.model.nu)
+            # Raises if both ranges leave no value in common.
             search = limits_of(
                 "controls in the search, within those of the controls",
                 (np.maximum(within[0], controls[0]),
@@ -489,6 +499,7 @@ class OptimalControlProblem:
         split = [without_power_of_two(cost) for cost in given]
         powers = [p for (p, _), cost in zip(split, given, strict=True)
                   if not cost.is_zero()]  # fmt: skip
+        # Any of them: costs in a unit 2^k times as large shift all powers by k.
         unit = powers[0] if powers else 0
         if any(
             abs(p) > _LARGEST_POWER or abs(p - unit) > _LARGEST_POWER for p in powers
@@ -525,6 +536,7 @@ class OptimalControlProblem:
     @property
     def integer(self) -> tuple[int, ...]:
         """Numbers of the controls that take whole numbers only."""
+        # All are numbers since the validation; the test is for the type checker.
         return tuple(j for j in self.bounds.integer if isinstance(j, int))
 
     @property
@@ -559,13 +571,14 @@ class OptimalControlProblem:
     @property
     def ties_controls(self) -> bool:
         """True if some controls must be equal."""
+        # A robust horizon of 0 intervals ties nothing.
         tied = self.risk is not None and bool(self.risk.robust_horizon)
         return bool(self.blocks) or tied
 
     def averaged(self, controls: Array) -> Array:
         """Return controls (nu, N) with the mean of those that must be equal; a copy."""
         if self.flown_controls == self.model.nu:
-            return averaged(controls, self.blocks)
+            return averaged(controls, self.blocks)  # Only blocks tie controls.
         return same_in_labels(controls, self.control_labels)
 
     @property
@@ -729,7 +742,9 @@ def _with_those_of(model: Model, signals: ca.SX) -> ca.SX:
     own = [signals[i] for i in range(signals.numel())]
     first = [model.signals[i] for i in range(model.ns)]
     if len(own) >= len(first) and all(
-        ca.is_equal(a, b) for a, b in zip(first, own, strict=False)
+        # A problem made by `replace` has the model's signals already.
+        ca.is_equal(a, b)
+        for a, b in zip(first, own, strict=False)
     ):
         return signals
     return ca.vertcat(model.signals, signals)

@@ -27,7 +27,7 @@ import casadi as ca
 import numpy as np
 
 from swarmstart.arrays import Array
-from swarmstart.ocp.statement.free import Free, FreeStart
+from swarmstart.ocp.statement.decisions import Free, FreeStart
 
 Measure = Literal["mean", "worst", "cvar"]
 
@@ -90,6 +90,7 @@ class Risk:
             return ca.dot(ca.DM(self.weights), costs)
         if self.measure == "worst":
             return functools.reduce(ca.fmax, each)
+        # One of the costs is an optimal t (theorem 1).
         return functools.reduce(ca.fmin, [self._above(costs, t) for t in each])
 
     def _above(self, costs: ca.SX, threshold: ca.SX) -> ca.SX:
@@ -103,6 +104,7 @@ class Risk:
         order = np.argsort(costs)
         below = np.cumsum(self.weights[order])
         place = int(np.searchsorted(below, self.level))
+        # The sum of the weights may round to less than the level.
         return float(costs[order[min(place, costs.size - 1)]])
 
 
@@ -158,6 +160,7 @@ class Epigraph(NamedTuple):
 
     def values(self, costs: Array) -> Array:
         """Return t, e, r for given costs of the members, shape (M,)."""
+        # A start of the NLP must be finite, even from a rollout that is not.
         costs = np.nan_to_num(costs, nan=0.0, posinf=0.0, neginf=0.0)
         over = costs - self.risk.threshold(costs)
         e = np.maximum(over, 0.0) if self.risk.measure == "cvar" else np.empty(0)

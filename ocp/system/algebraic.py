@@ -25,10 +25,26 @@ is a number without unit and without a kink. It enters every problem with the mo
 path constraint |r_i| <= 1e-9, so that an answer with unsolved equations is not
 confirmed. A singular matrix at one point gives NaN there, which counts as an infinite
 violation.
+
+Linear equations A z = b are solved in symbols, smoothly and without choice of pivots. A
+is permuted to lower block triangular form by its structure. Each block is solved by
+modified Gram-Schmidt without square roots, with the columns a_k of the block in order
+and b as the last one:
+
+    q_j = a_j - sum_i<j r_ij q_i,   r_jk = q_j' a_k / q_j' q_j,   R z = r_b,
+
+where each r_jk is computed from the remainder of a_k. An expression cannot choose a
+pivot by its size, and a zero pivot may occur in any order; here only a singular block
+divides by zero. Treating b as a column makes the method as accurate as Householder's;
+CasADi's `solve` for SX forms Q'b instead, and loses the square of the condition number.
+
+Source: Bjorck (1967), Solving linear least squares problems by Gram-Schmidt
+orthogonalization, BIT 7, 1-21.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, cast
@@ -39,7 +55,9 @@ from numpy.typing import NDArray
 
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.common.expressions import (
+    SymbolMap,
     as_column,
+    in_sx,
     require_known,
     require_symbols,
     shortened,
@@ -47,9 +65,7 @@ from swarmstart.ocp.common.expressions import (
     symbol_of,
 )
 from swarmstart.ocp.common.limits import Limit, require_count, vector_of
-from swarmstart.ocp.common.symbol_map import SymbolMap, in_sx
 from swarmstart.ocp.system.constraints import PathConstraint
-from swarmstart.ocp.system.symbolic_solve import solve_in_symbols
 
 _EXPRESSIONS = ("solution", "unsolved", "residual", "size", "start")
 """Attributes of an Elimination that are expressions."""
@@ -242,13 +258,16 @@ def eliminate(equations: AlgebraicEquations, known: dict[str, ca.SX]) -> Elimina
     require_known("the algebraic equations", g, every)
     jacobian = ca.jacobian(g, z)
     _require_regular(jacobian, z, ca.vertcat(*every.values()))
+    # Linear equations do not use the start, but an invalid one is refused as well.
     start = _start(equations, z.numel())
     require_known("start of the algebraic variables", start, known)
+    # Linear in z: one step from z = 0 is exact.
     if not ca.depends_on(jacobian, z):
         offset = ca.substitute(g, z, ca.SX.zeros(z.numel()))
         return Elimination(z, ca.cse(-solve_in_symbols(jacobian, offset)))
     sizes = _filled("scale", equations.scale, z.numel())
     scale = ca.SX(sizes)
+    # The scale keeps the size above 0 at z = 0.
     size = ca.sqrt(ca.mtimes(jacobian**2, z**2 + scale**2))
     newton = ca.Function(
         "newton",
@@ -257,6 +276,7 @@ def eliminate(equations: AlgebraicEquations, known: dict[str, ca.SX]) -> Elimina
     )
     others = list(known.values())
     found = start
+    # A fixed number: an expression cannot stop when it has converged.
     for _ in range(equations.iterations):
         found = newton.call([*others, found])[0]
     return Elimination(
@@ -324,6 +344,7 @@ def _require_regular(jacobian: ca.SX, z: ca.SX, symbols: ca.SX) -> None:
               if not used]  # fmt: skip
     rows = [str(i) for i, used in enumerate(pattern.sum(axis=1)) if not used]
     why = ""
+    # The reasons in this order: from the most telling one to a test by numbers.
     if absent:
         why = f"no equation has {', '.join(absent)}"
     elif rows:
@@ -344,10 +365,62 @@ def _singular_everywhere(jacobian: ca.SX, symbols: ca.SX) -> bool:
     """Return whether the matrix is singular at each point at which it is finite."""
     function = ca.Function("jacobian", [symbols], [jacobian])
     places: Sequence[NDArray[np.float64]] = [
-        np.sqrt(root + np.arange(symbols.numel())) for root in _ROOTS
+        # Irrational and all different, so hardly a special point of the equations.
+        np.sqrt(root + np.arange(symbols.numel()))
+        for root in _ROOTS
     ]
     values = [np.array(function(place)) for place in places]
     finite = [value for value in values if np.isfinite(value).all()]
+    # One regular point is enough: some models are singular at special states.
     return bool(finite) and all(
         np.linalg.matrix_rank(value) < len(value) for value in finite
     )
+
+
+def solve_in_symbols(matrix: ca.SX, right: ca.SX) -> ca.SX:
+    """Return z of `matrix` z = `right`.
+
+    Args:
+        matrix: Shape (n, n), of full structural rank.
+        right: Shape (n, 1).
+
+    Returns:
+        Shape (n, 1); NaN or infinite if the matrix is singular.
+    """
+    _, rows, columns, block_rows, _, _, _ = matrix.sparsity().btf()
+    found: dict[int, ca.SX] = {}
+    for first, end in itertools.pairwise(block_rows):
+        own = columns[first:end]
+        left = []
+        for row in rows[first:end]:
+            entries = (matrix[row, column] * z for column, z in found.items()
+                       if matrix.sparsity().has_nz(row, column))  # fmt: skip
+            left.append(right[row] - sum(entries, ca.SX(0)))
+        block = ca.densify(matrix[rows[first:end], own])
+        found.update(zip(own, _solved_block(block, left), strict=True))
+    return ca.vertcat(*[found[k] for k in range(len(found))])
+
+
+def _solved_block(block: ca.SX, right: list[ca.SX]) -> list[ca.SX]:
+    """Return the solution of equations with a dense matrix."""
+    # A division alone; Gram-Schmidt would square the number.
+    if len(right) == 1:
+        return [right[0] / block[0, 0]]
+    left = [*ca.horzsplit(block), ca.vertcat(*right)]
+    factors = []
+    for j in range(len(right)):
+        q = left[j]
+        length = ca.sumsqr(q)
+        row = {k: ca.dot(q, left[k]) / length for k in range(j + 1, len(left))}
+        # Also the last column, b, which makes the method accurate (see the head).
+        for k, factor in row.items():
+            left[k] -= factor * q
+        factors.append(row)
+    solution: list[ca.SX] = []  # from the last on
+    for j in reversed(range(len(right))):
+        known = zip(reversed(range(j + 1, len(right))), solution, strict=True)
+        solution.append(
+            factors[j][len(right)]
+            - sum((factors[j][k] * z for k, z in known), ca.SX(0))
+        )
+    return solution[::-1]

@@ -17,7 +17,12 @@ ends of every interval with the control of that interval.
 A scale that is not given is found from the problem (scaling.py), so that the result
 does not depend on the units of a constraint.
 
-Distances are in separation.py.
+A bound that depends on parameters, signals or time becomes a path constraint,
+
+    lower(p, s, t) <= x   ->   x - lower >= 0,        x <= upper   ->   x - upper <= 0,
+
+while a bound that is a number stays a bound. Distances, and the forms in which users
+write constraints, are in separation.py.
 """
 
 from __future__ import annotations
@@ -32,12 +37,19 @@ import numpy as np
 
 from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import InvalidProblemError
-from swarmstart.ocp.common.expressions import as_column, as_symbolic_column
+from swarmstart.ocp.common.expressions import (
+    as_column,
+    as_symbolic_column,
+    require_known,
+)
 from swarmstart.ocp.common.limits import Limit, limits_of, require_choice, scales_given
 
 Measure = Literal["excess", "indicator"]
 MovingLimit = Limit | ca.SX | Sequence[float | ca.SX]
 """Numbers, or expressions of parameters, signals and time."""
+MOVING = "moving bounds of the "
+"""Name of the path constraint of moving bounds, followed by "controls" or "states"."""
+Limits = tuple[Limit, Limit]
 
 
 class Rows(NamedTuple):
@@ -138,7 +150,7 @@ class _Limited:
 
     def excess(self, start: ca.SX, end: ca.SX) -> ca.SX:
         """Return the excess of each row at the check's end."""
-        return row_excess(self.rows(end))
+        return row_excess(self.rows(end))  # Its start is the end of the check before.
 
     def indicated(self, excess: ca.SX) -> ca.SX:
         """Return 1 for each row beyond its limits."""
@@ -261,9 +273,6 @@ def row_excess(rows: Rows) -> ca.SX:
     return ca.vertcat(ca.SX(0, 1), *over)
 
 
-_RELATIONS = (ca.OP_LE, ca.OP_LT, ca.OP_EQ)
-
-
 def limited(role: str, constraint: object) -> tuple[ca.SX, Array, Array] | None:
     """Return (expression, lower, upper) of a relation or an expression alone.
 
@@ -295,6 +304,55 @@ def limited(role: str, constraint: object) -> tuple[ca.SX, Array, Array] | None:
     return ca.vertcat(*expressions), np.array(lower), np.array(upper)
 
 
+def fixed_and_moving(
+    role: str,
+    limits: tuple[MovingLimit, MovingLimit] | None,
+    symbols: ca.SX,
+    known: dict[str, ca.SX],
+) -> tuple[Limits, list[PathConstraint]]:
+    """Split bounds into numbers and a path constraint for the others, if any.
+
+    Args:
+        role: "controls" or "states".
+        limits: (lower, upper), each a number, an expression, or one of these for each
+            symbol; None: no bounds.
+        symbols: The bounded symbols, shape (n, 1).
+        known: Columns of symbols that bounds may depend on, by their names in messages.
+
+    Raises:
+        InvalidProblemError: If a bound depends on other symbols, or their number is not
+            that of the bounded symbols.
+    """
+    if limits is None:
+        return (-np.inf, np.inf), []
+    if not isinstance(limits, tuple | list) or not any(map(_is_moving, limits)):
+        return limits, []  # type: ignore[return-value] # Checked as numbers.
+    numbers, rows, sides = [], [], []
+    for given, none, side in zip(limits, (-np.inf, np.inf), (1, -1), strict=True):
+        column = _column(role, given, int(symbols.numel()))
+        require_known(f"bounds of the {role}", column, known)
+        fixed = np.full(column.numel(), none)
+        for i in range(column.numel()):
+            if column[i].is_constant():
+                fixed[i] = float(column[i])
+            else:
+                # The limit is 0 and so constant, as a path constraint requires.
+                rows.append(symbols[i] - column[i])
+                sides.append(side)
+        numbers.append(fixed)
+    upward = np.array(sides) > 0
+    constraint = PathConstraint(
+        expression=ca.vertcat(*rows),
+        lower=np.where(upward, 0.0, -np.inf),
+        upper=np.where(upward, np.inf, 0.0),
+        name=f"{MOVING}{role}",
+    )
+    return (numbers[0], numbers[1]), [constraint]
+
+
+_RELATIONS = (ca.OP_LE, ca.OP_LT, ca.OP_EQ)  # CasADi writes a >= b as b <= a.
+
+
 def _sides(relation: ca.SX) -> tuple[ca.SX, float, float]:
     """Return (expression, lower, upper) of a scalar relation a <= b or a = b."""
     left, right = relation.dep(0), relation.dep(1)
@@ -302,7 +360,7 @@ def _sides(relation: ca.SX) -> tuple[ca.SX, float, float]:
     if right.is_constant():
         limit = float(right)
         return left, limit if equal else -np.inf, limit
-    if left.is_constant():
+    if left.is_constant():  # x >= 1 is stored as 1 <= x.
         limit = float(left)
         return right, limit, limit if equal else np.inf
     return left - right, 0.0 if equal else -np.inf, 0.0
@@ -341,5 +399,24 @@ def _set_weights(constraint: PathConstraint) -> None:
                 raise InvalidProblemError(
                     f"{role} must be at least 0 and finite, got {column[i]}"
                 )
+        # Without rows the column may be empty, too: no division by 0.
         column = ca.repmat(column, size // column.numel() if size else 1, 1)
         object.__setattr__(constraint, role, column)
+
+
+def _is_moving(limit: object) -> bool:
+    """Return whether a limit is or contains an expression."""
+    if isinstance(limit, ca.SX):
+        return True
+    several = limit if isinstance(limit, tuple | list) else ()
+    return any(isinstance(one, ca.SX) for one in several)
+
+
+def _column(role: str, given: object, size: int) -> ca.SX:
+    """Return limits as a column of a given size."""
+    column = as_column(f"bounds of the {role}", given)  # type: ignore[arg-type]
+    if column.numel() not in (1, size):
+        raise InvalidProblemError(
+            f"bounds of the {role} must be one or {size} of them, got {column.numel()}"
+        )
+    return ca.vertcat(*[column] * (size // column.numel()))

@@ -103,7 +103,7 @@ def equations_of(system: object) -> Equations:
         time=t if is_timed else ca.SX(0, 1),
         change=change,
         outputs={name: y[i] for i, name in enumerate(found.output_labels)},
-        dt=found.dt or None,
+        dt=found.dt or None,  # 0 of a continuous system.
     )
 
 
@@ -188,7 +188,7 @@ def _realised(system: control.TransferFunction) -> control.StateSpace:
             f"{len(parts)} channels, which may be more than it needs; a StateSpace "
             "has the states that you choose",
             NonMinimalWarning,
-            stacklevel=5,
+            stacklevel=5,  # The user's call of Model.from_system.
         )
     return control.StateSpace(
         A, B, C, D, system.dt, name=system.name, states=states or None,
@@ -232,7 +232,7 @@ def _called(
             ca.vertcat(ca.SX(0, 1), *np.asarray(values, dtype=object).ravel())
             for values in found
         ]
-    except Exception as error:
+    except Exception as error:  # A user's function may raise anything.
         raise _not_symbolic(system, _place_of(error)) from error
     for (role, size), column in zip(rows.items(), columns, strict=True):
         if column.numel() != size:

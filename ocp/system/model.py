@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike
 
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.common.expressions import (
+    SymbolMap,
     as_column,
     require_known,
     require_symbols,
@@ -30,7 +31,6 @@ from swarmstart.ocp.common.expressions import (
     symbol_names,
 )
 from swarmstart.ocp.common.limits import numbers_of, require_seconds
-from swarmstart.ocp.common.symbol_map import SymbolMap
 from swarmstart.ocp.system.algebraic import (
     AlgebraicEquations,
     Elimination,
@@ -127,7 +127,7 @@ class Model:
 
     def __post_init__(self) -> None:
         """Check the symbols against each other and fill in the names."""
-        self._bring_symbols_to_sx()
+        self._bring_symbols_to_sx()  # First: all that follows expects SX.
         for role in _COLUMNS:
             require_symbols(role, getattr(self, role))
         if not self.nx:
@@ -137,6 +137,7 @@ class Model:
                 f"time must be one symbol, got {self.time.numel()}"
             )
         if self.algebraic is not None:
+            # Before the other equations, in which z is replaced by its solution.
             elimination = eliminate(self.algebraic, self.symbols())
             object.__setattr__(self, "elimination", elimination)
         given = {role: self._rows(role) for role in CHANGES}
@@ -167,6 +168,7 @@ class Model:
             require_algebraic(self.algebraic)
             columns["algebraic symbols"] = self.algebraic.symbols
         symbol_map, columns = self.symbol_map.extended(columns)
+        # No field of the model: only the map had to know these symbols.
         columns.pop("algebraic symbols", None)
         for name, value in {**columns, "symbol_map": symbol_map}.items():
             object.__setattr__(self, name, value)
@@ -222,6 +224,7 @@ class Model:
                     f"{role} must be one expression, got {rows.numel()} rows"
                 )
             require_known(role, rows, self.symbols())
+            # A state or a control may be an output under its own name.
             if name in named and not ca.is_equal(rows, named[name], 1):
                 raise InvalidProblemError(
                     f"{role} has the name of a state or a control and another value: "
@@ -248,6 +251,7 @@ class Model:
         Raises:
             InvalidProblemError: If the model is sampled with another time.
         """
+        # Rounding only: the length is a horizon divided by a number of intervals.
         if self.dt is not None and not np.isclose(dt, self.dt, rtol=1e-9, atol=0.0):
             raise InvalidProblemError(
                 f"the model is sampled with dt = {self.dt:g} s, the intervals are "
@@ -356,6 +360,7 @@ class Model:
                 )
             point.append(numbers)
         if self.time.numel():
+            # Signals, then the time, as in `varying`.
             point[3] = np.append(point[3], time)
         change = jump_of(self) if self.is_discrete else rate_of(self)
         outputs = outputs_of(self) if self.outputs else _states_of(self)
@@ -367,6 +372,7 @@ class Model:
                 self.control_names,
                 self.output_names or self.state_names,
             ),
+            # python-control's True: sampled, with a time that is not given.
             (self.dt or True) if self.is_discrete else 0,
         )
 
@@ -444,6 +450,7 @@ class Model:
     @property
     def is_discrete(self) -> bool:
         """True if nothing changes within a control interval: a discrete-time model."""
+        # An ode that is left out is zero, and so is one that was written as zero.
         return self.jumps and bool(self.ode.is_zero())
 
     def __repr__(self) -> str:

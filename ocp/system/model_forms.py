@@ -1,7 +1,7 @@
 """Forms in which users give right-hand sides, converted to one SX column.
 
     an SX expression, or a list of its rows       as it is
-    MX expressions in MX symbols                  expanded, see symbol_map.py
+    MX expressions in MX symbols                  expanded, see expressions.py
     a casadi.Function of (x, u), (x, u, p), ...   called with the model's symbols
     a Python function of the same arguments       called once with the model's symbols
 
@@ -20,8 +20,11 @@ import casadi as ca
 import numpy as np
 
 from swarmstart.ocp.common.errors import InvalidProblemError
-from swarmstart.ocp.common.expressions import as_column
-from swarmstart.ocp.common.symbol_map import SymbolMap, require_scalar_operations
+from swarmstart.ocp.common.expressions import (
+    SymbolMap,
+    as_column,
+    require_scalar_operations,
+)
 
 LETTERS = {
     "t": "time",
@@ -93,6 +96,7 @@ def symbolic_rows(
 
 def _column(role: str, given: object, symbol_map: SymbolMap) -> ca.SX:
     """Return an expression or a list of rows as an SX column."""
+    # NumPy functions return arrays of symbols, which CasADi does not accept.
     if isinstance(given, np.ndarray) and given.dtype == object:
         given = given.ravel().tolist()
     if isinstance(given, list | tuple):
@@ -128,13 +132,14 @@ def _rows_of_function(
         for k, argument in enumerate(arguments)
     ]
     try:
+        # The output with a known name, else the first one.
         result = function.call(shaped)[named[0] if len(named) == 1 else 0]
     except RuntimeError as error:
         raise InvalidProblemError(
             f"{place} must consist of scalar operations (CasADi's expand), found: "
             f"{' '.join(str(error).split())[-_LONGEST:]}"
         ) from error
-    require_scalar_operations(place.rstrip(","), result)
+    require_scalar_operations(place.rstrip(","), result)  # The comma is for sentences.
     return _of_states(place, as_column(place, result), symbols)
 
 
@@ -163,7 +168,7 @@ def _rows_of_callable(
     ]
     try:
         returned = function(*positional, **keywords)
-    except Exception as error:
+    except Exception as error:  # A user's function may raise anything.
         raise InvalidProblemError(
             f"{place} raised {type(error).__name__}: "
             f"{' '.join(str(error).split())[:_LONGEST]}; it is called once with CasADi "
@@ -217,6 +222,7 @@ def _require_letters(signature: str) -> None:
 def _letters_by_name(names: Sequence[str]) -> str:
     """Return the letters of arguments by their names; empty if a name is unknown."""
     letters = "".join(_BY_NAME.get(name, "") for name in names)
+    # An unknown or a repeated name leaves fewer letters than names.
     return letters if len(set(letters)) == len(names) else ""
 
 
@@ -245,6 +251,7 @@ def _letters_by_size(
         and _agree(order, names)
     }
     usual = {letters for letters in fitting if letters in _ORDERS[len(names)]}
+    # Another order that fits as well is no reason to guess.
     if len(fitting) != 1 or not usual:
         raise _unclear(place, [f"{n} ({s})" for n, s in zip(names, sizes, strict=True)])
     return fitting.pop()
@@ -308,5 +315,8 @@ def _parameters(
     if not taken:
         raise _unclear(place, [str(p) for p in parameters])
     return [p.name for p in taken], tuple(
-        p.name for p in taken if p.kind is p.KEYWORD_ONLY or (p.default is not p.empty)
+        # By keyword: an argument with a default before it may have been left out.
+        p.name
+        for p in taken
+        if p.kind is p.KEYWORD_ONLY or (p.default is not p.empty)
     )

@@ -1,4 +1,4 @@
-"""Distances to keep: separation from obstacles, connection to other agents.
+"""Distances to keep, and all other forms in which users write constraints.
 
 Separation demands |r| >= d for a relative position r. With "points", r is evaluated at
 the end of each check. With "segments", it is evaluated at the nearest point of the
@@ -10,6 +10,12 @@ samples is detected:
 Connection demands |r| <= d. On a segment |r| is largest at one of its ends, so points
 are sufficient.
 
+Other constraints are converted from
+
+    x[0] <= 1        a relation
+    x[0] - 1         an expression alone, which must be zero
+    (x[0], 1)        at the end only: an expression and its value
+
 Source: the chapter's (5.15), (5.16) for `measure="indicator"`, which counts 1 for each
 violated check instead of the amount, and (5.34); the segment is an addition.
 """
@@ -17,11 +23,12 @@ violated check instead of the amount, and (5.34); the segment is an addition.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal, get_args
+from typing import Literal, cast, get_args
 
 import casadi as ca
 import numpy as np
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.common.expressions import as_symbolic_column, shortened
 from swarmstart.ocp.common.limits import (
@@ -31,10 +38,16 @@ from swarmstart.ocp.common.limits import (
     scales_given,
     vector_of,
 )
-from swarmstart.ocp.system.constraints import Measure, Rows
+from swarmstart.ocp.system.constraints import (
+    Constraint,
+    Measure,
+    PathConstraint,
+    Rows,
+    TerminalConstraint,
+    limited,
+)
 
 Along = Literal["points", "segments"]
-
 # Squared length, relative to the squared distance, below which a segment is a point;
 # only avoids 0/0.
 _SHORTEST_SEGMENT = 1e-24
@@ -102,7 +115,7 @@ class Separation:
     def excess(self, start: ca.SX, end: ca.SX) -> ca.SX:
         """Return the distance by which r is too near [m]."""
         if self.along == "points":
-            nearest = end
+            nearest = end  # The start is the end of the check before.
         else:
             shortest = _SHORTEST_SEGMENT * self.distance**2
             nearest = nearest_on_segment(start, end, shortest=shortest)
@@ -148,6 +161,7 @@ class Connection:
         """Validate the distances."""
         object.__setattr__(self, "relative", _position(self.relative))
         require_distance("distance", self.distance, self.margin)
+        # `smooth` divides by it.
         require_distance("distance less margin", self.distance - self.margin)
         scale = self.distance if self.scale is None else self.scale
         object.__setattr__(self, "scale", scales_given("connection", scale, 1))
@@ -241,18 +255,6 @@ def disc(  # noqa: PLR0913 - the options of Separation
     )
 
 
-def _position(relative: ca.SX) -> ca.SX:
-    """Return a relative position as a column.
-
-    Raises:
-        InvalidProblemError: If it is not a vector, or is empty.
-    """
-    column = as_symbolic_column("relative", relative)
-    if not column.numel():
-        raise InvalidProblemError("relative must have at least one row, got none")
-    return column
-
-
 def nearest_on_segment(a: ca.SX, b: ca.SX, *, shortest: float) -> ca.SX:
     """Return the point of the segment from a to b that is nearest to the origin.
 
@@ -265,3 +267,84 @@ def nearest_on_segment(a: ca.SX, b: ca.SX, *, shortest: float) -> ca.SX:
     length = ca.fmax(ca.sumsqr(along), shortest)
     t = ca.fmin(ca.fmax(-ca.dot(a, along) / length, 0), 1)
     return a + t * along
+
+
+def known_scales(constraint: Constraint) -> Array:
+    """Return the scale of each row: as given, else the width of a range, else NaN."""
+    if constraint.scale is not None:
+        return np.asarray(constraint.scale, dtype=np.float64)
+    rows = constraint.rows(constraint.expression)
+    with np.errstate(invalid="ignore"):
+        width = rows.upper - rows.lower
+    return np.where(np.isfinite(width) & (width > 0), width, np.nan)
+
+
+def label(constraint: Constraint) -> str:
+    """Return the name of a constraint, or its shortened expression."""
+    return constraint.name or shortened(constraint.expression)
+
+
+def as_path(constraint: object) -> Constraint:
+    """Return a path constraint; convert a relation or an expression into one.
+
+    Raises:
+        InvalidProblemError: If the entry is in none of these forms.
+    """
+    if isinstance(constraint, TerminalConstraint):
+        raise InvalidProblemError(
+            "constraints must hold path constraints; a TerminalConstraint belongs in "
+            "the list `terminal`"
+        )
+    stated = limited("a path constraint", constraint)
+    if stated is not None:
+        expression, lower, upper = stated
+        name = shortened(constraint)
+        return PathConstraint(
+            expression=expression, lower=lower, upper=upper, name=name
+        )
+    # By its methods: users may write constraints of their own.
+    if not all(hasattr(constraint, n) for n in ("expression", "excess", "smooth")):
+        raise InvalidProblemError(
+            "constraints must hold PathConstraint, Separation, Connection, relations "
+            f"such as x[0] <= 1 or expressions, got {shortened(constraint)}"
+        )
+    return cast(Constraint, constraint)
+
+
+def as_terminal(constraint: object) -> TerminalConstraint:
+    """Return a terminal constraint, converted from another form if necessary.
+
+    Raises:
+        InvalidProblemError: If the entry is in none of these forms.
+    """
+    if isinstance(constraint, TerminalConstraint):
+        return constraint
+    if isinstance(constraint, PathConstraint | Separation | Connection):
+        raise InvalidProblemError(
+            "terminal must hold terminal constraints, got a "
+            f"{type(constraint).__name__}: use TerminalConstraint(expression=..., "
+            "lower=..., upper=...)"
+        )
+    stated = limited("a terminal constraint", constraint)
+    if stated is not None:
+        expression, lower, upper = stated
+        return TerminalConstraint(expression=expression, lower=lower, upper=upper)
+    if isinstance(constraint, tuple) and len(constraint) == 2:  # noqa: PLR2004
+        expression, value = constraint
+        return TerminalConstraint(expression=expression, lower=value, upper=value)
+    raise InvalidProblemError(
+        "terminal must hold TerminalConstraint, relations, expressions or pairs "
+        f"(expression, value), got {shortened(constraint)}"
+    )
+
+
+def _position(relative: ca.SX) -> ca.SX:
+    """Return a relative position as a column.
+
+    Raises:
+        InvalidProblemError: If it is not a vector, or is empty.
+    """
+    column = as_symbolic_column("relative", relative)
+    if not column.numel():
+        raise InvalidProblemError("relative must have at least one row, got none")
+    return column

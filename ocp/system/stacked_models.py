@@ -68,6 +68,7 @@ def _side_by_side(models: Sequence[Model]) -> dict[str, list[ca.SX]]:
     time = _one_time(models)
     for number, model in enumerate(models):
         copies = {
+            # New symbols: one model may occur several times.
             role: ca.SX.sym(f"{letter}{number}", getattr(model, role).numel())
             for role, letter in zip(_ROLES, "xups", strict=True)
         }
@@ -78,6 +79,7 @@ def _side_by_side(models: Sequence[Model]) -> dict[str, list[ca.SX]]:
         if jumping:
             copies["next_state"] = jump_of(model)(*arguments)
         for role, rows in copies.items():
+            # The empty SX keeps the columns SX if no model has this role.
             found.setdefault(role, [ca.SX(0, 1)]).append(rows)
     return found
 

@@ -1,5 +1,7 @@
 """Certificates: the evidence of a terminal set, as a file to be checked.
 
+The evidence for a level is a proof; that against one, a counterexample.
+
 The file is JSON with all that the statements need: the model as data (`tape.py`), the
 law, P, alpha, the margins. `python -m swarmstart.terminal_set.check FILE` proves it
 again, with another arithmetic and without code of this package. The digest detects
@@ -16,16 +18,100 @@ import casadi as ca
 import numpy as np
 
 from swarmstart.arrays import Array
-from swarmstart.terminal_set.certificates.evidence import Proof, Refutation
+from swarmstart.errors import SwarmstartError
 from swarmstart.terminal_set.interval_arithmetic.tape import tape_of
 from swarmstart.terminal_set.linear.arrays import finite_array
-from swarmstart.terminal_set.linear.level import level_from_inputs, level_from_states
-from swarmstart.terminal_set.linear.reference import Reference
+from swarmstart.terminal_set.linear.ellipsoid import (
+    Reference,
+    level_from_inputs,
+    level_from_states,
+)
 
 FORMAT = "swarmstart terminal set certificate"
 VERSION = 1
 BY_LIBRARY = "proven by the library"
 """Grounds of statements that the checker samples but does not prove again."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Proof:
+    """The outcome of a proof.
+
+    Attributes:
+        proven: Whether c < 0 everywhere in the ellipsoid except at its centre.
+        alpha: The level.
+        boxes: Number of boxes examined.
+        seconds: Wall time [s].
+        counterexample: A deviation at which c >= 0 or c is not a number, shape (nx,);
+            None if none was met.
+    """
+
+    proven: bool
+    alpha: float
+    boxes: int
+    seconds: float
+    counterexample: Array | None = None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Refutation:
+    """A deviation at which e'Pe does not decrease.
+
+    Attributes:
+        alpha: e'Pe there: no level at or above it can be proven.
+        e: The deviation, shape (nx,), read-only.
+        change: c(e) >= 0 there.
+    """
+
+    alpha: float
+    e: Array
+    change: float
+
+    def __post_init__(self) -> None:
+        """Copy and lock."""
+        object.__setattr__(self, "e", finite_array("e", self.e, (None,)))
+
+
+@dataclass(eq=False)
+class UnprovenSetError(SwarmstartError, ArithmeticError):
+    """No level of a design could be proven.
+
+    Attributes:
+        smallest: The smallest level that was tried.
+        refuted: The refuted level; None if none was refuted.
+        seconds: The allowed time [s].
+    """
+
+    smallest: float
+    refuted: float | None
+    seconds: float
+
+    def __str__(self) -> str:
+        """Return a message with the levels that were tried."""
+        refuted = "none" if self.refuted is None else f"{self.refuted:.6g}"
+        return (
+            f"no level could be proven within {self.seconds:g} s: the smallest tried "
+            f"was {self.smallest:.6g}, the refuted one is {refuted}"
+        )
+
+
+@dataclass(eq=False)
+class CoarseHoldError(UnprovenSetError):
+    """The integrator's error over a hold leaves too little of the decrease.
+
+    Attributes:
+        substeps: Number of Runge-Kutta steps in a hold.
+    """
+
+    substeps: int
+
+    def __str__(self) -> str:
+        """Return a message with a remedy."""
+        return (
+            f"{super().__str__()}; the error of {self.substeps} Runge-Kutta steps a "
+            "hold, or the bound that could be proven of it, leaves too little of the "
+            "decrease: more substeps may help, or a shorter hold"
+        )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -149,6 +235,7 @@ class Certificate:
         if self.held is not None:
             if not self.held.growth_is_proven:
                 found.append("its growth between samples, which is measured")
+            # V(flow) <= (sqrt(g) + c)^2 V, as in `certification.py`.
             c = self.held.integrator_error + self.drift
             growth = (self.held.growth**0.5 + c) ** 2
         inputs = level_from_inputs(self.K, self.P, self.reference.u_max)
@@ -196,18 +283,14 @@ def sealed(certificate: Certificate) -> Certificate:
     """Return a certificate with a digest of its numbers, by which changes are noticed.
 
     It protects against mistakes only: any program can compute a seal.
-
-    Args:
-        certificate: The proven facts.
     """
     return replace(certificate, seal=seal_of(certificate))
 
 
 def seal_of(certificate: Certificate) -> str:
-    """Return the digest of the statements of a certificate.
+    """Return the digest of a certificate's statements.
 
-    Args:
-        certificate: The certificate; its design, weights and seal are left out.
+    Its design, weights and seal are left out.
     """
     reference, held = certificate.reference, certificate.held
     numbers = [
@@ -219,6 +302,7 @@ def seal_of(certificate: Certificate) -> str:
         certificate.proof.proven, certificate.proof.alpha, held,
         certificate.dynamics.serialize(), [entry.tolist() for entry in numbers],
     ]  # fmt: skip
+    # repr writes floats to the last bit.
     return hashlib.sha256(repr(stated).encode()).hexdigest()
 
 
@@ -262,6 +346,7 @@ def digest(content: dict[str, object]) -> str:
         content: The file's content; "sha256" is left out.
     """
     rest = {key: value for key, value in content.items() if key != "sha256"}
+    # As the checker computes it, which has its own code for that.
     text = json.dumps(rest, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()
 

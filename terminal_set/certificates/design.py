@@ -40,18 +40,19 @@ from swarmstart.terminal_set.linear.arrays import (
     columns_of,
     finite_array,
 )
-from swarmstart.terminal_set.linear.ellipsoid import Ellipsoid
-from swarmstart.terminal_set.linear.level import (
+from swarmstart.terminal_set.linear.ellipsoid import (
+    Ellipsoid,
+    Reference,
     level_from_inputs,
     level_from_states,
 )
 from swarmstart.terminal_set.linear.linearisation import hold, linearise
-from swarmstart.terminal_set.linear.lqr import continuous_lqr, sampled_lqr
-from swarmstart.terminal_set.linear.lyapunov import (
+from swarmstart.terminal_set.linear.matrix_equations import (
+    continuous_lqr,
     continuous_lyapunov,
+    sampled_lqr,
     sampled_lyapunov,
 )
-from swarmstart.terminal_set.linear.reference import Reference
 from swarmstart.terminal_set.linear.stability import CONTINUOUS, SAMPLED, growth
 
 if TYPE_CHECKING:
@@ -234,8 +235,9 @@ class TerminalSet:
             >>> control.feedback(cart, law, sign=1).poles().real.tolist()
             [-1.0, -1.0]
         """
-        import control
+        import control  # Takes about a second.
 
+        # Its time step 0 means continuous.
         return control.StateSpace(
             [], [], [], -self.K, 0 if self.dt is None else self.dt,
             inputs=list(states) or None, outputs=list(controls) or None,
@@ -299,6 +301,7 @@ def sampled_terminal_set(
         raise InvalidReserveError(kappa, lost)
     if kappa:
         Q_star = np.asarray(Q) + K.T @ np.asarray(R) @ K
+        # G'PG - P = -Q* with G = F / sqrt(1 - kappa).
         P = sampled_lyapunov(F / np.sqrt(1 - kappa), Q_star)
     return _set_up_to_bounds(K, P, reference, dt)
 

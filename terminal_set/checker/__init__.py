@@ -8,14 +8,12 @@ from swarmstart.terminal_set.checker.command import (
     checked,
     parsed,
 )
-from swarmstart.terminal_set.checker.deadline import (
-    Deadline,
-)
 from swarmstart.terminal_set.checker.file_content import (
     read_content,
     unusable,
 )
 from swarmstart.terminal_set.checker.findings import (
+    Deadline,
     Finding,
     Verdict,
 )

@@ -1,7 +1,8 @@
 """Reader of certificate files, which validates every entry.
 
-Every entry is a number, a list or one of a few known words. Nothing is executed, and
-text that could claim more than is proven (`statements.py`) is refused.
+Every entry is a number, a list or one of a few known words; nothing is executed. The
+statements must be in the only accepted words, of which the checker judges exactly
+these. Free text labelled "proven" would look as if it had been checked.
 """
 
 from __future__ import annotations
@@ -16,7 +17,6 @@ from swarmstart.terminal_set.checker.file_content import (
     read_content,
     unusable,
 )
-from swarmstart.terminal_set.checker.statements import TAKEN, expected_statements
 
 LONGEST_TAPE = 100_000  # instructions; larger files are not worth minutes of parsing
 MOST_SUBSTEPS = 10_000
@@ -32,6 +32,9 @@ Vector = tuple[float, ...]
 Matrix = tuple[Vector, ...]
 Instruction = tuple[str, tuple[int, ...], float]
 T = TypeVar("T")
+
+_PROVEN, _CLOSED_FORM, _MEASURED = "proven", "closed form", "measured"
+TAKEN = "proven by the library"  # Not proven again: the checker only samples it.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -108,9 +111,6 @@ class Certificate:
 
 def read_certificate(path: Path) -> Certificate:
     """Read a certificate, compare its digest and validate its entries.
-
-    Args:
-        path: The file.
 
     Returns:
         The statements of the certificate.
@@ -205,6 +205,7 @@ def _instruction(value: object, *, number: int, nx: int, nu: int) -> Instruction
     _list(parts, where, counts[operation] + 1)
     if operation == "const":
         return operation, (), _number(parts[1], f"{where}[1]")
+    # Operands are results of earlier instructions, so that there is no loop.
     most = {"x": nx, "u": nu}.get(operation, number) - 1
     if most < 0:
         raise unusable(where, "an operation on an earlier instruction", operation)
@@ -309,7 +310,7 @@ def _margins(value: object, *, held: bool) -> _Margins:
 
 def _integrator(value: object, where: str) -> tuple[float, bool]:
     grounds = value.get("grounds") if isinstance(value, dict) else None
-    taken = grounds == TAKEN
+    taken = grounds == TAKEN  # The keys depend on the grounds, so these come first.
     count = "boxes" if taken else "samples"
     margin = _mapping(value, where, {"relative_error", "grounds", count})
     _one_of(margin["grounds"], f"{where}.grounds", (TAKEN, "measured"))
@@ -367,3 +368,43 @@ def _check_statements(value: object, *, certificate: Certificate) -> None:
         if grounds != left.pop(text):
             expected = f'"{known[text]}" with the margins stated'
             raise unusable(f"{where}.grounds", expected, grounds)
+
+
+def expected_statements(
+    *, held: bool, integrator_proven: bool, growth_proven: bool
+) -> dict[str, str]:
+    """Return the statements of a certificate, with their grounds.
+
+    Args:
+        held: Whether inputs are held.
+        integrator_proven: Whether the integrator's error is labelled proven by the
+            library.
+        growth_proven: Whether the growth between samples is labelled proven.
+
+    Returns:
+        Statement -> grounds.
+    """
+    falls = "e'Pe falls by more than e'Q_m e"
+    outside = " outside the stated core, which is not left"
+    inputs = "the inputs stay within their bounds on the set"
+    states = "the states stay within their bounds on the set"
+    if not held:
+        return {
+            inputs: _CLOSED_FORM,
+            states: _CLOSED_FORM,
+            f"{falls} a second{outside}": _PROVEN,
+        }
+    return {
+        inputs: _CLOSED_FORM,
+        f"{states}, between samples too": (
+            TAKEN if integrator_proven and growth_proven else _MEASURED
+        ),
+        f"{falls} a hold{outside}, for the Runge-Kutta map and any motion that "
+        "differs from it by the stated error": _PROVEN,
+        "the integrator's error is at most the stated one": (
+            TAKEN if integrator_proven else _MEASURED
+        ),
+        "e'Pe stays below the stated growth between samples": (
+            _PROVEN if growth_proven else _MEASURED
+        ),
+    }

@@ -1,22 +1,25 @@
-"""The command that checks a certificate: its options, its lines, its exit codes."""
+"""The command that checks a certificate: its options, its lines, its exit codes.
+
+All text from files is escaped before it is printed.
+"""
 
 from __future__ import annotations
 
 import argparse
 import contextlib
+import errno
 import math
 import os
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import NoReturn, TypeVar
+from typing import NoReturn, TextIO, TypeVar
 
 from swarmstart.terminal_set.checker.file_content import (
     CertificateFileError,
     DigestError,
 )
 from swarmstart.terminal_set.checker.findings import Finding, Verdict
-from swarmstart.terminal_set.checker.output import write_line
 
 PROVED, UNUSABLE, REFUSED, UNDECIDED, UNREADABLE, INTERRUPTED = 0, 2, 3, 4, 5, 130
 
@@ -134,3 +137,22 @@ class _Parser(argparse.ArgumentParser):
         self.print_usage(sys.stderr)
         complain(f"{self.prog}: error: {message}")
         raise SystemExit(UNUSABLE)
+
+
+def write_line(stream: TextIO | None, text: str) -> None:
+    """Write a line; escape characters that the stream cannot print.
+
+    Args:
+        stream: The stream; None if it was closed before the process began.
+        text: The line without its end.
+
+    Raises:
+        OSError: If it cannot be written.
+    """
+    if stream is None:
+        raise OSError(errno.EBADF, "the stream is closed")
+    # A control character in a file could change what the terminal shows.
+    shown = "".join(char if char.isprintable() else ascii(char)[1:-1] for char in text)
+    encoding = stream.encoding or "ascii"
+    stream.write(shown.encode(encoding, "backslashreplace").decode(encoding) + "\n")
+    stream.flush()

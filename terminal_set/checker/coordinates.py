@@ -80,6 +80,7 @@ def root_of_inverse(matrix: arb_mat) -> Floats:
     factor = [[0.0] * n for _ in range(n)]
     for j in range(n):
         rest = a[j][j] - sum(factor[j][k] ** 2 for k in range(j))
+        # Shown positive in balls; in floats it may round to 0 or below.
         factor[j][j] = math.sqrt(max(rest, 5e-324))
         for i in range(j + 1, n):
             done = sum(factor[i][k] * factor[j][k] for k in range(j))
@@ -116,6 +117,7 @@ def rotation(matrix: Floats) -> Floats:
     vectors = [[float(i == j) for j in range(n)] for i in range(n)]
     for _ in range(_SWEEPS):
         rest = sum(a[i][j] ** 2 for i in range(n) for j in range(n) if i != j)
+        # Squares: the entries beside the diagonal are below rounding.
         if rest <= 1e-34 * sum(a[i][j] ** 2 for i in range(n) for j in range(n)):
             break
         for i in range(n):

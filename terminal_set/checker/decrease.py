@@ -31,7 +31,7 @@ from swarmstart.terminal_set.checker.coordinates import (
     hull,
     scaled_by,
 )
-from swarmstart.terminal_set.checker.deadline import Deadline, TimeIsUpError
+from swarmstart.terminal_set.checker.findings import Deadline, TimeIsUpError
 from swarmstart.terminal_set.checker.jets import (
     RAY,
     RAY_AND_TIME,
@@ -187,9 +187,6 @@ class Search:
 
     def judge(self, box: Box) -> list[Box] | Outcome:
         """Return the undecided parts of a box.
-
-        Args:
-            box: Intervals of time, rho and w.
 
         Returns:
             An empty list if it is proven; its parts; or an outcome that ends the

@@ -13,15 +13,16 @@ from collections.abc import Callable, Iterator, Sequence
 from flint import arb
 
 from swarmstart.terminal_set.checker.certificate_file import Certificate, Vector
-from swarmstart.terminal_set.checker.closed_form import ROUNDING
 from swarmstart.terminal_set.checker.coordinates import (
     Floats,
     root_of_inverse,
     symmetric,
 )
-from swarmstart.terminal_set.checker.deadline import Deadline
-from swarmstart.terminal_set.checker.ellipsoid_statements import PointwiseChange
-from swarmstart.terminal_set.checker.findings import Finding, Verdict
+from swarmstart.terminal_set.checker.ellipsoid_statements import (
+    ROUNDING,
+    PointwiseChange,
+)
+from swarmstart.terminal_set.checker.findings import Deadline, Finding, Verdict
 from swarmstart.terminal_set.checker.motion import Program
 
 SAMPLES = 200

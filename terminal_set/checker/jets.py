@@ -147,6 +147,7 @@ class Jet:
             left, right = self.coefficients[i], self.coefficients[j]
             if left is not None and right is not None:
                 half = second() / 2 if half is None else half
+                # Narrower than the product of a ball and itself.
                 term = square(left) if i == j else left * right
                 result[k] = _plus(result[k], half * term)
         return Jet(self.algebra, result)
@@ -226,6 +227,7 @@ def _larger(a: Jet, b: Jet) -> Jet:
         return b
     result: list[arb | None] = [a.value.max(b.value)]
     for k in range(1, a.algebra.monomials + 1):
+        # Of first derivatives alone, one between both sides is right: see `_absolute`.
         smooth = not a.algebra.pairs
         result.append(a.slope(k).union(b.slope(k)) if smooth else arb("nan"))
     return Jet(a.algebra, result)

@@ -4,9 +4,8 @@ An interval [lo, hi] stands for every number in it. A function of boxes returns 
 interval that holds the function's value at every point of the box, rounding included.
 
 `interval_function` turns a CasADi function into a program of registers, which one
-compiled kernel interprets for all boxes (`interval_kernel.py`; the interval forms of
-the functions are in `interval_functions.py`). Compiling the code of each function would
-take longer than a proof.
+compiled kernel interprets for all boxes (`interval_kernel.py`). Compiling the code of
+each function would take longer than a proof.
 
 The derivatives of fabs, fmin and fmax have the operations sign and <=, which jump. They
 are accepted only on request: their interval is the hull of both sides if the side is
@@ -145,10 +144,6 @@ def expanded_tape(function: ca.Function) -> Tape:
 def require_no_jumps(tape: Tape, name: str) -> None:
     """Validate that a function does not jump.
 
-    Args:
-        tape: Its tape.
-        name: Its name.
-
     Raises:
         UnknownIntervalOperationError: If an operation jumps.
     """
@@ -258,6 +253,7 @@ def _program(tape: Tape) -> _Program:
         elif node.operation == "input":
             inputs.append((register[number], node.arguments[1]))
         else:
+            # Of an operation with one argument, both registers are the same.
             used = [register[a] for a in node.arguments]
             rows.append((CODES[node.operation], register[number], used[0], used[-1]))
             free += [register[a] for a in last.get(number, ())]

@@ -110,7 +110,7 @@ class Kinks:
             return nothing, nothing
         low, high = self._arguments(lower, upper)
         has_zero: Mask = (low <= 0) & (high >= 0)
-        number = self._kinks
+        number = self._kinks  # After these come y and x of each atan2, in turn.
         is_left: Mask = low[number + 1 :: 2] <= 0
         kinks, cuts = has_zero[:number], has_zero[number::2] & is_left
         return np.asarray(kinks.any(axis=0)), np.asarray(cuts.any(axis=0))

@@ -154,7 +154,7 @@ def bound_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> A
         NotFiniteError: If the value holds NaN or no real numbers.
         InvalidShapeError: If the shape differs.
     """
-    try:
+    try:  # Complex numbers and texts are refused, not converted.
         array = np.asarray(value).astype(np.float64, casting="same_kind")
     except (TypeError, ValueError) as error:
         raise NotFiniteError(name) from error
@@ -271,9 +271,10 @@ def _symmetric(
     matrix = square_matrix(name, value, size)
     asymmetry = float(np.linalg.norm(matrix - matrix.T))
     norm = float(np.linalg.norm(matrix))
-    if asymmetry > SYMMETRY_TOLERANCE * norm:
+    if asymmetry > SYMMETRY_TOLERANCE * norm:  # The norm may be 0.
         raise AsymmetricMatrixError(name, asymmetry / norm)
     matrix = read_only((matrix + matrix.T) / 2)
     eigenvalues = np.linalg.eigvalsh(matrix)
+    # A bound of the error of the computed eigenvalues.
     rounding = float(np.finfo(np.float64).eps * len(matrix) * np.abs(eigenvalues).max())
     return matrix, float(eigenvalues[0]), rounding

@@ -103,7 +103,7 @@ def hold(A: ArrayLike, B: ArrayLike, dt: float) -> tuple[Array, Array]:
         InvalidShapeError: If A is not square or B has another number of rows.
     """
     block, nx = _block(A, B, dt)
-    exponential = scipy.linalg.expm(block)[:nx]
+    exponential = scipy.linalg.expm(block)[:nx]  # The rows below are (0, I).
     return read_only(exponential[:, :nx].copy()), read_only(exponential[:, nx:].copy())
 
 
@@ -131,7 +131,8 @@ def runge_kutta_hold(
     block, nx = _block(A, B, dt / substeps)
     one = np.eye(len(block))
     series = one
-    with np.errstate(over="ignore", invalid="ignore"):
+    with np.errstate(over="ignore", invalid="ignore"):  # An overflow is refused below.
+        # Horner's form of I + M + M^2/2! + M^3/3! + M^4/4!.
         for order in (4, 3, 2, 1):
             series = one + block @ series / order
         whole = np.linalg.matrix_power(series, substeps)[:nx]

@@ -194,6 +194,7 @@ def require_weighted(A: Array, Q: Array, domain: TimeDomain) -> None:
     """
     eigenvalues = _eigenvalues(A)
     distance = np.abs(domain.growth(eigenvalues) - domain.boundary)
+    # The margin of `limit`, on both sides of the boundary.
     marginal = eigenvalues[distance <= domain.boundary - domain.limit]
     modes, directions = _deficient_modes(A.T, Q, marginal)
     if modes.size:
@@ -208,6 +209,7 @@ def _deficient_modes(
     Only the directions of B's columns count, so each is scaled to the size of A:
     whether a mode can be reached must not depend on the unit of an input.
     """
+    # A column of zeros, or A = 0, is left as it is.
     lengths = np.linalg.norm(B, axis=0)
     columns = B / np.where(lengths > 0, lengths, 1.0) * (np.linalg.norm(A) or 1.0)
     modes: list[complex] = []
@@ -244,5 +246,6 @@ def _listed(modes: ComplexArray, directions: ComplexArray) -> str:
 
 def _number(value: complex) -> str:
     """Write a complex number to three decimals, as a real number if it is real."""
+    # To add 0 turns -0 into 0.
     value = complex(round(value.real, 3) + 0.0, round(value.imag, 3) + 0.0)
     return f"{value:.3g}" if value.imag else f"{value.real:.3g}"

@@ -29,6 +29,7 @@ from swarmstart.arrays import Array
 from swarmstart.terminal_set.certificates.certificate import (
     Certificate,
     HeldMargins,
+    UnprovenSetError,
     Weights,
     sealed,
 )
@@ -38,33 +39,37 @@ from swarmstart.terminal_set.certificates.design import (
     continuous_terminal_set,
     sampled_terminal_set,
 )
-from swarmstart.terminal_set.certificates.evidence import UnprovenSetError
 from swarmstart.terminal_set.interval_arithmetic.smoothness import require_smooth
 from swarmstart.terminal_set.linear.arrays import (
     NotPositiveError,
     positive_semidefinite,
 )
-from swarmstart.terminal_set.linear.level import level_from_inputs, level_from_states
+from swarmstart.terminal_set.linear.ellipsoid import (
+    Reference,
+    level_from_inputs,
+    level_from_states,
+)
 from swarmstart.terminal_set.linear.linearisation import linearise
-from swarmstart.terminal_set.linear.reference import Reference
 from swarmstart.terminal_set.proving.decrease import (
     Change,
     continuous_change,
     held_change,
 )
-from swarmstart.terminal_set.proving.drift import Drift, ReferenceMotion, bearable_drift
-from swarmstart.terminal_set.proving.held_motion import HeldMotion
+from swarmstart.terminal_set.proving.drift import (
+    Drift,
+    ReferenceMotion,
+    bearable_drift,
+    require_enough_substeps,
+    require_stable_hold,
+)
 from swarmstart.terminal_set.proving.hold_margins import (
+    HeldMotion,
     HoldBounds,
     ProvableHold,
     provable_hold,
     with_proven_growth,
 )
 from swarmstart.terminal_set.proving.level_search import proven_level
-from swarmstart.terminal_set.proving.prerequisites import (
-    require_enough_substeps,
-    require_stable_hold,
-)
 
 ROUNDING = 1e-12
 """Relative rounding of a bound's level, apart from that by the condition of P."""
@@ -105,6 +110,7 @@ class ProofOptions:
 
     def __post_init__(self) -> None:
         """Check the ranges."""
+        # Takes an integer of NumPy, but no 1.0.
         object.__setattr__(self, "substeps", operator.index(self.substeps))
         if self.substeps < 1:
             raise NotPositiveError("substeps", self.substeps)
@@ -292,6 +298,7 @@ def _asked_of_moving_input(
     top = min(bounds)
     change = continuous_change(dynamics, design, Q_m=Q_m)
     drift = bearable_drift(motion, motion.bound, change, top)
+    # 2 a V(e) in place of the drift, as in `drift.py`.
     change = replace(change, Q_m=Q_m + 2 * drift.relative * design.P)
     return _Asked(change, top, drift, None)
 

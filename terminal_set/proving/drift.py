@@ -1,4 +1,4 @@
-"""Drift: the residual of f at a reference, and the core that it leaves undecided.
+"""Checks before a proof: the reference rests, and a held loop is stable and accurate.
 
 A reference is given in floats, so f(x_ref, u_ref) = r need not be 0 there. Entries on
 which f does not depend, and which have no bounds, may move; deviations are then
@@ -17,6 +17,9 @@ With D = |r|_P or |d|_P and a relative drift a, every statement proven with the 
 holds with the drift for |e|_P >= D / a, and no trajectory crosses V(e) = (D / a)^2 from
 within. So a set is stated with its core, V(e) <= core. A core above MOST_CORE of the
 level is refused: then the reference is not an equilibrium on the scale of the set.
+
+For a held input, nothing can be proven if the linear loop is unstable, or if the
+Runge-Kutta map is too far from the flow.
 """
 
 from __future__ import annotations
@@ -28,9 +31,15 @@ import numpy as np
 
 from swarmstart.arrays import Array
 from swarmstart.errors import SwarmstartError
+from swarmstart.terminal_set.certificates.design import TerminalSet
 from swarmstart.terminal_set.interval_arithmetic.intervals import interval_function
-from swarmstart.terminal_set.linear.arrays import Mask, finite_array
-from swarmstart.terminal_set.linear.reference import Reference
+from swarmstart.terminal_set.linear.arrays import Mask, NotFiniteError, finite_array
+from swarmstart.terminal_set.linear.ellipsoid import Reference
+from swarmstart.terminal_set.linear.linearisation import (
+    held_spectral_radius,
+    hold,
+    runge_kutta_hold,
+)
 from swarmstart.terminal_set.proving.decrease import Change
 
 MOST_CORE = 1e-6
@@ -47,6 +56,9 @@ RESERVE = 2.0
 ROUNDING = 1 + 1e-9
 ROUNDS = 60
 """Largest number of times that a box is widened until the motion stays in it."""
+
+MOST_SUBSTEPS = 2**20
+"""Largest number of Runge-Kutta steps in a hold that is tried for a recommendation."""
 
 
 @dataclass(eq=False)
@@ -99,9 +111,6 @@ class Drift:
 
     def core_of(self, alpha: float) -> float:
         """Return the level of the core of a set; 0 for an exact equilibrium.
-
-        Args:
-            alpha: Level of the set.
 
         Raises:
             NotAnEquilibriumError: If the core is too large compared with the set.
@@ -175,7 +184,7 @@ class ReferenceMotion:
                 needed = ROUNDING * h * self._fastest(moved + growth)
                 if np.all(needed <= growth):
                     break
-                growth = 1.5 * needed
+                growth = 1.5 * needed  # A wider box may need more again.
             else:
                 return np.full(moved.size, np.inf)
             moved = ROUNDING * (moved + growth)
@@ -211,6 +220,7 @@ def bearable_drift(
         NotAnEquilibriumError: If the motion is too large for any level up to alpha_max.
     """
     with np.errstate(invalid="ignore"):
+        # |d|_P is at most the sum of the |d_j| sqrt(P_jj).
         parts = np.where(moved > 0, moved * np.sqrt(np.diag(change.P)), 0.0)
     size = float(ROUNDING * parts.sum())
     decay = linear_decrease(change)
@@ -230,9 +240,6 @@ def bearable_drift(
 def linear_decrease(change: Change) -> float:
     """Return the least relative decrease of V near the centre; 0 if there is none.
 
-    Args:
-        change: The change of V.
-
     Returns:
         The decay in 1/s, or a fraction per hold if held; from floats, not proven.
     """
@@ -241,3 +248,119 @@ def linear_decrease(change: Change) -> float:
     root = np.linalg.inv(np.linalg.cholesky(change.P))
     form: Array = root @ np.array(hessian(0)) @ root.T / 2
     return max(-float(np.linalg.eigvalsh((form + form.T) / 2)[-1]), 0.0)
+
+
+@dataclass(eq=False)
+class HeldTooLongError(SwarmstartError, ValueError):
+    """A gain is unstable when its input is held for this time.
+
+    Attributes:
+        dt: Time for which it is held [s].
+        spectral_radius: Spectral radius of the held loop.
+        longest: Longest time for which the held loop is stable [s].
+    """
+
+    dt: float
+    spectral_radius: float
+    longest: float
+
+    def __str__(self) -> str:
+        """Return a message with the longest stable time."""
+        return (
+            f"the gain is unstable when its input is held for {self.dt:g} s: the "
+            f"spectral radius is {self.spectral_radius:.4g}; it is stable up to "
+            f"{self.longest:.3g} s, and a sampled design for any dt"
+        )
+
+
+@dataclass(eq=False)
+class TooFewSubstepsError(SwarmstartError, ValueError):
+    """The Runge-Kutta map of a hold is too far from the flow for any proof.
+
+    Attributes:
+        substeps: Number of Runge-Kutta steps in a hold.
+        factor: Largest factor by which the map changes the length of a small deviation.
+        error: Largest difference of map and flow for a small deviation, relative to its
+            length.
+        enough: Number of steps that is enough for small deviations; None if it is above
+            `MOST_SUBSTEPS`.
+    """
+
+    substeps: int
+    factor: float
+    error: float
+    enough: int | None
+
+    def __str__(self) -> str:
+        """Return a message with the number of steps that is enough."""
+        advice = "shorten the hold"
+        if self.enough is not None:
+            advice = f"use ProofOptions(substeps={self.enough}) or more"
+        return (
+            f"substeps={self.substeps} is too few: near the reference one hold "
+            f"multiplies deviations by {self.factor:.3g} in the Runge-Kutta map, with "
+            f"an error of {self.error:.3g} against the flow, and the sum must stay "
+            f"below 1; {advice}"
+        )
+
+
+def require_enough_substeps(
+    A: Array, B: Array, law: TerminalSet, *, dt: float, substeps: int
+) -> None:
+    """Validate that some level can be proven with a Runge-Kutta map.
+
+    Lengths are measured by P. For the linear parts: if the flow shrinks every
+    deviation, the sum of the map's factor and its error against the flow must be below
+    1.
+
+    Raises:
+        TooFewSubstepsError: If the sum is not below 1.
+        NotPositiveError: If dt is not positive and finite.
+    """
+    root = np.linalg.cholesky(law.P).T
+    Ad, Bd = hold(A, B, dt)
+    flow = Ad - Bd @ law.K
+
+    def length(matrix: Array) -> float:
+        if not np.all(np.isfinite(matrix)):
+            return float("inf")
+        # Of root M root^-1, in whose coordinates |e|_P is the length.
+        return float(np.linalg.norm(root @ np.linalg.solve(root.T, matrix.T).T, 2))
+
+    def factor_and_error(substeps: int) -> tuple[float, float]:
+        try:
+            Ad, Bd = runge_kutta_hold(A, B, dt, substeps=substeps)
+        except NotFiniteError:
+            return float("inf"), float("inf")
+        map_ = Ad - Bd @ law.K
+        return length(map_), length(map_ - flow)
+
+    factor, error = factor_and_error(substeps)
+    # If the flow itself lengthens a deviation, more steps do not help.
+    if factor + error < 1 or not length(flow) < 1:
+        return
+    enough = substeps
+    while enough <= MOST_SUBSTEPS and not sum(factor_and_error(enough)) < 1:
+        enough *= 2
+    tried = enough if enough <= MOST_SUBSTEPS else None
+    raise TooFewSubstepsError(substeps, factor, error, tried)
+
+
+def require_stable_hold(A: Array, B: Array, K: Array, dt: float) -> None:
+    """Validate that a gain is stable when its input is held for a time [s].
+
+    Raises:
+        HeldTooLongError: If the held loop has a spectral radius of 1 or more.
+        NotPositiveError: If dt is not positive and finite.
+    """
+    radius = held_spectral_radius(A, B, K, dt)
+    if radius < 1:
+        return
+    stable, unstable = 0.0, dt
+    for _ in range(40):
+        middle = (stable + unstable) / 2
+        if held_spectral_radius(A, B, K, middle) < 1:
+            stable = middle
+        else:
+            unstable = middle
+    raise HeldTooLongError(dt, radius, stable)

@@ -2,11 +2,11 @@
 
 With z = T^-1 e, T'PT = I, the ellipsoid e'Pe <= alpha is the ball |z| <= r,
 r^2 = alpha; T also diagonalises the quadratic part of c (`decrease.py`). On a box of
-rho and w (`cells.py`), u = w / |w|, either
+rho and w (`taylor.py`), u = w / |w|, either
 
     c(rho T u) / rho^2 <= u'Mu + rho sup b + rho^2 sup d   over [0, rho_hi] x w
 
-or, if rho_lo > 0, c itself is bounded by its Taylor form (`taylor.py`). The first
+or, if rho_lo > 0, c itself is bounded by its Taylor form. The first
 bound holds at the origin too. M is half the Hessian of c at 0; with m(s) the motion
 (the rate, or the state after a step) at e = s T u,
 
@@ -33,18 +33,19 @@ import casadi as ca
 import numpy as np
 
 from swarmstart.arrays import Array
-from swarmstart.terminal_set.interval_arithmetic.cells import (
-    PADDING,
-    Cells,
-    added_up,
-    squares,
-)
 from swarmstart.terminal_set.interval_arithmetic.smoothness import (
     NEIGHBOURHOOD,
     Kinks,
     require_bounded,
 )
-from swarmstart.terminal_set.interval_arithmetic.taylor import TaylorForm, evaluated
+from swarmstart.terminal_set.interval_arithmetic.taylor import (
+    PADDING,
+    Cells,
+    TaylorForm,
+    added_up,
+    evaluated,
+    squares,
+)
 from swarmstart.terminal_set.proving.decrease import Change
 
 
@@ -72,9 +73,6 @@ class DecreaseBounds:
 
     def __init__(self, change: Change) -> None:
         """Build the functions that are evaluated.
-
-        Args:
-            change: c with its motion, P and Q_m.
 
         Raises:
             UnknownIntervalOperationError: If c has an operation without interval form.
@@ -118,6 +116,7 @@ class DecreaseBounds:
         from_zero = lower.copy()
         from_zero[0] = 0.0
         _, (b, d) = self._rays.bends(from_zero, upper)
+        # Which end of rho is worse depends on the sign of b.
         rho = np.where(b > 0, upper[0], lower[0])
         remainder = added_up(0 * rho, np.stack([rho * b, upper[0] ** 2 * d]))
         quadratic = quadratic_bound(*self._M, lower[1:], upper[1:])

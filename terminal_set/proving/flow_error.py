@@ -34,7 +34,7 @@ from itertools import pairwise
 import numpy as np
 
 from swarmstart.arrays import Array
-from swarmstart.terminal_set.interval_arithmetic.cells import PADDING, Cells
+from swarmstart.terminal_set.interval_arithmetic.taylor import PADDING, Cells
 from swarmstart.terminal_set.proving.enclosure import Undecided
 from swarmstart.terminal_set.proving.proof import COVER, Limits, radius_of, search_ball
 from swarmstart.terminal_set.proving.residual import Balls, Residual, Times
@@ -135,7 +135,7 @@ class ErrorSearch:
         self._residual, self._until, self.boxes = residual, until, 0
         self._radius = radius_of(alpha, residual.off)
         steps, h = residual.substeps, residual.h
-        edges = np.linspace(0.0, h, -(-PIECES // steps) + 1).tolist()
+        edges = np.linspace(0.0, h, -(-PIECES // steps) + 1).tolist()  # Rounded up.
         self._hold, self._steps = steps * h, range(steps)
         self._pieces = [
             Piece(step=step, times=times)
@@ -162,6 +162,7 @@ class ErrorSearch:
         tube, error = THINNEST * self._radius, self._grown(residuals, speeds)
         for _ in range(TUBES):
             drift = self._grown(own, speeds)
+            # Wider than the error, which grows with the tube.
             tube = 2 * float(np.maximum(error * self._radius + drift, tube))
             if not tube < np.inf:
                 break
@@ -209,6 +210,7 @@ class ErrorSearch:
         total = sum(a * b for a, b in zip(met, weights, strict=True))
         share = max(SMALL_SHARE * total, enough / (2 * len(weights)))
         bounds = [np.inf] * len(weights)
+        # The most important piece first: one useless bound ends it.
         for number in np.argsort(weights)[::-1].tolist():
             small = share / weights[number]
             bounds[number] = self._largest(
@@ -274,7 +276,7 @@ class ErrorSearch:
             met = float(np.maximum(met, np.nanmax(values, initial=-np.inf)))
             will_do = 2.0 ** (looked // BOXES_OF_A_DOUBLING) * allowed(met)
             left = ~(above <= will_do)
-            if will_do > useless:
+            if will_do > useless:  # Ends the search; the bound is refused.
                 left[:] = False
             bound = max(bound, float(above[~left].max(initial=-np.inf)))
             known = np.isfinite(spread).all(axis=0)
@@ -331,11 +333,7 @@ class ErrorSearch:
         return np.asarray(np.nan_to_num(turns), dtype=np.float64)
 
     def relative_residual(self, piece: Piece) -> Measure:
-        """Return |r4(e) - r4(0)| / |e| on a piece of time as a quantity on cells.
-
-        Args:
-            piece: The piece of time.
-        """
+        """Return |r4(e) - r4(0)| / |e| on a piece of time as a quantity on cells."""
         residual = self._residual
         own, own_wide = self._at_reference(piece)
 

@@ -1,32 +1,66 @@
 """The margins of a held input: error of its map against the flow, growth of e'Pe.
 
     c with |flow - map|_P <= c |e|_P        proven (`flow_error.py`)
-    g with V(map at any time) <= g V        proven (`growth.py`); then
+    g with V(map at any time) <= g V        proven here; then
                                             V(flow) <= (sqrt(g) + c)^2 V
 
 A level at which c would use up the decrease is lowered until it does not. A statement
 proven for one level holds for every smaller one.
+
+The map F of a hold takes n steps; its curve (`residual.py`) is given step by step,
+relative to the reference's own. Measurements on it only suggest what to try to prove.
+
+Growth: with F_t the Runge-Kutta map to the time t, relative to the reference's own
+motion,
+
+    V(F_t(e)) < g V(e)   for all t in [0, dt], 0 < V(e) <= alpha
+
+is proven by the same search as a decrease (`proof.py`), for one interval of times after
+another: t is an interval in all evaluations. An interval on which the proof fails is
+halved.
 """
 
 from __future__ import annotations
 
 import time as clock
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
+import casadi as ca
 import numpy as np
 
-from swarmstart.terminal_set.certificates.certificate import HeldMargins
-from swarmstart.terminal_set.certificates.evidence import (
+from swarmstart.arrays import Array
+from swarmstart.terminal_set.certificates.certificate import (
     CoarseHoldError,
+    HeldMargins,
+    Proof,
     Refutation,
     UnprovenSetError,
 )
+from swarmstart.terminal_set.certificates.design import TerminalSet
+from swarmstart.terminal_set.interval_arithmetic.taylor import (
+    PADDING,
+    TaylorForm,
+    TimedCells,
+)
+from swarmstart.terminal_set.linear.ellipsoid import Ellipsoid
 from swarmstart.terminal_set.proving.decrease import Change
 from swarmstart.terminal_set.proving.drift import linear_decrease
+from swarmstart.terminal_set.proving.enclosure import (
+    Undecided,
+    beside_diagonal,
+    defect,
+    quadratic_bound,
+    undecided,
+)
 from swarmstart.terminal_set.proving.flow_error import FlowError, prove_flow_error
-from swarmstart.terminal_set.proving.growth import prove_growth
-from swarmstart.terminal_set.proving.held_motion import HeldMotion
-from swarmstart.terminal_set.proving.refutation import refuted_level
+from swarmstart.terminal_set.proving.proof import (
+    Limits,
+    radius_of,
+    refuted_level,
+    search_ball,
+)
+from swarmstart.terminal_set.proving.residual import ORDER, Residual
 
 ENOUGH = 0.005
 """Margin, relative to the linear decrease, that hardly lowers the level."""
@@ -45,6 +79,93 @@ ROOMIER = 2.0
 """Factor by which the stated growth is larger, if bounds allow it: faster to prove."""
 SHRUNK = 1 - 1e-9
 """Factor for the growth that the states' bounds allow, for its rounding."""
+
+SAMPLES = 500
+RADII = (0.01, 0.3, 0.6, 0.8, 0.9, 1.0)
+"""Radii at which every sample is measured, relative to the set's radius."""
+TIMES = 50
+"""Least number of times in a hold at which the growth is measured."""
+
+PIECES = 16
+"""Number of intervals of a hold at the beginning."""
+BOXES_OF_A_PIECE = 4000
+"""Number of boxes after which an interval is halved, unless it is the shortest."""
+SHORTEST = 1 / 1024
+"""Shortest interval, as a fraction of the hold."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Hold:
+    """A motion with its input held.
+
+    Attributes:
+        motion: (e, t) -> the deviation after t; e for t = 0.
+        P: Shape of the ellipsoids, (nx, nx), symmetric positive definite.
+        dt: Duration [s].
+        pieces: Number of intervals of time at the beginning.
+    """
+
+    motion: ca.Function
+    P: Array
+    dt: float
+    pieces: int = PIECES
+
+
+class HeldMotion:
+    """The motion over one hold, by the Runge-Kutta map.
+
+    Attributes:
+        law: The design.
+        dt: Time for which the input is held [s].
+        step: F(x, u) -> x after dt.
+        holds: A function for each step: (e, t) -> the deviation at t after its
+            beginning.
+        residual: Residual of the curve.
+    """
+
+    def __init__(
+        self, dynamics: ca.Function, law: TerminalSet, *, dt: float, substeps: int
+    ) -> None:
+        """Build the maps."""
+        h, one = dt / substeps, ca.simpleRK(dynamics, 1, ORDER).expand()
+        x = ca.SX.sym("x", dynamics.size1_in(0))
+        u = ca.SX.sym("u", dynamics.size1_in(1))
+        map_ = ca.simpleRK(dynamics, substeps, ORDER).expand()
+        self.step = ca.Function("step", [x, u], [map_(x, u, dt)])
+        e, t = ca.SX.sym("e", x.numel()), ca.SX.sym("t")
+        held, pieces = ca.DM(law.u_ref) - ca.DM(law.K) @ e, -(-PIECES // substeps)
+        now, holds = ca.DM(law.x_ref) + e, []
+        for _ in range(substeps):
+            after = one(now, held, t)
+            # The same operations on the same numbers: exactly 0 at 0.
+            after -= ca.substitute(after, e, ca.DM.zeros(e.shape))
+            motion = ca.Function("motion", [e, t], [after])
+            holds.append(Hold(motion=motion, P=law.P, dt=h, pieces=pieces))
+            now = one(now, held, h)
+        self.law, self.dt, self.holds = law, dt, tuple(holds)
+        self.residual = Residual(dynamics, law, dt=dt, substeps=substeps)
+
+    def measured(self, alpha: float, rng: np.random.Generator) -> tuple[float, bool]:
+        """Measure the growth between samples, at states of a whole ellipsoid.
+
+        Args:
+            alpha: Level of the ellipsoid.
+            rng: Source of randomness of the directions.
+
+        Returns:
+            The largest ratio of e'Pe in a hold and at its beginning, NaN if the motion
+            is undefined; whether e'Pe decreases over the hold at every state.
+        """
+        directions = rng.normal(size=(len(self.law.P), SAMPLES))
+        boundary = Ellipsoid(P=self.law.P, alpha=alpha).boundary(directions)
+        e = np.hstack([radius * boundary for radius in RADII])
+        size, growth, later = self.law.value(e), 1.0, np.empty(0)
+        for hold in self.holds:
+            motion = hold.motion.map(e.shape[1])
+            for time in np.linspace(0.0, hold.dt, -(-TIMES // len(self.holds)) + 1)[1:]:
+                later = self.law.value(np.array(motion(e, time)))
+                growth = float(np.maximum(growth, (later / size).max()))  # Keeps NaN.
+        return growth, bool(np.all(later < size))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -114,6 +235,7 @@ def provable_hold(
     for _ in range(HALVINGS):
         if np.isfinite(growth) and (falls or refutation is not None):
             break
+        # The model may be undefined, or V grow, at states of this level.
         top /= 2
         growth, falls = motion.measured(top, rng)
     top, error = _affordable_error(motion, top, linear_decrease(change), until)
@@ -140,12 +262,9 @@ def provable_hold(
 def with_proven_growth(
     hold: ProvableHold, alpha: float, *, max_seconds: float
 ) -> HeldMargins:
-    """Return the margins of a hold, and whether its growth is proven.
+    """Return the margins of a hold, with its growth proven if that succeeds in time.
 
-    Args:
-        hold: The hold.
-        alpha: The level, at most the one up to which its error is proven.
-        max_seconds: Time for the proof [s].
+    The level `alpha` is at most the one up to which the hold's error is proven.
     """
     until = clock.perf_counter() + max_seconds
     for one in hold.motion.holds:
@@ -195,10 +314,106 @@ def _affordable_error(
         raise CoarseHoldError(low, None, seconds, len(motion.holds))
     high = min(2 * low, top)
     while high > CLOSE * low and clock.perf_counter() < until:
-        middle = (low * high) ** 0.5
+        middle = (low * high) ** 0.5  # Levels matter by their ratios.
         found, is_affordable = error_at(middle)
         if is_affordable:
             low, error = middle, found
         else:
             high = middle
     return low, error
+
+
+def prove_growth(
+    hold: Hold,
+    alpha: float,
+    growth: float,
+    *,
+    max_seconds: float = 60.0,
+) -> Proof:
+    """Try to prove that e'Pe stays below g times itself during a hold.
+
+    Args:
+        hold: The motion.
+        alpha: Level of the ellipsoid, > 0.
+        growth: g, above 1.
+        max_seconds: Time limit [s].
+
+    Raises:
+        UnknownIntervalOperationError: If the motion has an operation without interval
+            form.
+    """
+    began = clock.perf_counter()
+    P, nx, boxes = hold.P, len(hold.P), 0
+    v = ca.SX.sym("v", nx + 1)
+    e, t = v[:nx], v[nx]
+    after = hold.motion(e, t)
+    change = ca.bilin(ca.DM(P), after, after) - growth * ca.bilin(ca.DM(P), e, e)
+    form = TaylorForm(ca.Function("growth", [v], [change]), np.eye(nx + 1))
+    pieces = list(pairwise(np.linspace(0.0, hold.dt, hold.pieces + 1).tolist()))
+    until = began + max_seconds
+    centre = np.zeros((nx + 1, 1))
+    at_end = centre.copy()
+    at_end[-1] = hold.dt
+    # Near the centre, only smooth motions can be bounded.
+    proven = not np.any(form.kinks(centre, at_end))
+    while pieces and proven:
+        low, high = pieces.pop()
+        shortest = high - low <= SHORTEST * hold.dt
+        bounds = _GrowthBounds(form, P, (low, high))
+        limits = Limits(
+            max_boxes=100 * BOXES_OF_A_PIECE if shortest else BOXES_OF_A_PIECE,
+            until=until,
+        )
+        radius = radius_of(alpha, bounds.defect)
+        if not np.isfinite(radius):
+            proven = False
+            break
+        search = search_ball(bounds, nx, radius, limits=limits)
+        boxes += search.boxes
+        if search.finished:
+            continue
+        proven = not shortest and clock.perf_counter() < until
+        middle = (low + high) / 2
+        pieces += [(low, middle), (middle, high)]
+    seconds = clock.perf_counter() - began
+    return Proof(proven=proven, alpha=alpha, boxes=boxes, seconds=seconds)
+
+
+class _GrowthBounds:
+    """Proofs that V(F_t) < g V on boxes of (rho, w), for an interval of times.
+
+    Attributes:
+        defect: A bound of |T'PT - I|.
+    """
+
+    def __init__(self, form: TaylorForm, P: Array, times: tuple[float, float]) -> None:
+        """Rotate the coordinates so that the quadratic part is diagonal."""
+        nx = len(P)
+        root = np.linalg.inv(np.linalg.cholesky(P)).T
+        first, last = (np.append(np.zeros(nx), time)[:, None] for time in times)
+        middle, _ = form.hessians((first + last) / 2, (first + last) / 2)
+        T = np.asarray(root @ np.linalg.eigh(root.T @ middle[0, :nx, :nx] @ root)[1])
+        with_time = np.eye(nx + 1)
+        with_time[:nx, :nx] = T
+        self._form, self._times = form.turned(with_time), times
+        middle, radius = self._form.hessians((first + last) / 2, (first + last) / 2)
+        # From the middle of the interval to all of it.
+        changed = self._form.hessian_slopes(first, last) * (times[1] - times[0]) / 2
+        radius += changed * (1 + PADDING)
+        self._M = beside_diagonal(middle[0, :nx, :nx], radius[0, :nx, :nx])
+        self.defect = defect(T, P, np.eye(nx))
+
+    def __call__(self, lower: Array, upper: Array) -> Undecided:
+        """Return the undecided boxes; see `DecreaseBounds`."""
+        quadratic = quadratic_bound(*self._M, lower[1:], upper[1:])
+        from_zero = lower.copy()
+        from_zero[0] = 0.0
+        cells = TimedCells(from_zero, upper, self._times)
+        d = np.abs(cells.z_middle) + cells.z_reach
+        d[-1] = 0.0  # The series is in e, a separate one for each t.
+        remainder = self._form.beyond_second_order(cells, d) / upper[0] ** 2
+
+        def away_from_centre(lower: Array, upper: Array) -> tuple[Array, Array]:
+            return self._form(TimedCells(lower, upper, self._times))
+
+        return undecided(away_from_centre, lower, upper, quadratic, remainder)

@@ -1,4 +1,4 @@
-"""Search for the largest level that can be proven.
+"""Search for the largest level that can be proven, of one design or of a family.
 
     bounds     the requested level is tried first: it is proven, or a counterexample met
     refuted    the nearest counterexample, of the proof or of a search for it, is an
@@ -9,20 +9,29 @@
 
 until the two are within TIGHT of each other or time is up. A level counts as unproven
 after MORE_BOXES times the boxes of the last proof.
+
+The weights of an LQR are seldom given, but matter: with Q = R = I the formation model,
+held 1 s, has a set 24 cm wide in position; with another R it is metres wide. So the
+weights are scaled by a scalar s, each design gets its proven level, and the largest set
+is taken (`largest_proven_set`). Levels of different P cannot be compared, sizes can.
+The usual size is the volume.
 """
 
 from __future__ import annotations
 
 import time as clock
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from swarmstart.arrays import Array
-from swarmstart.terminal_set.certificates.evidence import Proof, Refutation
+from swarmstart.errors import SwarmstartError
+from swarmstart.terminal_set.certificates.certificate import Proof, Refutation
+from swarmstart.terminal_set.certificates.design import TerminalSet
+from swarmstart.terminal_set.linear.ellipsoid import Ellipsoid
 from swarmstart.terminal_set.proving.decrease import Change
-from swarmstart.terminal_set.proving.proof import prove_level
-from swarmstart.terminal_set.proving.refutation import refuted_level
+from swarmstart.terminal_set.proving.proof import prove_level, refuted_level
 
 FIRST_SHARE = 0.92
 """Fraction of the refuted level that is tried first: with six states more takes too
@@ -120,6 +129,7 @@ class _LevelSearch:
         """Try to prove a level, in a fraction of the remaining time."""
         left = (self._until - clock.perf_counter()) * share
         proof = prove_level(self._change, alpha, max_boxes=boxes, max_seconds=left)
+        # A failure does not replace a proof.
         if proof.proven or self._proof is None or not self._proof.proven:
             self._proof = proof
         if not proof.proven:
@@ -154,6 +164,7 @@ class _LevelSearch:
             proof = self.level.proof
             if not proof.proven or self._unproven <= TIGHT * proof.alpha:
                 return
+            # The middle in ratio; a state refutes its own level and no smaller one.
             alpha = float(np.sqrt(proof.alpha * self._unproven))
             if self._is_broken:
                 alpha = max(alpha, NEARER_SHARE * self._unproven)
@@ -170,3 +181,92 @@ class _LevelSearch:
         self._unproven, self._is_broken = min(alpha, self._unproven), True
         if change >= 0 and alpha <= self._alpha_max:
             self.refute(Refutation(alpha=alpha, e=e, change=change))
+
+
+@dataclass(eq=False)
+class NoProvenSetError(SwarmstartError, ValueError):
+    """No design of a family has a level that was proven.
+
+    Attributes:
+        scales: The scales that were tried.
+    """
+
+    scales: tuple[float, ...]
+
+    def __str__(self) -> str:
+        """Say what was tried."""
+        tried = ", ".join(f"{scale:g}" for scale in self.scales) or "none"
+        return f"no level could be proven for any of the scales tried: {tried}"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Candidate:
+    """One design of a family.
+
+    Attributes:
+        scale: The scalar in its weights.
+        terminal_set: The design, with the proven level; with the level of its bounds if
+            none was proven.
+        level: The proven and the refuted level.
+        size: Size of the proven set; minus infinity if none was proven.
+    """
+
+    scale: float
+    terminal_set: TerminalSet
+    level: ProvenLevel
+    size: float
+
+
+def log_volume(ellipsoid: Ellipsoid) -> float:
+    """Compute the logarithm of an ellipsoid's volume, relative to the unit ball's.
+
+    Args:
+        ellipsoid: {e : e'Pe <= alpha}; log sqrt(alpha^nx / det P) of it.
+    """
+    _, log_determinant = np.linalg.slogdet(ellipsoid.P)
+    return float(len(ellipsoid.P) * np.log(ellipsoid.alpha) - log_determinant) / 2
+
+
+def largest_proven_set(
+    design: Callable[[float], TerminalSet],
+    change: Callable[[TerminalSet], Change],
+    scales: Sequence[float],
+    *,
+    rng: np.random.Generator,
+    size: Callable[[Ellipsoid], float] = log_volume,
+    max_seconds: float = 60.0,
+) -> tuple[Candidate, ...]:
+    """Rank the designs of a family by the size of their proven sets.
+
+    Args:
+        design: The design at a scale, with the level of its bounds.
+        change: c of a design (`decrease.py`).
+        scales: The scales to try.
+        rng: Source of randomness of the rays that look for counterexamples.
+        size: Proven ellipsoid -> its size.
+        max_seconds: Time for the proofs of one design [s].
+
+    Returns:
+        All candidates, the largest first; those without a proof last, in their order.
+
+    Raises:
+        NoProvenSetError: If no level was proven for any scale.
+        SwarmstartError: As `design`, `refuted_level` and `prove_level` say.
+    """
+    found = []
+    for scale in scales:
+        designed = design(scale)
+        level = proven_level(
+            change(designed), designed.alpha, rng=rng, max_seconds=max_seconds
+        )
+        measured = -np.inf
+        if level.alpha > 0:
+            designed = replace(designed, alpha=level.alpha)
+            measured = float(size(designed.ellipsoid))
+        found.append(
+            Candidate(scale=scale, terminal_set=designed, level=level, size=measured)
+        )
+    if not any(candidate.level.alpha > 0 for candidate in found):
+        raise NoProvenSetError(tuple(scales))
+    # Stable: those of size minus infinity keep their order.
+    return tuple(sorted(found, key=lambda candidate: -candidate.size))

@@ -1,14 +1,26 @@
-"""Proof of a level: e'Pe decreases on a whole ellipsoid, by interval branch and bound.
+"""Proof of a level, that e'Pe decreases on a whole ellipsoid, and its refutation.
 
-With z = T^-1 e, T'PT = I, the ellipsoid e'Pe <= alpha is the ball |z| <= r,
-r^2 = alpha. 2n boxes of (rho, w), rho the radius and w on a face of the cube
-[-1, 1]^n, z = rho w / |w|, cover it exactly. On every box it is shown that
-c(T z) < 0 (`enclosure.py`), or the box is cut in two.
+Proof, by interval branch and bound: with z = T^-1 e, T'PT = I, the ellipsoid
+e'Pe <= alpha is the ball |z| <= r, r^2 = alpha. 2n boxes of (rho, w), rho the radius
+and w on a face of the cube [-1, 1]^n, z = rho w / |w|, cover it exactly. On every box
+it is shown that c(T z) < 0 (`enclosure.py`; c of `decrease.py`), or the box is cut in
+two.
 
 The proof shows c < 0 for 0 < |z| <= r, a ball that holds the ellipsoid of the given
 level, with c the expression itself and its floating-point constants taken as exact. For
 a held input it is about the integrator's map, not the flow. It does not cover the time
-between samples, nor the bounds of inputs and states (`level.py`).
+between samples, nor the bounds of inputs and states (`ellipsoid.py`).
+
+Refutation: with P = LL' and e = rho L^-T u, |u| = 1, the ellipsoid e'Pe = rho^2 is a
+sphere, and
+
+    minimise  rho   subject to  c(rho L^-T u) / rho^2 >= 0,  |u| = 1
+
+is the nearest counterexample. Starting points come from rays in random directions: on
+each the first radius at which c >= 0. IPOPT starts at the nearest of them. A
+counterexample refutes its own level and all larger ones; it is checked by evaluating c
+there. If none was found, nothing is proven. A nearer one may exist, since IPOPT is a
+local solver.
 """
 
 from __future__ import annotations
@@ -22,7 +34,7 @@ import casadi as ca
 import numpy as np
 
 from swarmstart.arrays import Array
-from swarmstart.terminal_set.certificates.evidence import Proof
+from swarmstart.terminal_set.certificates.certificate import Proof, Refutation
 from swarmstart.terminal_set.linear.arrays import NotPositiveError
 from swarmstart.terminal_set.proving.decrease import Change
 from swarmstart.terminal_set.proving.enclosure import DecreaseBounds, Undecided
@@ -30,6 +42,21 @@ from swarmstart.terminal_set.proving.enclosure import DecreaseBounds, Undecided
 CHUNK = 8192
 COVER = 1e-9
 """Least relative excess of the ball's radius over sqrt(alpha), for rounding of T."""
+
+RAYS = 4000
+RADII = 60
+SMALLEST = 1e-3
+"""First radius on a ray, relative to the largest."""
+STARTS = 6
+MOST_ROUNDS = 4
+"""Largest number of repetitions; each looks up to 500 times nearer."""
+INSIDE = 1e-9
+"""Relative move outwards of the NLP's answer if c is below 0 there."""
+
+Boxes = tuple[Array, Array]
+"""Lower and upper corners of boxes of (rho, w), each (1 + nx, m)."""
+Start = tuple[float, Array]
+"""A radius and a direction, shape (nx,), of length 1."""
 
 
 def prove_level(
@@ -145,7 +172,7 @@ def search_ball(
     """
     stack, boxes = [_faces(nx, radius)], 0
     while stack:
-        lower, upper = stack.pop()
+        lower, upper = stack.pop()  # Depth first: few boxes wait at a time.
         if lower.shape[1] > CHUNK:
             stack.append((lower[:, CHUNK:], upper[:, CHUNK:]))
             lower, upper = lower[:, :CHUNK], upper[:, :CHUNK]
@@ -154,16 +181,13 @@ def search_ball(
         if not left.lower.size:
             continue
         found = broken(left)
+        # The sides of such a box are single numbers: it cannot be cut.
         is_cut_out = bool((left.spread.max(axis=0) <= 0).any())
         too_long = boxes > limits.max_boxes or clock.perf_counter() > limits.until
         if found is not None or is_cut_out or too_long:
             return Search(finished=False, boxes=boxes, counterexample=found)
         stack.append(_halves(left))
     return Search(finished=True, boxes=boxes)
-
-
-Boxes = tuple[Array, Array]
-"""Lower and upper corners of boxes of (rho, w), each (1 + nx, m)."""
 
 
 def _faces(nx: int, radius: float) -> Boxes:
@@ -194,3 +218,96 @@ def _counterexample(c: ca.Function, T: Array, boxes: Undecided) -> Array | None:
         return None
     nearest = int(np.argmin(np.where(breaks, boxes.upper[0], np.inf)))
     return np.asarray(e[:, nearest])
+
+
+def refuted_level(
+    change: Change,
+    *,
+    alpha_max: float,
+    rng: np.random.Generator,
+) -> Refutation | None:
+    """Look for the nearest deviation at which e'Pe does not decrease.
+
+    Args:
+        change: Change from `continuous_change` or `held_change`.
+        alpha_max: Largest level of the search, > 0; if the nearest counterexample is
+            much nearer, the search is repeated around it.
+        rng: Source of the rays' directions.
+
+    Returns:
+        The counterexample; None if none was found, which proves nothing.
+
+    Raises:
+        NotPositiveError: If alpha_max is not positive and finite.
+    """
+    if not 0 < alpha_max < np.inf:
+        raise NotPositiveError("alpha_max", alpha_max)
+    c, P = change.function, change.P
+    T = np.linalg.inv(np.linalg.cholesky(P)).T
+    radius = float(np.sqrt(alpha_max))
+    starts = _on_rays(c, T, radius, rng)
+    # The grid of radii is coarse near the centre: repeat it up to the nearest found.
+    for _ in range(MOST_ROUNDS):
+        if not starts or starts[0][0] > radius / 10:
+            break
+        radius = 2 * starts[0][0]
+        starts = _on_rays(c, T, radius, rng) or starts[:1]
+    found = [_checked(c, P, T @ z) for z in _nearest(c, T, starts, radius)]
+    found += [_checked(c, P, T @ (rho * u)) for rho, u in starts]
+    points = [one for one in found if one is not None and one.alpha <= alpha_max]
+    return min(points, key=lambda one: one.alpha, default=None)
+
+
+def _on_rays(
+    c: ca.Function, T: Array, radius: float, rng: np.random.Generator
+) -> list[Start]:
+    """Return the rays' first radii at which c >= 0, the nearest first."""
+    u = rng.normal(size=(len(T), RAYS))
+    u /= np.linalg.norm(u, axis=0)
+    values = c.map(RAYS)
+    first = np.full(RAYS, np.inf)
+    for rho in np.geomspace(SMALLEST * radius, radius, RADII):
+        broken = np.array(values(rho * (T @ u))).ravel() >= 0
+        first = np.where(broken & np.isinf(first), rho, first)
+    nearest = np.argsort(first)[:STARTS]
+    return [(float(first[k]), u[:, k]) for k in nearest if np.isfinite(first[k])]
+
+
+def _nearest(
+    c: ca.Function, T: Array, starts: list[Start], radius: float
+) -> list[Array]:
+    """Return z = rho u of the NLP's answers from each start."""
+    nx = len(T)
+    rho, u = ca.SX.sym("rho"), ca.SX.sym("u", nx)
+    condition = c(ca.DM(T) @ (rho * u)) / rho**2
+    solver = ca.nlpsol(
+        "nearest",
+        "ipopt",
+        {"x": ca.vertcat(rho, u), "f": rho, "g": ca.vertcat(condition, ca.sumsqr(u))},
+        {"print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes"},
+    )
+    answers = []
+    for begin, direction in starts:
+        answer = solver(
+            x0=np.concatenate([[begin], direction]),
+            # Away from the centre, where c / rho^2 is 0 / 0.
+            lbx=np.concatenate([[1e-6 * radius], np.full(nx, -1.0)]),
+            ubx=np.concatenate([[radius], np.full(nx, 1.0)]),
+            lbg=[0.0, 1.0],
+            ubg=[np.inf, 1.0],
+        )
+        w = np.array(answer["x"]).ravel()
+        answers.append(np.asarray(w[0] * w[1:]))
+    return answers
+
+
+def _checked(c: ca.Function, P: Array, e: Array) -> Refutation | None:
+    """Return a point as a counterexample, pushed outwards a little if needed."""
+    if not np.isfinite(e).all():
+        return None
+    for push in (0.0, INSIDE, 1e3 * INSIDE):
+        point = (1 + push) * e
+        value = float(c(point))
+        if value >= 0:
+            return Refutation(alpha=float(point @ P @ point), e=point, change=value)
+    return None

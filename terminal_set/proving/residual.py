@@ -23,10 +23,10 @@ import numpy as np
 
 from swarmstart.arrays import Array
 from swarmstart.terminal_set.certificates.design import TerminalSet
-from swarmstart.terminal_set.interval_arithmetic.cells import PADDING
 from swarmstart.terminal_set.interval_arithmetic.intervals import IntervalEvaluation
 from swarmstart.terminal_set.interval_arithmetic.smoothness import Kinks
 from swarmstart.terminal_set.interval_arithmetic.taylor import (
+    PADDING,
     evaluated,
     middle_and_radius,
 )
@@ -87,6 +87,7 @@ class Residual:
         """
         self.nx, self.substeps, self.h = len(law.P), substeps, dt / substeps
         identity = np.eye(self.nx)
+        # S'S = P, so that |e|_P = |S e| = |z|.
         self._law, self._S = law, np.linalg.cholesky(law.P).T
         self.T = np.asarray(np.linalg.inv(self._S))
         self.off = defect(self.T, law.P, identity)
@@ -97,6 +98,7 @@ class Residual:
         curve, rate = step(x, u, s), dynamics(x, u)
         residual = ca.jtimes(curve, s, 1) - dynamics(curve, u)
         for _ in range(ORDER):
+            # Without cse the expression grows many times with every derivative.
             residual = ca.jtimes(ca.cse(residual), s, 1)
         bend = _slopes(ca.jtimes(rate, x, v), xu)
         starts, now = [e], ca.DM(law.x_ref) + e
@@ -134,7 +136,7 @@ class Residual:
         low, high = x - wide_x, x + wide_x
         slopes = np.broadcast_to(np.eye(nx), (m, nx, nx))
         blur = np.zeros((m, nx, nx))
-        if number:
+        if number:  # The first step begins at x_ref + e itself.
             first = nx + (number - 1) * (nx + nx**2)
             found = self._starts(e - wide, e + wide)
             low, high = (ends[first : first + nx] for ends in found)
@@ -186,6 +188,7 @@ class Residual:
             np.concatenate([slopes, start.slopes[0][:, nx:]], axis=1),
             np.concatenate([blur, start.slopes[1][:, nx:]], axis=1),
         )
+        # |e_j| <= |T_j| |z|, for the tube and for v alike.
         length = np.linalg.norm(self.T, axis=1)[:, None] * (1 + self.off + PADDING)
         unit = np.broadcast_to(length, low[:nx].shape)
         lower = np.vstack([low[:nx] - tube * length, start.lower[nx:]])

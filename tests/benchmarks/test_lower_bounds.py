@@ -17,7 +17,7 @@ from swarmstart.benchmarks.lower_bounds import (
 )
 from swarmstart.benchmarks.lower_bounds.problems import DISC, NAMED, Named
 from swarmstart.ocp import Solution
-from swarmstart.ocp.lower_bound.answer import BoundKind, LowerBound
+from swarmstart.ocp.lower_bound.stated.answer import BoundKind, LowerBound
 from swarmstart.tests.adversary.problems import free_end_time
 
 

@@ -28,7 +28,7 @@ from swarmstart.heuristics import (
     minimize,
     run,
 )
-from swarmstart.heuristics.laws.bound_handling import NAMES
+from swarmstart.heuristics.laws.box import NAMES
 
 Objective = Callable[[Array], tuple[Array, Array]]
 BOX = Box(lower=np.full(4, -3.0), upper=np.full(4, 3.0))

@@ -1,6 +1,7 @@
 """The fingerprint changes with all that a function's machine code is made from."""
 
 import collections
+import importlib.metadata
 import importlib.util
 import sys
 from collections.abc import Callable
@@ -198,3 +199,12 @@ def test_sources_are_those_of_all_modules_imported(
             lambda name, now=changed: now[name],
         )
         assert (sources("swarmstart.a") != before) == (name != "swarmstart.other")
+
+
+def test_the_version_of_an_installed_package_does_not_stand_for_its_code(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is also that of a checkout that is edited, and calls code of this package."""
+    monkeypatch.setattr(importlib.metadata, "version", lambda name: "1.0")
+    first, second = made(tmp_path, inner="x - 1"), made(tmp_path, inner="x + 1")
+    assert fingerprint(first) != fingerprint(second)

@@ -12,7 +12,7 @@ import pytest
 
 from swarmstart.ocp import InvalidProblemError
 from swarmstart.ocp.lower_bound import bounding
-from swarmstart.ocp.lower_bound.answer import BoundKind, LowerBound
+from swarmstart.ocp.lower_bound.stated.answer import BoundKind, LowerBound
 
 PROVEN = LowerBound(
     kind=BoundKind.PROVEN, value=1.0, reason="of degree 5", degree=5, slack=1e-4,

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from swarmstart.cases.commands import terminal
 from swarmstart.cases.commands.front.cli import main
-from swarmstart.cases.commands.terminal import progress
 from swarmstart.cases.format.scenario import shipped
 
 
@@ -28,7 +28,7 @@ Command = Callable[..., Said]
 @pytest.fixture(autouse=True)
 def _no_first_sign(monkeypatch: pytest.MonkeyPatch) -> None:
     """Remove messages of progress, since they depend on the load."""
-    monkeypatch.setattr(progress, "FIRST_SIGN_S", 3600.0)
+    monkeypatch.setattr(terminal, "FIRST_SIGN_S", 3600.0)
 
 
 @pytest.fixture

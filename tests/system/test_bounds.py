@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from swarmstart.cases.campaign.running.run import Interrupted
+from swarmstart.cases.campaign.running.finished_run import Interrupted
 from swarmstart.cases.campaign.studies.library import run
 from swarmstart.ocp import InvalidProblemError
-from swarmstart.ocp.lower_bound.answer import LowerBound
+from swarmstart.ocp.lower_bound.stated.answer import LowerBound
 from swarmstart.tests.ocp.bounds import (
     NONE,
     PROVEN,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from swarmstart.cases.commands.terminal import progress
+from swarmstart.cases.commands import terminal
 from swarmstart.heuristics.running.ahead import _IN_HELPER
 from swarmstart.machine_code.compile_time import announce
 from swarmstart.tests.processes import python
@@ -18,8 +18,8 @@ from swarmstart.tests.processes import python
 if TYPE_CHECKING:
     from swarmstart.tests.system.conftest import Command
 
-FIRST_SIGN_S = progress.FIRST_SIGN_S  # Before tests put it off.
-AT_WORK = f"swarmstart: {progress.AT_WORK}"
+FIRST_SIGN_S = terminal.FIRST_SIGN_S  # Before tests put it off.
+AT_WORK = f"swarmstart: {terminal.AT_WORK}"
 
 
 def run(cache: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
@@ -53,7 +53,7 @@ def test_a_command_that_takes_a_while_says_that_it_is_at_work(
         """A timer that ends at once, if it is started."""
 
         def __init__(self, delay: float, call: object, arguments: list[str]) -> None:
-            assert delay == progress.FIRST_SIGN_S
+            assert delay == terminal.FIRST_SIGN_S
             self.call, self.arguments, self.daemon = call, arguments, False
 
         def start(self) -> None:
@@ -63,12 +63,12 @@ def test_a_command_that_takes_a_while_says_that_it_is_at_work(
 
     monkeypatch.setattr(threading, "Timer", Due)
     announce.cache_clear()
-    with progress.first_sign(quiet=False):
+    with terminal.first_sign(quiet=False):
         announce("the search", "about 10 s")
     compiling = "swarmstart: compiling the search for this machine, once, about 10 s"
     assert capsys.readouterr().err.splitlines() == [AT_WORK, compiling]
     announce.cache_clear()
-    with progress.first_sign(quiet=True):
+    with terminal.first_sign(quiet=True):
         announce("the search", "about 10 s")
     assert capsys.readouterr().err == ""
 

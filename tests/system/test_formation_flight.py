@@ -6,7 +6,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from swarmstart.cases.campaign.running.run import Run, run
+from swarmstart.cases.campaign.running.finished_run import Run
+from swarmstart.cases.campaign.running.run import run
 from swarmstart.cases.format.kind import Measure
 from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.cases.kinds.formation_flight.measures import linear_mask, lyapunov

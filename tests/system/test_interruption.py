@@ -251,12 +251,12 @@ def test_what_an_interrupt_became_ends_as_an_interrupt(
 TALKATIVE = """
 import sys, time
 from swarmstart.cases.commands.front import cli
-from swarmstart.cases.commands.terminal import progress
-def tell_and_wait(text, tell=progress.tell):
+from swarmstart.cases.commands import terminal
+def tell_and_wait(text, tell=terminal.tell):
     tell(text)
     time.sleep(0.1)
-progress.QUIET_S = progress.LINE_EVERY_S = 0.0
-progress.tell = tell_and_wait
+terminal.QUIET_S = terminal.LINE_EVERY_S = 0.0
+terminal.tell = tell_and_wait
 sys.exit(cli.main())
 """
 

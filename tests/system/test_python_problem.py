@@ -10,11 +10,12 @@ import pytest
 import yaml
 
 import swarmstart as ss
-from swarmstart.cases.campaign.judging.comparison import entry_of
-from swarmstart.cases.campaign.running.run import Interrupted, run
+from swarmstart.cases.campaign.judging.runs import entry_of
+from swarmstart.cases.campaign.running.finished_run import Interrupted
+from swarmstart.cases.campaign.running.run import run
 from swarmstart.cases.campaign.trials.solvers import solve_cell, solver_of
 from swarmstart.cases.commands.front.cli import main
-from swarmstart.cases.format.scenario import InvalidScenarioError
+from swarmstart.cases.format.flaws import InvalidScenarioError
 from swarmstart.cases.record.record import OccupiedFolderError, Recording
 from swarmstart.tests.cases.kinds.python.conftest import (
     MODEL,

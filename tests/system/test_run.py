@@ -19,7 +19,7 @@ import yaml
 from PIL import Image
 
 from swarmstart.cases.campaign.running import run as run_module
-from swarmstart.cases.campaign.running.run import key_of
+from swarmstart.cases.campaign.running.finished_run import key_of
 from swarmstart.cases.commands.front.cli import main
 from swarmstart.cases.format.scenario import read_document, resolve, shipped
 from swarmstart.cases.kinds.formation_flight.names import MEASURES

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from swarmstart.cases.commands.terminal.progress import AT_WORK
+from swarmstart.cases.commands.terminal import AT_WORK
 
 if TYPE_CHECKING:
     from swarmstart.tests.system.conftest import Command, Said
@@ -69,8 +69,8 @@ def test_an_error_is_never_said_on_standard_output(stderr: str) -> None:
 def test_no_file_takes_the_place_of_a_closed_stream(tmp_path: Path) -> None:
     """Otherwise output of a library goes into the first file that is opened."""
     program = (
-        "import os; from swarmstart.cases.commands.terminal import output; "
-        "output.occupy_closed_streams(); "
+        "import os; from swarmstart.cases.commands import terminal; "
+        "terminal.occupy_closed_streams(); "
         f"file = open(r'{tmp_path / 'mine'}', 'w'); os.write(1, b'printed'); "
         "os.write(2, b'printed')"
     )

@@ -22,6 +22,7 @@ from swarmstart.cases.format.registry import KINDS, SEARCHES, words_of
 from swarmstart.cases.record.record import versions
 from swarmstart.machine_code import sources
 
+# 64 bits: two of a million cells share a key with a chance of 3e-8.
 DIGITS = 16
 
 
@@ -41,6 +42,7 @@ def key_of(work: str, job: Mapping[str, Any]) -> str:
     }
     if "settings" not in job:  # The work can read shipped scenarios.
         determines["scenarios"] = _shipped_scenarios()
+    # Sorted and without spaces, so that equal data are one text.
     text = json.dumps(
         determines, sort_keys=True, separators=(",", ":"), allow_nan=False
     )
@@ -90,6 +92,7 @@ def _code(modules: tuple[str, ...]) -> str:
     try:
         return sources(*modules)
     except ModuleNotFoundError as error:
+        # A missing work has a key too: its cell then fails with the reason.
         return f"missing: {error.name}"
 
 

@@ -24,6 +24,7 @@ from swarmstart.cases.campaign.engine.cell_work import Beginning, cell_content
 from swarmstart.cases.record.files import RecordError
 
 ATTEMPTS = 2
+# Cells run side by side: more threads of one would slow down the others.
 BLAS_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 PROGRAM = (
     "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
@@ -87,9 +88,6 @@ class CellProcess:
         A cell whose process dies is tried once more. A cell that its hard limit has
         ended is finished by its rescue.
 
-        Args:
-            order: The cell.
-
         Raises:
             StoppedError: If `stop` was called meanwhile.
             OtherCodeError: If the code of the process differs from that of the key.
@@ -102,6 +100,7 @@ class CellProcess:
             if not isinstance(found, Ending):
                 return found
             ending = found
+            # The order of a rescue has `spent`, so there is no rescue of a rescue.
             if found.limit is not None and order["rescue"] and not order.get("spent"):
                 spent = {
                     "seconds": clock.perf_counter() - attempt.seconds,
@@ -109,6 +108,7 @@ class CellProcess:
                     "date": attempt.date,
                 }
                 return self.done({**order, "spent": spent})
+            # At a time limit a second attempt would take as long as the first.
             if found.limit is not None or not found.how:
                 break
         failure = _failure(ending)
@@ -130,6 +130,7 @@ class CellProcess:
         self._start()
         sent = {name: order[name] for name in order if name != "timeout_s"}
         line = json.dumps(sent, allow_nan=False).encode() + b"\n"
+        # The start of the process is not part of the time limit below.
         if not self._is_ready and self._next(None) is None:
             return self._ended()
         self._is_ready = True
@@ -146,6 +147,7 @@ class CellProcess:
             if reply is None:
                 return self._ended()
             if "hard_limit" in reply:
+                # Announced before it can end the process; no reply to the order yet.
                 self._limit = reply["hard_limit"]
                 continue
             self._limit, self._cpu_s = None, reply.pop("cpu")
@@ -177,6 +179,7 @@ class CellProcess:
             if self._process is not None and self._process.poll() is None:
                 return
             self._end()
+            # An empty entry means the current folder, whatever that is later.
             path = [entry or os.getcwd() for entry in sys.path]
             process = subprocess.Popen(
                 # -P: no module is imported from the current folder.
@@ -192,7 +195,9 @@ class CellProcess:
                 stdout=subprocess.PIPE,
                 env={**os.environ, **dict.fromkeys(BLAS_THREADS, "1")},
             )
+            # A new queue: a late line of the old process is not taken for a reply.
             lines: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+            # A thread, since reading from a pipe has no time limit.
             listener = threading.Thread(
                 target=_listen, args=(process, lines), daemon=True
             )
@@ -214,10 +219,12 @@ class CellProcess:
             if self._is_stopped:
                 raise StoppedError
             code, cpu_s = self._end()
+        # Windows has no SIGALRM, and so no hard limits.
         by_alarm = hasattr(signal, "SIGALRM") and code == -signal.SIGALRM
         return Ending(
             how=_words(code),
             limit=self._limit if by_alarm else None,
+            # Without what earlier cells took: their CPU seconds came with the replies.
             cpu_s=None if cpu_s is None else cpu_s - self._cpu_s,
         )
 
@@ -228,12 +235,14 @@ class CellProcess:
             return 0, None
         try:
             if process.returncode is not None:
+                # Reaped by `poll` in `_start`, which does not tell the CPU seconds.
                 return process.returncode, None
             if not hasattr(os, "wait4"):
                 process.kill()
                 return process.wait(), None
             with suppress(ProcessLookupError):  # No effect while it ends.
                 os.kill(process.pid, signal.SIGKILL)
+            # In contrast to `wait`, this tells the CPU seconds.
             _, status, usage = os.wait4(process.pid, 0)
             process.returncode = os.waitstatus_to_exitcode(status)
             return process.returncode, usage.ru_utime + usage.ru_stime

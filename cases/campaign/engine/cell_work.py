@@ -4,7 +4,8 @@
 
 Orders and replies are lines of JSON on the process's standard input and output; output
 that the work prints goes to standard error. `content` is the content of the cell's
-mark. The process ends when its input ends, so when the process that made it has ended.
+mark, with the machine that did it, but without data about its owner. The process ends
+when its input ends, so when the process that made it has ended.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import base64
 import ctypes
 import json
 import os
+import platform
 import queue
 import signal
 import sys
@@ -23,15 +25,18 @@ from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from functools import cache
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any, BinaryIO
 
 from swarmstart.cases.campaign.engine.cell_keys import key_of, recorded_versions
-from swarmstart.cases.campaign.engine.machine import load, machine
 from swarmstart.cases.campaign.engine.wall_limit import declare_cell_process
 from swarmstart.cases.record.files import RecordError, to_json, write_text
 from swarmstart.errors import SwarmstartError
+
+CPU_INFO = Path("/proc/cpuinfo")
+_MODEL = "model name"
 
 MARK = "cell.json"
 SCHEMA = 2
@@ -44,6 +49,44 @@ MOST_BYTES = 32 * 2**20
 """Largest size of files that a cell sends from another machine [B]."""
 PARENT_DIED = 1
 """PR_SET_PDEATHSIG of Linux."""
+
+
+@cache
+def machine() -> dict[str, Any]:
+    """Return processor, cores, system and Python; no names of hosts, users or folders.
+
+    Example:
+        >>> sorted(machine())
+        ['cores', 'processor', 'python', 'system']
+    """
+    return {
+        "processor": _processor(),
+        "cores": os.cpu_count(),
+        "system": f"{platform.system()} {platform.machine()}",
+        "python": platform.python_version(),
+    }
+
+
+def load() -> float | None:
+    """Return the load average of the last minute; None if the system has none."""
+    try:
+        return os.getloadavg()[0]
+    except (AttributeError, OSError):
+        return None
+
+
+def _processor() -> str:
+    """Return the processor's name, or that of its architecture."""
+    try:
+        lines = CPU_INFO.read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        lines = []
+    for line in lines:
+        name, _, value = line.partition(":")
+        if name.strip() == _MODEL and value.strip():
+            return " ".join(value.split())
+    # The first is empty on some systems.
+    return platform.processor() or platform.machine()
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -169,6 +212,7 @@ def serve(parent: int) -> None:
     _send(replies, json.dumps({"ready": clock.process_time()}))
     while True:
         reply = _reply(json.loads(waiting.get()))
+        # `reply` is JSON already, and can be long: it is not parsed and written again.
         _send(replies, f'{{"cpu": {clock.process_time()}, {reply}}}')
 
 
@@ -178,6 +222,7 @@ def _streams() -> tuple[BinaryIO, BinaryIO]:
     Native code prints to the descriptors themselves, so these are replaced.
     """
     orders, replies = os.dup(0), os.dup(1)
+    # Work that reads its input then finds its end, and no orders.
     nothing = os.open(os.devnull, os.O_RDONLY)
     os.dup2(nothing, 0)
     os.close(nothing)
@@ -189,6 +234,7 @@ def _keep_signals_out() -> None:
     """Ignore Ctrl-C and the end of a terminal: the command ends its processes."""
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
+        # A blocked signal is inherited, and a hard limit needs this one.
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGALRM})
 
 
@@ -199,6 +245,7 @@ def _die_with(parent: int) -> None:
     """
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(PARENT_DIED, signal.SIGKILL)
+        # The parent can have died before that call.
         if os.getppid() != parent:
             os._exit(1)
 
@@ -220,6 +267,7 @@ def _send(replies: BinaryIO, text: str) -> None:
 
 def _reply(order: Mapping[str, Any]) -> str:
     """Return the reply to an order: entries of a JSON object."""
+    # The code here can be newer than the command, or another one on a cluster.
     if key_of(order["work"], order["job"]) != order["key"]:
         return f'"refused": {json.dumps(recorded_versions())}'
     with ExitStack() as stack:
@@ -241,6 +289,7 @@ def _reply(order: Mapping[str, Any]) -> str:
 
 def _to_send(text: str, folder: Path) -> str:
     """Return a mark's content with the files of its folder, in base 64."""
+    # A link can lead out of the folder.
     files = [f for f in sorted(folder.rglob("*")) if f.is_file() and not f.is_symlink()]
     size = sum(file.stat().st_size for file in files)
     if size > MOST_BYTES:

@@ -138,10 +138,6 @@ class Outcome:
 def finished(cell: Cell, root: Path) -> Outcome | None:
     """Return the outcome of a cell that has finished before, or None.
 
-    Args:
-        cell: The cell.
-        root: The folder of all cells.
-
     Returns:
         None if it has not finished, another attempt can succeed, or its mark cannot be
         read.
@@ -153,6 +149,7 @@ def _finished(folder: Path) -> Outcome | None:
     try:
         kept = json.loads((folder / MARK).read_text(encoding="utf-8"))
         return None if kept["again"] else _outcome(kept, folder)
+    # A mark that is missing, cut or of another version: the cell is done again.
     except (OSError, ValueError, LookupError, TypeError):
         return None
 
@@ -215,6 +212,7 @@ def carried_out(
         told(count, len(distinct), "kept from before")
         try:
             worked = _worked(missing, root, workers, engine)
+            # Closing it stops its processes, also if an error occurs in this loop.
             with heeded(), closing(worked):
                 for key, reply in worked:
                     outcomes[key] = _received(reply, root / key)
@@ -280,10 +278,12 @@ def _worked_here(
             yield key, reply
     finally:
         with put_off():
+            # No thread takes a further order, and `stop` ends the present one.
             waiting.clear()
             for process in processes:
                 process.stop()
             for thread in threads:
+                # A thread that could not be started cannot be joined.
                 if thread.ident is not None:
                     thread.join()
 
@@ -302,6 +302,7 @@ def _work(
     """Send orders to a process until there are none; the main function of a thread."""
     while True:
         try:
+            # Atomic: no two threads take the same order.
             order = waiting.popleft()
         except IndexError:
             return
@@ -339,6 +340,7 @@ def _received(reply: Mapping[str, Any], folder: Path) -> Outcome:
         before = _finished(folder)
         if before is not None:  # The cell was complete before its process died.
             return before
+    # A dead or a remote process has not written here.
     if reply.get("is_lost") or "files" in reply:
         folder.mkdir(parents=True, exist_ok=True)
         for name, text in reply.get("files", {}).items():

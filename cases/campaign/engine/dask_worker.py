@@ -51,6 +51,7 @@ class CellProcesses(WorkerPlugin):
         with self._lock:
             process = self._free.pop()[1] if self._free else CellProcess()
             self._all.add(process)
+        # Asked after adding: either `teardown` stops the process, or nothing starts it.
         if self._is_over.is_set():
             raise StoppedError
         try:
@@ -88,6 +89,7 @@ def done_on_worker(plugin: str, order: str) -> str:
     try:
         reply = processes.done(json.loads(order))
     except StoppedError:
+        # The worker is closing: another one does the cell.
         raise Reschedule from None
     except OtherCodeError as error:
         reply = {"refused": error.versions}

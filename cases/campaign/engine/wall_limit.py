@@ -57,7 +57,9 @@ def hard_limit(seconds: float | None) -> Iterator[None]:
         yield
         return
     began = clock.monotonic()
+    # The default action also ends native code; a handler in Python would wait for it.
     handler = signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    # Stops the timer of an outer limit, and tells what is left of it.
     outer, _ = signal.setitimer(signal.ITIMER_REAL, 0.0)
     _arm(seconds if not outer else min(seconds, outer), reply, told=seconds)
     try:
@@ -83,6 +85,7 @@ def _stopped() -> Iterator[None]:
 
 
 def _arm(seconds: float, reply: int, *, told: float) -> None:
+    # Announced first: a process that was ended cannot tell the reason.
     os.write(reply, (json.dumps({"hard_limit": told}) + "\n").encode())
     signal.setitimer(signal.ITIMER_REAL, max(seconds, SOON_S))
 
@@ -90,7 +93,9 @@ def _arm(seconds: float, reply: int, *, told: float) -> None:
 def _reply() -> int | None:
     """Return the descriptor to the engine; None if this process must not be ended."""
     process, _, reply = os.environ.get(PLACE, "").partition(":")
+    # Child processes inherit the environment, but are no processes for cells.
     if process != str(os.getpid()) or not hasattr(signal, "setitimer"):
         return None
+    # Python sets actions of signals in the main thread only.
     is_main = threading.current_thread() is threading.main_thread()
     return int(reply) if is_main and reply.isdigit() else None

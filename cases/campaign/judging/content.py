@@ -1,33 +1,44 @@
-"""A whole comparison as plain data, for comparison.json and all pages."""
+"""A whole comparison as plain data: made from outcomes, and read from comparison.json.
+
+All pages are made from this content. The table `_COMPARISON` has the keys that a text,
+page or gate reads; a user's file is checked against it before use.
+"""
 
 from __future__ import annotations
 
+import json
 import math
+import sys
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from swarmstart.cases.campaign.engine.cells import Outcome
-from swarmstart.cases.campaign.judging.curves import rounded
-from swarmstart.cases.campaign.judging.entry import Entry
-from swarmstart.cases.campaign.judging.headline import headline
-from swarmstart.cases.campaign.judging.limits import limits_of
-from swarmstart.cases.campaign.judging.profiles import (
+from swarmstart.cases.campaign.judging.curves import (
     performance_profile,
     profile_bands,
     ratios_of,
     relative_times,
+    rounded,
 )
-from swarmstart.cases.campaign.judging.ranks import mean_ranks, scenario_ranks
-from swarmstart.cases.campaign.judging.runs import About, Asked, runs_of
+from swarmstart.cases.campaign.judging.headline import headline
+from swarmstart.cases.campaign.judging.report import limits_of
+from swarmstart.cases.campaign.judging.runs import About, Asked, Entry, runs_of
 from swarmstart.cases.campaign.judging.scenario_content import (
     Judged,
     judged_scenario,
     scenario_content,
 )
-from swarmstart.cases.campaign.judging.statistics import median, resampled
+from swarmstart.cases.campaign.judging.statistics import (
+    mean_ranks,
+    median,
+    resampled,
+    scenario_ranks,
+)
+from swarmstart.cases.record.files import RecordError, said
 
 SCHEMA = 2
 LOAD = 1.25
@@ -40,6 +51,66 @@ ON_CPU = 0.8
 SHORTEST_S = 0.05
 """Shortest run for which that part is meaningful [s]."""
 NOTHING: Mapping[str, About] = MappingProxyType({})
+
+NUMBER, COUNT, TEXT, FLAG = "a number", "a count", "a text", "true or false"
+_SHOWN = 40
+_ALL = "*"
+_CURVE = [(NUMBER,)]
+_BAND = {"share": _CURVE, "low": _CURVE, "high": _CURVE}
+_ROW = {
+    "solver": TEXT, "deterministic": FLAG, "settings": TEXT, "runs": COUNT,
+    "failed": [TEXT], "cut": COUNT, "feasible": COUNT, "claimed_feasible": COUNT,
+    "false_successes": COUNT, "near": [COUNT], "near_intervals": ([[NUMBER]],),
+    "costs": _CURVE, "gaps": _CURVE, "claimed": _CURVE, "seconds": _CURVE,
+    "build_seconds": _CURVE, "compile_seconds": _CURVE, "evaluations": _CURVE,
+    "seconds_p50": (NUMBER,), "seconds_p99": (NUMBER,), "evaluations_median": (NUMBER,),
+    "ert_evaluations": _CURVE, "ert_seconds": _CURVE,
+    "against_first": {
+        "words": TEXT, "p": (NUMBER,), "effect": (NUMBER,), "shift": (NUMBER,),
+        "verdict": TEXT,
+    },
+    "history": ({
+        "evaluations": _CURVE, "seconds": _CURVE,
+        "cost": {"low": _CURVE, "median": _CURVE, "high": _CURVE},
+    },),
+    "ecdf": ({"evaluations": _CURVE, **_BAND},),
+    "measures": {_ALL: {
+        "low": (NUMBER,), "median": (NUMBER,), "high": (NUMBER,), "undefined": COUNT,
+    }},
+    "step_seconds": ({_ALL: (NUMBER,)},),
+}  # fmt: skip
+_PAIR = {"a": TEXT, "b": TEXT, "p": (NUMBER,), "effect": NUMBER, "verdict": TEXT}
+_SCENARIO = {
+    "name": TEXT, "title": TEXT, "kind": TEXT, "variant": TEXT, "of": TEXT,
+    "sense": NUMBER, "best_cost": (NUMBER,), "best_by": (TEXT,),
+    "bests": (_CURVE,),
+    "known_cost": (NUMBER,), "rows": [_ROW],
+    "bound": ({"value": (NUMBER,), "kind": TEXT, "gap": (NUMBER,), "words": TEXT},),
+    "pairs": [_PAIR], "answer": ({"solver": TEXT, "seed": COUNT, "plan": {}},),
+}  # fmt: skip
+_CHANGE = {
+    "scenario": TEXT, "solver": TEXT, "quantity": TEXT, "before": (NUMBER,),
+    "now": (NUMBER,), "verdict": TEXT, "words": TEXT,
+}  # fmt: skip
+_COMPARISON = {
+    "headline": TEXT, "command": TEXT, "budget_text": TEXT, "date": TEXT,
+    "budget": {"evaluations": (NUMBER,), "seconds": (NUMBER,)},
+    "versions": {_ALL: TEXT}, "seeds": [COUNT], "near": [NUMBER], "is_noisy": FLAG,
+    "load_max": (NUMBER,),
+    "machines": [{}], "total_seconds": NUMBER,
+    "solvers": [{"name": TEXT, "title": TEXT, "deterministic": FLAG}],
+    "scenarios": [_SCENARIO], "limits": [TEXT],
+    "profile": ({"quantity": TEXT, "ratios": _CURVE, "curves": {_ALL: _BAND}},),
+    "ranks": [{"solver": TEXT, "mean": NUMBER, "low": NUMBER, "high": NUMBER}],
+    "regression": ({"margin": NUMBER, "rows": [_CHANGE], "is_regression": FLAG},),
+}  # fmt: skip
+"""Form of a comparison.
+
+A text names a type, a tuple allows null, a list contains such values; a mapping has at
+least these keys, or, with "*", any keys with such values.
+"""
+
+MOST_BYTES = 200 * 1024 * 1024
 
 
 def content_of(
@@ -216,6 +287,7 @@ def profile_times(
     Returns:
         The quantity, and the times: infinite if never reached.
     """
+    # Evaluations if they are limited, since they do not depend on the machine.
     by_clock = asked.budget.get("evaluations") is None and (
         asked.budget.get("seconds") is not None
     )
@@ -246,3 +318,120 @@ def _ranks(
         {"solver": name, "mean": float(m), "low": float(lo), "high": float(hi)}
         for name, m, lo, hi in zip(names, mean, low, high, strict=True)
     ]
+
+
+def read_comparison(path: Path) -> dict[str, Any]:
+    """Return a comparison written by `compare`.
+
+    Args:
+        path: comparison.json, or the folder that holds it.
+
+    Returns:
+        Its content, as from `content_of`.
+
+    Raises:
+        RecordError: If the file cannot be read, or has another form.
+    """
+    file = path / "comparison.json" if path.is_dir() else path
+    try:
+        # Before reading: a wrong file can be too large for the memory.
+        if file.stat().st_size > MOST_BYTES:
+            raise _foreign(file, f"more than {MOST_BYTES >> 20} MiB")
+        # Python would also read NaN and Infinity, which are not JSON.
+        content = json.loads(file.read_text(encoding="utf-8"), parse_constant=_refuse)
+    except OSError as error:
+        raise RecordError(f"{file}: expected a comparison: {said(error)}") from error
+    except (ValueError, RecursionError) as error:  # JSON, UTF-8, a NUL, huge numbers
+        raise _foreign(file, "a file that is not JSON") from error
+    if not isinstance(content, dict) or content.get("record") != "comparison":
+        raise _foreign(file, "other JSON")
+    if content.get("schema") != SCHEMA:
+        raise _foreign(file, f"schema {_short(content.get('schema'))}")
+    fault = fault_of(content)
+    if fault:
+        raise _foreign(file, fault)
+    return content
+
+
+def _foreign(file: Path, found: str) -> RecordError:
+    return RecordError(
+        f"{file}: expected a comparison of schema {SCHEMA}, as `swarmstart compare` "
+        f"writes it; found {found}"
+    )
+
+
+def _refuse(text: str) -> float:
+    raise ValueError(f"{text} is not a number of JSON")
+
+
+def fault_of(content: Mapping[str, Any]) -> str:
+    """Return an error of a comparison with its place; empty if there is none.
+
+    Args:
+        content: As read from JSON.
+    """
+    return _fault(content, _COMPARISON, "") or _miscounted(content)
+
+
+def _short(value: object) -> str:
+    """Return a value as JSON, cut if it is long."""
+    text = json.dumps(value)
+    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."
+
+
+def _fault(value: Any, expected: Any, place: str) -> str:
+    """Return a difference from the expected form with its place; empty without one."""
+    if isinstance(expected, tuple):
+        return "" if value is None else _fault(value, expected[0], place)
+    if isinstance(expected, str):
+        return "" if _is(value, expected) else _wrong(value, expected, place)
+    if isinstance(expected, list):
+        if not isinstance(value, list):
+            return _wrong(value, "a list", place)
+        parts = [(one, expected[0], f"{place}[{k}]") for k, one in enumerate(value)]
+    else:
+        if not isinstance(value, dict):
+            return _wrong(value, "a mapping", place)
+        if _ALL in expected:
+            expected = dict.fromkeys(value, expected[_ALL])
+        named = {key: f"{place}.{key}".lstrip(".") for key in expected}
+        missing = [where for key, where in named.items() if key not in value]
+        if missing:
+            return f"no {missing[0]}"
+        parts = [(value[key], expected[key], named[key]) for key in expected]
+    return next(filter(None, (_fault(*part) for part in parts)), "")
+
+
+def _wrong(value: Any, expected: str, place: str) -> str:
+    return f"{place} = {_short(value)} instead of {expected}"
+
+
+def _is(value: object, kind: str) -> bool:
+    if kind in (TEXT, FLAG):
+        return isinstance(value, str if kind == TEXT else bool)
+    # In Python a bool is an int.
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    if kind == COUNT:
+        return isinstance(value, int) and 0 <= value < 1 << 63
+    # An integer of JSON can be larger than any float.
+    return abs(value) <= sys.float_info.max
+
+
+def _miscounted(content: Mapping[str, Any]) -> str:
+    """Return an error of a list's length; empty if there is none."""
+    if len(content["near"]) != 2:  # noqa: PLR2004
+        return f"{len(content['near'])} distances in near instead of 2"
+    seeds = len(content["seeds"])
+    for scenario in content["scenarios"]:
+        for row in scenario["rows"]:
+            # One run without chance counts for every seed.
+            runs = 1 if row["deterministic"] and row["runs"] == 1 else seeds
+            counts = [len(row[key]) for key in ("costs", "seconds", "evaluations")]
+            if {row["runs"], *counts} != {runs} or len(row["near"]) != 2:  # noqa: PLR2004
+                return (
+                    f"{row['runs']} runs and {counts[0]} costs of "
+                    f"{_short(row['solver'])} on {_short(scenario['name'])} instead of "
+                    f"{runs}"
+                )
+    return ""

@@ -1,8 +1,19 @@
-"""Curves of solvers on one scenario: best cost and reached targets over time.
+"""Curves of solvers: best cost and reached targets over effort, performance profiles.
 
-history   the best cost so far: lowest, median, highest of the runs
+history   the best cost so far on a scenario: lowest, median, highest of the runs
 ecdf      the share of (seed, target) pairs reached: 51 targets between the best
           known cost and the worst first value, in equal ratios of distance
+profile   the share of instances on which a solver is near the fastest:
+
+    rho_s(ratio) = share of instances in which t(s) <= ratio * min over solvers of t
+
+t is the effort of a solver to reach the target, infinite if it never did. An instance
+that no solver has reached counts in the total, but for no solver. The order of two
+solvers can change if a third one is left out (Gould and Scott 2016).
+
+Source: Dolan and More (2002), Benchmarking optimization software with performance
+profiles, Mathematical Programming 91; Gould and Scott (2016), A note on performance
+profiles for benchmarking software, ACM Transactions on Mathematical Software 43.
 """
 
 from __future__ import annotations
@@ -29,6 +40,10 @@ from swarmstart.cases.campaign.judging.statistics import bands, resampled
 
 DIGITS = 6
 """Significant digits of the numbers of a curve."""
+
+RATIOS = 41
+MOST_RATIO = 1e6
+"""Largest ratio of a profile."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -59,6 +74,7 @@ class Curves:
             rng: Random numbers of the bootstrap.
         """
         seeds = len(asked.seeds)
+        # Drawn in any case, so that no later draw depends on the histories.
         weights = resampled(seeds, resamples=asked.resamples, rng=rng)
         courses = [one.evaluations for one in runs if _has_history(one)]
         ends = np.array([end for one in courses for end in one.ends])
@@ -66,6 +82,7 @@ class Curves:
         worst = max((_worst_first(one) for one in courses), default=-math.inf)
         targets = np.empty(0)
         if math.isfinite(best) and math.isfinite(worst):
+            # Equal ratios need a first distance above 0, also if the best cost is 0.
             nearest = max(float(limits[1] - best), ROUND_OFF * abs(worst))
             if nearest > 0:
                 targets = targets_between(best, worst, nearest)
@@ -95,6 +112,7 @@ class Curves:
         shares = shares_reached(spent, self.marks)
         mean = shares.mean(axis=0)
         low, high = mean, mean
+        # One run that counts for every seed has no band.
         if len(shares) == self.seeds and len(self.weights):
             low, high = bands(self.weights @ shares)
         return {
@@ -120,6 +138,7 @@ def _seconds_at(runs: Runs, marks: Array) -> Array:
     A run that has ended keeps its last time.
     """
     counts, clock = runs.evaluations, runs.seconds
+    # The histories have evaluations, but no seconds.
     if counts.spent.shape != clock.spent.shape:
         return np.full(len(marks), math.nan)
     place = (counts.spent[:, :, None] <= marks).sum(axis=1) - 1
@@ -130,6 +149,7 @@ def _seconds_at(runs: Runs, marks: Array) -> Array:
 def _middle(rising: Array) -> Array:
     """Return medians of sorted columns; infinite if one of the middle two is."""
     count = len(rising)
+    # Halved before they are added: the sum of huge costs would be infinite.
     middle: Array = rising[(count - 1) // 2] / 2 + rising[count // 2] / 2
     return middle
 
@@ -140,3 +160,76 @@ def rounded(values: ArrayLike) -> list[float | None]:
         float(f"{v:.{DIGITS}g}") if math.isfinite(v) else None
         for v in np.ravel(values).tolist()
     ]
+
+
+def relative_times(times: ArrayLike) -> Array:
+    """Return times divided by the least of each instance; infinite if never reached.
+
+    Args:
+        times: Shape (solvers, instances), positive; infinite where never.
+
+    Returns:
+        Shape (solvers, instances), at least 1.
+    """
+    spent = np.asarray(times, dtype=np.float64)
+    least = spent.min(axis=0)
+    known = np.isfinite(least)
+    ratios = np.full(spent.shape, np.inf)
+    # A time of 0 belongs to a mark before the first step: take the smallest number.
+    floor = np.finfo(np.float64).tiny
+    ratios[:, known] = np.maximum(spent[:, known], floor) / np.maximum(
+        least[known], floor
+    )
+    return ratios
+
+
+def ratios_of(relative: Array) -> Array:
+    """Return 41 ratios at which profiles are drawn, equally spaced by logarithm."""
+    finite = relative[np.isfinite(relative)]
+    most = min(max(2.0, float(finite.max(initial=1.0))), MOST_RATIO)
+    # The last ratio is beyond the round-off of the largest finite one.
+    ratios: Array = np.geomspace(1.0, most * (1 + 1e-9), RATIOS)
+    return ratios
+
+
+def performance_profile(relative: Array, ratios: ArrayLike) -> Array:
+    """Return the share of instances within each ratio of the fastest.
+
+    Args:
+        relative: Ratios from `relative_times`, shape (solvers, instances).
+        ratios: Shape (ratios,), at least 1.
+
+    Returns:
+        Shape (solvers, ratios).
+    """
+    shares: Array = _within(relative, ratios).mean(axis=1)
+    return shares
+
+
+def _within(relative: Array, ratios: ArrayLike) -> Array:
+    """Return 1 if an instance is within a ratio, else 0."""
+    within: Array = (relative[:, :, None] <= np.asarray(ratios)).astype(np.float64)
+    return within
+
+
+def profile_bands(
+    relative: Array, ratios: Array, groups: list[Array]
+) -> tuple[Array, Array]:
+    """Return 95 percent bands of a profile, seeds drawn again within each scenario.
+
+    So they concern other seeds on these scenarios, not other scenarios.
+
+    Args:
+        relative: As of `relative_times`, shape (solvers, instances), the instances of a
+            scenario side by side.
+        ratios: Shape (ratios,).
+        groups: For each scenario the weights of its seeds, as of `resampled`, shape
+            (resamples, seeds).
+
+    Returns:
+        Low and high, shape (solvers, ratios) each.
+    """
+    weights = np.concatenate([group / len(groups) for group in groups], axis=1)
+    # With `optimize` it is a product of matrices, which BLAS computes.
+    means = np.einsum("bi,sir->bsr", weights, _within(relative, ratios), optimize=True)
+    return bands(means)

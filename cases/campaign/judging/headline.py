@@ -19,7 +19,7 @@ from swarmstart.cases.campaign.judging.judgement import (
     NOT_COMPARED,
     SECONDS_SHARE,
 )
-from swarmstart.cases.campaign.judging.limits import listed
+from swarmstart.cases.campaign.judging.report import listed
 from swarmstart.cases.campaign.judging.statistics import LEVEL, holm_of_those_that_can
 from swarmstart.cases.campaign.trials.solver_names import NULL_HYPOTHESIS
 
@@ -70,8 +70,10 @@ def headline(content: Content) -> str:
     nothing = _nothing_gained(content, null)
     parts = [part for part in (gain, nothing, _unsolved(content)) if part]
     if nothing and not few and not _is_gained(content, null):
+        # Unless more scenarios show a gain, that there is none comes first.
         parts = [nothing, gain, *parts[2:]]
     text = "; ".join(parts)
+    # A solver keeps its own spelling at the beginning of the sentence.
     is_name = any(text.startswith(f"{name} ") for name in names)
     return f"{text}." if is_name else f"{text[0].upper()}{text[1:]}."
 
@@ -143,11 +145,14 @@ def shown_against(content: Content, null: str) -> list[Shown]:
     adjusted = holm_of_those_that_can(
         [test[3]["p_alone"] for test in tested],
         [test[3]["differing"] for test in tested],
+        # The sentence claims nothing about seconds.
         share=1 - SECONDS_SHARE,
     )
+    # Keyed by identity, since a mapping cannot be a key.
     holds = {id(t[3]): p <= LEVEL for t, p in zip(tested, adjusted, strict=True)}
     for scenario, solver, is_turned, finding in tests:
         verdict = finding["verdict"]
+        # Deterministic solvers have no test, and so no p to adjust.
         if verdict in _OPPOSITE and holds.get(id(finding), True):
             name = _OPPOSITE[verdict] if is_turned else verdict
             getattr(found[solver], name).append(scenario)
@@ -190,6 +195,7 @@ def _gain(content: Content, null: str) -> str:
             f"{_where(content, best.more)} {best.solver} comes {near} in more seeds "
             f"than {null}{lost} ({_counted(content, best.more, best.solver, null)})"
         )
+    # A lower cost is no gain for a solver that is near the best more rarely.
     if best.cheaper and not best.fewer:
         lost = f", and costlier ones on {len(best.costlier)}" if best.costlier else ""
         word = "better" if _maximises(content, best.cheaper) else "cheaper"

@@ -27,7 +27,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.arrays import Array
-from swarmstart.cases.campaign.judging.ranks import with_ties
 from swarmstart.cases.campaign.judging.statistics import (
     LEVEL,
     chances_of_less,
@@ -37,12 +36,14 @@ from swarmstart.cases.campaign.judging.statistics import (
     sign_ps,
     signed_rank_ps,
     too_few,
+    with_ties,
 )
 from swarmstart.cases.campaign.trials.solver_names import NULL_HYPOTHESIS
 
 Flags = NDArray[np.bool_]
 SECONDS_SHARE = 0.2
 """Shares of the chance of a false claim."""
+# 2^(1 - 6) = 0.03 is below LEVEL, and 2^(1 - 5) = 0.06 is not.
 FEWEST_SEEDS = 6
 ALL_PAIRS_FROM = 20
 """Number of seeds from which all pairs are compared.
@@ -100,11 +101,6 @@ class Finding:
     pairs: int
     words: str
 
-    @property
-    def is_shown(self) -> bool:
-        """True if it claims a difference."""
-        return self.verdict not in (SHOWN_NONE, NOT_COMPARED, "")
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Pair:
@@ -152,15 +148,12 @@ def compared_pairs(names: Sequence[str], seeds: int) -> list[tuple[int, int]]:
 
 def fewest_seeds(pairs: int) -> int:
     """Return the number of seeds that can show a difference, for a number of pairs."""
+    # Two tests for each pair, of costs and of successes.
     return max(FEWEST_SEEDS, fewest_pairs(2 * pairs / (1 - SECONDS_SHARE)))
 
 
 def judged(results: Results) -> list[Pair]:
-    """Return the comparisons of one scenario's solvers, those with the first first.
-
-    Args:
-        results: Results seed by seed.
-    """
+    """Return the comparisons of one scenario's solvers, those with the first first."""
     seeds = results.costs.shape[1]
     pairs = compared_pairs(results.names, seeds)
     if not pairs:
@@ -210,6 +203,7 @@ def _certain(results: Results, i: int, j: int) -> Three:
     sign = 0 if one == other else (-1 if one < other else 1)
     verdict = {0: SHOWN_NONE, -1: CHEAPER, 1: COSTLIER}[sign]
     word = {0: "the same cost", -1: _word(results, -1), 1: _word(results, 1)}[sign]
+    # Two infinite costs are equal too, but there is no cost to call the same.
     if not min(one, other) < math.inf:
         word = "both are not feasible"
     cost = Finding(
@@ -271,6 +265,7 @@ def _differences(costs: Array, pairs: Sequence[tuple[int, int]]) -> Array:
         own = np.where(both, plain[i] - plain[j], 0.0)
         largest = np.abs(own).max(initial=0.0)
         far = 2 * largest if largest > 0 else 1.0
+        # Two infeasible answers are a tie: the difference stays 0.
         rows.append(own + far * (feasible[j] * 1.0 - feasible[i] * 1.0) * ~both)
     return np.array(rows).reshape(len(pairs), costs.shape[1])
 
@@ -283,7 +278,9 @@ def _tested_seconds(
     if seconds is None:
         return {}
     sure = results.deterministic
+    # One time repeated for every seed would be one measurement counted many times.
     chosen = [(i, j) for i, j in pairs if not sure[i] and not sure[j]]
+    # A clock can measure 0 s.
     logs = np.where(np.isfinite(seconds), np.log(np.maximum(seconds, 1e-9)), np.inf)
     if not chosen:
         return {}
@@ -373,5 +370,6 @@ def _shift(costs: Array, others: Array) -> float | None:
         return None
     own, other = costs[known], others[known]
     with np.errstate(invalid="ignore", over="ignore"):
+        # Infinitely better than an infeasible answer.
         relative = np.where(np.isfinite(other), (own - other) / np.abs(other), -np.inf)
     return median(relative)

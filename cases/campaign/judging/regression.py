@@ -26,13 +26,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.arrays import Array
-from swarmstart.cases.campaign.judging.change_intervals import (
+from swarmstart.cases.campaign.judging.runs import ROUND_OFF
+from swarmstart.cases.campaign.judging.statistics import (
+    SAME,
+    median,
     median_interval,
     share_interval,
+    too_few,
 )
-from swarmstart.cases.campaign.judging.ranks import SAME
-from swarmstart.cases.campaign.judging.runs import ROUND_OFF
-from swarmstart.cases.campaign.judging.statistics import median, too_few
 from swarmstart.errors import SwarmstartError
 
 Content = Mapping[str, Any]
@@ -246,6 +247,7 @@ def _both(
     chosen = _pairs([old["seeds"], new["seeds"]], [len(each) for each in costs])
     costs = [each[at] for each, at in zip(costs, chosen, strict=True)]
     seconds = [each[at] for each, at in zip(seconds, chosen, strict=True)]
+    # The best known of both decides, so a success means the same in both.
     least = _least(scenarios, chosen)
     paired = np.array(costs)
     sizes = np.abs(paired[np.isfinite(paired)])
@@ -275,6 +277,7 @@ def _pairs(seeds: Sequence[Sequence[int]], counts: Sequence[int]) -> Any:
     if counts[0] == len(seeds[0]) and counts[1] == len(seeds[1]):
         places = {seed: k for k, seed in enumerate(seeds[1])}
         common = [(k, places[s]) for k, s in enumerate(seeds[0]) if s in places]
+        # Else runs are paired in their order: too few seeds are in both.
         if len(common) >= min(FEWEST, *counts):
             return np.array(common).T
     shared = np.arange(min(counts))
@@ -292,6 +295,7 @@ def _success_change(both: _Both, margin: float) -> Change:
             words=_reproduced(both),
         )
     if both.is_certain:
+        # One run without chance in each: the change itself.
         low = high = now - before
     elif both.count < FEWEST:
         return Change(
@@ -346,6 +350,7 @@ def _cost_change(both: _Both, margin: float) -> Change:
         return change(UNKNOWN, "not compared: the cost is about 0")
     low, high = median_interval(relative)
     return change(
+        # A decrease by m / (1 + m) makes up for an increase by m.
         _verdict(low, high, margin, margin / (1 + margin)),
         _interval_words(low, high, "%", both),
     )
@@ -359,6 +364,7 @@ def _relative(costs: Array) -> Array | None:
     """
     old, new = costs
     finite = np.isfinite(old), np.isfinite(new)
+    # Relative to the usual cost: single costs can be near 0.
     first = old[finite[0]] if finite[0].any() else new[finite[1]]
     sizes = np.abs(costs[np.isfinite(costs)])
     size = abs(median(first) or 0.0)
@@ -384,10 +390,12 @@ def _seconds_change(both: _Both, margin: float, reason: str) -> Change:
         return change(UNKNOWN, f"not compared: {reason}")
     if both.count < FEWEST:
         return change(UNKNOWN, _few(both))
+    # Its logarithm below would be infinite.
     if not (both.seconds > 0).all():
         return change(UNKNOWN, "not compared: a run took no time")
     known = np.isfinite(both.seconds)
     logs = np.log(np.where(known, both.seconds, 1.0))
+    # 1 if the run fails only now, -1 if it failed only before.
     lost = known[0] * 1.0 - known[1] * 1.0
     ratios = np.where(known.all(axis=0), logs[1] - logs[0], math.log(_FAR) * lost)
     low, high = (math.expm1(end) for end in median_interval(ratios))

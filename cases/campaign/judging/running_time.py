@@ -52,6 +52,7 @@ class Courses:
         """Return the first feasible cost of each run that has one, shape (n,)."""
         if not self.cost.size:
             return np.empty(0)
+        # Runs without a feasible cost give 0 here, and are dropped below.
         first = np.isfinite(self.cost).argmax(axis=1)
         costs = np.take_along_axis(self.cost, first[:, None], axis=1)[:, 0]
         known: Array = costs[np.isfinite(costs)]
@@ -77,6 +78,7 @@ def courses_of(
     """
     last, costs = np.asarray(ends, dtype=float), np.asarray(final, dtype=float)
     rows = [_marks(history, quantity, tolerance) for history in histories]
+    # One mark more than the longest history has: the end of the run.
     longest = 1 + max((len(spent) for spent, _ in rows), default=0)
     spent = np.repeat(last[:, None], longest, axis=1)
     cost = np.full((len(rows), longest), np.inf)
@@ -136,6 +138,7 @@ def expected_running_time(
     """
     when, last = np.asarray(spent, dtype=float), np.asarray(ends, dtype=float)
     succeeded = when <= budget
+    # Without a budget, "never" would be within it.
     succeeded &= np.isfinite(when)
     total = np.where(succeeded, when, np.minimum(last, budget)).sum()
     return float(total / succeeded.sum()) if succeeded.any() else None
@@ -187,6 +190,7 @@ def costs_at(courses: Courses, marks: Array) -> Array:
     Returns:
         Shape (runs, marks); infinite before a feasible one.
     """
+    # -1 before the first mark of the history.
     number = (courses.spent[:, :, None] <= marks).sum(axis=1) - 1
     known = np.take_along_axis(courses.cost, np.maximum(number, 0), axis=1)
     running = np.where(number < 0, np.inf, known)

@@ -1,10 +1,13 @@
-"""Runs of one solver on one scenario, read from its cells, and their settings.
+"""A solver on a scenario: its cells, one for each seed, and its runs read from them.
 
-A run that failed, was cut or has no feasible answer counts in all numbers.
+A run that failed, was cut or has no feasible answer counts in all numbers. `Asked` and
+`About` are the settings of the comparison and what is known about a scenario besides.
 """
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -15,15 +18,95 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.arrays import Array
-from swarmstart.cases.campaign.engine.cells import Outcome
-from swarmstart.cases.campaign.judging.entry import Entry
+from swarmstart.cases.campaign.engine.cells import Cell, Outcome
 from swarmstart.cases.campaign.judging.running_time import FEASIBLE, Courses, courses_of
+from swarmstart.cases.campaign.trials.peer_names import PEERS
+from swarmstart.cases.campaign.trials.solver_names import Solver
+from swarmstart.cases.format.scenario import Resolved
+from swarmstart.cases.record.record import package_version
 
 NEAR = (0.01, 0.0001)
 ROUND_OFF = 1e-9
 """Part of the largest cost that counts as near a best cost of about 0."""
 FIRST_ROUND_OFF = 1e-12
 """Part of a history's first cost that cancellation in sums can lose."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Entry:
+    """A solver on a scenario.
+
+    Attributes:
+        scenario: The scenario's name.
+        solver: The solver.
+        cells: One for each seed; only one if the solver is deterministic.
+    """
+
+    scenario: str
+    solver: Solver
+    cells: tuple[Cell, ...]
+
+    @property
+    def settings_key(self) -> str:
+        """Key of the settings that its results depend on, without the seeds."""
+        if not self.cells:
+            return ""
+        # All cells have the same job but for the seed.
+        job = {k: v for k, v in self.cells[0].job.items() if k != "seed"}
+        text = json.dumps(job, sort_keys=True, default=str)
+        return hashlib.sha256(text.encode()).hexdigest()[:12]
+
+
+def entry_of(
+    resolved: Resolved,
+    solver: Solver,
+    *,
+    seeds: int,
+    budget: Mapping[str, Any],
+    timeout_s: float,
+    repair: bool,
+) -> Entry:
+    """Return the cells of a solver on a scenario.
+
+    Args:
+        resolved: The scenario with the solver's search.
+        solver: The solver.
+        seeds: Number of seeds, from 0 on.
+        budget: Budget of one planning problem.
+        timeout_s: Time limit of a cell [s].
+        repair: Whether answers that break constraints between the checks are solved
+            again with a margin.
+    """
+    settings, permissions = resolved.anonymous_settings(), resolved.permissions()
+    cells = [
+        Cell(
+            work="swarmstart.cases.campaign.trials.solvers:solve_cell",
+            job={
+                "settings": settings,
+                "variant": resolved.variant,
+                "solver": solver.name,
+                "budget": dict(budget),
+                "seed": seed,
+                "repair": repair,
+                # In the job, and so in the key: recorded versions lack most of these.
+                **_package(solver),
+            },
+            label=f"{resolved.scenario.name}, {solver.name}, seed {seed}",
+            timeout_s=timeout_s,
+            permissions=permissions,
+            rescue="swarmstart.cases.campaign.trials.solvers:judge_checkpoint",
+        )
+        for seed in range(1 if solver.is_deterministic else seeds)
+    ]
+    return Entry(scenario=resolved.scenario.name, solver=solver, cells=tuple(cells))
+
+
+def _package(solver: Solver) -> dict[str, str]:
+    """Return the version of the package of a peer."""
+    if not solver.peer:
+        return {}
+    name = PEERS[solver.peer].pip
+    return {"package": f"{name} {package_version(name)}"}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -147,6 +230,7 @@ def runs_of(entry: Entry, outcomes: Mapping[str, Outcome], asked: Asked) -> Runs
     spent = np.array([one.seconds or math.nan for one in found])
     # A failed run counts with its budget, or without one with the largest effort.
     counts = np.where(lost, _budget(asked, "evaluations", counts), counts)
+    # `fmax` ignores NaN: the larger of what is known.
     clocks = np.where(lost, np.fmax(spent, _budget(asked, "seconds", clocks)), clocks)
     evaluations, seconds = (
         courses_of(
@@ -214,6 +298,7 @@ def is_false_success(result: Mapping[str, Any], near: float = NEAR[0]) -> bool |
     if math.isinf(verified):
         return True
     history = (result.get("history") or {}).get("cost", ())
+    # The size of the summed terms, out of which a small cost can remain.
     first = next((abs(cost) for cost in history if cost is not None), 0.0)
     slack = ROUND_OFF * abs(claimed) + FIRST_ROUND_OFF * first
     return abs(claimed - verified) > near * abs(verified) + slack

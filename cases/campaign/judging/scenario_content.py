@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from swarmstart.arrays import Array
 from swarmstart.cases.campaign.judging.curves import Curves
 from swarmstart.cases.campaign.judging.judgement import Finding, Pair, Results, judged
-from swarmstart.cases.campaign.judging.ranks import SAME
 from swarmstart.cases.campaign.judging.running_time import (
     Courses,
     expected_running_time,
@@ -34,6 +33,7 @@ from swarmstart.cases.campaign.judging.runs import (
     plain,
 )
 from swarmstart.cases.campaign.judging.statistics import (
+    SAME,
     median,
     quantile,
     wilson_interval,
@@ -111,6 +111,7 @@ def judged_scenario(
     best = min(float(costs.min(initial=math.inf)), _given(known_cost))
     bests = costs.min(axis=0) if is_seeded else np.full(seeds, best)
     slack = slack_of(runs, costs)
+    # Else round-off would decide which solver is the best, and the tests.
     costs = np.where(costs <= bests + slack, bests, costs)
     limits = np.array(
         [bests + np.maximum(near * np.abs(bests), slack) for near in asked.near]
@@ -161,6 +162,7 @@ def _given(cost: float | None) -> float:
 
 def sense_of(runs: Sequence[Runs]) -> int:
     """Return -1 if the user maximises, else 1."""
+    # Failed runs have no sense, and take that of the others.
     senses = {result.get("sense", 1) for one in runs for result in one.results}
     return -1 if -1 in senses else 1
 
@@ -168,15 +170,7 @@ def sense_of(runs: Sequence[Runs]) -> int:
 def scenario_content(
     name: str, found: Judged, asked: Asked, about: About, *, rng: np.random.Generator
 ) -> dict[str, Any]:
-    """Return the results of solvers on one scenario.
-
-    Args:
-        name: Name of the scenario.
-        found: The runs with their comparisons.
-        asked: Settings of the comparison.
-        about: Further knowledge about the scenario.
-        rng: Random numbers of the bootstraps.
-    """
+    """Return the results of solvers on one scenario."""
     best = found.best if math.isfinite(found.best) else None
     winner = _winner(found)
     curves = Curves.of(found.runs, found.best, found.limits[:, 0], asked, rng)
@@ -232,6 +226,7 @@ def _winner(found: Judged) -> tuple[Runs, int] | None:
         return None
     runs = min(found.runs, key=lambda one: float(one.costs.min(initial=math.inf)))
     least = float(runs.costs.min(initial=math.inf))
+    # The best known is from elsewhere, and no run here comes up to it.
     if least > found.best + SAME * abs(found.best):
         return None
     return runs, int(runs.costs.argmin())
@@ -268,6 +263,7 @@ def _row(
         "claimed_feasible": int(word.sum()),
         "false_successes": sum(map(bool, wrong)),
         "near": near,
+        # A run without chance has a result, and no rate.
         "near_intervals": None
         if alone
         else [list(wilson_interval(count, len(costs))) for count in near],
@@ -277,6 +273,7 @@ def _row(
         "seconds": plain(runs.clock),
         "build_seconds": [_or_none(r, "build_seconds") for r in runs.results],
         "compile_seconds": [_or_none(r, "compile_seconds") for r in runs.results],
+        # A failed run has a number only for the running times: its budget.
         "evaluations": plain(np.where(runs.has_answer, counts, np.nan)),
         "seconds_p50": quantile(runs.clock, 0.5),
         "seconds_p99": quantile(runs.clock, 0.99),
@@ -301,6 +298,7 @@ def _gaps(costs: Array, bests: Array) -> Array:
     """Return relative distances from the best known; NaN if there is none."""
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         off = costs - bests
+        # A best cost of 0 that is met: the distance is 0, not 0 / 0.
         relative: Array = np.where(off == 0, 0.0, off / np.abs(bests))
     return np.where(np.isfinite(bests), relative, np.nan)
 

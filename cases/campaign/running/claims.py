@@ -41,6 +41,7 @@ def holds(
     """
     if isinstance(measured, list):
         return None
+    # In run.json NaN is null, and both are judged alike.
     if isinstance(measured, float) and math.isnan(measured):
         measured = None
     if bound is None:
@@ -50,6 +51,7 @@ def holds(
             return None
         measured = math.inf
     if width:
+        # A bool of Python: one of NumPy is not written to JSON.
         return bool(abs(measured - bound) <= width)
     return bool(RELATIONS[relation](measured, bound))
 
@@ -140,6 +142,7 @@ def _judged(
 
 def assignments_of(settings: Mapping[str, Any]) -> tuple[str, ...]:
     """Return dotted settings as texts for `--set`; a search by name comes first."""
+    # `search={name: ...}` replaces all settings of the search, so it comes first.
     ordered = sorted(settings.items(), key=lambda item: item[0] != "search.name")
     return tuple(
         f"search={{name: {value}}}"

@@ -1,7 +1,9 @@
-"""Run of one scenario: simulate, measure, judge its claims, draw and record.
+"""Run of one scenario: simulate, measure, judge its claims, draw, record and bound it.
 
 An interrupted run keeps its finished steps in its folder. The same run again continues
-from there, with the same bits as without the interruption.
+from there, with the same bits as without the interruption. A lower bound is sought for
+a scenario that makes one plan. `run_cell` is the work of a cell that is a run; this
+module does not import the cells' engine, which has no part in their keys.
 """
 
 from __future__ import annotations
@@ -10,24 +12,34 @@ import contextlib
 import logging
 import time as clock
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from pkgutil import resolve_name
+from typing import Any
 
 import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from swarmstart.cases.campaign.running.claims import judged
-from swarmstart.cases.campaign.running.planned_once import bound_of, planned_once
-from swarmstart.cases.campaign.running.run_status import RunStatus, status_of
-from swarmstart.cases.format.kind import Flight, Measure, Posed, SeveralPlansError
-from swarmstart.cases.format.scenario import Resolved
-from swarmstart.cases.format.silence import silenced
-from swarmstart.cases.kinds.flight import flight_of
+from swarmstart.cases.campaign.engine.cell_keys import modules_of_settings
+from swarmstart.cases.campaign.running.finished_run import (
+    Interrupted,
+    Run,
+    key_of,
+    measured_run,
+)
+from swarmstart.cases.format.foreign_solvers import silenced
+from swarmstart.cases.format.kind import (
+    Flight,
+    PlanningProblem,
+    Posed,
+    SeveralPlansError,
+)
+from swarmstart.cases.format.registry import words_of
+from swarmstart.cases.format.scenario import Resolved, resolved_again
+from swarmstart.cases.kinds.flight import first_problem, flight_of
 from swarmstart.cases.record.bound_content import (
-    CERTIFICATE,
     bound_content,
     compared_anew,
     kept_bound,
@@ -37,7 +49,6 @@ from swarmstart.cases.record.files import locked, write_arrays, write_json, writ
 from swarmstart.cases.record.multiplier_arrays import (
     multiplier_arrays,
     multipliers_from,
-    told,
 )
 from swarmstart.cases.record.partial import load_partial, remove_partial, save_partial
 from swarmstart.cases.record.record import (
@@ -49,224 +60,31 @@ from swarmstart.cases.record.record import (
     Recording,
     kept_figures,
     require_own,
-    run_key,
-    versions,
     withdraw,
 )
-from swarmstart.cases.record.step_table import STEPS, step_table
-from swarmstart.cases.record.trajectory_arrays import trajectory_arrays
+from swarmstart.cases.record.trajectory_arrays import (
+    STEPS,
+    step_table,
+    trajectory_arrays,
+)
 from swarmstart.heuristics.running import heeded, put_off
 from swarmstart.machine_code import Stopwatch, stopwatch
 from swarmstart.ocp import (
     DivergedError,
     LowerBound,
-    SearchReport,
     Solution,
     Step,
-    Trajectory,
-    chosen_backend,
     collected,
     fly,
 )
-from swarmstart.ocp.answer import BoundInterrupted
-from swarmstart.ocp.common import (
-    ProgressCallback,
-    piece_at,
-    require_seconds,
-    tell_nothing,
-)
+from swarmstart.ocp.answer import BoundInterrupted, bounded
+from swarmstart.ocp.common import ProgressCallback, require_seconds, tell_nothing
 from swarmstart.ocp.nlp import Multipliers, multipliers_of
-from swarmstart.ocp.search import StartsAccount
-
-if TYPE_CHECKING:
-    import control
 
 logger = logging.getLogger(__name__)
 
 # Work of this duration is kept even if no interrupt is handled, in seconds.
 CHECKPOINT_S = 15.0
-
-
-class Interrupted(KeyboardInterrupt):
-    """Ctrl-C during a run, whose finished steps are in its folder.
-
-    Attributes:
-        folder: The run's folder; None if the run is not recorded.
-        finished: Number of finished steps.
-        run: The finished run if only the search for its bound was interrupted, with the
-            best bound until then if there is one; else None.
-    """
-
-    def __init__(
-        self, folder: Path | None, finished: int, *, run: Run | None = None
-    ) -> None:
-        """Keep the finished steps and their folder."""
-        super().__init__(
-            f"{finished} finished steps are kept in {folder}; the same command again "
-            "goes on from there"
-            if run is None
-            else _without_bound(run)
-        )
-        self.folder = folder
-        self.finished = finished
-        self.run = run
-
-
-def _without_bound(run: Run) -> str:
-    """Return the message for a run whose bound was interrupted."""
-    kept = "" if run.folder is None else f" and kept in {run.folder}"
-    best = "no bound was proven yet" if run.bound is None else "the best one is kept"
-    return f"the run is finished{kept}; its bound was interrupted: {best}"
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Run:
-    """A finished run.
-
-    Attributes:
-        resolved: The scenario as it was run.
-        seed: The seed.
-        flight: The closed loop that was run.
-        trajectory: The simulated trajectory.
-        measures: Values of the measures, by name.
-        claims: All claims of the scenario, judged if this run can judge them.
-        ended: How it ended.
-        wall_s: Wall time of building, simulating and measuring, without that of
-            compiling and of an earlier, interrupted run [s].
-        compile_s: Wall time of loading and compiling machine code [s].
-        folder: Folder of the record; None without a record.
-        figures: The figures drawn.
-        resumed: Number of steps that an earlier, interrupted run had finished.
-        multipliers: Multipliers of the first plan, if one agent plans and a solver
-            converged.
-        bound: Lower bound of the cost of any plan, if it was asked for.
-        bound_content: The bound as in run.json; that of an earlier, equal run if no
-            bound was asked for and the record has one; else None.
-    """
-
-    resolved: Resolved
-    seed: int
-    flight: Flight[Posed]
-    trajectory: Trajectory
-    measures: Mapping[str, Measure]
-    claims: list[dict[str, Any]]
-    ended: RunStatus
-    wall_s: float = 0.0
-    compile_s: float = 0.0
-    folder: Path | None = None
-    figures: tuple[Path, ...] = ()
-    resumed: int = 0
-    multipliers: Multipliers | None = None
-    bound: LowerBound | None = None
-    bound_content: Mapping[str, Any] | None = None
-
-    def __repr__(self) -> str:
-        """Return scenario, seed and how it ended in one line."""
-        name = self.resolved.scenario.name
-        return f"Run of {name}, seed {self.seed}: {self.status}"
-
-    def summary(self) -> dict[str, Any]:
-        """Return the data that `--json` prints and run.json contains."""
-        settings = self.resolved.settings
-        return {
-            "schema": 1,
-            "scenario": settings["name"],
-            "kind": settings["kind"],
-            "variant": self.resolved.variant,
-            "seed": self.seed,
-            "key": key_of(self.resolved, self.seed),
-            "search": settings["search"]["name"],
-            "polish": self.resolved.scenario.polish_name,
-            "status": self.status,
-            "measures": dict(self.measures),
-            "multipliers": told(self.multipliers),
-            "starts": self._starts(),
-            "search_lanes": self._search_lanes(),
-            "bound": None if self.bound_content is None else dict(self.bound_content),
-            "claims": self.claims,
-            "evaluations": self.measures.get("evaluations"),
-            "wall_s": self.wall_s,
-            "compile_seconds": self.compile_s,
-            "backend": backend_of(self.resolved),
-            "resumed_steps": self.resumed,
-            "versions": versions(),
-            "figures": [file.name for file in self.figures],
-            "documents": [*self.flight.documents, *self._certificates()],
-            "out": str(self.folder) if self.folder else None,
-        }
-
-    def to_time_response(self) -> Any:
-        """Return the trajectory as a `control.TimeResponseData`; see there."""
-        return self.trajectory.to_time_response()
-
-    def linearised(self, time: float) -> control.StateSpace:
-        """Return the linear system of the plant near a point of the run.
-
-        Args:
-            time: Time within the run [s].
-
-        Raises:
-            InvalidProblemError: If the time is outside of the run.
-            InvalidSystemError: As `Model.linearised`.
-        """
-        plant, at = self.flight.plant, np.array([time])
-        x, u = self.trajectory.at(time)
-        number = piece_at(time, self.trajectory.times)
-        plant = plant.with_decided(self.trajectory.decisions[number].decided)
-        signals = plant.varying(at)[: plant.model.ns, 0]
-        return plant.model.linearised(
-            x, u, parameters=plant.parameters(at)[:, 0], signals=signals, time=time
-        )
-
-    @property
-    def status(self) -> str:
-        """One sentence on how it ended."""
-        return self.ended.sentence()
-
-    @property
-    def feasible(self) -> bool:
-        """True if at least one planned step found a feasible plan."""
-        return self.ended.is_usable
-
-    @property
-    def starts(self) -> StartsAccount | None:
-        """Results of the starts of the first plan; None if it had one start."""
-        decisions = self.trajectory.decisions
-        return decisions[0].plans[0].starts if decisions else None
-
-    @property
-    def search_report(self) -> SearchReport:
-        """Report of the search of the first plan."""
-        decisions = self.trajectory.decisions
-        return decisions[0].plans[0].search if decisions else SearchReport()
-
-    def _certificates(self) -> list[str]:
-        return [CERTIFICATE] if (self.bound_content or {}).get("certificate") else []
-
-    def _starts(self) -> dict[str, Any] | None:
-        agent = self.flight.posed.agents[0]
-        return None if self.starts is None else self.starts.told(agent.problem.sense)
-
-    def _search_lanes(self) -> dict[str, Any] | None:
-        return self.search_report.told(self.flight.posed.agents[0].problem.sense)
-
-
-def default_folder(resolved: Resolved, seed: int, root: Path) -> Path:
-    """Return root/<scenario>/<key>, the default folder of a run's record."""
-    return root / resolved.scenario.name / key_of(resolved, seed)
-
-
-def key_of(resolved: Resolved, seed: int) -> str:
-    """Return the hash of all that determines a run's result."""
-    settings = dict(resolved.settings)
-    for told_only in ("claims", "title", "source", "backend"):
-        settings.pop(told_only)
-    return run_key(settings, seed, backend_of(resolved))
-
-
-def backend_of(resolved: Resolved) -> str:
-    """Return the name of the evaluator of populations in a run."""
-    return chosen_backend(resolved.scenario.backend)
 
 
 def run(
@@ -302,7 +120,7 @@ def run(
     """
     require_seconds("bound", bound_s)
     if bound_s is not None:
-        planned_once(resolved.posed(), resolved.scenario.steps)  # Else raises now.
+        _planned_once(resolved.posed(), resolved.scenario.steps)  # Else raises now.
     if recording is None:
         return _bounded(_run(resolved, seed, None, progress), bound_s, progress)
     with locked(recording.folder):  # Tried before the simulation, not after it.
@@ -313,6 +131,30 @@ def run(
             require_own(recording.folder, key, _scenario_text(resolved))
         finished = _run(resolved, seed, recording, progress)
         return _bounded(finished, bound_s, progress)
+
+
+def run_cell(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Return the measures of a run; with figures its record is kept (in a worker)."""
+    resolved = resolved_again(job["settings"], job["variant"])
+    finished = run(
+        resolved,
+        seed=job["seed"],
+        # The folder belongs to the cell, also if an earlier attempt left files there.
+        recording=Recording(folder=folder, force=True) if job["figures"] else None,
+    )
+    summary = finished.summary()
+    kept = ("status", "measures", "wall_s", "backend", "figures")
+    return {name: summary[name] for name in kept}
+
+
+def modules_of(job: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the modules that a run uses by name, for the key of its cell."""
+    settings = job["settings"]
+    named = modules_of_settings(settings)
+    if not job["figures"]:
+        return named
+    drawn_by: str = resolve_name(words_of(settings["kind"]).kind).drawn_by
+    return (*named, drawn_by.partition(":")[0])
 
 
 def _keep_original(resolved: Resolved, folder: Path) -> None:
@@ -334,6 +176,7 @@ def _run(
     progress: ProgressCallback,
 ) -> Run:
     """Return the run, in a folder that is locked and the run's own."""
+    # IPOPT is quiet by its options; other solvers print from native code.
     is_loud = resolved.scenario.polish_name not in ("none", "ipopt")
     with silenced(is_needed=is_loud), stopwatch() as watch:
         return _timed(resolved, seed, recording, progress, watch)
@@ -359,7 +202,9 @@ def _timed(
     logger.debug("simulated after %.2f s", watch.seconds)
     try:
         with heeded():
-            finished = _measured(resolved, flight, collected(flight.plant, steps), seed)
+            finished = measured_run(
+                resolved, flight, collected(flight.plant, steps), seed
+            )
             finished = replace(
                 finished,
                 wall_s=watch.seconds,
@@ -389,6 +234,25 @@ def _timed(
     return finished
 
 
+def _planned_once(posed: Posed, steps: int) -> PlanningProblem:
+    """Return the planning problem of a scenario that makes one plan.
+
+    Raises:
+        SeveralPlansError: If it makes several plans, for several steps or agents.
+    """
+    if posed.order is not None or posed.nearby is not None:
+        raise SeveralPlansError(
+            "a lower bound needs one plan, and this scenario has several agents that "
+            "plan"
+        )
+    if not posed.open_loop and steps > 1:
+        raise SeveralPlansError(
+            f"a lower bound needs one plan, and this scenario plans at {steps} steps "
+            "in closed loop"
+        )
+    return first_problem(posed)
+
+
 def _kept_bound(finished: Run, folder: Path) -> Mapping[str, Any] | None:
     """Return the bound in the record of an earlier, equal run, if it has one.
 
@@ -398,7 +262,7 @@ def _kept_bound(finished: Run, folder: Path) -> Mapping[str, Any] | None:
     if kept is None:
         return None
     try:  # A user's record can claim a bound of several plans.
-        planned_once(finished.flight.posed, finished.resolved.scenario.steps)
+        _planned_once(finished.flight.posed, finished.resolved.scenario.steps)
     except SeveralPlansError:
         return None
     return compared_anew(kept, finished.flight.answer(finished.trajectory))
@@ -411,8 +275,9 @@ def _bounded(finished: Run, seconds: float | None, progress: ProgressCallback) -
     flight, scenario = finished.flight, finished.resolved.scenario
     answer, is_interrupted = flight.answer(finished.trajectory), False
     try:
-        bound: LowerBound | None = bound_of(
-            flight.posed, scenario.steps, answer, seconds=seconds, progress=progress
+        one = _planned_once(flight.posed, scenario.steps)
+        bound: LowerBound | None = bounded(
+            answer, one.problem, one.x0, one.known, seconds=seconds, progress=progress
         )
     except BoundInterrupted as stopped:
         bound, is_interrupted = stopped.partial, True
@@ -434,29 +299,6 @@ def _with_bound(finished: Run, bound: LowerBound, answer: Solution) -> Run:
         if folder is not None:
             write_json(folder / MARK, finished.summary())
     return finished
-
-
-def _measured(
-    resolved: Resolved, flight: Flight[Posed], trajectory: Trajectory, seed: int
-) -> Run:
-    """Return a run with its measures and judged claims."""
-    scenario = resolved.scenario
-    measures = resolved.kind.measure(scenario, flight, trajectory)
-    return Run(
-        resolved=resolved,
-        seed=seed,
-        flight=flight,
-        trajectory=trajectory,
-        measures=measures,
-        claims=judged(
-            scenario.claims,
-            resolved.settings,
-            measures,
-            variant=resolved.variant,
-            undefined=resolved.kind.undefined_of(scenario),
-        ),
-        ended=status_of(flight, trajectory),
-    )
 
 
 def _flown(

@@ -81,6 +81,7 @@ def _claims(results: Sequence[Mapping[str, Any] | None]) -> list[dict[str, Any]]
             **{name: claim[name] for name in ("id", "text", "gate")},
             "holds": [each[number]["holds"] for each in found],
         }
+        # The claims are those of the scenario, and so the same in each run.
         for number, claim in enumerate(found[0])
     ]
 
@@ -105,6 +106,7 @@ def bands(tracks: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
 def _band(
     tracks: Sequence[Mapping[str, Any]], name: str, time: np.ndarray[Any, Any]
 ) -> dict[str, list[float | None]]:
+    # A state that is not defined is NaN, and so is the band there.
     rows = np.array(
         [
             np.interp(time, track["time"], _numbers(track["states"][name]))
@@ -127,6 +129,7 @@ def spread_of(values: Sequence[Any]) -> tuple[str, ...]:
 
     For a list the largest entry counts.
     """
+    # One number for each run, so that runs can be compared.
     single = [_largest(value) for value in values]
     known = [value for value in single if value is not None]
     missing = len(values) - len(known)

@@ -1,20 +1,25 @@
-"""The cells of a comparison: every solver on every scenario, seed by seed.
+"""The cells of a comparison: every solver on every scenario, seed by seed, and bounds.
 
 A scenario is compared by its one planning problem, or by whole runs in closed loop. A
 run in closed loop needs a solver that a controller can use: a search of this package,
 IPOPT, or IPOPT from random starts. Other solvers are left out and listed as such.
+
+Lower bounds have cells of their own, after all runs: a bound does not count in the
+seconds of any solver, and is kept and resumed like a run. It concerns one plan, so
+scenarios that are compared by whole runs have none.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
-from swarmstart.cases.campaign.engine.cells import Cell
-from swarmstart.cases.campaign.judging.entry import Entry, entry_of
+from swarmstart.cases.campaign.engine.cells import Cell, Outcome
+from swarmstart.cases.campaign.judging.runs import Entry, entry_of
 from swarmstart.cases.campaign.studies.comparison_plan import Chosen, ComparisonPlan, Of
-from swarmstart.cases.campaign.trials.flight_trial import flight_cell
-from swarmstart.cases.campaign.trials.seeding import seed_keys
+from swarmstart.cases.campaign.trials.flight_trial import flight_cell, seed_keys
 from swarmstart.cases.campaign.trials.solver_names import IPOPT, MULTISTART, Solver
 from swarmstart.cases.campaign.trials.solvers import search_share
 from swarmstart.cases.format.document import Document
@@ -22,9 +27,15 @@ from swarmstart.cases.format.kind import SeveralPlansError
 from swarmstart.cases.format.scenario import Resolved, resolve
 from swarmstart.cases.kinds.flight import first_problem
 from swarmstart.cases.record.files import to_json
+from swarmstart.ocp import BoundKind
 from swarmstart.ocp.search import LANES
 
 Allow = Callable[[Resolved], Resolved]
+
+LATE, MOMENT_S = 2.0, 120.0
+"""Time limit of a bound: a factor of its seconds, and a constant [s]."""
+
+CarriedOut = Callable[[Sequence[Cell]], Sequence[Outcome]]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -96,6 +107,7 @@ def contest_of(
         entries = []
         for solver in solvers:
             share = [f"budget={to_json(search_share(solver, budget))}"]
+            # "none" has no budget that can be set.
             searched = share if solver.search != "none" else []
             one = resolved(searched, search=solver.search, polish=_polish(solver))
             entries.append(_planned(one, solver, plan, budget))
@@ -165,6 +177,7 @@ def _flown_by(
     """Return the search of a run's plans, and its settings as texts for --set."""
     share = [f"budget={to_json(search_share(solver, budget))}"]
     polish = [f"ipopt.{key}={to_json(value)}" for key, value in solver.polish_options]
+    # Lanes belong to `solve`: another solver would get a second search by them.
     lanes = [f"lanes={LANES if solver.family == 'solve' else 0}"]
     if solver.family == "solve":
         return "default", [*lanes, *share]
@@ -178,6 +191,7 @@ def _flown_by(
 
 def _flown(resolved: Resolved, solver: Solver, plan: ComparisonPlan) -> Entry:
     """Return the cells of closed-loop runs; a seed is also that of disturbances."""
+    # With disturbances, each seed is another run for every solver.
     alone = solver.is_deterministic and not seed_keys(resolved.settings)
     cells = [
         flight_cell(resolved, seed, timeout_s=plan.timeout_s, by=solver.name)
@@ -217,3 +231,74 @@ def with_distinct_names(contests: Sequence[Contest]) -> list[Contest]:
         entries = tuple(replace(entry, scenario=name) for entry in contest.entries)
         named.append(replace(contest, name=name, entries=entries))
     return named
+
+
+def bounds_of(
+    contests: Sequence[Contest],
+    outcomes: Mapping[str, Outcome],
+    seconds: float | None,
+    carried_out: CarriedOut,
+) -> dict[str, dict[str, Any]]:
+    """Return the lower bound of each scenario that has one plan.
+
+    Args:
+        contests: The scenarios, whose solvers have run.
+        outcomes: Outcomes of the solvers' cells, by their keys.
+        seconds: Time for each bound [s]; None means that no bound is sought.
+        carried_out: Function of cells that returns their outcomes in the same order.
+
+    Returns:
+        Bounds by scenario, as `About.bound`: of costs that are minimised.
+    """
+    if seconds is None:
+        return {}
+    cells = {
+        contest.name: bound_cell_of(contest, outcomes, seconds)
+        for contest in contests
+        if contest.of == "plan"
+    }
+    found = carried_out([*cells.values()])
+    return {name: _about(outcome) for name, outcome in zip(cells, found, strict=True)}
+
+
+def bound_cell_of(
+    contest: Contest, outcomes: Mapping[str, Outcome], seconds: float
+) -> Cell:
+    """Return the cell of a scenario's bound."""
+    resolved = contest.resolved
+    return Cell(
+        work="swarmstart.cases.campaign.trials.bounds:bound_cell",
+        job={
+            "settings": resolved.anonymous_settings(),
+            "variant": resolved.variant,
+            "seconds": seconds,
+            "known": _best(contest, outcomes),
+        },
+        label=f"{contest.name}, lower bound",
+        timeout_s=LATE * seconds + MOMENT_S,
+        permissions=resolved.permissions(),
+    )
+
+
+def _best(contest: Contest, outcomes: Mapping[str, Outcome]) -> float | None:
+    """Return the best confirmed cost, as the problem states it; None without one."""
+    found = [outcomes[cell.key].result for e in contest.entries for cell in e.cells]
+    known = [one for one in found if one is not None and one.get("feasible")]
+    costs = [one for one in known if one.get("verified_cost") is not None]
+    best = min(costs, key=lambda one: float(one["verified_cost"]), default=None)
+    return None if best is None else float(best["sense"] * best["verified_cost"])
+
+
+def _about(outcome: Outcome) -> dict[str, Any]:
+    """Return a bound as in `About`; that of a failed cell is the reason only."""
+    result = outcome.result
+    if result is None:
+        none = {"kind": BoundKind.NONE.value, "value": None}
+        return {**none, "reason": outcome.failure, "cell": outcome.folder.name}
+    value = result["value"]
+    is_finite = value is not None and math.isfinite(value)
+    return {
+        **{key: one for key, one in result.items() if key != "sense"},
+        "value": float(result["sense"] * value) if is_finite else None,
+        "cell": outcome.folder.name,
+    }

@@ -22,8 +22,8 @@ from typing import Any, Literal
 from pydantic import Field
 
 from swarmstart.cases.format.document import Document
-from swarmstart.cases.format.scenario import checked
-from swarmstart.cases.format.settings import Number, Part
+from swarmstart.cases.format.flaws import checked
+from swarmstart.cases.format.parts import Number, Part
 from swarmstart.cases.record.files import to_json
 
 Of = Literal["auto", "plan", "flight"]
@@ -135,6 +135,7 @@ def plan_in(document: Document) -> ComparePart:
 
 def _placed(source: str, folder: Path) -> str:
     """Return a path of a plan relative to here; a scenario's name stays as it is."""
+    # A scenario's name has none of these marks.
     looks_like_path = any(mark in source for mark in "./\\")
     return str(folder / source) if looks_like_path else source
 

@@ -1,10 +1,18 @@
-"""Functions of the library that do what the commands `run` and `compare` do."""
+"""Functions of the library that do what the commands `run` and `compare` do.
+
+In the rows of `compare` a success is a feasible answer, confirmed on the finer grid,
+whose cost is within NEAR of the least that any solver of the comparison has found. Each
+solver is compared with the first, seed by seed, by a signed-rank test; p values are
+adjusted for their number (Holm). An infeasible answer counts as costlier than any
+feasible one.
+"""
 
 from __future__ import annotations
 
+import statistics
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
 from pkgutil import resolve_name
@@ -15,8 +23,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from swarmstart.cases.campaign.engine.cells import Cell, Outcome
-from swarmstart.cases.campaign.judging.comparison import Entry, Row, rows_of
-from swarmstart.cases.campaign.running.run import Run
+from swarmstart.cases.campaign.judging.runs import (
+    About,
+    Asked,
+    Entry,
+    runs_of,
+)
+from swarmstart.cases.campaign.judging.scenario_content import (
+    judged_scenario,
+    scenario_content,
+)
+from swarmstart.cases.campaign.running.finished_run import Run
 from swarmstart.cases.campaign.running.run import run as run_resolved
 from swarmstart.cases.campaign.studies.comparing import Contest, contest_of
 from swarmstart.cases.campaign.studies.comparison_plan import Chosen, ComparisonPlan
@@ -44,6 +61,58 @@ Compared = Scenario | tuple[OptimalControlProblem, ArrayLike, *tuple[Known, ...]
 NEVER_S = 10**9
 """Time limit of a solver: as good as none [s]."""
 NO_SETTINGS: Mapping[str, Any] = MappingProxyType({})
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Row:
+    """Results of a solver on a scenario.
+
+    Attributes:
+        entry: The solver and the scenario.
+        outcomes: Outcomes of its cells.
+        feasible: Number of feasible answers.
+        successes: Number of answers near the best known cost.
+        success_interval: 95 percent interval of the rate; None for a deterministic
+            solver.
+        costs: Verified costs of the feasible answers, sorted.
+        evaluations: Median of the evaluations; None if no cell ended without failure.
+        against_first: Comparison with the first solver, in words.
+        false_successes: Number of answers that the solver calls feasible although they
+            are not, or whose cost differs from the solver's.
+        expected_evaluations: Expected evaluations to come near the best known cost,
+            with those of failed runs; None if no run does, or it is not known.
+    """
+
+    entry: Entry
+    outcomes: tuple[Outcome, ...]
+    feasible: int
+    successes: int
+    success_interval: tuple[float, float] | None
+    costs: tuple[float, ...]
+    evaluations: float | None
+    against_first: str
+    false_successes: int = 0
+    expected_evaluations: float | None = None
+
+    @property
+    def scenario(self) -> str:
+        """Name of the scenario."""
+        return self.entry.scenario
+
+    @property
+    def solver(self) -> str:
+        """Name of the solver."""
+        return self.entry.solver.name
+
+    def __repr__(self) -> str:
+        """Return problem, solver and results in one line."""
+        cost = f"{statistics.median(self.costs):.6g}" if self.costs else "-"
+        said = f"; {self.against_first}" if self.against_first else ""
+        return (
+            f"{self.scenario}, {self.solver}: {self.feasible} of "
+            f"{len(self.outcomes)} feasible, {self.successes} near the best, "
+            f"median cost {cost}{said}"
+        )
 
 
 def run(  # noqa: PLR0913 - the options of a command
@@ -208,6 +277,41 @@ def compare(  # noqa: PLR0913 - the options of a command
     return [row for each in entries for row in rows_of(each, outcomes, seeds=seeds)]
 
 
+def rows_of(
+    entries: Sequence[Entry], outcomes: Mapping[str, Outcome], *, seeds: int
+) -> list[Row]:
+    """Return the results of the solvers of one scenario, in their order.
+
+    Args:
+        entries: Solvers on one scenario; the others are compared with the first.
+        outcomes: Outcomes by the cells' keys.
+        seeds: Number of seeds; a deterministic answer counts for each.
+    """
+    # Without resamples, since rows have no bands.
+    asked = Asked(seeds=tuple(range(seeds)), resamples=0)
+    found = judged_scenario([runs_of(e, outcomes, asked) for e in entries], asked)
+    rng = np.random.default_rng(asked.bootstrap_seed)
+    content = scenario_content("", found, asked, About(), rng=rng)
+    rows = []
+    for entry, runs, row in zip(entries, found.runs, content["rows"], strict=True):
+        interval = row["near_intervals"]
+        rows.append(
+            Row(
+                entry=entry,
+                outcomes=runs.outcomes,
+                feasible=row["feasible"],
+                successes=row["near"][0],
+                success_interval=None if interval is None else tuple(interval[0]),
+                costs=tuple(sorted(cost for cost in row["costs"] if cost is not None)),
+                evaluations=row["evaluations_median"],
+                against_first=row["against_first"]["words"],
+                false_successes=row["false_successes"],
+                expected_evaluations=row["ert_evaluations"][0],
+            )
+        )
+    return rows
+
+
 def _contest(
     scenario: Scenario,
     solvers: Sequence[Solver],
@@ -293,6 +397,7 @@ def _solving(
     posed: PlanningProblem, first: Trial
 ) -> Callable[[Cell, Path], dict[str, Any]]:
     """Return a function that solves a problem with a cell's seed and builds it once."""
+    # Built with the first cell, so that an error there is that cell's failure.
     made = cache(partial(built, posed, first))
 
     def solve(cell: Cell, folder: Path) -> dict[str, Any]:
@@ -306,6 +411,7 @@ def _entry(name: str, solver: Solver, seeds: int) -> Entry:
     """Return the cells of a solver on a problem, which are not kept."""
     cells = [
         Cell(
+            # Never looked up: the function of `_solving` does the work.
             work="swarmstart.cases.campaign.studies.library:compare",
             job={"problem": name, "solver": solver.name, "seed": seed},
             label=f"{name}, {solver.name}, seed {seed}",

@@ -22,7 +22,6 @@ from pydantic import Field, model_validator
 from swarmstart.cases.campaign.engine.cells import Cell, Outcome
 from swarmstart.cases.campaign.judging.statistics import too_few
 from swarmstart.cases.campaign.running.claims import assignments_of, claim_assignments
-from swarmstart.cases.campaign.running.run_cell import FLOWN_BY, run_cell
 from swarmstart.cases.campaign.studies.verdicts import (
     Verdict,
     median_of,
@@ -35,9 +34,38 @@ from swarmstart.cases.campaign.studies.verdicts import (
 )
 from swarmstart.cases.format.document import Document
 from swarmstart.cases.format.kind import Measure
+from swarmstart.cases.format.parts import NonNegative, Number, Part
 from swarmstart.cases.format.scenario import Resolved, read_document, resolve
-from swarmstart.cases.format.settings import Claim, NonNegative, Number, Part
+from swarmstart.cases.format.settings import Claim
 from swarmstart.cases.format.yaml_reader import parse_yaml
+
+FLOWN_BY = "swarmstart.cases.campaign.running.run:run_cell"
+
+
+def cell_of_run(
+    resolved: Resolved, seed: int, *, figures: bool = False, flown_by: str = FLOWN_BY
+) -> Cell:
+    """Return the cell of one run.
+
+    Args:
+        resolved: The scenario.
+        seed: The seed.
+        figures: Whether figures are drawn, into `figures` of its folder.
+        flown_by: "module:function" that runs it; by default it measures the run.
+    """
+    # Figures show the title; without them, runs that differ in it are one cell.
+    settings = dict(resolved.settings) if figures else resolved.anonymous_settings()
+    variant = f" {resolved.variant}" if resolved.variant else ""
+    return Cell(
+        work=flown_by,
+        job={
+            "settings": settings,
+            "variant": resolved.variant,
+            "seed": seed,
+            "figures": figures,
+        },
+        label=f"{resolved.scenario.name}{variant}, seed {seed}",
+    )
 
 
 class PartOfClaim(Part):
@@ -95,6 +123,7 @@ class ChapterClaim(Part):
         return {
             **{key: value for key, value in data.items() if key != "common"},
             "parts": [{**common, **part} for part in data.get("parts", [])],
+            # Here, since a strict model takes no text for an enum.
             "expected": Verdict(data.get("expected", Verdict.HOLDS)),
         }
 
@@ -180,6 +209,7 @@ class JudgedClaim:
     @property
     def is_expected(self) -> bool:
         """True if the verdict is as expected, or too few runs were asked for."""
+        # Its verdict is "not judged", as with too few runs.
         if any(part.failures for part in self.parts):
             return False
         return self.verdict in (self.claim.expected, Verdict.NOT_JUDGED)
@@ -232,13 +262,15 @@ def _planned_part(
     sets = [claim_assignments(claim, base.settings)]
     if claim.against is not None:
         sets.append(sets[0] + assignments_of(claim.against))
+    # A part with one seed has no chance in it, and needs no more.
     count = part.seeds if seeds is None or part.seeds == 1 else seeds
     drawn = drawn_by_key(chapter)
     cells = []
     for seed in range(count):
         seeded = tuple(f"{key}={seed}" for key in part.seeded)
         runs = (_resolved(part.scenario, variant, given + seeded) for given in sets)
-        pair = (run_cell(run, seed, flown_by=chapter.flown_by) for run in runs)
+        pair = (cell_of_run(run, seed, flown_by=chapter.flown_by) for run in runs)
+        # A run that a figure needs is not done twice, but once with its figures.
         cells.append(tuple(drawn.get(cell.key, cell) for cell in pair))
     return PlannedPart(
         part=part,
@@ -294,14 +326,14 @@ def _document(name: str) -> Document:
 def figure_cells(chapter: Chapter) -> list[Cell]:
     """Return the runs of the figures, in their order."""
     return [
-        run_cell(_of_figure(chapter, figure), 0, figures=True)
+        cell_of_run(_of_figure(chapter, figure), 0, figures=True)
         for figure in chapter.figures
     ]
 
 
 def drawn_by_key(chapter: Chapter) -> dict[str, Cell]:
     """Return the cells of runs with figures, by the keys of the same runs without."""
-    bare = [run_cell(_of_figure(chapter, f), 0).key for f in chapter.figures]
+    bare = [cell_of_run(_of_figure(chapter, f), 0).key for f in chapter.figures]
     return dict(zip(bare, figure_cells(chapter), strict=True))
 
 
@@ -315,13 +347,7 @@ def judged(
     parts: Sequence[PlannedPart],
     outcomes: Mapping[str, Outcome],
 ) -> JudgedClaim:
-    """Return a claim, judged by its finished cells.
-
-    Args:
-        claim: The claim.
-        parts: Its parts, as from `planned`.
-        outcomes: Outcomes by the cells' keys.
-    """
+    """Return a claim, judged by its finished cells."""
     found = tuple(_judged_part(part, outcomes) for part in parts)
     verdict = verdict_of_parts([part.verdict for part in found])
     if claim.assumption:

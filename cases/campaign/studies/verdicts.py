@@ -88,6 +88,7 @@ def paired_verdict(
         return Verdict.NOT_JUDGED, too_few(len(ratios), "pair", fewest)
     values = np.clip(ratios, -MOST_RATIO, MOST_RATIO)
     if (values >= 0).all():
+        # A ratio of 0 counts like the inverse of the largest one.
         differences = np.log(np.maximum(values, 1 / MOST_RATIO))
     else:
         differences = values - 1.0
@@ -106,6 +107,7 @@ def median_of(values: Sequence[Measure], *, reason: str) -> float | None:
         values: The measure of each seed.
         reason: Why a measure may not be defined; NEVER: then it counts as infinite.
     """
+    # What never happens is later than anything, so it has a place in the order.
     known = [math.inf if v is None and reason == NEVER else v for v in values]
     numbers = [float(v) for v in known if isinstance(v, int | float)]
     return statistics.median(numbers) if len(numbers) == len(values) else None
@@ -128,6 +130,7 @@ def ratio(first: Measure, second: Measure, *, reason: str) -> float | None:
             return None
         both.append(math.inf if value is None else float(value))
     above, below = both
+    # Also 0 / 0 and inf / inf, which have no value.
     if above == below:
         return 1.0
     return above / below if below else math.copysign(math.inf, above)

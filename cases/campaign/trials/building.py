@@ -18,8 +18,8 @@ import numpy as np
 from swarmstart.cases.campaign.trials.history import Relay
 from swarmstart.cases.campaign.trials.peer_names import PEERS
 from swarmstart.cases.campaign.trials.solver_names import IPOPT, Solver, polish_of
+from swarmstart.cases.format.foreign_solvers import silenced
 from swarmstart.cases.format.kind import PlanningProblem
-from swarmstart.cases.format.silence import silenced
 from swarmstart.heuristics import Budget, Order, default_order, minimize
 from swarmstart.machine_code import stopwatch
 from swarmstart.ocp import IpoptOptions, Planner, SearchSettings, population_of
@@ -97,6 +97,7 @@ def built(posed: PlanningProblem, trial: Trial) -> Built:
     quiet = silenced(is_needed=solver.plugin not in ("", IPOPT))
     with quiet, stopwatch() as watch:
         planner = _planner(posed, trial, relay, _polish_of(trial))
+        # The costs of derivatives are known only after the planner is built.
         fewer = _limited(planner, trial)
         if fewer is not None:
             planner = _planner(posed, trial, relay, fewer)
@@ -138,8 +139,10 @@ def _limited(planner: Planner, trial: Trial) -> PolishOptions | None:
     ratios = None if planner.polisher is None else planner.polisher.ratios
     if option is None or evaluations is None or ratios is None:
         return None
+    # An iteration counts as one rollout, one gradient and one Hessian.
     most = max(int(evaluations / Work(1, 1, 1).evaluations(ratios)), 1)
     given = dict(trial.solver.polish_options)
+    # A lower limit of the user remains.
     given[option] = min(most, given.get(option, most))
     limited: PolishOptions = polish_of(trial.solver.plugin, given)
     return limited
@@ -179,12 +182,7 @@ def _polish_of(trial: Trial) -> PolishOptions | None:
 
 
 def share_of(planner: Planner, trial: Trial) -> dict[str, Any]:
-    """Return the part of a trial's budget for the search or the peer.
-
-    Args:
-        planner: The planner of the trial.
-        trial: The trial.
-    """
+    """Return the part of a trial's budget for the search or the peer."""
     solver, budget = trial.solver, dict(trial.budget)
     if planner.search is not None and solver.family == "solve":
         limits = planner.search.budget
@@ -215,6 +213,7 @@ def _warm_up(planner: Planner, posed: PlanningProblem, trial: Trial) -> None:
     ):
         planner.polisher.prepare()
     if trial.solver.peer:
+        # Not the solver's work, so not on its clock.
         importlib.import_module(PEERS[trial.solver.peer].package)
     if trial.solver.family == "solve":
         float(planner.tracer.problem.length)
@@ -230,6 +229,7 @@ def _warm_up(planner: Planner, posed: PlanningProblem, trial: Trial) -> None:
             space.objective(x0, known),
             space.box,
             algorithm=population,
+            # Its time is over after the first generation: only the kernels are wanted.
             budget=Budget(evaluations=ENDLESS, stagnation=1, seconds=1e-9),
             order=search.order or default_order(planner.problem.tolerance),
             seed=0,

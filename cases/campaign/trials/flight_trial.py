@@ -2,27 +2,34 @@
 
 The answer is judged by the simulated path and not by the plans: by the cost of the
 path, and the largest excess over a constraint along it (`Kind.whole_run`).
+
+One seed is that of the solver and of all disturbances. A scenario draws gusts and noise
+with seeds of its own (any key called `seed`), and run s of a campaign adds s to each of
+them. So run 0 is the scenario as it is written, and all solvers have the same
+disturbances in runs of the same number.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from swarmstart.cases.campaign.engine.cells import Cell
-from swarmstart.cases.campaign.running.run import Run, run
+from swarmstart.cases.campaign.running.finished_run import Run
+from swarmstart.cases.campaign.running.run import run
 from swarmstart.cases.campaign.trials.result import FlightResult
-from swarmstart.cases.campaign.trials.seeding import seeded
 from swarmstart.cases.format.scenario import Resolved, resolved_again
 
 FLOWN_TOLERANCE = 1e-2
 """Allowed excess of a simulated path: disturbances move it off the plan."""
 MOST_POINTS = 201
 """Number of instants of the path that a trial keeps."""
+
+SEED = "seed"
 
 
 def flight_cell(
@@ -37,7 +44,7 @@ def flight_cell(
 
     Args:
         resolved: The scenario, with the search and polish of its plans.
-        seed: The number of the run: seed of all random numbers, see seeding.py.
+        seed: The number of the run: seed of all random numbers, see `seeded`.
         timeout_s: Time limit [s]; None means no limit.
         named: Whether its claims are judged; else runs that differ in name and claims
             only are one cell.
@@ -73,6 +80,7 @@ def flown_trial(finished: Run) -> FlightResult:
     resolved, flight = finished.resolved, finished.flight
     found = resolved.kind.whole_run(resolved.scenario, flight, trajectory, measures)
     seconds = np.asarray(trajectory.step_seconds)
+    # One step without a feasible plan is enough for "no".
     claimed = finished.feasible and not measures.get("infeasible_steps")
     holds = found.excess <= FLOWN_TOLERANCE and math.isfinite(found.cost)
     return FlightResult(
@@ -114,3 +122,50 @@ def _track(finished: Run) -> dict[str, Any]:
             for name, row in zip(trajectory.state_names, states, strict=True)
         },
     }
+
+
+def seed_keys(settings: Mapping[str, Any]) -> list[str]:
+    """Return the dotted keys of all seeds of a resolved scenario."""
+    parts = {name: part for name, part in settings.items() if name != "claims"}
+    return [".".join(path) for path, _ in _seeds(parts, ())]
+
+
+def seeded(settings: Mapping[str, Any], seed: int) -> dict[str, Any]:
+    """Return a resolved scenario's settings with a number added to each of its seeds.
+
+    Args:
+        settings: Plain data; not changed.
+        seed: The number of the run, from 0 on.
+    """
+    return {
+        name: part if name == "claims" else _raised(part, seed)
+        for name, part in settings.items()
+    }
+
+
+def _seeds(
+    part: object, path: tuple[str, ...]
+) -> Iterator[tuple[tuple[str, ...], int]]:
+    named: Sequence[tuple[str, object]] = ()
+    if isinstance(part, Mapping):
+        named = [(str(name), inner) for name, inner in part.items()]
+    elif isinstance(part, list):
+        named = [(str(number), inner) for number, inner in enumerate(part)]
+    for name, inner in named:
+        if _is_seed(name, inner):
+            yield (*path, name), inner  # type: ignore[misc]
+        else:
+            yield from _seeds(inner, (*path, name))
+
+
+def _raised(part: object, seed: int) -> object:
+    if isinstance(part, Mapping):
+        return {
+            name: inner + seed if _is_seed(name, inner) else _raised(inner, seed)
+            for name, inner in part.items()
+        }
+    return [_raised(inner, seed) for inner in part] if isinstance(part, list) else part
+
+
+def _is_seed(name: object, value: object) -> bool:
+    return name == SEED and isinstance(value, int) and not isinstance(value, bool)

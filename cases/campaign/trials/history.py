@@ -1,7 +1,7 @@
 """History of a solver: its best answer after how much work, and its stop in time.
 
-A meter watches the solver (watching.py). It counts the work so far in evaluations of
-one rollout, the time without compiling, and whether a budget is spent. It keeps the
+A meter watches the solver (`ocp.nlp.Watch`). It counts the work so far in evaluations
+of one rollout, the time without compiling, and whether a budget is spent. It keeps the
 best answer so far: feasible before infeasible, then by cost, both at the checks of the
 problem.
 
@@ -120,12 +120,6 @@ class Meter:
             self.stopped = self.stopped or "seconds"
         return bool(self.stopped)
 
-    @property
-    def left(self) -> int | None:
-        """Number of evaluations that are left; None means no limit."""
-        most = self._limits[0]
-        return None if most is None else max(math.ceil(most - self._spent), 0)
-
     @contextmanager
     def searching(self) -> Iterator[None]:
         """Count what a search reports, and not the work of solvers that it calls."""
@@ -158,6 +152,7 @@ class Meter:
         begun = self._search or 0.0
         evaluations = begun + np.asarray(result.history_evaluations, dtype=np.float64)
         if self._clock:
+            # The history of a search has no times; its reports have.
             told = np.array(self._clock)
             seconds = np.interp(evaluations, told[:, 0], told[:, 1])
         else:
@@ -186,6 +181,7 @@ class Meter:
         if answer is not None and mark > self._mark and self._search is None:
             self._mark = mark
             found = answer()
+            # Iterates of a solver that fails can be NaN.
             if all(np.isfinite(part).all() for part in found):
                 self._noted(spent, found, self._value_of(*found))
         return not self._is_spent(spent)
@@ -224,6 +220,7 @@ class Meter:
         broken = np.where(violation > self._tolerance, violation, 0.0)
         finite = np.isfinite(cost) & np.isfinite(violation)
         broken = np.where(finite, broken, np.inf)
+        # The last key counts first: violation, then cost.
         best = int(np.lexsort((cost, broken))[0])
         value = float(cost[best]), float(violation[best])
         if self._is_new(value):
@@ -268,6 +265,7 @@ class Meter:
         for one in entries:
             value = one.cost, one.violation
             if is_better(value, best, tolerance=self._tolerance):
+                # It counts like the answer, which the solver gave instead.
                 if final is not None and is_better(
                     value, final, tolerance=self._tolerance
                 ):
@@ -314,6 +312,7 @@ def _at_marks(improved: Sequence[Entry], total: float) -> list[Entry]:
     last = math.floor(PER_DECADE * math.log10(max(total, 1.0)))
     place = 0
     for number in range(first, last + 1):
+        # Powers that are whole can be above it by round-off.
         mark = math.ceil(10 ** (number / PER_DECADE) - 1e-9)
         if mark >= total or (told and mark <= told[-1].evaluations):
             continue

@@ -11,8 +11,8 @@ class Peer(NamedTuple):
 
     Attributes:
         title: Description in a few words.
-        minimize: "module:function" that runs it: a search as in peers.py, a solver of
-            optimal-control problems as in python_control.py.
+        minimize: "module:function" that runs it: a function of a `PeerTask` for a
+            search, one like `solve_ocp` for a solver of whole problems (peers.py).
         package: Package to import.
         pip: Name of the package for `pip install`.
         options: Its options with their defaults, by the package's own names; None means
@@ -77,7 +77,7 @@ PEERS = {
     ),
     "python-control": Peer(
         "control.optimal.solve_ocp, shooting with SLSQP from zero controls",
-        "swarmstart.cases.campaign.trials.python_control:solve_ocp",
+        f"{_PEERS}solve_ocp",
         "control",
         "control",
         {"method": "SLSQP", "maxiter": None},

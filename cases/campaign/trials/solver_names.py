@@ -31,8 +31,8 @@ from typing import Any, Literal
 
 from swarmstart.cases.campaign.trials.peer_names import PEERS
 from swarmstart.cases.format.document import meant, printable
+from swarmstart.cases.format.foreign_solvers import reaches_beyond
 from swarmstart.cases.format.registry import SEARCHES
-from swarmstart.cases.format.solver_options import reaches_beyond
 from swarmstart.errors import SwarmstartError
 
 IPOPT, SOLVE, MULTISTART = "ipopt", "solve", "multistart-ipopt"
@@ -152,6 +152,7 @@ def _split(text: str, at: str) -> Iterator[str]:
     """Yield the parts of a text between marks outside of brackets."""
     depth, begin = 0, 0
     for place, mark in enumerate(text):
+        # Values can have brackets, too.
         depth += (mark in "[{") - (mark in "]}")
         if mark == at and depth <= 0:
             yield text[begin:place]
@@ -272,6 +273,7 @@ def _search_options(name: str, options: Mapping[str, str], text: str) -> Options
 def _peer_options(name: str, options: Mapping[str, str], text: str) -> Options:
     """Return the options of a peer, each of its default's type."""
     peer = PEERS[name]
+    # Found without an import, which takes long for some packages.
     if importlib.util.find_spec(peer.package) is None:
         raise MissingPackageError(
             f"{name} needs the package {peer.package}, which is not installed: "
@@ -303,9 +305,10 @@ def _require_like(key: str, value: Any, default: Any, text: str) -> None:
 
 def _nlp_options(plugin: str, options: Mapping[str, str], text: str) -> Options:
     """Return the options of an NLP solver, which are checked by creating it."""
+    # Here, since names alone are read without anything heavy.
     import casadi as ca
 
-    from swarmstart.cases.format.silence import silenced
+    from swarmstart.cases.format.foreign_solvers import silenced
     from swarmstart.ocp.nlp import check_solver
 
     values = {key: _value(value) for key, value in options.items()}
@@ -317,12 +320,14 @@ def _nlp_options(plugin: str, options: Mapping[str, str], text: str) -> Options:
             )
     if plugin != IPOPT:
         known = {*ca.nlpsol_options(plugin)}
+        # CasADi lists the part before the point, as of fatrop.max_iter.
         _require_known({k.partition(".")[0]: v for k, v in values.items()}, known, text)
     given = _sorted(values)
     try:
         with silenced():
             check_solver(polish_of(plugin, dict(given)))
     except SwarmstartError as error:
+        # The words of the solver only.
         said = str(error).rpartition("it says: ")[2]
         raise UnknownSolverError(
             f"expected options that {plugin} takes, found {_quoted(text)}: {said}"
@@ -363,6 +368,7 @@ def _value(text: str) -> Any:
         value = json.loads(text)
     except ValueError:
         value = text.strip("'\"")
+    # NaN, Infinity and 1e999 could not be written as JSON again.
     if isinstance(value, float) and not abs(value) < float("inf"):
         return text
     return value

@@ -1,13 +1,15 @@
 """Cells of `compare` on planning problems: a solver, a budget and a seed each.
 
 Names of solvers are in solver_names.py, trials in trial.py. A worker keeps what it has
-built for the next seeds, for at most KEPT scenarios with solvers.
+built for the next seeds, for at most KEPT scenarios with solvers. Budgets and lengths
+of time, on the command line and in plans, are texts such as 4000evals, 120s, 2m or 1h.
 """
 
 from __future__ import annotations
 
 import functools
 import json
+import math
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -32,7 +34,6 @@ from swarmstart.cases.campaign.trials.trial import (
     answered,
     judged_checkpoint,
 )
-from swarmstart.cases.format.duration import UNITS
 from swarmstart.cases.format.kind import PlanningProblem
 from swarmstart.cases.format.registry import SEARCHES, words_of
 from swarmstart.cases.format.scenario import resolved_again
@@ -58,13 +59,20 @@ __all__ = [
     "solver_of",
     "solvers_of",
 ]
-
 LARGEST = 1e12
 """Upper limit for a budget."""
 KEPT = 16
 """Number of built solvers that a worker keeps, the last ones used."""
+UNITS = {"s": 1, "m": 60, "h": 3600}
+"""Names of units -> seconds."""
+_DURATION = re.compile(r"(?P<number>[0-9.]+(?:e[0-9]+)?) *(?P<unit>[smh]?)")
+_LONGEST_S = 1e9
 _BUDGET = re.compile(r"(?P<number>[0-9.]+(?:e[0-9]+)?) *(?P<unit>evals|s|m|h)")
 _UNITS = {"evals": 1, **UNITS}
+
+
+class InvalidDurationError(SwarmstartError, ValueError):
+    """A text is not a length of time."""
 
 
 class InvalidBudgetTextError(SwarmstartError, ValueError):
@@ -96,10 +104,32 @@ def budget_of(text: str) -> dict[str, float | int]:
     return budget
 
 
+def seconds_of(text: str) -> float:
+    """Return a length of time [s].
+
+    Args:
+        text: "120s", "2m", "1h"; a number alone is seconds.
+
+    Raises:
+        InvalidDurationError: If it is anything else, 0, or above 10^9 seconds.
+
+    Example:
+        >>> seconds_of("2m"), seconds_of("0.5")
+        (120.0, 0.5)
+    """
+    match = _DURATION.fullmatch(text.strip())
+    seconds = _number(match["number"]) * UNITS[match["unit"] or "s"] if match else 0.0
+    if not 0.0 < seconds <= _LONGEST_S or not math.isfinite(seconds):
+        raise InvalidDurationError(
+            f"expected a length of time such as 120s, 2m or 1h, found {text!r}"
+        )
+    return seconds
+
+
 def _number(text: str) -> float:
     try:
         return float(text)
-    except ValueError:
+    except ValueError:  # Two points: 0, which no budget and no time may be.
         return 0.0
 
 
@@ -138,10 +168,7 @@ def judge_checkpoint(
 ) -> dict[str, Any]:
     """Return the result of a cell whose process the hard limit has ended.
 
-    Args:
-        job: As in `solve_cell`.
-        folder: As in `solve_cell`.
-        python_in: As in `solve_cell`.
+    Its arguments are those of `solve_cell`.
     """
     text = _common(job)
     posed, _ = _posed(text, python_in)
@@ -149,11 +176,7 @@ def judge_checkpoint(
 
 
 def modules_of(job: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return further modules whose code a cell uses: those named by registries.
-
-    Args:
-        job: As in `solve_cell`.
-    """
+    """Return further modules whose code a cell uses: those named by registries."""
     solver = solver_of(job["solver"])
     named = [words_of(job["settings"]["kind"]).kind]
     if solver.peer:
@@ -187,6 +210,7 @@ def _trial(text: str, python_in: str | None, job: Mapping[str, Any]) -> Trial:
     )
 
 
+# Keyed by JSON text, since a mapping cannot be a key.
 @functools.lru_cache(maxsize=KEPT)
 def _posed(text: str, python_in: str | None) -> tuple[PlanningProblem, Trial]:
     """Return the planning problem of jobs, and the trial with seed 0."""

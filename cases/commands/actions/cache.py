@@ -3,7 +3,7 @@
 import argparse
 import json
 
-from swarmstart.cases.commands.terminal.output import answer
+from swarmstart.cases.commands.terminal import answer
 from swarmstart.cases.record.files import RecordError
 from swarmstart.machine_code import LIMIT_BYTES, cache_usage, clear_cache
 
@@ -16,13 +16,14 @@ def cache_command(options: argparse.Namespace) -> int:
     Raises:
         RecordError: If a file cannot be removed.
     """
-    removed = None
+    removed = None  # Not asked for; 0: there was nothing to remove.
     if options.clear:
         try:
             removed = clear_cache()
         except OSError as error:
             message = f"{error.filename}: expected to remove it: {error.strerror}"
             raise RecordError(message) from error
+    # After the removal, so that it shows what is left.
     now = cache_usage()
     told = {
         "folder": str(now.folder),

@@ -1,19 +1,23 @@
-"""`swarmstart check`: whether scenarios are valid, in all their variants."""
+"""`swarmstart check`: whether scenarios are valid, in all their variants.
+
+Angles that look like degrees give a warning, here and in `swarmstart run`.
+"""
 
 import argparse
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
 
-from swarmstart.cases.commands.options.angles import angle_warnings
-from swarmstart.cases.commands.terminal.output import DONE, answer, say
-from swarmstart.cases.commands.wording.failures import reported
+from swarmstart.cases.commands.terminal import DONE, answer, reported, say
+from swarmstart.cases.drawing.wording import is_number, quantity
 from swarmstart.cases.format.document import printable
-from swarmstart.cases.format.scenario import (
-    Flaw,
-    InvalidScenarioError,
-    read_document,
-    resolve,
-)
+from swarmstart.cases.format.flaws import Flaw, InvalidScenarioError
+from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.cases.kinds.flight import flight_of
 from swarmstart.errors import SwarmstartError
+
+ENDING = "_rad"
+"""End of the names of keys whose values are angles [rad]."""
 
 
 def check_command(options: argparse.Namespace) -> int:
@@ -23,6 +27,7 @@ def check_command(options: argparse.Namespace) -> int:
         try:
             answer(check(name))
         except SwarmstartError as error:
+            # A file that cannot be read has the larger code, and is the worse case.
             worst = max(worst, reported(error))
     return worst
 
@@ -34,9 +39,6 @@ def check(name_or_path: str) -> str:
     Python file of a scenario is never run. Angles that look like degrees give a warning
     on standard error.
 
-    Args:
-        name_or_path: The name of a shipped scenario or a path.
-
     Raises:
         SwarmstartError: If it is invalid; the message lists every error.
     """
@@ -46,11 +48,13 @@ def check(name_or_path: str) -> str:
     not_run: dict[str, None] = {}
     warnings: dict[str, None] = {}
     names: list[str | None] = [*variants] if isinstance(variants, dict) else [None]
+    # An empty mapping of variants: `resolve` refuses it, with its place.
     for variant in names or [None]:
         try:
             resolved = resolve(document, variant=variant)
             warnings |= dict.fromkeys(angle_warnings(resolved.settings))
             if resolved.code is None:
+                # A part of the errors shows only when the closed loop is built.
                 flight_of(resolved.posed(), resolved.scenario)
             else:
                 not_run[f"; {printable(str(resolved.code))} was not run"] = None
@@ -63,3 +67,40 @@ def check(name_or_path: str) -> str:
     listed = ", ".join(filter(None, names))
     valid = f"{document.name}: valid" + (f" ({listed})" if listed else "")
     return valid + "".join(not_run)
+
+
+def angle_warnings(settings: Mapping[str, Any]) -> list[str]:
+    """Return a warning for each angle of more than a full turn in round numbers.
+
+    Headings can lie beyond a full turn, as 11*pi/5 does for a UAV that turns left; but
+    such values are no multiples of a half, as degrees mostly are.
+
+    Example:
+        >>> angle_warnings({"heading_rad": 90.0})[0]
+        'heading_rad = 90 is more than a full turn; is it in degrees? radians(90)'
+    """
+    return [
+        f"{printable(name)} = {quantity(value)} is more than a full turn; is it in "
+        f"degrees? radians({quantity(value)})"
+        for name, value in _angles(settings, "", is_angle=False)
+        if abs(value) > 2 * math.pi and (2 * value).is_integer()
+    ]
+
+
+def warn_of_angles(settings: Mapping[str, Any]) -> None:
+    """Print a warning on standard error for each angle that looks like degrees."""
+    for warning in angle_warnings(settings):
+        say(f"warning: {warning}")
+
+
+def _angles(part: Any, name: str, *, is_angle: bool) -> Iterator[tuple[str, float]]:
+    """Yield the dotted name and the value of each number below an angle's key."""
+    if isinstance(part, Mapping):
+        for key, inner in part.items():
+            dotted = f"{name}.{key}" if name else str(key)
+            yield from _angles(inner, dotted, is_angle=str(key).endswith(ENDING))
+    elif isinstance(part, list):
+        for place, inner in enumerate(part):
+            yield from _angles(inner, f"{name}.{place}", is_angle=is_angle)
+    elif is_angle and is_number(part):
+        yield name, float(part)

@@ -1,4 +1,7 @@
-"""`swarmstart compare`: solvers side by side, same budget, paired seeds."""
+"""`swarmstart compare`: solvers side by side, same budget, paired seeds.
+
+Before it begins, a message says if it has fewer seeds than it needs.
+"""
 
 from __future__ import annotations
 
@@ -18,25 +21,22 @@ from swarmstart.cases.campaign.engine.cells import (
     carried_out,
     finished,
 )
-from swarmstart.cases.campaign.judging.comparison_file import read_comparison
-from swarmstart.cases.campaign.judging.comparison_table import report_text
-from swarmstart.cases.campaign.judging.content import content_of
-from swarmstart.cases.campaign.judging.limits import listed
-from swarmstart.cases.campaign.judging.parquet import (
+from swarmstart.cases.campaign.judging.content import content_of, read_comparison
+from swarmstart.cases.campaign.judging.judgement import compared_pairs, fewest_seeds
+from swarmstart.cases.campaign.judging.regression import regression
+from swarmstart.cases.campaign.judging.report import listed, report_text
+from swarmstart.cases.campaign.judging.results_table import (
+    append_runs,
     pyarrow_module,
+    require_table,
+    tabled_runs,
     write_curves,
     write_parquet,
 )
-from swarmstart.cases.campaign.judging.regression import regression
-from swarmstart.cases.campaign.judging.results_table import (
-    append_runs,
-    require_table,
-    tabled_runs,
-)
 from swarmstart.cases.campaign.judging.runs import About, Asked
-from swarmstart.cases.campaign.studies.bounds_compared import bounds_of
 from swarmstart.cases.campaign.studies.comparing import (
     Contest,
+    bounds_of,
     contest_of,
     interleaved,
     with_distinct_names,
@@ -54,20 +54,19 @@ from swarmstart.cases.campaign.trials.solver_names import (
     Solver,
     solvers_of,
 )
-from swarmstart.cases.campaign.trials.solvers import budget_of
-from swarmstart.cases.commands.options.allowing import allowing
-from swarmstart.cases.commands.terminal.output import (
+from swarmstart.cases.campaign.trials.solvers import budget_of, seconds_of
+from swarmstart.cases.commands.actions.shared_options import allowing
+from swarmstart.cases.commands.terminal import (
     DONE,
     GATE,
     INFEASIBLE,
+    Progress,
     answer,
     say,
     table_lines,
 )
-from swarmstart.cases.commands.terminal.progress import Progress
-from swarmstart.cases.commands.wording.few_seeds import too_few_seeds
+from swarmstart.cases.drawing.wording import counted
 from swarmstart.cases.format.document import Document
-from swarmstart.cases.format.duration import seconds_of
 from swarmstart.cases.format.scenario import read_document
 from swarmstart.cases.record.files import (
     is_record,
@@ -104,6 +103,7 @@ def compare_command(options: argparse.Namespace) -> int:
     baseline = _baseline(options)
     solvers = with_null_hypothesis(solvers_of(",".join(plan.solvers)))
     budget = budget_of(plan.budget)
+    # Several scenarios can name the same file: one message is enough.
     said_once = functools.cache(say)
     contests = with_distinct_names([
         contest_of(
@@ -117,6 +117,7 @@ def compare_command(options: argparse.Namespace) -> int:
         for chosen, document in zip(plan.scenarios, documents, strict=True)
     ])  # fmt: skip
     root = Path(options.out) if options.out else RESULTS
+    # Files of others are refused now, not after hours of work.
     require_table(root / TABLE)
     require_ours(
         root / CONTENT, functools.partial(is_record, name="comparison"), "a comparison"
@@ -167,6 +168,7 @@ def _asked(options: argparse.Namespace) -> tuple[ComparisonPlan, list[Document]]
         raise SeveralPlansGivenError(
             f"expected at most one plan, found {len(plans)}: {', '.join(plans)}"
         )
+    # Without a plan only the other keys are used, but the model needs a scenario.
     part = plan_in(read[plans[0]]) if plans else ComparePart(scenarios=["-"])
     scenarios = chosen_of(part, options.assignments) if plans else []
     scenarios += [_chosen(n, options, part) for n in names if n not in plans]
@@ -178,6 +180,7 @@ def _asked(options: argparse.Namespace) -> tuple[ComparisonPlan, list[Document]]
         seeds=options.seeds or part.seeds or default.seeds,
         budget=options.budget or part.budget or default.budget,
         timeout_s=options.timeout or part.timeout_s or default.timeout_s,
+        # Not `or`, which would skip False.
         repair=_first(options.repair, part.repair, default.repair),
         known=part.known,
         bound_s=_bound_s(options.bound, part.bound),
@@ -218,6 +221,31 @@ def with_null_hypothesis(solvers: Sequence[Solver]) -> list[Solver]:
     return [*solvers, *solvers_of(NULL_HYPOTHESIS)]
 
 
+def too_few_seeds(contests: Sequence[Contest], seeds: int) -> str:
+    """Return a sentence on seeds that are too few; empty if they are enough."""
+    needed = max((_needed(contest, seeds) for contest in contests), default=0)
+    if seeds >= needed:
+        return ""
+    return (
+        f"{counted(seeds, 'seed')}: {needed} are needed before solvers are compared; "
+        "this run shows costs only"
+    )
+
+
+def _needed(contest: Contest, seeds: int) -> int:
+    """Return the number of seeds with which some pair of solvers can differ."""
+    names = [entry.solver.name for entry in contest.entries]
+    alone = [
+        entry.solver.is_deterministic and not contest.is_seeded
+        for entry in contest.entries
+    ]
+    pairs = compared_pairs(names, seeds) if names else []
+    # Two solvers without randomness are compared without a test: any number of
+    # seeds is enough for them.
+    uncertain = sum(not (alone[i] and alone[j]) for i, j in pairs)
+    return fewest_seeds(uncertain) if uncertain else 0
+
+
 def _baseline(options: argparse.Namespace) -> tuple[Mapping[str, Any], str] | None:
     """Return the earlier comparison and its path; None if there is no --baseline."""
     if options.baseline is None:
@@ -235,6 +263,7 @@ def _dry_run(
     cells: Sequence[Cell], root: Path, workers: int, budget: Mapping[str, float | int]
 ) -> str:
     """Return the number of runs, of those kept from before, and the estimated time."""
+    # Equal cells are computed once.
     distinct = {cell.key: cell for cell in cells}
     kept = [finished(cell, root) for cell in distinct.values()]
     seconds = [outcome.seconds for outcome in kept if outcome is not None]
@@ -301,6 +330,7 @@ def _known(
         return None
     results = [outcomes[c.key].result for e in contest.entries for c in e.cells]
     sense = next((one["sense"] for one in results if one is not None), 1)
+    # A plan states it as the user sees it, also if the user maximises.
     return float(sense * known)
 
 
@@ -317,6 +347,7 @@ def _write(
     runs = list(tabled_runs(entries, outcomes))
     with locked(root):
         table = append_runs(root / TABLE, runs)
+        # The runs stay in the table, but only one comparison has this name.
         _put_aside(root / CONTENT, content)
         write_json(root / CONTENT, content)
         if parquet:
@@ -331,8 +362,10 @@ def _put_aside(file: Path, content: Mapping[str, Any]) -> None:
         earlier = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return
+    # The same command again brings its own comparison up to date.
     if earlier.get("command") == content["command"]:
         return
+    # No colons, which Windows refuses in names of files.
     stamp = "".join(c for c in str(earlier.get("date")) if c.isalnum())
     aside, number = file.with_name(f"comparison-{stamp}.json"), 2
     while aside.exists():  # Two within a second.

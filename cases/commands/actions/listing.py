@@ -1,22 +1,25 @@
 """`swarmstart list`: scenarios, searches, polishes, measures and kinds.
 
 Imports nothing heavy: scenarios are not parsed, their first keys are found in the text.
+
+Run times of the shipped scenarios are rough. They were measured once, one scenario
+after the other, with seed 0 and figures, after machine code had been compiled: the CPU
+time on a machine that others used as well. They only distinguish seconds from minutes.
 """
 
 import argparse
+import importlib.resources
 import json
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from swarmstart.cases.commands.options.topics import TOPICS
-from swarmstart.cases.commands.terminal.output import DONE, answer, wrapped_table
-from swarmstart.cases.commands.wording.measure_list import (
+from swarmstart.cases.commands.terminal import DONE, answer, wrapped_table
+from swarmstart.cases.commands.wording.measures import (
     measures_of_kinds,
     measures_of_one,
 )
-from swarmstart.cases.commands.wording.run_times import RUN_TIMES_S, rough
 from swarmstart.cases.format.document import meant, shown
 from swarmstart.cases.format.registry import KINDS, POLISHES, SEARCHES, words_of
 from swarmstart.cases.format.scenario import shipped
@@ -24,11 +27,16 @@ from swarmstart.errors import SwarmstartError
 
 SCHEMA = 2
 """Version of what --json prints."""
+_FILE = importlib.resources.files("swarmstart.cases") / "scenarios" / "run_times.json"
+RUN_TIMES_S: dict[str, float] = json.loads(_FILE.read_text(encoding="utf-8"))
+"""Name of a scenario -> time of `swarmstart run` [s]."""
+_STEPS_S = (1, 2, 5, 10, 20, 30)
+_MINUTE_S = 60.0
 _TITLE = re.compile(r"^title: *[\"']?(.*?)[\"']? *$", re.MULTILINE)
 _KIND = re.compile(r"^kind: *(\w+)", re.MULTILINE)
 _VARIANTS = re.compile(r"^variants: *\n((?:(?: +.*)?\n)*)", re.MULTILINE)
+# Two blanks: a key of `variants`, and not a key inside a variant.
 _VARIANT = re.compile(r"^  (\w+):", re.MULTILINE)
-
 Entry = dict[str, Any]
 """Facts about a scenario, a search, a measure or a kind."""
 
@@ -41,7 +49,7 @@ class Asked(NamedTuple):
     """A request to the list.
 
     Attributes:
-        topic: One of TOPICS; empty: all of them.
+        topic: A key of `_MAKERS`; empty: all of them.
         text: Only entries that contain it; empty: all.
         kind: Only scenarios and measures of this kind; None: of all.
     """
@@ -76,7 +84,7 @@ def list_command(options: argparse.Namespace) -> int:
 def _asked(options: argparse.Namespace) -> Asked:
     """Return the request; a first word that is no topic is searched for everywhere."""
     topic, text = options.topic, options.text
-    if topic not in TOPICS:
+    if topic not in _MAKERS:
         topic, text = "", " ".join(filter(None, (topic, text)))
     return Asked(topic, text, options.kind)
 
@@ -87,17 +95,11 @@ def listing(asked: Asked) -> dict[str, dict[str, Any]]:
     Raises:
         NothingListedError: If there is none.
     """
-    makers: dict[str, Callable[[Asked], dict[str, Any]]] = {
-        "scenarios": _scenarios,
-        "searches": _searches,
-        "polishes": _polishes,
-        "measures": _measures,
-        "kinds": _kinds,
-    }
-    topics = [asked.topic] if asked.topic else [*makers]
+    topics = [asked.topic] if asked.topic else [*_MAKERS]
     if asked.kind is not None and not asked.topic:
+        # Only these depend on the kind.
         topics = ["scenarios", "measures"]
-    found = {topic: makers[topic](asked) for topic in topics}
+    found = {topic: _MAKERS[topic](asked) for topic in topics}
     if not any(found.values()):
         raise NothingListedError(_nothing(asked))
     return found
@@ -150,6 +152,7 @@ def _measures(asked: Asked) -> dict[str, dict[str, Entry]]:
     """Return measures by kind; of a scenario or a file, its own ones are among them."""
     kinds = [asked.kind] if asked.kind else [*KINDS]
     every = measures_of_kinds(kinds)
+    # The name of a kind selects all its measures, not those that contain it.
     if asked.topic and asked.text in every:
         return {asked.text: every[asked.text]}
     if asked.topic and (asked.text in shipped() or asked.text.endswith(".yaml")):
@@ -158,6 +161,7 @@ def _measures(asked: Asked) -> dict[str, dict[str, Entry]]:
         kind: {
             name: entry
             for name, entry in measures.items()
+            # The heading is searched too, so that a kind can be found by its name.
             if _contains(asked.text, f"measures of {kind}", name, entry["meaning"])
         }
         for kind, measures in every.items()
@@ -176,12 +180,23 @@ def _kinds(asked: Asked) -> dict[str, Entry]:
 
 
 def _contains(text: str, *parts: str) -> bool:
+    # A line break between the parts, so that no match spans two of them.
     return text.casefold() in "\n".join(parts).casefold()
+
+
+_MAKERS: dict[str, Callable[[Asked], dict[str, Any]]] = {
+    "scenarios": _scenarios,
+    "searches": _searches,
+    "polishes": _polishes,
+    "measures": _measures,
+    "kinds": _kinds,
+}
+"""Topic of the list -> its entries."""
 
 
 def _nothing(asked: Asked) -> str:
     """Return the message if nothing fits."""
-    known = [*TOPICS, *shipped(), *SEARCHES, *POLISHES, *KINDS]
+    known = [*_MAKERS, *shipped(), *SEARCHES, *POLISHES, *KINDS]
     topic = f" {asked.topic}" if asked.topic else ""
     hint = meant(asked.text, known, otherwise=f"see swarmstart list{topic}")
     of_kind = "" if asked.kind is None else f" of kind {asked.kind}"
@@ -191,10 +206,10 @@ def _nothing(asked: Asked) -> str:
 
 def _overview(found: Mapping[str, Any]) -> str:
     """Return how many entries each topic has, and how to go on."""
+    # Kinds share measures: each name counts once.
     measures = {name for of_kind in found["measures"].values() for name in of_kind}
-    counts = {topic: len(found[topic]) for topic in TOPICS} | {
-        "measures": len(measures)
-    }
+    counts = {topic: len(found[topic]) for topic in _MAKERS}
+    counts["measures"] = len(measures)
     commands = [
         ("swarmstart list scenarios", f"{counts['scenarios']} scenarios, to run"),
         ("swarmstart list searches", f"{counts['searches']} search algorithms"),
@@ -246,10 +261,10 @@ def _title(entry: Entry) -> str:
 
 def _told(entry: Entry) -> str:
     """Return what a measure means, with its unit."""
-    return f"{entry['meaning']}{unit_text(entry['unit'])}"
+    return f"{entry['meaning']}{_unit_text(entry['unit'])}"
 
 
-def unit_text(unit: str) -> str:
+def _unit_text(unit: str) -> str:
     """Return a unit in brackets after a space; empty without one."""
     return f" [{unit}]" if unit else ""
 
@@ -257,3 +272,18 @@ def unit_text(unit: str) -> str:
 def _section(heading: str, rows: Sequence[tuple[str, ...]]) -> str:
     """Return a heading and its rows."""
     return "\n".join([heading, *wrapped_table(rows)])
+
+
+def rough(seconds: float | None) -> str:
+    """Return a run time as a round number; "?" if it was not measured.
+
+    Example:
+        >>> rough(0.7), rough(3.1), rough(26.0), rough(70.0), rough(None)
+        ('1 s', '5 s', '30 s', '1 min', '?')
+    """
+    if seconds is None:
+        return "?"
+    for step in _STEPS_S:
+        if seconds <= step:
+            return f"{step} s"
+    return f"{max(1, round(seconds / _MINUTE_S))} min"

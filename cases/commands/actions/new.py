@@ -1,13 +1,18 @@
-"""`swarmstart new`: a commented scenario to start from."""
+"""`swarmstart new` and `swarmstart schema`: what helps to write a scenario.
+
+The first writes a commented scenario to start from, the second prints the JSON Schema
+with which an editor completes and checks one.
+"""
 
 import argparse
 import importlib.resources
+import json
 import re
 import shlex
 from collections.abc import Mapping
 from pathlib import Path
 
-from swarmstart.cases.commands.terminal.output import DONE, answer
+from swarmstart.cases.commands.terminal import DONE, answer
 from swarmstart.cases.format.document import printable, shown
 from swarmstart.cases.format.registry import KINDS, words_of
 from swarmstart.cases.format.scenario import LONGEST_NAME, shipped
@@ -40,6 +45,7 @@ def new_command(options: argparse.Namespace) -> int:
         RecordError: If a file exists, and --force is not given, or cannot be written.
     """
     texts = new_files(options.name, kind=options.kind)
+    # exists() is false for a link whose target is missing.
     present = [file for file in texts if file.exists() or file.is_symlink()]
     if present and not options.force:
         raise ExistingFileError(
@@ -55,6 +61,15 @@ def new_command(options: argparse.Namespace) -> int:
     answer(
         f"Wrote {written}. Next:\n  swarmstart check {typed}\n  swarmstart run {run}"
     )
+    return DONE
+
+
+def schema_command(options: argparse.Namespace) -> int:
+    """Print the JSON Schema of a kind; return the exit code."""
+    # Here, since a new scenario is written without pydantic.
+    from swarmstart.cases.format.parts import scenario_schema
+
+    answer(json.dumps(scenario_schema(options.kind), indent=2))
     return DONE
 
 
@@ -79,18 +94,23 @@ def new_files(name: str, *, kind: str) -> Mapping[Path, str]:
         )
     file = Path(name)
     if file.suffix not in ENDINGS:
+        # Not with_suffix, which would cut the end off a name such as a.b; with_name
+        # raises for a path without a name, which is refused below.
         file = file.with_name(f"{file.name}.yaml") if file.name else file
     stem = file.stem
+    # A path forgets the slash at its end.
     if not _NAME.fullmatch(stem) or name.endswith(("/", "\\")):
         raise InvalidNameError(
             "expected NAME of letters, digits, _ and -, at most "
             f"{LONGEST_NAME} characters, perhaps after a folder; found {shown(name)}"
         )
+    # `swarmstart run NAME` takes the shipped scenario first.
     if stem in shipped():
         raise InvalidNameError(
             f"expected a NAME that no shipped scenario has, found {shown(stem)}; "
             "swarmstart list scenarios shows them"
         )
+    # The folder of the module that states the words of the kind.
     folder = KINDS[kind].partition(":")[0].rpartition(".")[0]
     templates = importlib.resources.files(folder) / "templates"
     return {

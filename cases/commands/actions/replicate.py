@@ -28,8 +28,7 @@ from swarmstart.cases.campaign.studies.replication import (
     planned,
 )
 from swarmstart.cases.campaign.studies.verdicts import Verdict
-from swarmstart.cases.commands.terminal.output import DONE, GATE, answer
-from swarmstart.cases.commands.terminal.progress import Progress
+from swarmstart.cases.commands.terminal import DONE, GATE, Progress, answer
 from swarmstart.cases.drawing.report.pages.replication_page import replication_page
 from swarmstart.cases.format.kind import Measure
 from swarmstart.cases.record.files import (
@@ -99,6 +98,7 @@ def replicate_command(options: argparse.Namespace) -> int:
         outcomes = carried_out(
             cells, folder, workers=options.workers, told=progress.update
         )
+    # Parts of several claims share cells, so outcomes are found by their keys.
     by_key = dict(zip((cell.key for cell in cells), outcomes, strict=True))
     claims = [
         judged(claim, parts, by_key)
@@ -108,6 +108,7 @@ def replicate_command(options: argparse.Namespace) -> int:
     content["figures"] = _figures(plan, by_key)
     page = replication_page(content, root)
     with locked(root):
+        # Again, under the lock: the files can have appeared in the meantime.
         _require_own(root, stem)
         write_json(
             root / f"{stem}.json",
@@ -126,6 +127,7 @@ def _require_own(root: Path, stem: str) -> None:
     record, page = root / f"{stem}.json", root / f"{stem}.html"
     command = f'"command": "{COMMAND}'
     require_ours(record, lambda text: command in text, "the record of a replication")
+    # A page has no mark of its own: it is ours if the record is beside it.
     require_ours(page, lambda _: record.exists(), "the page of a replication")
 
 
@@ -309,6 +311,7 @@ def deciding(claim: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     part, the first part that holds follows.
     """
     judged = [p for p in claim["parts"] if p["verdict"] != str(Verdict.BESIDE)]
+    # min returns the first of equals, as promised.
     told = [min(judged, key=lambda part: WORST_FIRST.index(part["verdict"]))]
     if claim["verdict"] == str(Verdict.IN_PART):
         told += [p for p in judged if p["verdict"] == str(Verdict.HOLDS)][:1]
@@ -323,6 +326,7 @@ def markdown(content: Mapping[str, Any]) -> str:
     ]
     for claim in content["claims"]:
         parts = deciding(claim)
+        # The scenario is named only if the claim is judged on more than one.
         several = len({_run_of(part) for part in claim["parts"]}) > 1
         cells = (
             str(claim["id"]),
@@ -343,9 +347,7 @@ def _run_of(part: Mapping[str, Any]) -> str:
 def _asked(part: Mapping[str, Any], *, where: bool) -> str:
     """Return the condition of a part, with its reading and the origin of its bound.
 
-    Args:
-        part: The part.
-        where: Whether the scenario is named too.
+    With `where` the scenario is named, too.
     """
     notes = [_run_of(part)] if where and part["scenario"] else []
     notes += [part["reading"]] if part["reading"] else []

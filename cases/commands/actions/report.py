@@ -1,17 +1,26 @@
-"""`swarmstart report`: pages of the records of other commands."""
+"""`swarmstart report` and `swarmstart open`: the pages of records, made and shown.
+
+The first makes pages of the records of other commands. The second opens the page or a
+figure of a record in the system's program.
+"""
 
 from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Callable, Mapping
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any, NamedTuple
 
-from swarmstart.cases.commands.actions.opening import newest_records
-from swarmstart.cases.commands.terminal.output import DONE, answer, say
+from swarmstart.cases.commands.terminal import DONE, answer, say
+from swarmstart.cases.format.document import shown
 from swarmstart.cases.record.files import RecordError, locked, said, write_text
+from swarmstart.cases.record.record import FIGURES
 
 SUFFIXES = {"html": "html", "md": "md", "latex": "tex"}
 DEFAULT = ("html", "md")
@@ -40,8 +49,8 @@ RECORDED = (
         "comparison",
         {
             "html": f"{_REPORT}pages.comparison_page:comparison_page",
-            "md": f"{_REPORT}markdown:comparison_markdown",
-            "latex": f"{_REPORT}latex:comparison_latex",
+            "md": f"{_REPORT}text_reports:comparison_markdown",
+            "latex": f"{_REPORT}text_reports:comparison_latex",
         },
         "content",
     ),
@@ -70,8 +79,8 @@ RECORDED = (
         "replication",
         {
             "html": f"{_REPORT}pages.replication_page:replication_page",
-            "md": f"{_REPORT}pages.replication_text:replication_markdown",
-            "latex": f"{_REPORT}pages.replication_text:replication_latex",
+            "md": f"{_REPORT}text_reports:replication_markdown",
+            "latex": f"{_REPORT}text_reports:replication_latex",
         },
         "content",
     ),
@@ -79,6 +88,21 @@ RECORDED = (
 """Records that a folder may hold; the first one found is shown."""
 WITH_FOLDER = ("replication_page",)
 """Makers that take the folder as a second argument, to show its figures."""
+PAGES = ("report.html", "replication*.html")
+"""Pages of a record, the one to open first."""
+SHEET = "a_sheet"
+"""Stem of the figure that shows a run on one sheet."""
+ENDINGS = (".png", ".svg", ".pdf", ".gif", ".mp4")
+"""Files of figures; of one figure the first of these is opened."""
+MARKS = ("run.json", "seeds.json", "comparison.json", "replication*.json")
+"""Files that a folder of a record has one of."""
+DEEPEST = 3
+"""Folders below the given one in which a record is looked for."""
+MOST_FOLDERS = 10_000
+LONGEST = 1000
+"""Characters of a path."""
+START_S = 10.0
+"""Time in which the system's program has to start [s]."""
 
 
 def report_command(options: argparse.Namespace) -> int:
@@ -90,6 +114,7 @@ def report_command(options: argparse.Namespace) -> int:
     written = []
     for folder, recorded in found:
         out = folder if options.out is None else Path(options.out)
+        # Pages of several records in one folder are named after their records.
         stem = "report" if len(folders) == 1 or out == folder else folder.name
         with locked(out):
             for name in formats:
@@ -98,19 +123,6 @@ def report_command(options: argparse.Namespace) -> int:
                 written.append(file)
     answer("\n".join(f"page  {file}" for file in written))
     return DONE
-
-
-def _newest(folder: Path) -> Path:
-    """Return a folder of a record; of a folder of records the newest, and say which."""
-    try:
-        recorded_in(folder)
-    except RecordError:
-        below = newest_records(folder)
-        if not below:
-            raise
-        say(f"{folder}: the newest record below is {below[0]}")
-        return below[0]
-    return folder
 
 
 def recorded_in(folder: Path) -> Recorded:
@@ -124,6 +136,7 @@ def recorded_in(folder: Path) -> Recorded:
             return recorded
     # `replicate --only 9` leaves replication-9.json.
     for file in sorted(folder.glob("replication-*.json")):
+        # The last entry is that of replications.
         return RECORDED[-1]._replace(file=file.name)
     names = ", ".join(recorded.file for recorded in RECORDED)
     raise RecordError(
@@ -133,12 +146,7 @@ def recorded_in(folder: Path) -> Recorded:
 
 
 def page_of(folder: Path, recorded: Recorded, form: str) -> str:
-    """Return a record as a page or a table.
-
-    Args:
-        folder: The folder of the record.
-        recorded: The sort of record.
-        form: A key of SUFFIXES.
+    """Return a record as a page or a table; `form` is a key of SUFFIXES.
 
     Raises:
         RecordError: If the record is damaged.
@@ -152,6 +160,7 @@ def page_of(folder: Path, recorded: Recorded, form: str) -> str:
     try:
         return make(*arguments)
     except (LookupError, TypeError, ValueError, AttributeError) as error:
+        # A record of another version lacks keys, or has other values under them.
         raise RecordError(
             f"{folder / recorded.file}: expected a whole {recorded.name} as this "
             f"version writes it, found another one: {error!r}"
@@ -166,7 +175,7 @@ def content_in(folder: Path, recorded: Recorded) -> Mapping[str, Any]:
     """
     file = folder / recorded.file
     if recorded.name == "comparison":
-        from swarmstart.cases.campaign.judging.comparison_file import read_comparison
+        from swarmstart.cases.campaign.judging.content import read_comparison
 
         return read_comparison(file)
     try:
@@ -176,3 +185,130 @@ def content_in(folder: Path, recorded: Recorded) -> Mapping[str, Any]:
     if not isinstance(content, dict):
         raise RecordError(f"{file}: expected a {recorded.name}, found another file")
     return content
+
+
+def _newest(folder: Path) -> Path:
+    """Return a folder of a record; of a folder of records the newest, and say which."""
+    try:
+        recorded_in(folder)
+    except RecordError:
+        below = _newest_records(folder)
+        if not below:
+            raise
+        say(f"{folder}: the newest record below is {below[0]}")
+        return below[0]
+    return folder
+
+
+def open_command(options: argparse.Namespace) -> int:
+    """Print the path of the page or figure of a record, and open it if possible.
+
+    Raises:
+        RecordError: If there is no record, or neither a page nor a figure in it.
+    """
+    file = newest_file(Path(options.folder))
+    answer(str(file))
+    program = opener()
+    if program is None:
+        say("no display was found; open the file above with a program of your own")
+    elif not _opened(program, file):
+        say(f"{program[0]} could not open it; open the file above yourself")
+    return DONE
+
+
+def newest_file(folder: Path) -> Path:
+    """Return the file to show of a record; of a folder of records, of the newest.
+
+    Raises:
+        RecordError: If there is no record, or no page and no figure.
+    """
+    # The system refuses such paths with errors of several classes.
+    if len(str(folder)) > LONGEST or "\0" in str(folder):
+        raise RecordError(f"{shown(str(folder))}: expected the path of a folder")
+    if any(True for _ in _matching(folder, (*MARKS, *PAGES))):
+        records = [folder]
+    else:
+        records = _newest_records(folder)
+    for record in records:
+        file = _shown_file(record)
+        if file is not None:
+            return file
+    if records:
+        raise RecordError(
+            f"{folder}: expected a record with a page or figures, found none; "
+            "swarmstart report makes a page of a record"
+        )
+    missing = "" if folder.is_dir() else "; there is no such folder"
+    raise RecordError(
+        f"{folder}: expected a folder that run, compare or replicate wrote, or one "
+        f"of such folders{missing}"
+    )
+
+
+def opener() -> list[str] | None:
+    """Return the command that opens a file; None: there is no display for it."""
+    if sys.platform == "darwin":
+        return ["open"]
+    if sys.platform == "win32":
+        return ["explorer"]
+    if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        return None
+    found = shutil.which("xdg-open")
+    return None if found is None else [found]
+
+
+def _opened(program: list[str], file: Path) -> bool:
+    """Return whether the program has opened a file, or is still at it."""
+    silent = subprocess.DEVNULL
+    try:
+        process = subprocess.Popen(
+            [*program, str(file)],
+            # In a session of its own Ctrl-C here does not end the program.
+            stdin=silent, stdout=silent, stderr=silent, start_new_session=True,
+        )  # fmt: skip
+        return process.wait(START_S) == 0
+    except subprocess.TimeoutExpired:  # It shows the file and waits for its end.
+        return True
+    except OSError:
+        return False
+
+
+def _newest_records(folder: Path) -> list[Path]:
+    """Return the folders of records below a folder, the newest first."""
+    return [record for _, record in sorted(_records_below(folder), reverse=True)]
+
+
+def _records_below(folder: Path) -> Iterator[tuple[float, Path]]:
+    """Yield records below a folder, each with the time of its last change."""
+    for seen, (place, folders, files) in enumerate(os.walk(folder)):
+        here = Path(place)
+        marks = [*_matching(here, MARKS)] if files else []
+        if marks:
+            yield max(file.stat().st_mtime for file in marks), here
+        if marks or len(here.relative_to(folder).parts) >= DEEPEST:
+            # os.walk then goes no deeper here.
+            folders.clear()
+        # A folder such as / would take minutes.
+        if seen > MOST_FOLDERS:
+            return
+
+
+def _matching(folder: Path, patterns: Sequence[str]) -> Iterator[Path]:
+    """Yield the files of a folder that match patterns, in the order of these."""
+    for pattern in patterns:
+        yield from sorted(file for file in folder.glob(pattern) if file.is_file())
+
+
+def _shown_file(record: Path) -> Path | None:
+    """Return the page of a record, else its first figure; None if it has neither."""
+    for page in _matching(record, PAGES):
+        # Absolute, since the program may run in another folder.
+        return page.absolute()
+    figures = [f for f in (record / FIGURES).glob("*.*") if f.suffix in ENDINGS]
+    # The sheet, else the first figure by name, in the first of its formats.
+    best = min(
+        figures,
+        key=lambda f: (f.stem != SHEET, f.stem, ENDINGS.index(f.suffix)),
+        default=None,
+    )
+    return None if best is None else best.absolute()

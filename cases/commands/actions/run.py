@@ -1,36 +1,42 @@
-"""`swarmstart run`: run one scenario, print the result in words, judge its claims."""
+"""`swarmstart run`: run one scenario, print the result in words, judge its claims.
+
+Claims are printed as a short summary, or with --measures as a table of all of them.
+"""
 
 import argparse
 import contextlib
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import yaml
 
-from swarmstart.cases.campaign.running.run import Run, default_folder, run
-from swarmstart.cases.commands.actions.seeds import run_seeds
-from swarmstart.cases.commands.options.allowing import allowing
-from swarmstart.cases.commands.options.angles import warn_of_angles
-from swarmstart.cases.commands.options.conditions import (
+from swarmstart.cases.campaign.running.finished_run import Run, default_folder
+from swarmstart.cases.campaign.running.run import run
+from swarmstart.cases.campaign.trials.solvers import seconds_of
+from swarmstart.cases.commands.actions.checking import warn_of_angles
+from swarmstart.cases.commands.actions.seeds import figure_formats, run_seeds
+from swarmstart.cases.commands.actions.shared_options import (
     Condition,
+    allowing,
     condition_of,
     met_conditions,
 )
-from swarmstart.cases.commands.options.figure_formats import figure_formats
-from swarmstart.cases.commands.terminal.output import (
+from swarmstart.cases.commands.terminal import (
     DONE,
     GATE,
     INFEASIBLE,
+    Progress,
     answer,
     say,
+    table_lines,
 )
-from swarmstart.cases.commands.terminal.progress import Progress
-from swarmstart.cases.commands.wording.claim_lines import claim_table, short_claims
-from swarmstart.cases.commands.wording.measure_lines import measure_lines
+from swarmstart.cases.commands.wording.measures import measure_lines, value_text
 from swarmstart.cases.commands.wording.outcomes import told_status
 from swarmstart.cases.commands.wording.words import extras, sentences
 from swarmstart.cases.format.document import printable
-from swarmstart.cases.format.duration import seconds_of
+from swarmstart.cases.format.kind import NEVER
 from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.cases.format.settings import Scenario
 from swarmstart.cases.record.bound_content import CERTIFICATE
@@ -42,6 +48,10 @@ from swarmstart.ocp import DivergedError, population_of
 
 RESULTS = Path("results")
 ANIMATED = (".gif", ".mp4")
+VERDICTS = {True: "holds", False: "does not hold", None: "not judged"}
+SHOWN = 10
+"""Claims that the summary names; further ones are counted."""
+Claim = Mapping[str, Any]
 
 
 class BoundOfSeedsError(SwarmstartError, ValueError):
@@ -56,6 +66,7 @@ def run_command(options: argparse.Namespace) -> int:
             algorithm = scenario.search.algorithm(scenario.budget.evaluations)
             population = None if algorithm is None else population_of(algorithm)
             if population is not None and not options.print_config:
+                # Another process compiles them while this one checks the terminal set.
                 ahead.enter_context(kernels_ahead(population))
 
         return _command(options, begin)
@@ -73,13 +84,18 @@ def _command(options: argparse.Namespace, begin: Callable[[Scenario], None]) -> 
         valid=begin,
     )
     warn_of_angles(resolved.settings)
+    # Before the run, so that a misspelt condition costs no time.
     conditions = [condition_of(text, resolved) for text in options.fail_on]
     if options.print_config:
         text = yaml.safe_dump(
-            dict(resolved.settings), sort_keys=False, allow_unicode=True
+            # Definitions of a scenario can depend on earlier ones: keep their order.
+            dict(resolved.settings),
+            sort_keys=False,
+            allow_unicode=True,
         )
         answer(text.rstrip())
         return DONE
+    # Not before: --print-config runs no code and needs no permission.
     resolved = allowing(resolved, options)
     if options.seeds is not None:
         return run_seeds(resolved, options, RESULTS, conditions)
@@ -137,12 +153,7 @@ def _exit_code(finished: Run, conditions: Sequence[Condition]) -> int:
 
 
 def _report(finished: Run, *, measures: bool) -> str:
-    """Return the text that a person reads of a run.
-
-    Args:
-        finished: The run.
-        measures: Whether all measures and all claims are told.
-    """
+    """Return the text that a person reads of a run, perhaps with all measures."""
     lines = [*sentences(finished), *extras(finished)]
     if measures:
         lines += ["", *_search_lines(finished), "", *measure_lines(finished)]
@@ -171,3 +182,59 @@ def _files(finished: Run) -> list[str]:
     animated = [file for file in finished.figures if file.suffix in ANIMATED]
     lines += [f"Animation: {file}" for file in animated]
     return [*lines, f"Record: {finished.folder}"]
+
+
+def short_claims(claims: Sequence[Claim]) -> list[str]:
+    """Return how many claims hold, and each that does not; nothing without claims."""
+    if not claims:
+        return []
+    counts = Counter(claim["holds"] for claim in claims)
+    words = {True: "hold", False: "do not hold", None: "not judged"}
+    if counts[False] == 1:
+        words[False] = "does not hold"
+    if counts[True] == 1:
+        words[True] = "holds"
+    said = [f"{counts[is_so]} {word}" for is_so, word in words.items() if counts[is_so]]
+    lines = [f"Claims: {', '.join(said)}{_needs(claims)}."]
+    wrong = [claim for claim in claims if claim["holds"] is False]
+    lines += table_lines([_row(claim) for claim in wrong[:SHOWN]])
+    if len(wrong) > SHOWN:
+        lines.append(f"  and {len(wrong) - SHOWN} more, see --measures")
+    return lines
+
+
+def claim_table(claims: Iterable[Claim]) -> list[str]:
+    """Return all claims: those that were judged, then those that were not."""
+    lines: list[str] = []
+    judged = [claim for claim in claims if claim["holds"] is not None]
+    if judged:
+        lines += ["", "claims", *table_lines([_row(claim) for claim in judged])]
+    others = [claim for claim in claims if claim["holds"] is None]
+    if others:
+        lines += ["", "claims not judged, and what they need"]
+        lines += table_lines([(c["id"], c["needs"], c["text"]) for c in others])
+    return lines
+
+
+def _needs(claims: Iterable[Claim]) -> str:
+    """Return what most of the claims need that were not judged."""
+    needs = Counter(claim["needs"] for claim in claims if claim["holds"] is None)
+    if not needs:
+        return ""
+    (most, count), total = needs.most_common(1)[0], needs.total()
+    # All of them need the same.
+    if count == total:
+        return f" (needs {most})"
+    if 2 * count <= total:
+        return " (--measures shows what they need)"
+    return f" ({count} of them: needs {most}; --measures shows all)"
+
+
+def _row(claim: Claim) -> tuple[str, ...]:
+    """Return a judged claim as a row of a table."""
+    bound = NEVER if claim["bound"] is None else f"{claim['bound']:.4g}"
+    # None is the time of an event that never comes; the bound can be the same.
+    undefined = claim["measured"] is None
+    measured = NEVER if undefined else value_text(claim["measured"])
+    question = f"{claim['measure']} = {measured} {claim['relation']} {bound}"
+    return claim["id"], VERDICTS[claim["holds"]], question, claim["text"]

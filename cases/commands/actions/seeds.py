@@ -1,4 +1,8 @@
-"""`swarmstart run --seeds`: one scenario run with many seeds, measures with spread."""
+"""`swarmstart run --seeds`: one scenario run with many seeds, measures with spread.
+
+Five lines say in words what came out. Each claim that fails in some runs has a line on
+the seeds in which it fails: which, by which value, and how to see one.
+"""
 
 from __future__ import annotations
 
@@ -6,30 +10,38 @@ import argparse
 import functools
 import hashlib
 import shlex
+import statistics
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from swarmstart.cases.campaign.engine.cells import Cell, Outcome, carried_out
 from swarmstart.cases.campaign.running.seeds import SEEDS, seeds_content, spread_of
 from swarmstart.cases.campaign.trials.flight_trial import flight_cell
-from swarmstart.cases.commands.options.conditions import Condition, met_conditions
-from swarmstart.cases.commands.options.figure_formats import figure_formats
-from swarmstart.cases.commands.terminal.output import (
+from swarmstart.cases.commands.actions.shared_options import Condition, met_conditions
+from swarmstart.cases.commands.terminal import (
     DONE,
     GATE,
     INFEASIBLE,
+    Progress,
     answer,
     say,
     table_lines,
 )
-from swarmstart.cases.commands.terminal.progress import Progress
-from swarmstart.cases.commands.wording.failing_seeds import failing_lines, failing_seeds
-from swarmstart.cases.commands.wording.measure_lines import measure_table
-from swarmstart.cases.commands.wording.words_of_seeds import sentences_of_seeds
+from swarmstart.cases.commands.wording.measures import (
+    measure_table,
+    measures_of_run,
+)
+from swarmstart.cases.commands.wording.words import heading, method, picture
 from swarmstart.cases.drawing.drawing import write_figures
-from swarmstart.cases.drawing.naming.quantities import plural
 from swarmstart.cases.drawing.seed_figures import seed_figures
+from swarmstart.cases.drawing.wording import (
+    KEPT,
+    counted,
+    duration,
+    is_number,
+    quantity,
+)
 from swarmstart.cases.format.document import printable
 from swarmstart.cases.format.scenario import Resolved
 from swarmstart.cases.record.files import (
@@ -39,10 +51,54 @@ from swarmstart.cases.record.files import (
     to_json,
     write_json,
 )
-from swarmstart.cases.record.record import FIGURES
+from swarmstart.cases.record.record import FIGURES, PNG
 
 HEAD = ("measure", "lowest", "median", "highest", "unit", "meaning")
 CELLS = "cells"
+SHOWN = 5
+"""Seeds that a line names; further ones are counted."""
+OF_SEEDS = ("--seeds", "--workers", "--out")
+"""Options, each with a value, that the command for one run does not have."""
+NO_UNITS = ("", "cost")
+"""Entries of a table of measures that are no unit behind a number."""
+SILENT = ("--no-figures", "--json", "-q", "--quiet")
+"""Options without which a run shows more."""
+
+
+class Told(NamedTuple):
+    """A measure that a sentence gives.
+
+    Attributes:
+        name: The measure.
+        words: The beginning of the sentence.
+        unit: Its unit; empty: none.
+        undefined: The words for runs in which it is undefined; empty: none.
+    """
+
+    name: str
+    words: str
+    unit: str
+    undefined: str = ""
+
+
+OUTCOMES = (
+    Told("settle_time_s", "Settled", "s", "not settled"),
+    Told("x_settle_s", "Settled in x", "s", "not settled"),
+    Told("position_error_m", "Largest distance from a slot at the end", "m"),
+    Told("verified_cost", "Cost, integrated more finely", ""),
+    Told("flown_cost", "Cost of the simulated path", ""),
+    Told("closed_loop_cost", "Closed-loop cost", ""),
+    Told("cost", "Cost of the first plan", ""),
+)
+"""Measures of the result: the first one that some run defines is used."""
+CONSTRAINTS = (
+    Told("min_distance_m", "closest distance of two UAVs", "m"),
+    Told("min_range_ft", "closest distance of the two aircraft", "ft"),
+    Told("obstacle_clearance_m", "clearance of obstacles", "m"),
+)
+"""Measures of what must be kept: the lowest and the median of each are told."""
+EXCESS = Told("constraint_excess", "largest excess of a constraint along the path", "")
+TIMES = ("step_seconds_median", "step_seconds_max", "plan_seconds")
 
 
 def run_seeds(
@@ -53,14 +109,12 @@ def run_seeds(
 ) -> int:
     """Run a scenario with seeds 0 to N - 1; return the exit code.
 
-    Args:
-        resolved: The scenario.
-        options: The options of the command `run`.
-        root: The default folder of results.
-        conditions: Those of --fail-on: the gate fails if one is true in any run.
+    The gate fails if one of the conditions of --fail-on is true in any run.
     """
+    # Named, so that the claims of the scenario are judged.
     cells = [flight_cell(resolved, seed, named=True) for seed in range(options.seeds)]
     folder = Path(options.out) if options.out else root / _name(resolved, cells)
+    # A file of another program is refused now, not after the runs.
     require_ours(
         folder / SEEDS, functools.partial(is_record, name="seeds"), "runs over seeds"
     )
@@ -88,6 +142,11 @@ def run_seeds(
     return _exit_code(content, outcomes, resolved, conditions)
 
 
+def figure_formats(options: argparse.Namespace) -> tuple[str, ...]:
+    """Return the formats of the figures of `run`, each once."""
+    return tuple(dict.fromkeys(options.formats)) or PNG
+
+
 def _name(resolved: Resolved, cells: Sequence[Cell]) -> Path:
     """Return <scenario>/seeds-<key>, with a hash of all that determines the runs."""
     keys = hashlib.sha256("".join(cell.key for cell in cells).encode()).hexdigest()
@@ -102,15 +161,7 @@ def _report(
     *,
     measures: bool,
 ) -> str:
-    """Return the text that a person reads.
-
-    Args:
-        content: As seeds.json has it.
-        folder: The folder of the record.
-        resolved: The scenario.
-        failing: Lines on the seeds in which a claim fails.
-        measures: Whether all measures are told.
-    """
+    """Return the text that a person reads of content as seeds.json has it."""
     lines = sentences_of_seeds(content, folder / FIGURES)
     failed = [(n, text) for n, text in enumerate(content["failures"]) if text]
     lines += [f"Seed {number} failed: {printable(text)}" for number, text in failed]
@@ -142,7 +193,7 @@ def _exit_code(
     if not any(content["feasible"]):
         return INFEASIBLE
     failed = [
-        f"{claim['id']} in {plural(claim['holds'].count(False), 'run')} "
+        f"{claim['id']} in {counted(claim['holds'].count(False), 'run')} "
         f"({', '.join(f'seed {seed}' for seed in failing_seeds(outcomes, number))}): "
         f"{claim['text']}"
         for number, claim in enumerate(content["claims"])
@@ -155,3 +206,178 @@ def _exit_code(
     for failure in failed:
         say(f"gate failed: {printable(failure)}")
     return GATE if failed else DONE
+
+
+def sentences_of_seeds(content: Mapping[str, Any], figures: Path) -> list[str]:
+    """Return five lines on runs over seeds, whose content is that of seeds.json."""
+    measures = content["measures"]
+    drawn = [figures / name for name in content["figures"]]
+    return [
+        _task(content),
+        f"{_feasible(content)}. {_first_of(OUTCOMES, measures, 'No result')}.",
+        f"{_kept(content)}.",
+        _times(measures),
+        picture(drawn),
+    ]
+
+
+def _task(content: Mapping[str, Any]) -> str:
+    runs = len(content["seeds"])
+    head = heading(content["title"], content["scenario"])
+    how = method(content["search"], content["polish"], content["variant"])
+    seeds = f"seeds 0 to {runs - 1}" if runs > 1 else "seed 0"
+    return f"{head}: {counted(runs, 'run')}, {seeds}; {how}."
+
+
+def _feasible(content: Mapping[str, Any]) -> str:
+    runs = len(content["seeds"])
+    return f"{sum(content['feasible'])} of {counted(runs, 'run')} found feasible plans"
+
+
+def _kept(content: Mapping[str, Any]) -> str:
+    """Return what had to be kept, and how well it was."""
+    measures, broken = content["measures"], content["feasible"].count(False)
+    excess = measures.get("constraint_excess", [])
+    if excess and broken:
+        ends = measures.get("terminal_excess", [])
+        known = [float(value) for value in (*excess, *ends) if is_number(value)]
+        most = f", by up to {quantity(max(known), 3)}" if known else ""
+        return f"Constraints are broken in {counted(broken, 'run')}{most}"
+    if excess and all(is_number(value) and value <= KEPT for value in excess):
+        return "All constraints are kept along the simulated paths"
+    told = _spread(EXCESS, excess) if any(map(is_number, excess)) else ""
+    nearest = [_nearest(one, measures.get(one.name, [])) for one in CONSTRAINTS]
+    said = "; ".join(filter(None, [*nearest, told]))
+    return f"{said[:1].upper()}{said[1:]}" if said else "No constraints are measured"
+
+
+def _nearest(told: Told, values: list[Any]) -> str:
+    """Return the lowest value and the median of a distance; empty without a value."""
+    known = [float(value) for value in values if is_number(value)]
+    if not known:
+        return ""
+    low, middle = quantity(min(known), 4), quantity(statistics.median(known), 4)
+    # Seeds count from 0, so that the place of a run is its seed.
+    seed = values.index(min(known))
+    return (
+        f"{told.words}: lowest {low} {told.unit} (seed {seed}), "
+        f"median {middle} {told.unit}"
+    )
+
+
+def _first_of(
+    those: tuple[Told, ...], measures: Mapping[str, list[Any]], otherwise: str
+) -> str:
+    """Return the first measure that is defined in some run, in words."""
+    for told in those:
+        values = measures.get(told.name)
+        if values is not None and (told.undefined or any(map(is_number, values))):
+            return _spread(told, values)
+    return otherwise
+
+
+def _spread(told: Told, values: list[Any]) -> str:
+    """Return median and range of a measure, and in how many runs it is defined."""
+    known = [float(value) for value in values if is_number(value)]
+    missing = len(values) - len(known)
+    if not known:
+        return f"{told.undefined.capitalize()} in any run"
+    unit = f" {told.unit}" if told.unit else ""
+    middle, low, high = statistics.median(known), min(known), max(known)
+    said = f"{told.words}: median {quantity(middle)}{unit}"
+    if low < high:
+        said += f", from {quantity(low)} to {quantity(high)}{unit}"
+    if told.undefined and missing:
+        said += f"; {told.undefined} in {counted(missing, 'run')}"
+    return said
+
+
+def _times(measures: Mapping[str, list[Any]]) -> str:
+    """Return the solver's time."""
+    found = {
+        name: [float(value) for value in measures.get(name, []) if is_number(value)]
+        for name in TIMES
+    }
+    middle, most, plan = found.values()
+    if plan:
+        # One plan, solved once: its time is the median and the largest one.
+        middle, most = plan, plan
+    if not middle or not most:
+        return "No times were measured."
+    typical = duration(statistics.median(middle))
+    return f"Time per step: median {typical}, worst of all runs {duration(max(most))}."
+
+
+def failing_lines(
+    resolved: Resolved, outcomes: Sequence[Outcome], words: Sequence[str]
+) -> list[str]:
+    """Return a line for each claim that fails in some run.
+
+    Args:
+        resolved: The scenario.
+        outcomes: Outcomes of its runs, seed by seed from 0 on.
+        words: The command line of the runs, without the program's name.
+    """
+    units = measures_of_run(resolved)
+    lines = []
+    for number, claim in enumerate(resolved.scenario.claims):
+        seeds = failing_seeds(outcomes, number)
+        if seeds:
+            values = {seed: _measures(outcomes[seed])[claim.measure] for seed in seeds}
+            unit = units[claim.measure]["unit"]
+            command = shlex.join(["swarmstart", *words_of_one(words, seeds[0])])
+            lines.append(
+                f"Claim {printable(claim.id)} fails in {_listed(values, unit)}; "
+                f"see it: {printable(command)}"
+            )
+    return lines
+
+
+def failing_seeds(outcomes: Sequence[Outcome], number: int) -> list[int]:
+    """Return the seeds in which a claim does not hold, by its number from 0 on."""
+    return [
+        seed
+        for seed, outcome in enumerate(outcomes)
+        if outcome.result is not None
+        and outcome.result["claims"][number]["holds"] is False
+    ]
+
+
+def words_of_one(words: Sequence[str], seed: int) -> list[str]:
+    """Return the command line of the run with one seed.
+
+    Example:
+        >>> words_of_one(["run", "a.yaml", "--seeds", "9", "--search=ga"], 3)
+        ['run', 'a.yaml', '--search=ga', '--seed', '3']
+    """
+    kept, rest = [], iter(words)
+    for word in rest:
+        if word in OF_SEEDS:
+            # Its value is the next word.
+            next(rest, None)
+        elif word not in SILENT and word.partition("=")[0] not in OF_SEEDS:
+            kept.append(word)
+    return [*kept, "--seed", str(seed)]
+
+
+def _measures(outcome: Outcome) -> Mapping[str, Any]:
+    # Asked for failing seeds only, and these have a result.
+    found: Mapping[str, Any] = (outcome.result or {})["measures"]
+    return found
+
+
+def _listed(values: Mapping[int, Any], unit: str) -> str:
+    """Return seeds, each with its value and unit in brackets."""
+    said = [
+        f"seed {seed} ({_with_unit(value, unit)})"
+        for seed, value in [*values.items()][:SHOWN]
+    ]
+    left = len(values) - len(said)
+    return ", ".join(said) + (f" and {left} more" if left else "")
+
+
+def _with_unit(value: Any, unit: str) -> str:
+    if not is_number(value):
+        return "undefined"
+    shown = quantity(float(value), 4)
+    return f"{shown} {unit}" if unit not in NO_UNITS else shown

@@ -1,6 +1,6 @@
 """The command line as a process: signals, streams, errors and exit codes.
 
-The exit codes are in `output`, the parser of all commands is in `parser`. Everything
+The exit codes are in `terminal`, the parser of all commands is in `parser`. Everything
 heavy is imported by the command that needs it.
 """
 
@@ -13,20 +13,21 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Sequence
+from pkgutil import resolve_name
 from types import FrameType
 from typing import Any
 
 from swarmstart.cases.commands.front.parser import parser, subcommands
-from swarmstart.cases.commands.terminal.output import (
+from swarmstart.cases.commands.terminal import (
     DONE,
     INTERRUPTED,
     OutputError,
     finish,
+    first_sign,
     occupy_closed_streams,
+    reported,
     say,
 )
-from swarmstart.cases.commands.terminal.progress import first_sign
-from swarmstart.cases.commands.wording.failures import reported
 
 logger = logging.getLogger(__name__)
 
@@ -111,8 +112,9 @@ def _carried_out(arguments: Sequence[str] | None, asked_to_stop: list[int]) -> i
     """Run a command; return the exit code, however it ends."""
     try:
         options = _parsed(arguments)
-        command: Callable[[argparse.Namespace], int] = options.command
         with first_sign(quiet=options.debug or getattr(options, "quiet", False)):
+            command: Callable[[argparse.Namespace], int]
+            command = resolve_name(options.command)  # Imports what the command needs.
             return command(options)
     except KeyboardInterrupt as interrupt:
         say(f"interrupted{': ' if interrupt.args else ''}{interrupt}")

@@ -4,9 +4,9 @@ import argparse
 import shlex
 from types import ModuleType
 
+from swarmstart.cases.commands.front.parser import TOPICS
 from swarmstart.cases.commands.front.parsing import subcommands_of
-from swarmstart.cases.commands.options.topics import TOPICS
-from swarmstart.cases.commands.terminal.output import DONE, answer
+from swarmstart.cases.commands.terminal import DONE, answer
 from swarmstart.cases.format.scenario import shipped
 from swarmstart.errors import SwarmstartError
 
@@ -45,6 +45,7 @@ def script(top: argparse.ArgumentParser, shell: str) -> str:
     for command in subcommands_of(top).values():
         for action in command._actions:
             if action.metavar in completed:
+                # shtab reads this attribute, which argparse does not know.
                 vars(action)["complete"] = completed[str(action.metavar)]
     return str(shtab.complete(top, shell=shell, preamble=_preamble()))
 
@@ -65,6 +66,7 @@ def _shtab() -> ModuleType:
 def _scenarios() -> dict[str, str]:
     """Return what completes the name of a scenario or of a file, by shell."""
     function = "_swarmstart_complete_scenario"
+    # tcsh calls no functions, so it gets the present names and no files.
     return {"bash": function, "zsh": function, "tcsh": f"({' '.join(shipped())})"}
 
 
@@ -76,6 +78,8 @@ def _topics() -> dict[str, str]:
 
 def _preamble() -> dict[str, str]:
     """Return the functions that the scripts call."""
+    # In bash -X removes what matches, so '!*.y*ml' keeps YAML files only, and
+    # -S / adds the slash after which the completion goes on.
     names = " ".join(map(shlex.quote, shipped()))
     return {
         "bash": f"""\

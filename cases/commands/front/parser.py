@@ -10,7 +10,6 @@ import sys
 from collections.abc import Callable
 from typing import NamedTuple, NoReturn
 
-from swarmstart.cases.commands.front import invocations
 from swarmstart.cases.commands.front.parsing import (
     HelpFormatter,
     Parser,
@@ -21,13 +20,24 @@ from swarmstart.cases.commands.front.run_options import (
     add_replicate,
     add_run,
 )
-from swarmstart.cases.commands.options.topics import SHELLS, TOPICS
-from swarmstart.cases.commands.terminal.output import DONE, answer
+from swarmstart.cases.commands.terminal import DONE, answer
 from swarmstart.cases.format.registry import KINDS
+from swarmstart.cases.record.record import versions
 
 RESULTS = "results"
 """Folder of all records by default."""
-
+# The list has the same topics. It lies below this room, so a test compares them.
+TOPICS = {
+    "scenarios": "with kind, variants and run time",
+    "searches": "search algorithms, for --search",
+    "polishes": "local solvers that finish a search, for --polish",
+    "measures": "numbers that a run returns, with unit and meaning",
+    "kinds": "kinds of scenario",
+}
+"""The parts of `swarmstart list`, and what each shows."""
+SHELLS = ("bash", "zsh", "tcsh")
+"""Shells in which `swarmstart completion` completes."""
+_ACTIONS = "swarmstart.cases.commands.actions"
 EXIT_CODES = """\
 exit codes:
     0  done
@@ -37,7 +47,6 @@ exit codes:
     4  no feasible or no confirmed solution
     5  a file could not be read or written
   130  interrupted; finished work is kept"""
-
 _TOP = f"""\
 examples:
   swarmstart list scenarios             what can be run at once
@@ -47,7 +56,6 @@ examples:
   swarmstart COMMAND --help             options of a command, with examples
 
 {EXIT_CODES}"""
-
 _RUN = """\
 examples:
   swarmstart run pendulum
@@ -58,7 +66,6 @@ examples:
 
 A run that was interrupted continues if you give the same command again.
 Exit code 3: a gate failed; 4: no feasible or no confirmed solution."""
-
 _REPLICATE = """\
 examples:
   swarmstart replicate --quick
@@ -67,7 +74,6 @@ examples:
 
 Finished runs are kept: the same command again does only the missing ones.
 Exit code 3: a verdict differs from the expected one, or a run failed."""
-
 _COMPARE = """\
 examples:
   swarmstart compare passing_side --solvers lshade+ipopt,ipopt
@@ -77,12 +83,10 @@ examples:
 Finished runs are kept: the same command again does only the missing ones.
 Exit code 3: a regression against --baseline; 4: no solver has solved one of
 the scenarios."""
-
 _REPORT = """\
 examples:
   swarmstart report results/pendulum/916ba650e7ef81b6
   swarmstart report results/compare --format html --out pages"""
-
 _LIST = """\
 examples:
   swarmstart list
@@ -91,26 +95,22 @@ examples:
   swarmstart list measures formation_flight
   swarmstart list measures pendulum
   swarmstart list shade"""
-
 _CHECK = """\
 examples:
   swarmstart check mine.yaml
   swarmstart check formation_v close_formation
 
 Exit code 2: a scenario is invalid; 5: a file could not be read."""
-
 _SCHEMA = """\
 examples:
   swarmstart schema > problem.schema.json
   swarmstart schema formation_flight
 
 With it an editor completes keys and marks wrong ones while you type."""
-
 _CACHE = """\
 examples:
   swarmstart cache
   swarmstart cache --clear"""
-
 _NEW = """\
 examples:
   swarmstart new mine                   writes mine.yaml
@@ -118,7 +118,6 @@ examples:
   swarmstart new mine --kind formation_flight
 
 Then: swarmstart check mine.yaml, and swarmstart run mine.yaml."""
-
 _OPEN = """\
 examples:
   swarmstart open results               the newest record
@@ -127,7 +126,6 @@ examples:
 The page that `swarmstart report` wrote is opened if there is one, otherwise
 the first figure. The path is always printed; without a display nothing else
 happens, and the exit code is 0. Exit code 5: there is nothing to open."""
-
 _COMPLETION = """\
 to install it:
   bash   swarmstart completion bash >> ~/.bash_completion
@@ -146,19 +144,21 @@ Then open a new terminal. It needs the package shtab:
 class Subcommand(NamedTuple):
     """A command: its texts, its options, and the function that carries it out.
 
+    That function is a name, so that only the command that is called imports anything.
+
     Attributes:
         help: One line, for the list of commands.
         about: What it does, in full sentences.
         epilog: Examples and exit codes.
         add: Adds its options to a parser.
-        command: Options -> exit code.
+        command: "module:function" of options -> exit code.
     """
 
     help: str
     about: str
     epilog: str
     add: Callable[[argparse.ArgumentParser], None]
-    command: Callable[[argparse.Namespace], int]
+    command: str
 
 
 def parser() -> Parser:
@@ -174,6 +174,7 @@ def parser() -> Parser:
         "--version", action=_Version, nargs=0,
         help="print the versions of swarmstart and of the packages it rests on",
     )  # fmt: skip
+    # Each command has a --help of its own; argparse refuses a second one.
     common = Parser(add_help=False)
     common.add_argument(
         "--debug", action="store_true", help="show tracebacks and timings of the parts"
@@ -189,6 +190,7 @@ def parser() -> Parser:
             parents=[common],
         )
         one.add(made)
+        # `cli` reports unknown words by the parser; `completion` needs the top.
         made.set_defaults(command=one.command, parser=made, top=top)
     return top
 
@@ -288,9 +290,8 @@ class _Version(argparse.Action):
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
         """Print them."""
-        from swarmstart.cases.record.record import versions
-
         others = versions()
+        # Our version stands first, before Python's.
         ours = others.pop("swarmstart")
         listed = ", ".join(f"{name} {version}" for name, version in others.items())
         python = ".".join(map(str, sys.version_info[:3]))
@@ -306,7 +307,7 @@ SUBCOMMANDS = {
         "path is the last line.",
         _RUN,
         add_run,
-        invocations.run,
+        f"{_ACTIONS}.run:run_command",
     ),
     "replicate": Subcommand(
         "judge every claim of the book chapter by running it",
@@ -314,7 +315,7 @@ SUBCOMMANDS = {
         "what was measured and whether it holds.",
         _REPLICATE,
         add_replicate,
-        invocations.replicate,
+        f"{_ACTIONS}.replicate:replicate_command",
     ),
     "compare": Subcommand(
         "compare solvers under equal budgets, with paired seeds",
@@ -322,7 +323,7 @@ SUBCOMMANDS = {
         "seeds, and print which solver is better, with statistics.",
         _COMPARE,
         add_compare,
-        invocations.compare,
+        f"{_ACTIONS}.compare:compare_command",
     ),
     "report": Subcommand(
         "write a page from what run, compare or replicate recorded",
@@ -330,7 +331,7 @@ SUBCOMMANDS = {
         "compare or replicate recorded. It needs no network.",
         _REPORT,
         _add_report,
-        invocations.report,
+        f"{_ACTIONS}.report:report_command",
     ),
     "open": Subcommand(
         "show the figures or the page of a record",
@@ -338,7 +339,7 @@ SUBCOMMANDS = {
         "uses for such files.",
         _OPEN,
         _add_open,
-        invocations.open_record,
+        f"{_ACTIONS}.report:open_command",
     ),
     "new": Subcommand(
         "write a commented scenario to start from",
@@ -347,7 +348,7 @@ SUBCOMMANDS = {
         "--force.",
         _NEW,
         _add_new,
-        invocations.new,
+        f"{_ACTIONS}.new:new_command",
     ),
     "list": Subcommand(
         "list scenarios, searches, measures and kinds",
@@ -355,7 +356,7 @@ SUBCOMMANDS = {
         "polishes; measures with unit and meaning; kinds of scenario.",
         _LIST,
         _add_list,
-        invocations.listing,
+        f"{_ACTIONS}.listing:list_command",
     ),
     "check": Subcommand(
         "check scenarios and print every error at once",
@@ -363,21 +364,21 @@ SUBCOMMANDS = {
         "error at once, each with line and column.",
         _CHECK,
         _add_check,
-        invocations.check,
+        f"{_ACTIONS}.checking:check_command",
     ),
     "schema": Subcommand(
         "print the JSON Schema of a kind of scenario, for editors",
         "Print the JSON Schema of the scenario format, for editors.",
         _SCHEMA,
         _add_schema,
-        invocations.schema,
+        f"{_ACTIONS}.new:schema_command",
     ),
     "cache": Subcommand(
         "show the cache of machine code, or clear it",
         "Show where compiled machine code is kept and how large it is, or remove it.",
         _CACHE,
         _add_cache,
-        invocations.cache,
+        f"{_ACTIONS}.cache:cache_command",
     ),
     "completion": Subcommand(
         "print a script that completes commands in your shell",
@@ -385,6 +386,6 @@ SUBCOMMANDS = {
         "names of scenarios and searches.",
         _COMPLETION,
         _add_completion,
-        invocations.completion,
+        "swarmstart.cases.commands.front.completion:completion_command",
     ),
 }

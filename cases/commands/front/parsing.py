@@ -4,7 +4,7 @@ import argparse
 import textwrap
 from typing import Any, NoReturn
 
-from swarmstart.cases.commands.terminal.output import INVALID, answer, tell
+from swarmstart.cases.commands.terminal import INVALID, answer, tell
 from swarmstart.cases.format.document import meant, shown
 
 LARGEST_COUNT = 10_000
@@ -31,7 +31,7 @@ class HelpFormatter(argparse.RawDescriptionHelpFormatter):
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose help and errors go through the streams of `output`.
+    """A parser whose help and errors go through the streams of `terminal`.
 
     An error asks first whether another word was meant, if one is near, and shows then
     the usage of the command in one line.
@@ -47,11 +47,7 @@ class Parser(argparse.ArgumentParser):
         raise SystemExit(INVALID)
 
     def refuse(self, unknown: list[str]) -> NoReturn:
-        """Report words that no option takes; exit with 2.
-
-        Args:
-            unknown: The words, at least one.
-        """
+        """Report words that no option takes, at least one; exit with 2."""
         known = [*self._option_string_actions]
         hints = [
             meant(word.partition("=")[0], known, otherwise="")
@@ -59,11 +55,13 @@ class Parser(argparse.ArgumentParser):
             if word.startswith("-")
         ]
         hint = next(filter(None, hints), f"see {self.prog} --help")
+        # Escaped and shortened, but without the quotes of `shown`.
         listed = shown(" ".join(unknown)).strip("'\"")
         self.error(f"unrecognized arguments: {listed}; {hint}")
 
     def _short_usage(self) -> str:
         """Return one line: the words that must be given, and where the options are."""
+        # Words with "?" or "*" may be left out.
         words = [
             str(action.metavar or action.dest)
             for action in self._actions
@@ -91,6 +89,7 @@ class Parser(argparse.ArgumentParser):
 
 def _as_run(word: str) -> str:
     """Return a question if a scenario stands where a command is expected."""
+    # Only after an error: the parser of a right command imports no YAML.
     from swarmstart.cases.format.scenario import shipped
 
     if word in shipped() or word.endswith((".yaml", ".yml")):
@@ -101,6 +100,7 @@ def _as_run(word: str) -> str:
 def subcommands_of(top: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
     """Return the parsers of the commands of a parser by name, in its order."""
     for action in top._actions:
+        # argparse has no public way to the parsers of subcommands.
         if isinstance(action, argparse._SubParsersAction):
             return dict(action.choices)
     return {}
@@ -111,7 +111,7 @@ def share(text: str) -> float:
     try:
         number = float(text.removesuffix("%"))
     except ValueError:
-        number = -1.0
+        number = -1.0  # Refused below.
     part = number / 100 if text.endswith("%") else number
     if not 0.0 <= part < 1.0:
         raise argparse.ArgumentTypeError(
@@ -139,4 +139,5 @@ def seed(text: str) -> int:
 
 
 def _is_whole(text: str) -> bool:
+    # int() also reads " 1_0 ", and has an error of its own for thousands of digits.
     return text.isdecimal() and len(text) <= LONGEST_SEED

@@ -28,6 +28,7 @@ def add_run(run: argparse.ArgumentParser) -> None:
         help=f"local solver after the search: {', '.join(POLISHES)} (default: the one "
         "in the scenario)",
     )  # fmt: skip
+    # Over several seeds --seed has no meaning, so argparse refuses both at once.
     which = run.add_mutually_exclusive_group()
     which.add_argument(
         "--seed", type=seed, default=0, metavar="N",
@@ -120,6 +121,7 @@ def add_compare(compare: argparse.ArgumentParser) -> None:
         help="solvers, such as lshade[size=60]+ipopt; multistart-ipopt is always "
         f"added (default: {SOLVERS})",
     )  # fmt: skip
+    # No default values here: those of a plan come before those of the help.
     compare.add_argument(
         "--seeds", type=count, metavar="N", help="number of seeds (default: 10)"
     )
@@ -139,6 +141,7 @@ def add_compare(compare: argparse.ArgumentParser) -> None:
         help="time after which one run is stopped [s] (default: 300)",
     )  # fmt: skip
     compare.add_argument(
+        # None: not given, so that a plan's own `repair` counts.
         "--repair", action=argparse.BooleanOptionalAction, default=None,
         help="solve again, with a margin, if an answer breaks a constraint between the "
         "checks; for all solvers alike (default: --repair)",
@@ -171,6 +174,7 @@ def add_compare(compare: argparse.ArgumentParser) -> None:
         help="exit with code 3 if a solver is worse than in the baseline",
     )  # fmt: skip
     compare.add_argument(
+        # argparse formats a help with %, so that %% is printed as %.
         "--margin", type=share, default=0.1, metavar="SHARE",
         help="how much worse than in the baseline is accepted, such as 10%% (default: "
         "10%%)",
@@ -185,16 +189,12 @@ def add_compare(compare: argparse.ArgumentParser) -> None:
         help="address of the Dask scheduler, such as tcp://10.0.0.1:8786",
     )  # fmt: skip
     add_campaign(compare)
+    # Not the default of --solvers: the solvers of a plan come before these.
     compare.set_defaults(default_solvers=SOLVERS)
 
 
 def add_campaign(command: argparse.ArgumentParser, *, markdown: bool = False) -> None:
-    """Add the options that all commands of many runs have.
-
-    Args:
-        command: Where to add them.
-        markdown: Whether the command can print a table in Markdown.
-    """
+    """Add the options that all commands of many runs have."""
     _add_workers(command, "number of processes")
     printed = command.add_mutually_exclusive_group()
     printed.add_argument(
@@ -231,6 +231,7 @@ def _add_scenario(command: argparse.ArgumentParser) -> None:
 
 def _add_workers(command: argparse.ArgumentParser, what: str) -> None:
     command.add_argument(
+        # None: the system does not say how many it has.
         "--workers", type=count, default=os.cpu_count() or 1, metavar="N",
         help=f"{what} (default: the number of cores)",
     )  # fmt: skip

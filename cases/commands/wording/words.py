@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from swarmstart.cases.campaign.running.run import Run
-from swarmstart.cases.commands.wording.collisions import collisions
+from swarmstart.cases.campaign.running.finished_run import Run
 from swarmstart.cases.commands.wording.outcomes import (
     breaks_constraint,
+    collisions,
     kept_constraints,
     outcome,
 )
-from swarmstart.cases.drawing.naming.quantities import duration, plural, quantity
+from swarmstart.cases.drawing.wording import counted, duration, quantity
 from swarmstart.cases.format.document import printable
 from swarmstart.cases.format.registry import words_of
 
@@ -36,6 +36,7 @@ def sentences(finished: Run) -> list[str]:
     said = [outcome(finished), kept_constraints(finished)]
     broken = collisions(finished)
     if not broken and breaks_constraint(finished):
+        # The constraints first, since they are broken.
         said.reverse()
     return [
         _task(finished),
@@ -81,15 +82,16 @@ def _what(finished: Run) -> str:
     if words_of(finished.resolved.scenario.kind).flown_by:
         return f"flight of {_aircraft(finished)} for {length}, {_plans(finished)}"
     if flight.posed.open_loop:
-        intervals = plural(flight.posed.agents[0].problem.intervals, "interval")
+        intervals = counted(flight.posed.agents[0].problem.intervals, "interval")
         return f"one plan of {length} in {intervals}"
     count = _vehicles(finished)
-    who = "" if count == 1 else f"{plural(count, 'vehicle')} in "
-    return f"{who}closed loop for {length} in {plural(steps, 'step')}"
+    who = "" if count == 1 else f"{counted(count, 'vehicle')} in "
+    return f"{who}closed loop for {length} in {counted(steps, 'step')}"
 
 
 def _vehicles(finished: Run) -> int:
     """Return the number of vehicles, whether one plan is made for all or several."""
+    # One problem of several vehicles has one agent that plans for all of them.
     vehicles: Any = getattr(finished.resolved.scenario, "vehicles", None)
     return finished.flight.agents if vehicles is None else len(vehicles.members)
 
@@ -97,10 +99,11 @@ def _vehicles(finished: Run) -> int:
 def _aircraft(finished: Run) -> str:
     """Return which aircraft take part."""
     flown_by = words_of(finished.resolved.scenario.kind).flown_by
+    # A phrase names the aircraft itself; one word is counted.
     if " " in flown_by:
         return flown_by
     uavs = getattr(finished.resolved.scenario, "uavs", ())
-    return plural(len(uavs) or finished.flight.agents, flown_by)
+    return counted(len(uavs) or finished.flight.agents, flown_by)
 
 
 def _plans(finished: Run) -> str:
@@ -125,7 +128,7 @@ def _times(finished: Run) -> str:
     )
     if not late:
         return f"{said}, so every plan is ready in time."
-    return f"{said}, so {late} of {plural(seconds.size, 'step')} took too long."
+    return f"{said}, so {late} of {counted(seconds.size, 'step')} took too long."
 
 
 def picture(figures: Sequence[Path]) -> str:
@@ -134,7 +137,7 @@ def picture(figures: Sequence[Path]) -> str:
         return "No figures were drawn."
     first = next((file for file in figures if file.stem == SHEET), figures[0])
     more = len(figures) - 1
-    beside = f" ({plural(more, 'more figure')} beside it)" if more else ""
+    beside = f" ({counted(more, 'more figure')} beside it)" if more else ""
     return f"Picture: {first}{beside}"
 
 

@@ -4,17 +4,17 @@ import bisect
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from swarmstart.cases.drawing.naming.wording import (
+from swarmstart.cases.drawing.report import svg
+from swarmstart.cases.drawing.report.figure import Figure
+from swarmstart.cases.drawing.report.svg import Axis
+from swarmstart.cases.drawing.wording import (
     is_number,
     listed,
     number,
     percent,
     shortened,
-    shown,
+    stated_cost,
 )
-from swarmstart.cases.drawing.report import svg
-from swarmstart.cases.drawing.report.figure import Figure
-from swarmstart.cases.drawing.report.svg import Axis
 
 LEFT, RIGHT, TOP, BOTTOM = 64.0, 586.0, 30.0, 280.0
 FLOOR = 1e-6  # The least gap that is drawn; IPOPT's own tolerance is 1e-8.
@@ -139,7 +139,10 @@ def _curve(history: Mapping[str, Any], best: float | None, sense: int) -> Curve:
     if best is None and sense == -1:  # The band's ends change places with the sign.
         ends = ("median", "high", "low")
     told = [
-        [shown(v, sense) if best is None else _gap(v, best) for v in history["cost"][k]]
+        [
+            stated_cost(v, sense) if best is None else _gap(v, best)
+            for v in history["cost"][k]
+        ]
         for k in ends
     ]
     return _known(history["evaluations"], *told)
@@ -219,7 +222,7 @@ def _known(
     kept = [
         (float(place), float(a), b if is_number(b) else a, c if is_number(c) else a)
         for place, a, b, c in zip(places, middle, low, high, strict=False)
-        if is_number(place) and place > 0 and is_number(a)
+        if is_number(place) and place > 0 and is_number(a)  # The axis is logarithmic.
     ]
     columns = [list(part) for part in zip(*kept, strict=True)] or [[], [], [], []]
     return columns[0], columns[1], columns[2], columns[3]
@@ -227,6 +230,7 @@ def _known(
 
 def _at(curve: Curve, place: float) -> list[float | None]:
     """Return middle, low and high at a place; nothing outside the curve."""
+    # 1e-9: ratios that should be equal may differ by rounding.
     k = bisect.bisect_right(curve[0], place * (1 + 1e-9)) - 1
     if k < 0 or place > curve[0][-1] * (1 + 1e-9):
         return [None, None, None]

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from swarmstart.cases.drawing.naming.wording import shortened
 from swarmstart.cases.drawing.page import cleaned
 from swarmstart.cases.drawing.report import svg
 from swarmstart.cases.drawing.report.svg import Axis, text_of
+from swarmstart.cases.drawing.wording import shortened
 
 _NARROW = 600  # Wider ones scroll on a small screen, or their text is too small.
 _NAME = 40  # Letters of a solver's name in a legend.
@@ -51,7 +51,7 @@ class Figure:
 
     def __html__(self) -> str:
         """Return the markup."""
-        name = text_of(self.title)
+        name = text_of(self.title)  # `identity` is ours: nothing in it to escape.
         return (
             f'<figure class="chart{self._wide()}" id="{self.identity}">'
             '<div class="scroll">'
@@ -136,5 +136,6 @@ def _cell(value: object) -> str:
     if isinstance(value, float):
         return f"{value:.6g}"
     text = shortened(cleaned(str(value)))
+    # A number may begin with "-"; a text that does is a formula to a spreadsheet.
     is_formula = isinstance(value, str) and text.startswith(("=", "+", "-", "@", "\t"))
     return f"'{text}" if is_formula else text

@@ -73,6 +73,7 @@ def outlook_of(record: Record, flight: Trajectory) -> Outlook:
         return Outlook(states=states, controls=controls, notes=(note,))
     try:
         paths = _paths(posed, flight, vehicles)
+    # The page is worth more than its plans. RuntimeError is CasADi's.
     except (SwarmstartError, ValueError, LookupError, RuntimeError) as error:
         note = f"Plans are not drawn: {type(error).__name__}: {str(error)[:160]}"
         return Outlook(states=states, controls=controls, notes=(note,))
@@ -115,10 +116,11 @@ def _paths(posed: Posed, flight: Trajectory, vehicles: int) -> Paths:
     each = vehicles // len(problems)
     for number, (problem, own, own_known) in enumerate(flown.parts()):
         made, shooting = made_at(own), Shooting(problem)
+        # A few paths do not repay the compiling of machine code.
         fitness = Fitness(shooting, backend="casadi")
         for step in steps:
             if made[step] != step:
-                continue
+                continue  # At this step another vehicle planned.
             plan = own.decisions[step].plans[0]
             start, at = arguments_of(shooting.lowered, plan, own, int(step), own_known)
             states = fitness.states(plan.controls, start, at)[: problem.model.nx]

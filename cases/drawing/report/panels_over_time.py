@@ -147,6 +147,7 @@ def solver_panel(tracks: Tracks) -> PanelDrawn | None:
     if tracks.is_one_plan or not seconds.size or not np.isfinite(seconds).any():
         return None
     lengths = np.diff(tracks.step_times)
+    # Peaks, not samples: the slowest step must be seen.
     times, values = _peaks(tracks.step_times, np.maximum(seconds, 0.0), MOST_POINTS)
     positive = values[np.isfinite(values) & (values > 0)]
     each = float(np.median(lengths))
@@ -155,6 +156,7 @@ def solver_panel(tracks: Tracks) -> PanelDrawn | None:
     vertical = _vertical(every, is_log=is_log, from_zero=not is_log)
     across = _across(float(tracks.times[-1]))
     x = across.at(times)
+    # A logarithmic axis has no place for 0.
     drawn = np.where(values > 0, values, every.min())
     crosses = ""
     if tracks.without_plan.any():
@@ -165,6 +167,7 @@ def solver_panel(tracks: Tracks) -> PanelDrawn | None:
             f"M{_n(a - 3)} {_n(b - 3)}l6 6m-6 0l6-6"
             for a, b in zip(begins, at, strict=True)
         )
+    # Differences of times are equal up to rounding only.
     is_even = np.allclose(lengths, each, rtol=1e-6)
     said = f"dt = {number(each)} s" if is_even else f"median dt = {number(each)} s"
     late = int((seconds > lengths).sum())
@@ -229,10 +232,10 @@ def _vertical(values: Array, *, is_log: bool = False, from_zero: bool = False) -
         least, most = least / 1.3, most * 1.3
     else:
         room = 0.06 * (most - least)
+        # Of a constant, up to rounding, half its size on either side.
         if room <= 1e-12 * max(abs(least), abs(most)):
             room = 0.5 * max(abs(most), 1e-9) if most else 0.5
         least, most = least - room, most + room
-        least = min(least, 0.0) if from_zero and least > 0 else least
         least = 0.0 if from_zero else least
     return _Axis(least=least, most=most, begin=BOTTOM, end=TOP, is_log=is_log)
 
@@ -245,12 +248,13 @@ def _bounds_near(
     if not finite.size:
         return bounds, []
     least, most = float(finite.min()), float(finite.max())
-    reach = FAR * (most - least) or np.inf
+    reach = FAR * (most - least) or np.inf  # A constant has no range to compare with.
     near = [b for b in bounds if least - reach <= b <= most + reach]
     return near, [bound for bound in bounds if bound not in near]
 
 
 def _x_ticks(axis: _Axis) -> list[tuple[float, str]]:
+    # The text of a tick at the very end would be cut off.
     found = [tick for tick in ticks(axis.least, axis.most) if tick < axis.most * 0.97]
     return [(_place(axis, tick), number(tick)) for tick in found]
 
@@ -276,8 +280,10 @@ def ticks(least: float, most: float, *, count: int = _TICKS) -> list[float]:
     if not (math.isfinite(raw) and raw > 0):
         return [least]
     power = 10.0 ** math.floor(math.log10(raw))
+    # 1e-9: a step or a tick that fits exactly must not be lost to rounding.
     step = next(m * power for m in (1, 2, 5, 10) if m * power >= raw * (1 - 1e-9))
     first, last = math.ceil(least / step - 1e-9), math.floor(most / step + 1e-9)
+    # Rounded, since 3 * 0.1 is not 0.3 in binary numbers; + 0.0 turns -0.0 into 0.0.
     return [round(k * step, 12) + 0.0 for k in range(first, last + 1)]
 
 

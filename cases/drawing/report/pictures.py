@@ -3,16 +3,17 @@
 A page has a limit of bytes. Figures have few colours: with a palette of 256 at the
 width that a page shows they take about a third of the bytes that matplotlib writes. The
 palette is that of an octree, which keeps the colours of thin lines; a median cut, which
-counts pixels, makes them grey.
+counts pixels, makes them grey. The kind of the scenario that draws a figure says its
+caption.
 """
 
 import base64
 import io
 from collections.abc import Iterable
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePath
 
-from swarmstart.cases.drawing.report.captions import caption_of
+from swarmstart.cases.format.registry import words_of
 from swarmstart.cases.record.record import FIGURES
 
 PAGE_BYTES = 2_000_000
@@ -69,6 +70,7 @@ def pictures_of(
     for name in listed:
         if not _is_png(name) and Path(name).stem in drawn:
             continue
+        # Only the last part of a name: no record leads out of its folder.
         picture = _picture(folder / FIGURES / Path(name).name, kind, width)
         if len(picture.data) > room:
             picture = Picture(
@@ -79,6 +81,28 @@ def pictures_of(
         room -= len(picture.data)
         found.append(picture)
     return found
+
+
+def caption_of(kind: str, file: str) -> str:
+    """Return what a figure shows; of an unknown one its name in words.
+
+    Args:
+        kind: Of the scenario.
+        file: Name of the figure's file.
+
+    Example:
+        >>> caption_of("problem", "b_states.png")
+        'States over time; dotted: their bounds.'
+        >>> caption_of("problem", "z_own_figure.png")
+        'Own figure.'
+    """
+    stem = PurePath(file).stem
+    known = words_of(kind).captions.get(stem)
+    if known is not None:
+        return known
+    letter, _, rest = stem.partition("_")
+    words = (rest if len(letter) == 1 and rest else stem).replace("_", " ")
+    return words[:1].upper() + words[1:] + "."
 
 
 def _is_png(name: str) -> bool:
@@ -96,6 +120,7 @@ def _picture(file: Path, kind: str, width: int) -> Picture:
         if file.stat().st_size > MOST_FILE_BYTES:
             return Picture(caption=caption, missing="Its file is too large for a page.")
         content, size = _shrunk(file.read_bytes(), width)
+    # Pillow raises any of these on a damaged file: SyntaxError for a broken chunk.
     except (OSError, ValueError, SyntaxError, ArithmeticError, LookupError):
         return Picture(caption=caption, missing="Its file cannot be read as an image.")
     data = base64.b64encode(content).decode("ascii")
@@ -113,7 +138,9 @@ def _shrunk(content: bytes, width: int) -> tuple[bytes, tuple[int, int]]:
     """
     from PIL import Image
 
+    # No other decoder than that of PNG sees a user's file.
     with Image.open(io.BytesIO(content), formats=("PNG",)) as opened:
+        # Before it is decoded: a small file can hold a huge image.
         if opened.width * opened.height > MOST_PIXELS:
             raise ValueError("too many pixels")
         image = opened.convert("RGBA")

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from swarmstart.arrays import Array
-from swarmstart.cases.drawing.naming.wording import counted
 from swarmstart.cases.drawing.page import rendered
 from swarmstart.cases.drawing.report.panels_over_time import (
     LEFT,
@@ -27,6 +26,7 @@ from swarmstart.cases.drawing.report.panels_over_time import (
     ticks,
 )
 from swarmstart.cases.drawing.report.tracks import Plane, Tracks
+from swarmstart.cases.drawing.wording import counted
 
 if TYPE_CHECKING:
     from markupsafe import Markup
@@ -68,6 +68,7 @@ def player(tracks: Tracks, *, name: str = "flight") -> "Markup":
     payload: dict[str, Any] = {
         "end": end,
         "frames": int(tracks.times.size),
+        # Decimals of the clock: one to three, for about three digits of the end.
         "digits": max(1, min(3, 2 - math.floor(math.log10(end or 1.0)))),
         "panels": [
             {"times": p.times, "values": p.values, "held": p.held} for p in shown
@@ -191,6 +192,7 @@ class _World:
             every = np.zeros((2, 1))
         low, high = every.min(axis=1), every.max(axis=1)
         size = float((high - low).max()) or 1.0
+        # A straight track is a line: it gets ground on both sides, a fifth as high.
         middle, half = (low + high) / 2, np.maximum(high - low, size / 5) / 2
         self.low, self.high = middle - half, middle + half
         self.per_unit = WIDTH / float((self.high - self.low)[0])
@@ -219,6 +221,7 @@ class _World:
             "origin": [float(self.low[0]), float(self.high[1])],
             "x": [_whole(row) for row in self.x(x)],
             "y": [_whole(row) for row in self.y(y)],
+            # y points down in SVG, so that angles change their sign.
             "turn": [_whole(row) for row in np.degrees(-plane.headings)],
             "window": window * self.per_unit,
             "follow": len(x) > 1 and extent > _FOLLOWED * window,
@@ -346,6 +349,7 @@ def _lines(x: Array, y: Array) -> str:
 
 def _dots(x: Array, y: Array) -> str:
     kept = np.isfinite(x) & np.isfinite(y)
+    # A line of no length: its round ends are the dot.
     return "".join(
         f"M{round(a)} {round(b)}h0" for a, b in zip(x[kept], y[kept], strict=True)
     )

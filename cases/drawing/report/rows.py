@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from swarmstart.cases.drawing.naming.wording import (
+from swarmstart.cases.drawing.wording import (
     NEVER,
     NOT_FEASIBLE,
     NOT_MEASURED,
@@ -15,7 +15,7 @@ from swarmstart.cases.drawing.naming.wording import (
     number,
     rate,
     shortened,
-    shown,
+    stated_cost,
 )
 
 _SENTENCE = 300  # Letters of a failure that are shown.
@@ -79,7 +79,8 @@ def details(scenario: Mapping[str, Any]) -> list[list[Cell]]:
     sense = scenario["sense"]
     table = []
     for row in scenario["rows"]:
-        costs = [shown(cost, sense) for cost in row["costs"]]
+        costs = [stated_cost(cost, sense) for cost in row["costs"]]
+        # The best first: of a value that is maximised the largest.
         known = sorted(
             (cost for cost in costs if cost is not None), reverse=sense == -1
         )
@@ -161,13 +162,13 @@ def best_words(scenario: Mapping[str, Any]) -> str:
     word = "value" if sense == -1 else "cost"
     if not is_number(scenario["best_cost"]):
         return "No solver has found a feasible answer."
-    best = number(shown(scenario["best_cost"], sense), digits=6)
+    best = number(stated_cost(scenario["best_cost"], sense), digits=6)
     told = f"Best {word} known: {best}"
     if scenario["best_by"]:
         told += f", found by {shortened(scenario['best_by'])}"
     known = scenario["known_cost"]
     if is_number(known):
-        told += f"; known from elsewhere: {number(shown(known, sense), digits=6)}"
+        told += f"; known from elsewhere: {number(stated_cost(known, sense), digits=6)}"
     if scenario["bound"] is not None:
         told += f"; bound: {shortened(scenario['bound']['words'], _SENTENCE)}"
     return told + (". The value is maximised." if sense == -1 else ".")

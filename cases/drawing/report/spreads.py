@@ -3,7 +3,11 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from swarmstart.cases.drawing.naming.wording import (
+from swarmstart.cases.drawing.report import svg
+from swarmstart.cases.drawing.report.curves import BOTTOM, FLOOR, RIGHT, TOP
+from swarmstart.cases.drawing.report.figure import Figure
+from swarmstart.cases.drawing.report.svg import Axis
+from swarmstart.cases.drawing.wording import (
     NOT_FEASIBLE,
     NOT_MEASURED,
     interval,
@@ -13,12 +17,8 @@ from swarmstart.cases.drawing.naming.wording import (
     quantile,
     rate,
     shortened,
-    shown,
+    stated_cost,
 )
-from swarmstart.cases.drawing.report import svg
-from swarmstart.cases.drawing.report.curves import BOTTOM, FLOOR, RIGHT, TOP
-from swarmstart.cases.drawing.report.figure import Figure
-from swarmstart.cases.drawing.report.svg import Axis
 
 _NAMES = 180.0  # Where rows begin, right of the solvers' names.
 _ROW = 26.0
@@ -37,15 +37,16 @@ def costs(
     """Return each seed's verified cost, by solver; None if no run was feasible."""
     sense = scenario["sense"]
     rows = scenario["rows"]
-    found = [[shown(cost, sense) for cost in row["costs"]] for row in rows]
+    found = [[stated_cost(cost, sense) for cost in row["costs"]] for row in rows]
     every = [cost for part in found for cost in part if cost is not None]
     if not every:
         return None
-    best = shown(scenario["best_cost"], sense)
+    best = stated_cost(scenario["best_cost"], sense)
     is_far = bool(best) and any(_away(cost, best) > _FAR for cost in every)
     placed = [_gaps(part, best) for part in found] if is_far else found
     label = "value (the more, the better)" if sense == -1 else "cost"
     x = svg.axis_over(
+        # 84 at the right end are for the numbers of feasible runs.
         [place for part in placed for place in part], _NAMES, RIGHT - 84,
         label="gap to the best known (relative)" if is_far else label, is_log=is_far,
     )  # fmt: skip
@@ -251,6 +252,7 @@ def _strip(
     dots = [
         (x.at(cost), middle + 14 * ((seed * _GOLDEN) % 1 - 0.5)) for seed, cost in known
     ]
+    # At least half a unit: a box without a width is not drawn.
     box = (
         f'<rect class="box s{series % svg.SERIES}" x="{left:.1f}" y="{level + 3:.1f}" '
         f'width="{max(right - left, 0.5):.1f}" height="{_ROW - 6:.0f}"/>'
@@ -270,7 +272,7 @@ def _by_seed(
 ) -> list[list[Any]]:
     """Return verified and claimed costs, a row for each seed."""
     heads = [f"{row['solver']} {k}" for row in rows for k in ("verified", "claimed")]
-    claims = [[shown(cost, sense) for cost in row["claimed"]] for row in rows]
+    claims = [[stated_cost(cost, sense) for cost in row["claimed"]] for row in rows]
     columns = [part for pair in zip(found, claims, strict=True) for part in pair]
     seeds = max(map(len, columns))
     return [["place of the seed", *heads]] + [

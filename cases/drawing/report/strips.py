@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from swarmstart.cases.drawing.naming.wording import is_number
 from swarmstart.cases.drawing.page import rendered
 from swarmstart.cases.drawing.report.panels_over_time import number
+from swarmstart.cases.drawing.wording import is_number
 
 if TYPE_CHECKING:
     from markupsafe import Markup
@@ -51,6 +51,7 @@ def strip(
     is_log = low > 0 and high > _DECADES * low
     if is_log:
         low, high = math.log10(low), math.log10(high)
+    # If all values are equal, the line is as long as their size.
     room = 0.05 * (high - low) or max(abs(high), 1e-9) * 0.5
     low, high = low - room, high + room
 
@@ -64,6 +65,7 @@ def strip(
         rendered(
             "strip.html.j2",
             {
+                # In rows, so that values that are nearly equal can be told apart.
                 "dots": [
                     (at(v), MIDDLE + 4 * ((k % _ROWS) - 1) * (len(shown) > 1))
                     for k, v in enumerate(shown)
@@ -86,6 +88,7 @@ def _ends(known: Sequence[float], at: Any) -> list[tuple[float, str, str]]:
     if at(high) - at(low) < _APART:
         text = number(low) if low == high else f"{number(low)} to {number(high)}"
         middle = (at(low) + at(high)) / 2
+        # A text that is centred near an edge would be cut off.
         anchor = "start" if middle < WIDTH / 3 else "end"
         anchor = "middle" if WIDTH / 3 <= middle <= 2 * WIDTH / 3 else anchor
         return [(middle, anchor, text)]

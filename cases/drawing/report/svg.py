@@ -12,9 +12,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from swarmstart.cases.drawing.naming.wording import is_number, number, shortened
 from swarmstart.cases.drawing.page import cleaned
 from swarmstart.cases.drawing.palette import MARKS
+from swarmstart.cases.drawing.wording import is_number, number, shortened
 
 SERIES = len(MARKS)
 _HUGE = 1e300  # Beyond it differences overflow.
@@ -51,7 +51,7 @@ class Axis:
         """Return the place of a value; one beyond an end is placed at that end."""
         if self.is_log:
             low, high = math.log(self.low), math.log(self.high)
-            given = math.log(max(value, self.low))
+            given = math.log(max(value, self.low))  # 0 or less has no logarithm.
         else:
             low, high, given = self.low, self.high, value
         share = min(max((given - low) / (high - low), 0.0), 1.0)
@@ -79,6 +79,7 @@ def axis_over(
         found = [value for value in found if value > 0] or [1.0]
         low, high = math.log10(min(found)), math.log10(max(found))
         low, high = _apart(low, high, margin, least=0.3)
+        # Powers beyond are 0, or overflow.
         low, high = 10.0 ** max(low, -300), 10.0 ** min(high, 300)
     else:
         found = found or [0.0, 1.0]
@@ -151,6 +152,7 @@ def dots(points: Sequence[tuple[float, float]], series: int, title: str = "") ->
     if not points:
         return ""
     inner = f"<title>{text_of(shortened(title))}</title>" if title else ""
+    # A line of no length: its round ends are the dot. Heights need no decimals.
     places = "".join(f"M{_n(x)} {y:.0f}h0" for x, y in points)
     return f'<path class="dots s{series % SERIES}" d="{places}">{inner}</path>'
 
@@ -268,6 +270,7 @@ def _linear_ticks(axis: Axis) -> list[float]:
     step = next(m * power for m in (1, 2, 5, 10) if m * power >= raw * 0.999)
     first = math.ceil(axis.low / step - 1e-9)
     last = math.floor(axis.high / step + 1e-9)
+    # A step is a fifth of the axis, or more: only rounding would make over a dozen.
     return [float(f"{k * step:.12g}") for k in range(first, min(last, first + 12) + 1)]
 
 

@@ -15,22 +15,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.arrays import Array
-from swarmstart.cases.drawing.naming.surroundings import (
-    Disc,
+from swarmstart.cases.drawing.report.outlook import Outlook, outlook_of
+from swarmstart.cases.drawing.vehicles import (
     Surroundings,
+    VehicleRows,
     directions_of,
     discs_of_problem,
     position_of,
+    rows_of,
     surroundings_of,
 )
-from swarmstart.cases.drawing.naming.units import label_of
-from swarmstart.cases.drawing.naming.vehicle_rows import (
-    VehicleRows,
-    rows_of,
-)
-from swarmstart.cases.drawing.report.outlook import Outlook, outlook_of
-from swarmstart.cases.format.kind_words import KindWords
-from swarmstart.cases.format.registry import words_of
+from swarmstart.cases.drawing.wording import label_of
+from swarmstart.cases.format.registry import KindWords, words_of
 from swarmstart.cases.record.files import RecordError
 from swarmstart.cases.record.results import Record
 from swarmstart.cases.record.trajectory_arrays import held_controls
@@ -155,6 +151,7 @@ def _tracks(record: Record, flight: Trajectory, scenario: Mapping[str, Any]) -> 
     outlook = outlook_of(record, flight)
     notes = list(outlook.notes)
     count = len(rows.vehicles)
+    # 3: x, y and heading of each vehicle.
     frames = max(2, min(MOST_FRAMES, MOST_COORDINATES // (3 * count)))
     end = float(flight.dense_times[-1])
     times = np.linspace(0.0, end, min(frames, max(flight.dense_times.size, 2)))
@@ -311,7 +308,8 @@ def _series(
         found.append(_one(name, own, rows, held_times, held, outlook.controls))
     for name, own in rows.states.items():
         if plane is not None and re.fullmatch(r"[xy](_m|_ft)?", name):
-            if not rows.vehicles == ("wingman",):
+            # The wingman's place, relative to its leader, is what is controlled.
+            if rows.vehicles != ("wingman",):
                 continue
         times, values = flight.dense_times, flight.dense_states
         found.append(_one(name, own, rows, times, values, outlook.states))
@@ -340,6 +338,3 @@ def _one(
     return Series(
         name=label, unit=unit, times=times, values=picked, lower=lower, upper=upper
     )
-
-
-__all__ = ["Disc", "Plane", "Series", "Surroundings", "Tracks", "tracks_of"]

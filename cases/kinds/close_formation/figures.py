@@ -17,11 +17,12 @@ from swarmstart.cases.drawing.drawing import (
     COLOURS,
     Figures,
     into_folder,
+    name_here,
+    name_lines,
     new_figure,
 )
 from swarmstart.cases.drawing.panels import Labels, panels_of, stacked_limits, wrapped
 from swarmstart.cases.drawing.planning import draw_planning
-from swarmstart.cases.drawing.series import name_here, name_lines
 from swarmstart.cases.drawing.sheet import (
     Part,
     draw_band,
@@ -32,7 +33,6 @@ from swarmstart.cases.drawing.sheet import (
 )
 from swarmstart.cases.drawing.tracks import label_times, mark_times
 from swarmstart.cases.format.settings import search_part
-from swarmstart.cases.kinds.close_formation.leader import last_change_s
 from swarmstart.cases.kinds.close_formation.measures import (
     SETTLED_FT,
     deviations,
@@ -40,7 +40,11 @@ from swarmstart.cases.kinds.close_formation.measures import (
     savings,
     slot_of,
 )
-from swarmstart.cases.kinds.close_formation.pose import CloseFormationFlight, pose
+from swarmstart.cases.kinds.close_formation.pose import (
+    CloseFormationFlight,
+    last_change_s,
+    pose,
+)
 from swarmstart.cases.kinds.close_formation.scenario import CloseFormationScenario
 from swarmstart.cases.kinds.flight import flight_of
 from swarmstart.cases.kinds.models.horseshoe_vortex import drag_saving
@@ -84,6 +88,7 @@ def draw(
 
 def exact_flight(scenario: CloseFormationScenario) -> Trajectory:
     """Return the same flight with the exact minimum of J in every step (IPOPT)."""
+    # No search: IPOPT starts from the last plan.
     alone = search_part("none").model_validate(
         {"name": "none", "warm_start": "one", "sampling": None}
     )
@@ -106,7 +111,7 @@ def sheet_figure(
 ) -> "Figure":
     """Return (a): place, errors, commands, and planning."""
     labels = Labels(states=(), controls=COMMANDS, units=UNITS)
-    scale = np.array([1.0, np.degrees(1.0), 1.0])
+    scale = np.array([1.0, np.degrees(1.0), 1.0])  # The heading command in degrees.
     _, (lower, upper) = stacked_limits([flight.posed.agents[0].problem])
     commands = panels_of(
         COMMANDS,
@@ -148,6 +153,7 @@ def settled_s(scenario: CloseFormationScenario, trajectory: Trajectory) -> float
     """
     off = np.abs(deviations(scenario, trajectory.states)[:2])
     settled = settled_at(trajectory.times, off, SETTLED_FT)
+    # Before the last change x and y may be near by chance.
     begin = last_change_s(scenario.leader)
     if settled is None or trajectory.times[-1] < begin:
         return None
@@ -191,6 +197,7 @@ def motion_figure(
     figure = new_figure((11.0, 7.0))
     fast, turned, costs, saved = figure.subplots(2, 2, sharex=True).ravel()
     speed, heading, _ = flight.posed.leader(trajectory.times)
+    # A row that is held jumps to the next.
     style = "steps-post" if scenario.leader.between == "hold" else "default"
     panels = (
         (fast, 3, speed, "speed V [ft/s]", 1.0),
@@ -235,6 +242,7 @@ def _draw_costs(
 
 
 def _at_least(costs: Array) -> Array:
+    # J can be zero, which a logarithmic axis cannot show.
     return np.maximum(costs, SMALLEST_COST)
 
 
@@ -262,6 +270,7 @@ def map_figure(flight: CloseFormationFlight, trajectory: Trajectory) -> "Figure"
     above, behind = figure.subplots(1, 2, width_ratios=(2, 3))
     x, y, _, _, z, _ = trajectory.dense_states
     # Seen from the leader: the wingman is x behind and y to the left.
+    # The wake is drawn at the leader's height, not at that of the track.
     _map(above, flight, (-y, -x), np.zeros_like)
     _aircraft_from_above(above, flight, (-y[-1], -x[-1]))
     _track(above, trajectory.dense_times, np.stack([-y, -x]))
@@ -286,15 +295,18 @@ def _map(
 ) -> "ContourSet":
     """Draw the drag saved around a track: lateral place against the other axis."""
     span = flight.posed.aircraft.span_ft
+    # The leader, at zero, is in the picture, with a span around both aircraft.
     left, right = min(track[0].min(), 0) - span, max(track[0].max(), 0) + span
     across = np.linspace(left, right, MAP_POINTS[0])
     low, high = min(track[1].min(), 0) - span, max(track[1].max(), 0) + span
     along = np.linspace(low, high, MAP_POINTS[1])
     saved = [
+        # y counts to the right of the wingman, the axis to the right of the leader.
         [100 * drag_saving(flight.posed.aircraft, float(-a), float(h)) for a in across]
         for h in height(along)
     ]
     filled = axes.contourf(
+        # Symmetric about zero: white is neither saved nor lost.
         across, along, saved, levels=np.linspace(-40, 40, 17), cmap=MAP_COLOURS,
         extend="both",
     )  # fmt: skip
@@ -307,6 +319,7 @@ def _map(
 
 def _track(axes: "Axes", times: Array, track: Array) -> None:
     """Draw the wingman's track, shape (2, n), readable on any colour."""
+    # A white line below the black one keeps it readable on dark colours.
     axes.plot(*track, color="white", lw=3.5)
     axes.plot(*track, color=REFERENCE, lw=1.5, label="track of the wingman")
     axes.plot(*track[:, 0], "o", color="white", mec=REFERENCE, label="start")
@@ -321,6 +334,7 @@ def _aircraft_from_above(
 ) -> None:
     """Draw both aircraft to scale, the wingman at its last place."""
     whole = (
+        # The right half, then its mirror image from tail to nose: a closed line.
         np.vstack([OUTLINE, OUTLINE[::-1] * [1, -1]]) * flight.posed.aircraft.span_ft
     )
     for (right, ahead), colour in (((0.0, 0.0), LEADER), (wingman, WINGMAN)):

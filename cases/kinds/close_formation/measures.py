@@ -7,12 +7,12 @@ from scipy.optimize import minimize_scalar
 
 from swarmstart.arrays import Array
 from swarmstart.cases.format.kind import Measure, WholeRun
-from swarmstart.cases.kinds.close_formation.leader import (
+from swarmstart.cases.kinds.close_formation.names import MEASURES
+from swarmstart.cases.kinds.close_formation.pose import (
+    CloseFormationFlight,
     first_manoeuvre_s,
     last_change_s,
 )
-from swarmstart.cases.kinds.close_formation.names import MEASURES
-from swarmstart.cases.kinds.close_formation.pose import CloseFormationFlight
 from swarmstart.cases.kinds.close_formation.scenario import CloseFormationScenario
 from swarmstart.cases.kinds.models.close_formation import POSITION
 from swarmstart.cases.kinds.models.horseshoe_vortex import drag_saving
@@ -27,12 +27,12 @@ from swarmstart.ocp import (
 )
 from swarmstart.ocp.nlp import Polisher
 
-SETTLED_FT = 1.0
-LATE_S = 5.0
-EARLY_S = 10.0
-LOW_SAVING = 0.3
-RISE = 1e-6
-ROUNDING_S = 1e-9
+SETTLED_FT = 1.0  # Largest distance of a settled coordinate from the slot.
+LATE_S = 5.0  # Length of the end of a flight that counts as late.
+EARLY_S = 10.0  # From the manoeuvre on; later rises of J are mostly noise of a search.
+LOW_SAVING = 0.3  # Part of the drag; less counts as low.
+RISE = 1e-6  # A smaller rise of J does not count.
+ROUNDING_S = 1e-9  # Instants are sums of dt.
 
 
 def measure(
@@ -74,6 +74,7 @@ def deviations(scenario: CloseFormationScenario, states: Array) -> Array:
 
 def savings(flight: CloseFormationFlight, states: Array) -> Array:
     """Return the drag saved at each state, a fraction, shape (T,)."""
+    # One call for each state: `drag_saving` takes floats, not arrays.
     _, y, z = states[list(POSITION)]
     return np.array(
         [
@@ -88,6 +89,7 @@ def best_saving(flight: CloseFormationFlight) -> float:
     span = flight.posed.aircraft.span_ft
     found = minimize_scalar(
         lambda y: -drag_saving(flight.posed.aircraft, float(y), 0.0),
+        # The saving is even in y; only one of its two maxima is in this range.
         bounds=(span / 2, 2 * span),
         method="bounded",
     )
@@ -96,6 +98,7 @@ def best_saving(flight: CloseFormationFlight) -> float:
 
 def reference_costs(flight: CloseFormationFlight, trajectory: Trajectory) -> Array:
     """Return J* of IPOPT at the state of each step, from its plan, shape (T,)."""
+    # Tighter than a plan's polish, so that the error of J* is not in the gaps.
     polisher = Polisher(flight.loop.planner.fitness, IpoptOptions(tolerance=1e-10))
     best = []
     for k, decision in enumerate(trajectory.decisions):
@@ -149,6 +152,7 @@ def _motion(
     late = trajectory.times[:-1] > trajectory.times[-1] - LATE_S + ROUNDING_S
     late[-1] = True  # At least one step, also if it is longer.
     turned = np.diff(heading) / np.diff(trajectory.times)
+    # Headings are not wrapped, so that a difference is the turn.
     first = scenario.leader.manoeuvre[0].heading_rad
     return {
         "speed_max_ft_s": float(speed.max()),
@@ -242,6 +246,7 @@ def _gaps(
         _median(gap[early] / best[early]),
         _median(gap[late]),
         float(np.quantile(gap[late], 0.9)) if late.any() else None,
+        # J* goes to zero in the slot, where a relative gap says nothing.
         float(np.min(gap / np.maximum(best, 1.0))),
     )
     return dict(zip(names, values, strict=True))

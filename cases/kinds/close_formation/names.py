@@ -4,7 +4,7 @@ Imports nothing heavy, so that `swarmstart list` is quick. A count has no unit, 
 means that a number has no unit.
 """
 
-from swarmstart.cases.format.kind_words import DRAWN_PLANNING, KindWords
+from swarmstart.cases.format.registry import DRAWN_PLANNING, KindWords
 
 MEASURES = {
     "x_settle_s": "Time from the leader's last change until x stays within 1 ft of the "
@@ -88,10 +88,10 @@ WORDS = KindWords(
     measures=MEASURES,
     example="close_formation",
     flown_by="a wingman behind its leader",
-    outcome="swarmstart.cases.kinds.close_formation.outcome:outcome",
+    outcome="swarmstart.cases.kinds.close_formation.report:outcome",
     captions=CAPTIONS,
     costs=("cost_max",),
     vehicles=("wingman",),
     relative=True,
-    surroundings="swarmstart.cases.kinds.close_formation.surroundings:surroundings",
+    surroundings="swarmstart.cases.kinds.close_formation.report:surroundings",
 )

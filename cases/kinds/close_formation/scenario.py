@@ -8,17 +8,15 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from swarmstart.cases.format.settings import (
+from swarmstart.cases.format.parts import (
     GridPart,
-    IntegratorName,
-    LocatedFlaw,
     NonNegative,
     Number,
     Part,
     Positive,
     Range,
-    Scenario,
 )
+from swarmstart.cases.format.settings import IntegratorName, LocatedFlaw, Scenario
 
 
 class AircraftPart(Part):
@@ -254,6 +252,7 @@ class CloseFormationScenario(Scenario):
             )
         for key in ("prediction", "plant"):
             part = getattr(self, key)
+            # (5.20) as printed is linear in the position; no vortex fits into it.
             if part.model == "literal" and part.aerodynamics == "vortex":
                 yield (
                     (key, "aerodynamics"),
@@ -263,6 +262,7 @@ class CloseFormationScenario(Scenario):
 
     def _bounds_flaws(self) -> Iterator[LocatedFlaw]:
         limits = self.commands.speed_ft_s
+        # Else the wingman cannot follow, whatever it plans.
         speeds = [row.speed_ft_s for row in self.leader.manoeuvre]
         if min(speeds) < limits.lower or max(speeds) > limits.upper:
             yield (

@@ -1,28 +1,34 @@
-"""Figures of a formation flight, after the chapter's Figs. 5.9-5.12.
+"""Figures of a formation flight, after the chapter's Figs. 5.9-5.12, and its animation.
 
 (a) one sheet: tracks with the leader, errors of the places, controls with their bounds,
 and what planning took; (b) relative speed, heading, x and y against time; (c) distances
 and obstacle clearance between the samples; (d) the terminal set. Of a flight of one
-planned step all of them show the plan over its whole horizon.
+planned step all of them show the plan over its whole horizon. The animation shows the
+formation from above, and its leader.
 """
 
+from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.arrays import Array
+from swarmstart.cases.drawing.animation import animate_scene, check_writer
 from swarmstart.cases.drawing.drawing import (
     COLOURS,
+    HALF,
     Figures,
     colour,
+    draw_series,
     into_folder,
     line_style,
+    name_lines,
     new_figure,
 )
 from swarmstart.cases.drawing.panels import Labels, panels_of, stacked_limits, wrapped
 from swarmstart.cases.drawing.planning import draw_planning
-from swarmstart.cases.drawing.series import HALF, draw_series, name_lines
 from swarmstart.cases.drawing.sheet import (
     Part,
     draw_band,
@@ -43,6 +49,7 @@ from swarmstart.cases.kinds.formation_flight.scenario import FormationScenario
 from swarmstart.cases.kinds.formation_flight.shown_path import Shown, shown_of
 from swarmstart.cases.kinds.planar import POSITION, pair_distances
 from swarmstart.ocp import Trajectory
+from swarmstart.ocp.common import ProgressCallback, tell_nothing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -51,10 +58,10 @@ if TYPE_CHECKING:
 
 LONGER = 1.25
 """Tracks end at so many times the time of settling; what follows is straight."""
-SHORTEST_S = 20.0
+SHORTEST_S = 20.0  # Of the shown tracks, however soon they settle.
 # Pairs of states that the terminal set's matrix couples, behind a leader along x.
 PLANES = ((2, 3), (0, 2), (1, 3))
-SETS_SHOWN = 2.5
+SETS_SHOWN = 2.5  # Half-width of a panel, in half-widths of the set.
 # A clearance far above the limit says nothing: the panel ends here, in metres.
 FAR_M = 40.0
 SMALLEST_VALUE = 1e-14
@@ -68,6 +75,9 @@ RELATIVE = (
 )
 CONTROLS = ("acceleration", "turn rate")
 UNITS = {"acceleration": "m/s\N{SUPERSCRIPT TWO}", "turn rate": "rad/s"}
+
+# `check_writer` is looked up here by its name; see `animated_by` of Kind.
+__all__ = ["animate", "check_writer", "draw"]
 
 
 @into_folder
@@ -238,6 +248,7 @@ def relative_figure(
 
 def _shade_linear(axes: "Axes", shown: Shown) -> None:
     """Shade the steps flown under the linear law."""
+    # The label once, or the legend would have it for every step.
     label: str | None = "linear law"
     for k in np.flatnonzero(shown.linear):
         begin, end = shown.times[k], shown.times[k + 1]
@@ -302,6 +313,7 @@ def _draw_distances(
         axes.set_ylabel(wrapped(label))
         low, high = min(float(dense.min()), limit), axes.get_ylim()[1]
         high = min(high, limit + FAR_M)
+        # Some room, so that the limit is not on the frame.
         axes.set_ylim(low - 0.08 * (high - low), high)
         axes.grid(alpha=0.3)
         axes.margins(x=0)
@@ -338,6 +350,7 @@ def _draw_level(
     off = shown.states - flight.posed.slots(shown.times)
     values = np.stack([terminal_set.value(one) for one in off])
     draw_series(
+        # Below the axis, so that rounded zeros leave the picture downwards.
         axes, shown.times, np.maximum(values, SMALLEST_VALUE / 10),
         names=flight.posed.names, numbers=colour_numbers(scenario),
     )  # fmt: skip
@@ -372,8 +385,42 @@ def draw_entering(
         ):
             own = colour(number)
             axes.plot(dense[i], dense[j], color=own, ls=line_style(number), lw=1.0)
+            # The state at the beginning of each step under the linear law.
             flown = instants[:, :-1][:, shown.linear]
             axes.plot(flown[i], flown[j], "o", color=own, markersize=3)
         axes.set(xlabel=RELATIVE[i][1], ylabel=RELATIVE[j][1])
         axes.set_xlim(-SETS_SHOWN * extent[i], SETS_SHOWN * extent[i])
         axes.set_ylim(-SETS_SHOWN * extent[j], SETS_SHOWN * extent[j])
+
+
+def animate(
+    scenario: FormationScenario,
+    flight: FormationFlight,
+    trajectory: Trajectory,
+    file: Path,
+    *,
+    progress: ProgressCallback = tell_nothing,
+) -> None:
+    """Write an animation of a flight, or of the plan of a flight of one step.
+
+    The arguments are those of `Kind.animate`.
+
+    Raises:
+        MissingWriterError: If the program that writes that kind is not installed.
+        RecordError: If the file cannot be written.
+    """
+    shown = shown_of(scenario, flight, trajectory)
+    scene = scene_of(scenario, flight, shown)
+    slots = flight.posed.slots(shown.dense_times)[:, list(POSITION)]
+    # A frame at a control instant belongs to the step that begins; 1e-9 is rounding.
+    steps = np.searchsorted(shown.times, shown.dense_times + 1e-9, side="right") - 1
+    steps = np.clip(steps, 0, shown.linear.size - 1)  # The end of the last step.
+    law = "plan" if shown.is_plan else "planning"
+    notes = ["terminal law" if shown.linear[step] else law for step in steps]
+    animate_scene(
+        replace(scene, slots=slots),
+        file,
+        title=scenario.title,
+        notes=notes,
+        progress=progress,
+    )

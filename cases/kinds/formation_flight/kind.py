@@ -15,5 +15,5 @@ KIND = Kind(
     undefined=UNDEFINED,
     flaws=flaws,
     drawn_by="swarmstart.cases.kinds.formation_flight.figures:draw",
-    animated_by="swarmstart.cases.kinds.formation_flight.animation",
+    animated_by="swarmstart.cases.kinds.formation_flight.figures",
 )

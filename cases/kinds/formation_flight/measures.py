@@ -27,8 +27,8 @@ from swarmstart.cases.record.trajectory_arrays import effort, found_plans, plann
 from swarmstart.ocp import Mode, Trajectory, interpolate
 from swarmstart.terminal_set import held_spectral_radius, input_excess, linearise
 
-SETTLED_M = 1.0
-TAIL_S = 10.0
+SETTLED_M = 1.0  # Largest deviation in x or y of a UAV in its slot.
+TAIL_S = 10.0  # Length of the end of a flight for the tail errors.
 # Smaller values of e'Pe are rounding errors: it stalls at about 1e-25.
 SMALLEST_LYAPUNOV = 1e-12
 OF_TERMINAL_SET = (
@@ -66,6 +66,7 @@ def whole_run(
     """
     del flight, trajectory
     safe = scenario.avoidance.safe_distance_m
+    # The default is not used: without obstacles no clearance is measured.
     radius = max((o.radius_m for o in scenario.obstacles), default=1.0)
     near, clear = measures["min_distance_m"], measures["obstacle_clearance_m"]
     missing = [1.0 - near / safe] if isinstance(near, float) else []
@@ -108,7 +109,7 @@ def _tracking(
     times = trajectory.times
     deviations = errors(flight.posed, times, trajectory.states)
     offset = np.abs(deviations[:, list(POSITION)]).max(axis=1)  # (uavs, T + 1)
-    late = times >= times[-1] - TAIL_S - 1e-9
+    late = times >= times[-1] - TAIL_S - 1e-9  # Rounding only.
     tails = offset[:, late].max(axis=1)
     failing = np.flatnonzero(tails > SETTLED_M)
     return {

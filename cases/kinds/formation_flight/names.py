@@ -4,7 +4,7 @@ Imports nothing heavy, so that `swarmstart list` is quick. A count has no unit, 
 means that a number has no unit.
 """
 
-from swarmstart.cases.format.kind_words import DRAWN_PLANNING, KindWords
+from swarmstart.cases.format.registry import DRAWN_PLANNING, KindWords
 
 MEASURES = {
     "settle_time_s": "Time after which every UAV stays within 1 m of its slot in x and "
@@ -81,10 +81,10 @@ WORDS = KindWords(
     measures=MEASURES,
     templates={"formation_flight.yaml": ""},
     flown_by="UAV",
-    outcome="swarmstart.cases.kinds.formation_flight.outcome:outcome",
+    outcome="swarmstart.cases.kinds.formation_flight.report:outcome",
     captions=CAPTIONS,
     costs=("plan_cost", "closed_loop_cost"),
     numbered_rows=True,
-    surroundings="swarmstart.cases.kinds.formation_flight.surroundings:surroundings",
+    surroundings="swarmstart.cases.kinds.formation_flight.report:surroundings",
     for_pages=("dual_mode.certify=false",),
 )

@@ -19,17 +19,16 @@ from swarmstart.cases.format.kind import (
     PosedPlant,
 )
 from swarmstart.cases.format.settings import LocatedFlaw
-from swarmstart.cases.kinds.formation_flight.linear_law import terminal_set_of
 from swarmstart.cases.kinds.formation_flight.problem import (
     dynamics_of,
     planning_problem,
     reference_of,
     slot_states,
     terminal_cost_of,
+    terminal_set_of,
 )
 from swarmstart.cases.kinds.formation_flight.scenario import FormationScenario
-from swarmstart.cases.kinds.models.unicycle import unicycle
-from swarmstart.cases.kinds.planar import POSITION
+from swarmstart.cases.kinds.planar import POSITION, unicycle
 from swarmstart.errors import SwarmstartError
 from swarmstart.ocp import Model, stack_models
 from swarmstart.terminal_set import Reference, TerminalSet, certificate_text
@@ -75,14 +74,14 @@ FormationFlight = Flight[PosedFormation]
 def pose(scenario: FormationScenario) -> PosedFormation:
     """Return the planning problem of each UAV, and the plant.
 
-    Args:
-        scenario: The scenario, checked.
+    The scenario is checked.
     """
     model, uavs = unicycle(), range(len(scenario.uavs))
     dynamics, reference = dynamics_of(model), reference_of(scenario)
     terminal_cost = terminal_cost_of(scenario, dynamics, reference)
     enabled = scenario.dual_mode.enabled
     designed_set = terminal_set_of(scenario, reference) if enabled else None
+    # Without dual mode there is no set, and a literal set has no proof.
     certificate = None if designed_set is None else designed_set.certificate
     order = scenario.order_of_planning()
     slots = [partial(slot_states, scenario, number) for number in uavs]
@@ -114,6 +113,7 @@ def flaws(scenario: FormationScenario) -> Iterator[LocatedFlaw]:
     if found:
         return
     try:
+        # The place of an error, since the library does not know the scenario.
         part = "leader"
         dynamics, reference = dynamics_of(unicycle()), reference_of(scenario)
         part = "weights"
@@ -140,6 +140,7 @@ def _linear_laws(
     if designed_set is None:
         return None
     return LinearLaws(
+        # Alike UAVs, and the reference moves with the slot: one set for all.
         sets=[designed_set] * len(uavs),
         targets=[_target(scenario, number) for number in uavs],
         uncertified=not dual.is_certified,

@@ -1,4 +1,4 @@
-"""The planning problem of one UAV of a formation flight.
+"""The planning problem of one UAV of a formation flight, and its terminal set.
 
 e = x - x_L - slot, (v, psi, x, y), slots in axes that do not turn (5.4);
 
@@ -6,15 +6,35 @@ e = x - x_L - slot, (v, psi, x, y), slots in axes that do not turn (5.4);
 
 plus the distances to obstacles and to the UAVs that planned before it (5.15), (5.16).
 The sampled-data P belongs to this sum over the steps.
+
+A terminal set with which the linear law of the dual mode takes over is certified first:
+its level is the largest one within the bounds for which the decrease is proven, for
+inputs held over a control step.
+
+The set as the chapter prints it has errata, and is kept for measurements:
+
+    (5.12)  FP + PF' = -Q
+    (5.14)  alpha K'PK <= u_max^2
+
+The first is the Lyapunov equation of the transposed loop: the ellipsoid of its solution
+need not be invariant for the loop itself. The two sides of the second do not conform;
+read as alpha K P K' they do, but P stands in the place of its inverse, and no input is
+bounded. `terminal_set.input_excess` returns the excess over the bounds. The correct
+formulas are in the heads of `matrix_equations.py` and `ellipsoid.py` in
+`terminal_set/linear`.
 """
+
+from dataclasses import fields
+from functools import cache
 
 import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike
 
 from swarmstart.arrays import Array
-from swarmstart.cases.format.settings import bounds_of
+from swarmstart.cases.format.parts import bounds_of
 from swarmstart.cases.kinds.formation_flight.scenario import FormationScenario
-from swarmstart.cases.kinds.planar import METRE, POSITION, speed_bounds
+from swarmstart.cases.kinds.planar import METRE, POSITION, speed_bounds, unicycle
 from swarmstart.ocp import (
     Bounds,
     Model,
@@ -23,7 +43,22 @@ from swarmstart.ocp import (
     disc,
     right_hand_side,
 )
-from swarmstart.terminal_set import Reference, hold, linearise, sampled_lqr
+from swarmstart.terminal_set import (
+    Reference,
+    TerminalSet,
+    Weights,
+    certified_terminal_set,
+    continuous_lqr,
+    continuous_lyapunov,
+    hold,
+    linearise,
+    sampled_lqr,
+    sampled_terminal_set,
+)
+from swarmstart.terminal_set.linear import bound_array, finite_array, positive_definite
+
+SEED = 0
+"""Seed of the samples for a certificate's margins: a set is the same in every run."""
 
 
 def planning_problem(
@@ -31,6 +66,7 @@ def planning_problem(
 ) -> OptimalControlProblem:
     """Return a UAV's planning problem: signals are its slot, then others' positions."""
     signals = ca.vertcat(ca.SX.sym("slot", 4), ca.SX.sym("others", 2 * others))
+    # Its own slot, then two rows for each UAV that has planned before it.
     error = model.states - signals[:4]
     position = model.states[list(POSITION)]
     avoid = scenario.avoidance
@@ -72,7 +108,7 @@ def planning_problem(
         ),
         constraints=[*obstacles, *separations],
         signals=signals,
-        quadrature="left",
+        quadrature="left",  # e_k at the beginnings of the steps, as in (5.5).
         **scenario.prediction.grid(),
     )
 
@@ -106,6 +142,7 @@ def dynamics_of(model: Model) -> ca.Function:
 def reference_of(scenario: FormationScenario) -> Reference:
     """Return the leader's motion as the reference of a terminal set."""
     lower, upper = _control_limits(scenario)
+    # Without limits of the speed the set is bounded by the inputs alone.
     x_lower, x_upper = speed_bounds(scenario.vehicle.speed_m_s) or (None, None)
     return Reference(
         x_ref=np.array(scenario.leader.vector()),
@@ -125,6 +162,7 @@ def terminal_cost_of(
         return np.array(scenario.terminal_cost.P)
     dt, weights = scenario.prediction.dt, scenario.weights
     A, B = linearise(dynamics, reference.x_ref, reference.u_ref)
+    # Times dt, as in J: P then is the cost-to-go of the same sum.
     Q, R = np.diag(weights.Q) * dt, np.diag(weights.R) * dt
     return sampled_lqr(*hold(A, B, dt), Q, R).P
 
@@ -132,3 +170,134 @@ def terminal_cost_of(
 def _control_limits(scenario: FormationScenario) -> tuple[Array, Array]:
     vehicle = scenario.vehicle
     return bounds_of((vehicle.acceleration_m_s2, vehicle.turn_rate_rad_s))
+
+
+def terminal_set_of(scenario: FormationScenario, reference: Reference) -> TerminalSet:
+    """Return the terminal set of the dual mode, certified if its law takes over.
+
+    Args:
+        scenario: The scenario.
+        reference: The leader's motion and the bounds.
+
+    Raises:
+        SwarmstartError: If the law cannot be designed, or its set cannot be proven.
+    """
+    dual = scenario.dual_mode
+    dt = scenario.prediction.dt
+    if dual.is_certified:
+        # Tuples, since a cache needs keys that can be hashed.
+        return _certified(_entries(reference), tuple(dual.Q), tuple(dual.R), dt)
+    dynamics, Q, R = dynamics_of(unicycle()), np.diag(dual.Q), np.diag(dual.R)
+    if dual.design == "literal":
+        P = np.array(dual.P)
+        return terminal_set_as_printed(dynamics, reference, Q=Q, R=R, P=P)
+    return sampled_terminal_set(dynamics, reference, dt=dt, Q=Q, R=R)
+
+
+@cache
+def _certified(
+    entries: tuple[tuple[str, tuple[float, ...]], ...],
+    Q: tuple[float, ...],
+    R: tuple[float, ...],
+    dt: float,
+) -> TerminalSet:
+    """Return the certified set, computed once for all flights of a process.
+
+    Args:
+        entries: Entries of the reference: name -> numbers.
+        Q: Diagonal of the state weight.
+        R: Diagonal of the input weight.
+        dt: Time for which inputs are held [s].
+    """
+    reference = Reference(**{name: np.array(values) for name, values in entries})
+    return certified_terminal_set(
+        dynamics_of(unicycle()),
+        reference,
+        Weights(Q=np.diag(Q), R=np.diag(R)),
+        dt=dt,
+        rng=np.random.default_rng(SEED),
+    )
+
+
+def _entries(reference: Reference) -> tuple[tuple[str, tuple[float, ...]], ...]:
+    """Return a reference in a form that can be a key."""
+    values = ((each.name, getattr(reference, each.name)) for each in fields(reference))
+    return tuple((name, tuple(v.tolist())) for name, v in values if v is not None)
+
+
+def lyapunov_as_printed(F: ArrayLike, Q: ArrayLike) -> Array:
+    """Solve FP + PF' = -Q, (5.12) as printed.
+
+    Args:
+        F: Stable loop e' = F e, shape (nx, nx), 1/s.
+        Q: The chapter's Q*, shape (nx, nx), symmetric positive semidefinite.
+
+    Returns:
+        P, shape (nx, nx), symmetric positive definite, read-only.
+
+    Raises:
+        SwarmstartError: As in `continuous_lyapunov`.
+    """
+    # That solves F'P + PF = -Q; with F transposed it is (5.12) as printed.
+    return continuous_lyapunov(np.transpose(F), Q)
+
+
+def level_as_printed(K: ArrayLike, P: ArrayLike, u_max: ArrayLike) -> float:
+    """Compute the level of (5.14) as printed.
+
+    Args:
+        K: Gain, shape (nu, nx).
+        P: Shape of the ellipsoid, (nx, nx), symmetric positive definite.
+        u_max: Room of each input around its reference, shape (nu,), > 0.
+
+    Returns:
+        alpha = min_i u_max_i^2 / (K_i P K_i').
+
+    Raises:
+        SwarmstartError: If sizes do not agree, a number is not finite, or P is not
+            positive definite.
+    """
+    P = positive_definite("P", P)
+    K = finite_array("K", K, (None, len(P)))
+    room = bound_array("u_max", u_max, (len(K),))
+    # P where the correct level has its inverse.
+    return float(np.min(room**2 / np.einsum("ij,jk,ik->i", K, P, K)))
+
+
+def terminal_set_as_printed(
+    dynamics: ca.Function,
+    reference: Reference,
+    *,
+    Q: ArrayLike,
+    R: ArrayLike,
+    P: ArrayLike,
+) -> TerminalSet:
+    """Design the terminal set as the chapter prints it.
+
+    Args:
+        dynamics: f(x, u) -> xdot, SI units.
+        reference: Reference and bounds; (5.14) uses those of the input only.
+        Q: State weight, shape (nx, nx), symmetric positive semidefinite.
+        R: Input weight, shape (nu, nu), symmetric positive definite.
+        P: The matrix printed in section 5.2.4, or that of `lyapunov_as_printed`, shape
+            (nx, nx), symmetric positive definite.
+
+    Returns:
+        K of the continuous Riccati equation, P as given, alpha of (5.14) as printed.
+        Its law can exceed the input bounds in the set, and can be unstable when held
+        (`held_spectral_radius`).
+
+    Raises:
+        SwarmstartError: As in `linearise`, `continuous_lqr` and `level_as_printed`.
+    """
+    A, B = linearise(dynamics, reference.x_ref, reference.u_ref)
+    K = continuous_lqr(A, B, Q, R).K
+    return TerminalSet(
+        K=K,
+        P=finite_array("P", P, A.shape),
+        alpha=level_as_printed(K, P, reference.u_max),
+        x_ref=reference.x_ref,
+        u_ref=reference.u_ref,
+        dt=None,  # Designed in continuous time.
+        design="literal",
+    )

@@ -10,18 +10,16 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from swarmstart.cases.format.settings import (
+from swarmstart.cases.format.parts import (
     Checks,
     GridPart,
-    IntegratorName,
-    LocatedFlaw,
     NonNegative,
     Number,
     Part,
     Positive,
     Range,
-    Scenario,
 )
+from swarmstart.cases.format.settings import IntegratorName, LocatedFlaw, Scenario
 from swarmstart.cases.kinds.planar import (
     PlanarState,
     PlantPart,
@@ -297,6 +295,7 @@ class FormationScenario(Scenario):
     def _control_flaws(self) -> Iterator[LocatedFlaw]:
         for key in ("acceleration_m_s2", "turn_rate_rad_s"):
             limits: Range = getattr(self.vehicle, key)
+            # Strictly: the terminal set needs room on both sides of its reference.
             if not limits.lower < 0 < limits.upper:
                 yield (
                     ("vehicle", key),
@@ -304,6 +303,7 @@ class FormationScenario(Scenario):
                     f"[{limits.lower:g}, {limits.upper:g}]",
                 )
         each = getattr(self.search, "velocity_max", None)
+        # A search chooses the two controls of each interval.
         variables = 2 * self.prediction.intervals
         if isinstance(each, list) and len(each) != variables:
             yield (
@@ -353,6 +353,7 @@ class FormationScenario(Scenario):
                 )
 
     def _speed_flaws(self, limits: Range) -> Iterator[LocatedFlaw]:
+        # Strictly, for the same reason as in `_control_flaws`.
         if not limits.lower < self.leader.speed_m_s < limits.upper:
             yield (
                 ("leader", "speed_m_s"),

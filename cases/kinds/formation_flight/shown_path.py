@@ -10,8 +10,7 @@ from swarmstart.cases.drawing.sheet import settled_at
 from swarmstart.cases.kinds.formation_flight.measures import SETTLED_M, linear_mask
 from swarmstart.cases.kinds.formation_flight.pose import FormationFlight
 from swarmstart.cases.kinds.formation_flight.scenario import FormationScenario
-from swarmstart.cases.kinds.models.unicycle import unicycle
-from swarmstart.cases.kinds.planar import POSITION, by_uav
+from swarmstart.cases.kinds.planar import POSITION, by_uav, unicycle
 from swarmstart.ocp import Mode, Plant, Trajectory
 
 
@@ -62,6 +61,7 @@ def shown_of(
         times, paths = planned_paths(scenario, flight, trajectory)
         controls = np.vstack([plan.controls for plan in first.plans])
         steps = controls.shape[1]
+        # The plant's steps in a control interval, one of which ends at its instant.
         every = (times.size - 1) // steps
         return Shown(
             dense_times=times,
@@ -91,6 +91,7 @@ def planned_paths(
     Returns:
         Times, shape (n,) [s], and the states of each UAV, shape (uavs, 4, n).
     """
+    # The plant of a flight has all UAVs at once; plans are of one each.
     plant = Plant(unicycle(), dt=flight.plant.dt, substeps=flight.plant.substeps)
     paths = []
     for start, plan in zip(
@@ -100,6 +101,7 @@ def planned_paths(
     ):
         path = [start]
         for control in plan.controls.T:
+            # Without the start of the interval, which is the end of the one before.
             path.append(plant(path[-1][:, -1], control))
         paths.append(np.hstack(path))
     horizon = flight.plant.dt * scenario.prediction.intervals

@@ -1,1 +1,1 @@
-"""Models that scenarios can name."""
+"""Models of a wingman in the wake of its leader."""

@@ -20,8 +20,9 @@ kinematics "fixed": (X, Y) = (xbar, ybar), the slot, as printed in (5.20)
 aerodynamics "linear": dC = C_y (y - ybar) + C_z z, derivatives at the slot
              "vortex": dC = C(y, z) - C(ybar, 0), the increments themselves
              "none": dC = 0, no wake
-heading_from "leader": the autopilot gets psi_Wc - psi_L in place of psi_Wc A turn rate
-limit is that of the autopilot: it saturates (psi_Wc - psi_W)/tau_psi.
+heading_from "leader": the control is psi_Wc - psi_L in place of psi_Wc
+
+A turn rate limit is that of the autopilot: it saturates (psi_Wc - psi_W)/tau_psi.
 
 The variant "corrected" is the above. "literal" is (5.20) as printed, linear: y in place
 of y - ybar, a constant lift that h_Wc has to hold down, and + qS/m C_Dz z, which is
@@ -130,6 +131,7 @@ def close_formation(
     V_c, psi_c, h_c = (ca.SX.sym(name) for name in ("V_c", "psi_c", "h_c"))
     V_L, psi_L, h_L = (ca.SX.sym(name) for name in ("V_L", "psi_L", "h_L"))
     w = ca.SX.sym("w", 3) if gusts else ca.SX(0, 1)
+    # Without gusts the parameters stay three, as the planning problem has them.
     w_x, w_y, w_z = ca.vertsplit(w) if gusts else (0, 0, 0)
 
     if aerodynamics == "vortex":
@@ -145,6 +147,7 @@ def close_formation(
     commanded = (told - psi) / wingman.heading_lag_s
     limit = wingman.turn_rate_rad_s
     if limit is not None:
+        # Of the command alone: the side force of the wake still turns the aircraft.
         commanded = ca.fmin(ca.fmax(commanded, -limit), limit)
     r = commanded + qSm / V * dC.C_Y
     return Model(
@@ -190,9 +193,10 @@ def _linear(
     """Return dC = C_y (y - ybar) + C_z z, or dC as (5.20) prints it."""
     _, ybar, zbar = wingman.slot_ft
     C = derivatives(wingman.aircraft, ybar, zbar)
-    dy = y if as_printed else y - ybar
+    dy = y if as_printed else y - ybar  # Printed without the slot: a constant lift.
     return Increments(
         C_L=C.C_Ly * dy + C.C_Lz * z,
+        # (5.20) prints + qS/m C_Dz z; the rate of V_W subtracts dC_D.
         C_D=-C.C_Dz * z if as_printed else C.C_Dy * dy + C.C_Dz * z,
         C_Y=C.C_Yy * dy + C.C_Yz * z,
     )

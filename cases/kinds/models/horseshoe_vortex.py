@@ -105,6 +105,7 @@ class Aircraft:
     def __post_init__(self) -> None:
         """Check the range of every number."""
         for name in (field.name for field in fields(self)):
+            # It may be zero: then savings are those of the induced drag.
             if name != "parasitic_drag":
                 require_positive(name, getattr(self, name))
         if not (math.isfinite(self.parasitic_drag) and self.parasitic_drag >= 0):
@@ -201,6 +202,7 @@ def upwash(aircraft: Aircraft, y_ft: Scalar, z_ft: Scalar) -> Scalar:
         z_ft: Height of the wingman above the leader [ft], likewise; even in it too.
     """
     bp, M = aircraft.vortex_separation_ft, aircraft.squared_core_ft2
+    # M keeps the logarithm finite in the vortices themselves.
     centre, near, far = (d**2 + z_ft**2 + M for d in (y_ft, y_ft - bp, y_ft + bp))
     strength = aircraft.circulation_ft / (4 * math.pi * bp)
     return strength * ca.log(centre**2 / (near * far))
@@ -269,6 +271,7 @@ def derivatives(aircraft: Aircraft, y_ft: Scalar, z_ft: Scalar) -> Derivatives[S
 
     centre, near, far = (inverse(d, z_ft) for d in (y_ft, y_ft - bp, y_ft + bp))
     foot, tip = [(inverse(A, e), inverse(B, e)) for e in (z_ft, top)]
+    # d ln s(d, h) / dd = 2 d / s(d, h): the 4 of W/V and S/V becomes a 2.
     wing, fin = G / (2 * math.pi * bp), G / (2 * math.pi * h)
     W_y = wing * (2 * y_ft * centre - (y_ft - bp) * near - (y_ft + bp) * far)
     W_z = wing * z_ft * (2 * centre - near - far)

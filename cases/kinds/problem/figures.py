@@ -1,22 +1,32 @@
-"""Figures of a problem: those of any problem, with its own names and units."""
+"""Figures of a problem in YAML or Python: those of any problem, with its own names.
 
+With uncertain parameters the plant is one system. Its figures are those of one member's
+problem, with plans as that member has them; one more figure shows the states of all
+members.
+"""
+
+from collections.abc import Iterator
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from swarmstart.arrays import Array
 from swarmstart.cases.drawing.drawing import Figures, into_folder
-from swarmstart.cases.drawing.naming.surroundings import (
+from swarmstart.cases.drawing.panels import (
+    Labels,
+    panels_figure,
+    panels_of,
+    stacked_limits,
+)
+from swarmstart.cases.drawing.plan_figures import PlanPath, with_plans
+from swarmstart.cases.drawing.problem_figures import Place, figures_of
+from swarmstart.cases.drawing.vehicles import (
     discs_of_problem,
     position_of,
 )
-from swarmstart.cases.drawing.panels import Labels
-from swarmstart.cases.drawing.problem_figures import Place, figures_of
-from swarmstart.cases.format.kind import Flight, PosedAgent
-from swarmstart.cases.kinds.problem.member_figures import (
-    member_figures,
-    of_one_member,
-)
+from swarmstart.cases.format.kind import Flight, Posed, PosedAgent
+from swarmstart.cases.kinds.problem.stated.members import ProblemPosed
 from swarmstart.cases.kinds.problem.stated.model import planning_problem
 from swarmstart.cases.kinds.problem.stated.phases import (
     in_phase,
@@ -24,8 +34,7 @@ from swarmstart.cases.kinds.problem.stated.phases import (
     phase_names,
     whole_scenario,
 )
-from swarmstart.cases.kinds.problem.stated.posed import ProblemPosed
-from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario
+from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario, UserScenario
 from swarmstart.cases.kinds.problem.stated.symbols import (
     TIMING_S,
     constants_of,
@@ -33,9 +42,13 @@ from swarmstart.cases.kinds.problem.stated.symbols import (
     rows_over_time,
 )
 from swarmstart.cases.record.trajectory_arrays import held_controls
-from swarmstart.ocp import Known, Trajectory
+from swarmstart.ocp import Known, OptimalControlProblem, Plan, Trajectory
 from swarmstart.ocp.loop import known_at
 from swarmstart.ocp.rollout import replay
+from swarmstart.ocp.statement import END_TIME, Lowered, lowered
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @into_folder
@@ -73,6 +86,7 @@ def draw(
         if not (step and agent.problem.previous.numel()):
             return agent.previous
         times, held = held_controls(trajectory)
+        # TIMING_S: the step itself must not count as before it.
         before = np.searchsorted(times, trajectory.times[step] - TIMING_S) - 1
         return held[:, before]
 
@@ -81,6 +95,7 @@ def draw(
         agent, plan = agents[number], trajectory.decisions[step].plans[number]
         states = plan.states
         if not states.size:
+            # Its rows in the stacked states of all agents.
             before = sum(other.problem.model.nx for other in agents[:number])
             x0 = trajectory.states[before : before + agent.problem.model.nx, step]
             states, _, _ = replay(agent.problem, plan.controls, x0, known(step, number))
@@ -88,6 +103,7 @@ def draw(
 
     whole = whole_scenario(scenario) if scenario.phases else scenario
     ends = [0, *interval_ends(scenario)]
+    # A short run ends sooner.
     flown = [k for k in ends[1:-1] if k < trajectory.times.size]
     labels = Labels(
         states=tuple(whole.states),
@@ -132,3 +148,100 @@ def _place(scenario: ProblemScenario, labels: Labels) -> Place | None:
         rows=(x, y),
         discs=[(disc.x, disc.y, disc.radius) for disc in discs if not disc.is_limit],
     )
+
+
+def of_one_member(
+    trajectory: Trajectory, problem: OptimalControlProblem, every: OptimalControlProblem
+) -> Trajectory:
+    """Return a run whose plans are the first member's, without states.
+
+    Args:
+        trajectory: The run.
+        problem: Of one member.
+        every: Of all members, which plans were made for.
+    """
+    many, nu = lowered(every), problem.model.nu
+    start = _places(many, problem.model.nx, len(problem.periodic))
+
+    def own(plan: Plan) -> Plan:
+        return replace(
+            plan,
+            controls=plan.controls[:nu],
+            states=np.empty((0, 0)),
+            # The core has more states than the member: of others, decided numbers,
+            # copies.
+            start=plan.x0[start],
+        )
+
+    made: dict[int, Plan] = {}  # A plan that is used again stays the same object.
+    return replace(
+        trajectory,
+        decisions=tuple(
+            replace(
+                decision,
+                plans=tuple(
+                    made.setdefault(id(plan), own(plan)) for plan in decision.plans
+                ),
+            )
+            for decision in trajectory.decisions
+        ),
+    )
+
+
+def _places(many: Lowered, nx: int, copies: int) -> list[int]:
+    """Return which states of all members' core are those of the first one's."""
+    found = many.places
+    return [
+        *found["states"][:nx],
+        *found[END_TIME],
+        *found["decided"],
+        *found["copies"][:copies],
+        *found["previous"],
+    ]
+
+
+def member_figures(
+    flight: Flight[ProblemPosed],
+    trajectory: Trajectory,
+    labels: Labels,
+    problem: OptimalControlProblem,
+) -> "Iterator[tuple[str, Figure]]":
+    """Yield the states of all members of the first plan, beneath the simulated ones.
+
+    The problem is that of one member.
+    """
+    answer, nx = flight.answer(trajectory), problem.model.nx
+    limits, _ = stacked_limits([problem])
+    panels = panels_of(
+        labels.states,
+        labels,
+        trajectory.dense_times,
+        trajectory.dense_states,
+        limits,
+    )
+    # Without the states that the core adds below those of the members.
+    rows = answer.path.states[: answer.problem.model.nx]
+    paths = [
+        PlanPath(times=answer.path.times, states=member)
+        for member in np.split(rows, len(rows) // nx)
+    ]
+    drawn = with_plans(panels, paths, name="members of the plan")
+    yield "g_members", panels_figure({"states": drawn}, labels)
+
+
+@into_folder
+def draw_from_python(
+    scenario: UserScenario,
+    flight: Flight[Posed],
+    trajectory: Trajectory,
+) -> Figures:
+    """Return all figures that apply to a run by name, in order."""
+    (agent,) = flight.posed.agents
+
+    def known(step: int, number: int) -> Known:
+        del number
+        time = float(trajectory.times[step])
+        found = known_at(agent.problem, time, agent.reference, agent.parameters)
+        return found._replace(previous=agent.previous)
+
+    return figures_of(agent.problem, trajectory, known=known, title=scenario.title)

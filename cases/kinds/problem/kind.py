@@ -2,7 +2,7 @@
 
 from swarmstart.cases.format.kind import Kind
 from swarmstart.cases.kinds.problem.checks.flaws import flaws
-from swarmstart.cases.kinds.problem.measuring.meanings import own_meanings
+from swarmstart.cases.kinds.problem.measuring.decided_measures import own_meanings
 from swarmstart.cases.kinds.problem.measuring.measures import (
     measure,
     own_measures,

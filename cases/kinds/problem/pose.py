@@ -11,9 +11,9 @@ from swarmstart.cases.kinds.problem.checks.uncertain import (
     planned_parameters,
     with_members,
 )
-from swarmstart.cases.kinds.problem.pose_phases import pose_phases
 from swarmstart.cases.kinds.problem.stated.members import (
     Member,
+    ProblemPosed,
     candidate_scopes,
     members_of,
     shared_of,
@@ -26,7 +26,7 @@ from swarmstart.cases.kinds.problem.stated.model import (
     previous_controls,
 )
 from swarmstart.cases.kinds.problem.stated.parts import DualMode, Noise
-from swarmstart.cases.kinds.problem.stated.posed import ProblemPosed
+from swarmstart.cases.kinds.problem.stated.phases import pose_phases
 from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario
 from swarmstart.cases.kinds.problem.stated.symbols import (
     Signal,
@@ -50,10 +50,7 @@ from swarmstart.terminal_set import TerminalSet, Weights, certificate_text
 
 
 def pose(scenario: ProblemScenario) -> ProblemPosed:
-    """Return the agents of a problem and its plant.
-
-    Args:
-        scenario: The scenario, checked.
+    """Return the agents of a problem and its plant; the scenario is checked.
 
     Raises:
         SwarmstartError: If a guess cannot be read, or the dual mode has no certified
@@ -72,6 +69,7 @@ def pose(scenario: ProblemScenario) -> ProblemPosed:
     laws = _linear_laws(scenario, groups, agents)
     sets = laws.sets if laws is not None else ()
     in_order = tuple(range(len(agents)))
+    # The plant's own values replace those that plans are made with.
     truly = {**known_parameters(scenario), **scenario.plant.parameters}
     over = {**truly, **scenario.signals}
     known = {name: over_time(given, constants) for name, given in over.items()}
@@ -79,12 +77,14 @@ def pose(scenario: ProblemScenario) -> ProblemPosed:
         agents=agents,
         x0=np.concatenate([member.start for member in members]),
         plant=_plant(scenario, members, constants, known),
+        # A dual mode switches a team, also a team of one.
         order=None if len(agents) == 1 and laws is None else in_order,
         open_loop=scenario.feedback.law == "open_loop",
         repair=scenario.feedback.repair,
         dual_mode=laws,
         period=scenario.feedback.period_s,
         documents={
+            # The first is certificate.json, with or without others.
             f"certificate{number or ''}.json": certificate_text(one.certificate)
             for number, one in enumerate(sets)
             if one.certificate is not None
@@ -113,6 +113,7 @@ def _agent(
         append=feedback.append,
         shift=feedback.last_plan == "shifted",
         first=_guessed(scenario, group, problem, constants),
+        # Priority planning: it sees the plans of all that plan before it.
         watches=tuple(range(len(before))),
         shows=positions_of(scenario),
         previous=previous_controls(scenario, group),
@@ -140,6 +141,7 @@ def _candidates(
             [scope.number(one[name]) for scope in scopes for name in scenario.controls]
             for one in scenario.candidates
         ]
+        # (nu, 1, candidates): the middle axis is repeated for the intervals.
         held = np.array(columns).T[:, None, :]
         return np.repeat(held, problem.intervals, axis=1)
 
@@ -159,6 +161,7 @@ def _guessed(
     guess = scenario.guess
     times = problem.expected_times
     knots = times[:: problem.checks]
+    # Each interval has one value at its begin; linear controls need the end, too.
     begins = knots if problem.has_knots else knots[:-1]
     controls = _rows(guess.controls, scenario.controls, group, begins, constants)
     states = _rows(guess.states, scenario.states, group, times, constants)
@@ -197,6 +200,7 @@ def _plant(
 ) -> PosedPlant:
     """Return the simulated system, with parameters and disturbances of its own."""
     part = scenario.plant
+    # In the order of the model's parameters: those of the file, then disturbances.
     rows = [known[name] for name in scenario.parameters if name in known]
     step = interval_of(scenario, constants) / part.substeps
     count = scenario.steps * part.substeps
@@ -205,6 +209,7 @@ def _plant(
             if name in part.disturbance:
                 given = part.disturbance[name]
                 if isinstance(given, Noise):
+                    # One seed, but other numbers for each vehicle and each state.
                     rng = np.random.default_rng([given.seed, place, index])
                     rows.append(_noise(given, constants, step, count, rng))
                 else:
@@ -243,6 +248,7 @@ def _noise(
     drawn = number(given.deviation, constants) * rng.standard_normal(count)
 
     def noise(times: Array) -> Array:
+        # Multiples of the step are rounded.
         places = np.clip(np.rint(times / step).astype(int), 0, count - 1)
         return np.asarray(drawn[places])
 
@@ -289,5 +295,5 @@ def _terminal_set(
             R=np.diag(values(part.R, scenario.controls)),
         ),
         parameters=() if agent.parameters is None else agent.parameters(0.0),
-        rng=np.random.default_rng(0),
+        rng=np.random.default_rng(0),  # The same set in every run.
     )

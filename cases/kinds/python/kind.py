@@ -5,8 +5,8 @@ from collections.abc import Iterator, Mapping
 from swarmstart.cases.format.expressions import CONSTANTS, parse
 from swarmstart.cases.format.kind import Flight, Kind, Measure, Posed
 from swarmstart.cases.format.settings import LocatedFlaw
+from swarmstart.cases.kinds.problem.measuring.decided_measures import own_meanings
 from swarmstart.cases.kinds.problem.measuring.flown_path import rows_of
-from swarmstart.cases.kinds.problem.measuring.meanings import own_meanings
 from swarmstart.cases.kinds.problem.measuring.measures import (
     PATH,
     measured,
@@ -25,6 +25,8 @@ def flaws(scenario: PythonScenario) -> Iterator[LocatedFlaw]:
     """Yield errors that are known without running the file, which has the names."""
     yield from scenario.flaws()
     for name, text in scenario.measures.items():
+        # Every name stands for a path: which ones exist is known after the file has
+        # run.
         used = parse(text, of_paths=True, functions=None).names - CONSTANTS.keys()
         yield from wrong_measures({name: text}, dict.fromkeys(used, PATH))
 
@@ -56,6 +58,6 @@ KIND = Kind(
     own_meanings=own_meanings,
     undefined=UNDEFINED,
     flaws=flaws,
-    drawn_by="swarmstart.cases.kinds.python.figures:draw",
+    drawn_by="swarmstart.cases.kinds.problem.figures:draw_from_python",
     code=lambda scenario: scenario.problem.file,
 )

@@ -10,8 +10,11 @@ from swarmstart.cases.format.document import printable
 from swarmstart.cases.format.kind import Posed, PosedAgent, PosedPlant
 from swarmstart.cases.kinds.problem.measuring.measures import PATH, wrong_measures
 from swarmstart.cases.kinds.problem.stated.symbols import TIME
-from swarmstart.cases.kinds.python.code import UserCodeError, returned
-from swarmstart.cases.kinds.python.scenario import PythonScenario
+from swarmstart.cases.kinds.python.scenario import (
+    PythonScenario,
+    UserCodeError,
+    returned,
+)
 from swarmstart.ocp import Known, Model, OptimalControlProblem
 from swarmstart.ocp.loop import ReferenceSignals
 
@@ -106,6 +109,7 @@ def _stated(scenario: PythonScenario) -> Stated:
     """Return the function's result, if it is a problem, x0 and known values."""
     found = returned(scenario.problem, scenario.arguments)
     parts = found if isinstance(found, tuple) else (found,)
+    # The start may be a list, an array, or anything that NumPy reads.
     types = (OptimalControlProblem, object, Known)
     has_types = all(map(isinstance, parts, types))
     if len(parts) not in (_PAIR, _TRIPLE) or not has_types:
@@ -117,6 +121,7 @@ def _stated(scenario: PythonScenario) -> Stated:
     problem, x0, known = (*parts, Known())[:_TRIPLE]
     _require_fitting(scenario, problem)
     model, size = problem.model, problem.signals.numel()
+    # Without signals there is a shape of no rows, whatever Known holds.
     of_signals = known.signals if size else np.empty((0, problem.nodes))
     count = model.np - len(problem.decided)
     given = known.previous

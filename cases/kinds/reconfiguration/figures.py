@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from swarmstart.arrays import Array
-from swarmstart.cases.drawing.distances import distances_figure
 from swarmstart.cases.drawing.drawing import (
     COLOURS,
     Figures,
@@ -22,15 +21,15 @@ from swarmstart.cases.drawing.drawing import (
 from swarmstart.cases.drawing.panels import Labels, Panel, panels_of, stacked_limits
 from swarmstart.cases.drawing.planning import draw_planning
 from swarmstart.cases.drawing.sheet import Part, draw_errors, panels_part, sheet
-from swarmstart.cases.drawing.tracks import Scene, draw_tracks
+from swarmstart.cases.drawing.tracks import Scene, distances_figure, draw_tracks
 from swarmstart.cases.kinds.planar import POSITION, by_uav, pair_distances
 from swarmstart.cases.kinds.reconfiguration.measures import (
     errors_of,
     link_distances,
 )
 from swarmstart.cases.kinds.reconfiguration.pose import ReconfigurationFlight
+from swarmstart.cases.kinds.reconfiguration.problem import slots_in_plane
 from swarmstart.cases.kinds.reconfiguration.scenario import ReconfigurationScenario
-from swarmstart.cases.kinds.reconfiguration.target import slots_in_plane
 from swarmstart.cases.record.trajectory_arrays import plan_costs
 from swarmstart.ocp import Trajectory
 
@@ -71,6 +70,7 @@ def sheet_figure(
     labels = _labels(flight)
     leader = scenario.leader_index
     off = errors_of(scenario, flight, trajectory.dense_states)
+    # The leader is always in its slot: slots are relative to it.
     followers = [number for number in range(len(off)) if number != leader]
     scene = scene_of(scenario, flight, trajectory)
 
@@ -140,6 +140,7 @@ def _controls(
     uavs, count, steps = held.shape
     scale = np.array([1.0, np.degrees(1.0)])
     _, limits = stacked_limits([agent.problem for agent in flight.posed.agents])
+    # The first UAV's bounds for every row: also for a leader without decisions.
     lower, upper = (np.tile(scale * side[:count], uavs) for side in limits)
     values = (scale[:, None] * held).reshape(uavs * count, steps)
     return panels_of(CONTROLS, labels, trajectory.times, values, (lower, upper))
@@ -158,6 +159,7 @@ def evolution_figure(trajectory: Trajectory) -> "Figure":
     ]
     searched = [(k, h) for k, h in enumerate(histories, 1) if h.size]
     count = len(searched) + 1
+    # -count % wide is the number of empty places in the last row; then the wider.
     columns = min(WIDE, key=lambda wide: (-count % min(wide, count), -wide))
     columns = min(columns, count)
     rows = math.ceil(count / columns)

@@ -4,7 +4,7 @@ Imports nothing heavy, so that `swarmstart list` is quick. A count has no unit, 
 means that a number has no unit.
 """
 
-from swarmstart.cases.format.kind_words import DRAWN_PLANNING, KindWords
+from swarmstart.cases.format.registry import DRAWN_PLANNING, KindWords
 
 MEASURES = {
     "position_error_m": "Largest distance of a UAV from its slot at the end, both "
@@ -62,8 +62,8 @@ WORDS = KindWords(
     measures=MEASURES,
     example="reconfiguration",
     flown_by="UAV",
-    outcome="swarmstart.cases.kinds.reconfiguration.outcome:outcome",
+    outcome="swarmstart.cases.kinds.reconfiguration.report:outcome",
     captions=CAPTIONS,
     numbered_rows=True,
-    surroundings="swarmstart.cases.kinds.reconfiguration.surroundings:surroundings",
+    surroundings="swarmstart.cases.kinds.reconfiguration.report:surroundings",
 )

@@ -1,10 +1,13 @@
-"""The planning problem of a reconfiguration.
+"""The planning problem of a reconfiguration, and the slots of its UAVs.
 
     J = sum over the horizon's intervals and the UAVs of e_i'Q e_i            (5.38)
     e_i = x_ref,i - (x_i - x_L)     at the ends of the intervals
 
 with x = (v, psi, x, y) and x_ref = (0, 0, slot); headings are not wrapped. Subject to
 (5.33) and (5.34): the distances of every two UAVs, at every check.
+
+The assignment `shortest` of slots minimises the sum of squared distances. The leader
+keeps the slot at (0, 0).
 """
 
 import itertools
@@ -14,9 +17,16 @@ import casadi as ca
 import numpy as np
 
 from swarmstart.arrays import Array
-from swarmstart.cases.format.settings import bounds_of
-from swarmstart.cases.kinds.models.bank_to_turn import Thrust, bank_to_turn
-from swarmstart.cases.kinds.planar import METRE, POSITION, speed_bounds
+from swarmstart.cases.format.parts import bounds_of
+from swarmstart.cases.kinds.planar import (
+    METRE,
+    POSITION,
+    Thrust,
+    bank_to_turn,
+    by_uav,
+    shortest_assignment,
+    speed_bounds,
+)
 from swarmstart.cases.kinds.reconfiguration.scenario import (
     Distances,
     ReconfigurationScenario,
@@ -57,6 +67,7 @@ def team_model(scenario: ReconfigurationScenario, steered: Sequence[int]) -> Mod
         return stacked
     u = ca.SX.sym("u", NU * len(steered))
     own = dict(zip(steered, ca.vertsplit(u, NU), strict=True))
+    # A UAV that is not steered has the controls of straight flight in its rates.
     straight = ca.SX(trim(scenario.vehicle))
     every = ca.vertcat(*[own.get(i, straight) for i in range(uavs)])
     names = [stacked.control_names[NU * i + row] for i in steered for row in range(NU)]
@@ -91,6 +102,7 @@ def joint_problem(
     steered = model.nu // NU
     return OptimalControlProblem(
         model,
+        # The quadrature multiplies by dt; (5.38) is a plain sum.
         stage_cost=sum((ca.bilin(Q, e, e) for e in errors), ca.SX(0)) / dt,
         bounds=Bounds(
             controls=(np.tile(lower, steered), np.tile(upper, steered)),
@@ -98,7 +110,7 @@ def joint_problem(
             state_scale=METRE,
         ),
         constraints=_pair_constraints(scenario.distances, uavs),
-        quadrature="right",
+        quadrature="right",  # e_i at the ends of the intervals.
         **prediction.grid(),
     )
 
@@ -149,9 +161,61 @@ def separation(distances: Distances, relative: ca.SX) -> Separation:
 
 def connection(distances: Distances, relative: ca.SX) -> Connection:
     """Return (5.34): the communication distance of a relative position."""
+    # Points are enough: along a straight segment a distance is largest at an end.
     return Connection(
         relative=relative,
         distance=distances.communication_m,
         margin=distances.margin_m,
         scale=METRE,
     )
+
+
+def assigned_slots(scenario: ReconfigurationScenario) -> Array:
+    """Return the slot of each UAV relative to the leader, shape (uavs, 2) [m]."""
+    slots = np.array([[slot.x_m, slot.y_m] for slot in scenario.slots])
+    if scenario.assignment == "given":
+        return slots
+    # The leader takes its slot first, so that all others stay relative to it.
+    starts = np.array([[uav.x_m, uav.y_m] for uav in scenario.uavs])
+    leader, own = scenario.leader_index, int(np.argmin(np.hypot(*slots.T)))
+    others = np.delete(np.arange(len(starts)), leader)
+    free = np.delete(slots, own, axis=0)
+    chosen = np.empty_like(slots)
+    chosen[leader] = slots[own]
+    chosen[others] = free[shortest_assignment(starts[others], free)]
+    return chosen
+
+
+def slots_in_plane(slots: Array, headings: Array, *, turned: bool) -> Array:
+    """Return the slots relative to the leader in the plane, shape (uavs, 2, T) [m].
+
+    Args:
+        slots: Relative to the leader, shape (uavs, 2) [m].
+        headings: Headings of the leader, shape (T,) [rad].
+        turned: Whether the slots turn with the leader.
+    """
+    psi = headings if turned else np.zeros_like(headings)
+    ahead, left = slots[:, 0, None], slots[:, 1, None]
+    return np.stack(
+        [
+            ahead * np.cos(psi) - left * np.sin(psi),
+            ahead * np.sin(psi) + left * np.cos(psi),
+        ],
+        axis=1,
+    )
+
+
+def position_errors(states: Array, slots: Array, *, leader: int, turned: bool) -> Array:
+    """Return the distance of each UAV from its slot, shape (uavs, T) [m].
+
+    Args:
+        states: Stacked, shape (uavs * 4, T).
+        slots: As in `slots_in_plane`.
+        leader: The leader's number from 0.
+        turned: As in `slots_in_plane`.
+    """
+    flown = by_uav(states, len(slots))
+    positions = flown[:, list(POSITION)]
+    wanted = slots_in_plane(slots, flown[leader, 1], turned=turned)
+    off = positions - positions[leader] - wanted
+    return np.asarray(np.linalg.norm(off, axis=1))

@@ -10,16 +10,15 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from swarmstart.cases.format.settings import (
+from swarmstart.cases.format.parts import (
     Checks,
     GridPart,
-    LocatedFlaw,
     NonNegative,
     Part,
     Positive,
     Range,
-    Scenario,
 )
+from swarmstart.cases.format.settings import LocatedFlaw, Scenario
 from swarmstart.cases.kinds.planar import (
     SAME_PLACE_M,
     PlanarState,
@@ -251,6 +250,7 @@ class ReconfigurationScenario(Scenario):
         yield from self._own_slot_flaws()
         for key, trim in (("thrust_n", self.vehicle.drag_n), ("bank_rad", 0.0)):
             limits: Range = getattr(self.vehicle, key)
+            # Only a leader that flies straight needs these controls.
             if self.leader == "straight" and not limits.lower <= trim <= limits.upper:
                 yield (
                     ("vehicle", key),
@@ -294,6 +294,7 @@ class ReconfigurationScenario(Scenario):
                 "that must be seen follows from it",
             )
         elif seen is not None:
+            # Head on, both at the highest speed.
             closing = 2 * limits.upper * self.prediction.dt
             needed = self.distances.safe_m + closing
             if seen < needed:

@@ -4,12 +4,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from swarmstart.cases.drawing.convergence import draw_convergence
-from swarmstart.cases.drawing.distances import draw_distances
 from swarmstart.cases.drawing.drawing import Figures, into_folder
 from swarmstart.cases.drawing.panels import Labels, Panel, panels_of
+from swarmstart.cases.drawing.plan_figures import draw_convergence
 from swarmstart.cases.drawing.sheet import Part, panels_part, sheet
-from swarmstart.cases.drawing.tracks import Scene, draw_tracks
+from swarmstart.cases.drawing.tracks import Scene, draw_distances, draw_tracks
 from swarmstart.cases.kinds.planar import POSITION, by_uav, pair_distances
 from swarmstart.cases.kinds.transfer.pose import TransferFlight
 from swarmstart.cases.kinds.transfer.scenario import TransferScenario

@@ -29,6 +29,7 @@ def measure(
     flown = by_uav(trajectory.dense_states, uavs)
     path = interpolate(flight.plant, trajectory)
     off = flown[:, list(POSITION), -1] - flight.posed.goals
+    # A run of fewer steps ends on the way.
     ended = len(trajectory.decisions) == scenario.prediction.intervals
     measures: dict[str, Measure] = {
         "cost": plan.cost,
@@ -61,6 +62,7 @@ def whole_run(
     """
     del flight, trajectory
     near, cost = measures["min_distance_m"], measures["verified_cost"]
+    # A single UAV has no distance to others.
     missing = 1.0 - near / scenario.safe_distance_m if isinstance(near, float) else 0.0
     return WholeRun(cost if isinstance(cost, float) else np.nan, max(0.0, missing))
 

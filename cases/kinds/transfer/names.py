@@ -4,7 +4,7 @@ Imports nothing heavy, so that `swarmstart list` is quick. A count has no unit, 
 means that a number has no unit.
 """
 
-from swarmstart.cases.format.kind_words import KindWords
+from swarmstart.cases.format.registry import KindWords
 
 MEASURES = {
     "cost": "Cost of the plan: the time integral of the weighted squares of the "
@@ -51,9 +51,9 @@ WORDS = KindWords(
     measures=MEASURES,
     example="swap_5",
     flown_by="UAV",
-    ending="swarmstart.cases.kinds.transfer.outcome:ending",
+    ending="swarmstart.cases.kinds.transfer.report:ending",
     captions=CAPTIONS,
     costs=("verified_cost", "cost"),
     numbered_rows=True,
-    surroundings="swarmstart.cases.kinds.transfer.surroundings:surroundings",
+    surroundings="swarmstart.cases.kinds.transfer.report:surroundings",
 )

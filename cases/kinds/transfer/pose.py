@@ -28,14 +28,17 @@ import numpy as np
 
 from swarmstart.arrays import Array
 from swarmstart.cases.format.kind import Flight, Posed, PosedAgent, PosedPlant
-from swarmstart.cases.format.settings import LocatedFlaw, bounds_of
-from swarmstart.cases.kinds.assignment import shortest_assignment
-from swarmstart.cases.kinds.models.bank_to_turn import (
+from swarmstart.cases.format.parts import bounds_of
+from swarmstart.cases.format.settings import LocatedFlaw
+from swarmstart.cases.kinds.planar import (
     GRAVITY_M_S2,
+    METRE,
+    POSITION,
     Turn,
     bank_to_turn,
+    shortest_assignment,
+    speed_bounds,
 )
-from swarmstart.cases.kinds.planar import METRE, POSITION, speed_bounds
 from swarmstart.cases.kinds.transfer.scenario import TransferScenario, goal_flaws
 from swarmstart.heuristics import Box
 from swarmstart.ocp import (
@@ -69,8 +72,7 @@ TransferFlight = Flight[PosedTransfer]
 def pose(scenario: TransferScenario) -> PosedTransfer:
     """Return the one planning problem, with its family of paths, and the plant.
 
-    Args:
-        scenario: The scenario, checked.
+    The scenario is checked.
     """
     goals = assigned_goals(scenario)
     uav = bank_to_turn(turn=scenario.vehicle.turn)
@@ -96,6 +98,7 @@ def pose(scenario: TransferScenario) -> PosedTransfer:
 def flaws(scenario: TransferScenario) -> Iterator[LocatedFlaw]:
     """Yield errors between parts of the scenario, with their places."""
     yield from scenario.flaws()
+    # Of the assigned goals: a goal may be far for one UAV and near for another.
     for number, (x, y) in enumerate(assigned_goals(scenario)):
         yield from goal_flaws(scenario, number, (float(x), float(y)))
 
@@ -136,6 +139,7 @@ def transfer_problem(
                 relative=a - b,
                 distance=scenario.safe_distance_m,
                 margin=scenario.margin_m,
+                # The polish keeps the same margin, but at the check points only.
                 smooth_margin=scenario.margin_m,
                 along=scenario.along,
                 scale=METRE,
@@ -195,6 +199,7 @@ def flat_paths(
         box=Box(lower=-one, upper=one),
         trajectory=ca.Function(
             "paths",
+            # A family has parameters as its third argument, also if there are none.
             [c, x0, ca.SX.sym("p", problem.model.np)],
             [ca.horzcat(*states), ca.horzcat(*controls)],
         ),
@@ -228,9 +233,11 @@ def flat_path(
         + along * c[2] * bump * straight
     )
     rate = ca.jacobian(place, t)
+    # Smooth at rest, too, where the square root has no derivative.
     v = ca.sqrt(ca.sumsqr(rate) + SMALLEST_SPEED_M_S**2)
     bent = ca.jacobian(rate, t)
     turned = (rate[0] * bent[1] - rate[1] * bent[0]) / (v * GRAVITY_M_S2)
+    # asin has no value beyond 1: such a path turns faster than any bank can.
     bank = (
         ca.atan(turned) if turn == "tan" else ca.asin(ca.fmin(ca.fmax(turned, -1), 1))
     )

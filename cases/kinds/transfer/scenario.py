@@ -9,16 +9,15 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from swarmstart.cases.format.settings import (
+from swarmstart.cases.format.parts import (
     Checks,
     GridPart,
-    LocatedFlaw,
     NonNegative,
     Part,
     Positive,
     Range,
-    Scenario,
 )
+from swarmstart.cases.format.settings import LocatedFlaw, Scenario
 from swarmstart.cases.kinds.planar import (
     SAME_PLACE_M,
     PlanarState,

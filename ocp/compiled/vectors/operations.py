@@ -2,9 +2,18 @@
 
 from collections.abc import Callable, Mapping, Sequence
 
-from swarmstart.ocp.compiled.vectors.arcs import acos, asin, atan, atan2
-from swarmstart.ocp.compiled.vectors.elementary import exp, fmod, log, sin_and_cos, tan
-from swarmstart.ocp.compiled.vectors.hyperbolic import (
+from swarmstart.ocp.compiled.vectors.elementary import (
+    acos,
+    asin,
+    atan,
+    atan2,
+    exp,
+    fmod,
+    log,
+    sin_and_cos,
+    tan,
+)
+from swarmstart.ocp.compiled.vectors.exponentials import (
     acosh,
     asinh,
     atanh,
@@ -12,10 +21,10 @@ from swarmstart.ocp.compiled.vectors.hyperbolic import (
     erf,
     expm1,
     log1p,
+    power,
     sinh,
     tanh,
 )
-from swarmstart.ocp.compiled.vectors.power import power
 from swarmstart.ocp.compiled.vectors.vector_ir import VectorIR
 from swarmstart.tape import Node, Tape, UnknownOperationError
 
@@ -45,7 +54,7 @@ def emit_tape(
         if given and number in given:
             value = given[number]
         elif number in products:
-            value = "never read"
+            value = "never read"  # Its only user computes it.
         elif number in fused:
             value = _fused(ir, tape, number, fused[number], values)
         elif node.operation in OF_ANGLES:

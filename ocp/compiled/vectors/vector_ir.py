@@ -1,4 +1,4 @@
-"""Lines of LLVM IR on vectors of numbers, one lane an individual.
+"""Lines of LLVM IR on vectors of numbers, one lane an individual, and loops over them.
 
 A value is the name of a register or the text of a constant; a mask is a vector of bits.
 The formats are the two of IEEE 754 that kernels compute in. Nothing is reordered or
@@ -322,3 +322,55 @@ def converted(ir: VectorIR, value: str, given: Format, wanted: Format) -> str:
     instruction = "fpext" if given.bits < wanted.bits else "fptrunc"
     types = (f"<{ir.lanes} x {form.name}>" for form in (given, wanted))
     return ir.emit(f"{instruction} {next(types)} {value} to {next(types)}")
+
+
+class Loop:
+    """A loop that carries values from the end of a turn to the next one.
+
+    Attributes:
+        k: Register of the turn's number, from 0.
+        carried: Registers of the carried values in a turn.
+    """
+
+    def __init__(self, ir: VectorIR, initial: Sequence[str], turns: int) -> None:
+        """Begin the loop's body.
+
+        Args:
+            ir: The body to emit into.
+            initial: The carried values before the first turn.
+            turns: Number of turns, at least 1.
+        """
+        self._ir, self._initial, self._turns = ir, initial, turns
+        self._before, self._body = ir.body.block, ir.name("interval")
+        ir.line(f"br label {self._body}")
+        ir.label(self._body)
+        self.k = ir.name("k")
+        self.carried = [ir.name("carried") for _ in initial]
+        self._head = len(ir.body.lines)
+
+    def close(self, updated: Sequence[str], *, while_: str | None = None) -> None:
+        """End the loop's body.
+
+        Args:
+            updated: The carried values at the end of a turn.
+            while_: A bit that must be set for another turn; None for no such condition.
+        """
+        ir, done = self._ir, self._ir.name("done")
+        following = ir.emit(f"add i64 {self.k}, 1")
+        more = ir.emit(f"icmp ult i64 {following}, {self._turns}")
+        if while_ is not None:
+            more = ir.emit(f"and i1 {more}, {while_}")
+        latch = ir.body.block
+        ir.line(f"br i1 {more}, label {self._body}, label {done}")
+        # A phi stands at the head, but needs values that are known only at the end.
+        ir.body.lines[self._head : self._head] = [
+            f"  {self.k} = phi i64 [ 0, {self._before} ], [ {following}, {latch} ]",
+            *(
+                f"  {name} = phi {ir.vector} "
+                f"[ {first}, {self._before} ], [ {value}, {latch} ]"
+                for name, first, value in zip(
+                    self.carried, self._initial, updated, strict=True
+                )
+            ),
+        ]
+        ir.label(done)

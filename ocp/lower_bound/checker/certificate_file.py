@@ -1,7 +1,8 @@
 """Reader of certificate files of lower bounds, which validates every entry.
 
-Every entry is a number, a list or one of a few known words. Nothing is executed, and
-text that could claim more than is proven (`claims.py`) is refused.
+Every entry is a number, a list or one of a few known words. Nothing is executed. The
+statements have the only accepted words, and the checker judges exactly these: free text
+labelled "proven" would look as if it had been checked.
 """
 
 from __future__ import annotations
@@ -10,7 +11,6 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
-from swarmstart.ocp.lower_bound.checker.claims import expected_claims
 from swarmstart.terminal_set.checker import read_content, unusable
 
 FORMAT = "swarmstart lower bound certificate"
@@ -29,6 +29,11 @@ BINARY = frozenset("add sub mul div pow fmin fmax".split())
 Vector = tuple[float, ...]
 Limits = tuple[float | None, ...]
 Instruction = tuple[str, tuple[int, ...], float]
+
+TUBE = "every admissible trajectory stays in the tube"
+PRUNING = "no trajectory that costs less than the known cost leaves the set of pruning"
+FINAL = "the final step's inequalities hold on the set that the prunings leave"
+BOUND = "no admissible trajectory costs less than the bound"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -116,9 +121,6 @@ class Certificate:
 
 def read_certificate(path: Path) -> Certificate:
     """Read a certificate, compare its digest and validate its entries.
-
-    Args:
-        path: The file.
 
     Returns:
         The statements of the certificate.
@@ -439,3 +441,8 @@ def _numbers(
         _integer(entry, f"{where}[{i}]", 0, count - 1)
         for i, entry in enumerate(entries)
     )
+
+
+def expected_claims(prunings: int) -> list[str]:
+    """Return the statements of a certificate, in order."""
+    return [TUBE, *(f"{PRUNING} {i + 1}" for i in range(prunings)), FINAL, BOUND]

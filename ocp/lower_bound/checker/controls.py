@@ -90,6 +90,7 @@ def split(problem: Problem) -> Split:
     boxed: list[int] = []
     while True:
         try:
+            # Each failure boxes one more control, so that this ends.
             return _Splitter(problem, boxed).split()
         except _BoxedError as error:
             boxed.append(error.control)
@@ -175,7 +176,7 @@ class _Splitter:
         stage = values[problem.stage]
         for terms in rates:
             for powers in terms:
-                if len(powers) > 1:
+                if len(powers) > 1:  # f must be affine in the free controls.
                     raise _BoxedError(powers[0])
         self._check_stage(stage)
         return Split(

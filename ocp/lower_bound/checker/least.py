@@ -91,9 +91,6 @@ def least_over_controls(fixed: Model, terms: list[Term]) -> Least:
 def lowest(model: Model) -> Array:
     """Return lower bounds over the boxes, square and slope of a variable combined.
 
-    Args:
-        model: Models.
-
     Returns:
         Shape (N,); NaN if nothing is known.
     """
@@ -141,6 +138,7 @@ def _choice(term: Term) -> Array:
             v = np.clip(-b / (2.0 * q), term.lower, term.upper)
     else:
         v = np.where(b > 0.0, term.lower, term.upper)
+    # Any number within the bounds is a valid v.
     return np.where(np.isnan(v), term.lower, v)
 
 
@@ -157,6 +155,7 @@ def _less_loss(below: Model, term: Term, q: float, v: Array) -> tuple[Model, Arr
     )
     if q > 0.0:
         curved = np.maximum(above, under) ** 2 / (4.0 * q) * (1.0 + 1e-9)
+        # Both bounds are valid, so the choice needs no care about rounding.
         bends = curved <= flat * (1.0 + 2e-9)
     else:
         bends = np.zeros(flat.shape, dtype=bool)

@@ -195,11 +195,13 @@ class Model:
         for i, targets in enumerate(self.algebra.products[1:], start=1):
             product[targets] += a[i] * b[: targets.size]
         p, q = self.sums, other.sums
+        # Products of a degree above ORDER, by the sums of their factors' sizes.
         cut = np.zeros_like(p[0])
         for i in range(1, ORDER + 1):
             for j in range(ORDER + 1 - i, ORDER + 1):
                 cut += p[i] * q[j]
         mine, its = self.size, other.size
+        # (p + e)(q + f) - p q = p f + e (q + f).
         error = cut + mine * other.error + self.error * (its + other.error)
         error = (error + ROUNDING * mine * its) * GROWTH + TINY
         return Model(self.algebra, product, error)

@@ -153,6 +153,8 @@ class Expansion:
             powers *= weights
             off = np.einsum("nep,np->ne", radii, powers)
             row = np.einsum("nep,np->ne", table + radii, powers)
+            # 0 for the derivative of T_0, and a divisor below; a larger row is valid
+            # too.
             row = np.maximum(row, 1.0)
             share = np.maximum(share, (off / row).max(axis=1))
             rows.append(row)
@@ -176,7 +178,7 @@ def _powers(radius: Array, count: int) -> Array:
 def _table(y: Array, middle: float, half: float, size: int) -> tuple[Array, Array]:
     """Return T_e^[p] at z(y) and radii of balls about them, each (N, size, size)."""
     z = (y - middle) / half
-    z_radius = np.abs(z) * 2.0**-50
+    z_radius = np.abs(z) * 2.0**-50  # A difference and a quotient are rounded.
     table = np.zeros((y.size, size, size))
     radii = np.zeros_like(table)
     table[:, 0, 0] = 1.0

@@ -12,13 +12,14 @@ import numpy as np
 from swarmstart.ocp.lower_bound.checker.certificate_file import Certificate, Step
 from swarmstart.ocp.lower_bound.checker.controls import split
 from swarmstart.ocp.lower_bound.checker.polynomials import exact_value
-from swarmstart.ocp.lower_bound.checker.regions import Region, pruned_by
-from swarmstart.ocp.lower_bound.checker.search import Outcome, prove
-from swarmstart.ocp.lower_bound.checker.tasks import EndTask, FaceTask, StepTask
-from swarmstart.ocp.lower_bound.checker.tube import (
+from swarmstart.ocp.lower_bound.checker.regions import (
+    Region,
     is_cut_off,
+    pruned_by,
     stated_tube,
 )
+from swarmstart.ocp.lower_bound.checker.search import Outcome, prove
+from swarmstart.ocp.lower_bound.checker.tasks import EndTask, FaceTask, StepTask
 from swarmstart.terminal_set.checker import Deadline, Finding, Verdict
 
 
@@ -42,7 +43,7 @@ def findings(certificate: Certificate, *, seconds: float) -> Iterator[Finding]:
 
 
 def _in_order(certificate: Certificate, deadline: Deadline) -> Iterator[Finding]:
-    yield _bound(certificate)
+    yield _bound(certificate)  # First what takes no time.
     stated = stated_tube(certificate)
     region = Region(
         certificate=certificate,
@@ -61,11 +62,7 @@ def _in_order(certificate: Certificate, deadline: Deadline) -> Iterator[Finding]
 
 
 def proven_bound(certificate: Certificate) -> Fraction:
-    """Return min(known, V(0, x0) - slack latest - end slack) + offset, exactly.
-
-    Args:
-        certificate: Certificate with the final step.
-    """
+    """Return min(known, V(0, x0) - slack latest - end slack) + offset, exactly."""
     final, problem = certificate.final, certificate.problem
     value = exact_value(final, (0.0, *problem.x0))
     value -= Fraction(final.slack) * Fraction(problem.horizon[1])

@@ -9,7 +9,6 @@ from functools import cached_property
 
 import numpy as np
 
-from swarmstart.ocp.lower_bound.checker.boxes import Boxes, Flags, cut_by, is_empty
 from swarmstart.ocp.lower_bound.checker.certificate_file import Step
 from swarmstart.ocp.lower_bound.checker.controls import Split
 from swarmstart.ocp.lower_bound.checker.evaluation import (
@@ -28,9 +27,14 @@ from swarmstart.ocp.lower_bound.checker.least import (
 )
 from swarmstart.ocp.lower_bound.checker.models import ROUNDING, Array, Model
 from swarmstart.ocp.lower_bound.checker.polynomials import Expansion
-from swarmstart.ocp.lower_bound.checker.regions import Region
-from swarmstart.ocp.lower_bound.checker.search import Judgement
-from swarmstart.ocp.lower_bound.checker.tube import Tube
+from swarmstart.ocp.lower_bound.checker.regions import Region, Tube
+from swarmstart.ocp.lower_bound.checker.search import (
+    Boxes,
+    Flags,
+    Judgement,
+    cut_by,
+    is_empty,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,11 +208,7 @@ class FaceTask:
         return int(np.abs(self.region.tube.directions[self.face]).argmax())
 
     def roots(self, slabs: Sequence[int]) -> Boxes:
-        """Return a box for each of some slabs.
-
-        Args:
-            slabs: Their numbers.
-        """
+        """Return a box for each of some slabs."""
         one, times = self.region.roots(), self.region.tube.times
         numbers = np.array(slabs, dtype=np.int64)
         lower = np.repeat(one.lower, len(slabs), axis=1)
@@ -232,6 +232,7 @@ class FaceTask:
         for i in np.flatnonzero(direction):
             if i != self._pivot:
                 level = level - variables[1 + i].scaled(float(direction[i]))
+        # Exact here; `times` allows for its rounding to a float.
         scale = Fraction(1) / Fraction(float(direction[self._pivot]))
         variables[1 + self._pivot] = as_model(times(level, scale, level), level)
         return variables
@@ -336,7 +337,7 @@ def _judgement(
 ) -> Judgement:
     """Return a judgement; loss of unknown origin counts for the wide variables."""
     width = boxes.upper - boxes.lower
-    shares = width / np.maximum(width.sum(axis=0), 1e-300)
+    shares = width / np.maximum(width.sum(axis=0), 1e-300)  # A point has no width.
     pull = pulls(below) + extra + below.error * shares
     return Judgement(proven, suspect, pull)
 

@@ -1,9 +1,5 @@
-"""The statement of a lower bound and its evidence, which all of its proofs share."""
+"""The statement of a lower bound and its answer with the evidence, for all proofs."""
 
-from swarmstart.ocp.lower_bound.stated.evidence import (
-    Evidence,
-)
+from swarmstart.ocp.lower_bound.stated.answer import Evidence
 
-__all__ = [
-    "Evidence",
-]
+__all__ = ["Evidence"]

@@ -2,34 +2,147 @@
 
 The part of face k, d_k x = s_k(t), that lies in the polytope is covered by cells: a
 grid in the face's own coordinates z = G x, G = (d_k, q_1, ..., q_(n-1)), between bounds
-of q_j x on the face (`support.py`). A cell is dropped if for some row r
+of q_j x on the face. A cell is dropped if for some row r
 
     d_r W z > s_r(t)   for all its z and all times of the slab,   W = G^-1 in floats.
 
 This is linear in t and z, so it is enough to check the ends. W is not an exact inverse:
 a point x of the cell differs from W z by at most |(I - W G) x|, the cell's misfit.
+
+The bounds of q'x over the polytope follow from the duality of linear programmes:
+
+    max {q'x : D x <= s} = min {y's : D'y = q, y >= 0}
+
+Each y >= 0 gives an upper bound of q'x, and the best vertex of the dual, a y with n
+nonzero entries, gives the exact maximum. The vertices do not depend on s: they are
+listed once, and a bound for new levels s is a product and a minimum. On the face
+d_k'x = s_k the entry y_k may have any sign.
+
+A listed y solves D'y = q in floats only. Its residual r = q - D'y adds r'x, which is
+bounded by the size of x: nothing here depends on a tolerance.
+
+Source: Boyd and Vandenberghe (2004), Convex Optimization, section 5.2.4.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import product
+from itertools import combinations, product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.arrays import Array
-from swarmstart.ocp.lower_bound.tubes.motion import Cells, Motion, rates_over
-from swarmstart.ocp.lower_bound.tubes.support import (
-    PAD,
-    DualVertices,
-    dual_vertices,
-    dual_vertices_on_faces,
-)
+from swarmstart.ocp.lower_bound.tubes.motion import PAD, Cells, Motion, rates_over
+
+Index = NDArray[np.int64]
+
+_NEGATIVE = -1e-12
+"""Negative entries of y above this count as 0; the residual r accounts for it."""
+_STEEPEST = 1e4
+"""Largest entry of y that is kept: larger ones come from nearly parallel rows and give
+no good bound."""
 
 _IN_SPACE = 3
 _APART = 32.0
 """Distance, in misfits, that tightened faces keep; see `_are_outside`."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class DualVertices:
+    """The vectors y of some directions q, n entries each.
+
+    Attributes:
+        rows: Rows of D that the entries belong to, shape (n, number).
+        weights: The entries, shape (n, number).
+        residual: Bound of |q - D'y|_1 and of the rounding of y's, relative to the
+            largest of |x_i| and |s_k|, shape (number,).
+        starts: Index of the first vertex of each q, shape (directions,).
+    """
+
+    rows: Index
+    weights: Array
+    residual: Array
+    starts: Index
+
+    def upper(self, levels: Array, reach: float) -> Array:
+        """Return upper bounds of q'x over {x : D x <= s}, shape (directions,).
+
+        Args:
+            levels: s, shape (rows of D,); or several, shape (number, rows of D): the
+                bound then holds for all of them, and for all between two of them.
+            reach: Bound of |x_i| for all x in the polytopes and all i.
+        """
+        terms = self.weights * np.atleast_2d(levels)[:, self.rows]
+        # y's is linear in s, so its maximum between two levels is at one of them.
+        bounds = terms.sum(axis=1).max(axis=0)
+        bounds += self.residual * max(reach, float(np.abs(levels).max()))
+        return np.asarray(np.minimum.reduceat(bounds, self.starts))
+
+
+def dual_vertices(rows: Array, directions: Array) -> DualVertices:
+    """List the dual vertices of directions over the polytope itself.
+
+    Args:
+        rows: D, shape (R, n), rows that enclose a bounded polytope, the axes of both
+            signs among them.
+        directions: q, shape (number, n).
+    """
+    bases = np.array(list(combinations(range(len(rows)), rows.shape[1])))
+    found = [_vertices_of(rows, bases, q, is_free=False) for q in directions]
+    return _joined(found)
+
+
+def dual_vertices_on_faces(rows: Array, directions: Array) -> DualVertices:
+    """List the dual vertices of directions over faces of the polytope.
+
+    Args:
+        rows: D, as `dual_vertices` says.
+        directions: Those for the face of each of the first rows, shape
+            (faces, number, n), number >= 1.
+
+    Returns:
+        Those of directions[0, 0], directions[0, 1], ..., directions[1, 0], ...
+    """
+    others = rows.shape[1] - 1
+    found = []
+    for face, queries in enumerate(directions):
+        rest = [row for row in range(len(rows)) if row != face]
+        bases = np.array([(face, *chosen) for chosen in combinations(rest, others)])
+        found += [_vertices_of(rows, bases, q, is_free=True) for q in queries]
+    return _joined(found)
+
+
+def _vertices_of(
+    rows: Array, bases: Index, q: Array, *, is_free: bool
+) -> tuple[Index, Array, Array]:
+    """Return the bases with y >= 0, their y, and the bounds of the residuals."""
+    matrices = np.swapaxes(rows[bases], 1, 2)
+    is_regular = np.abs(np.linalg.det(matrices)) > 1.0 / _STEEPEST
+    bases, matrices = bases[is_regular], matrices[is_regular]
+    right = np.broadcast_to(q[:, None], (len(bases), len(q), 1))
+    weights = np.linalg.solve(matrices, right)[:, :, 0]
+    signed = weights[:, 1:] if is_free else weights
+    is_dual = (signed >= _NEGATIVE).all(axis=1) & (
+        np.abs(weights).max(axis=1) < _STEEPEST
+    )
+    bases, matrices, weights = bases[is_dual], matrices[is_dual], weights[is_dual]
+    first = 1 if is_free else 0
+    weights[:, first:] = np.maximum(weights[:, first:], 0.0)
+    products = matrices * weights[:, None, :]
+    left = np.abs(q - products.sum(axis=2)).sum(axis=1)
+    size = np.abs(products).sum(axis=(1, 2)) + np.abs(q).sum()
+    return bases, weights, left + PAD * (size + np.abs(weights).sum(axis=1))
+
+
+def _joined(found: list[tuple[Index, Array, Array]]) -> DualVertices:
+    counts = [len(bases) for bases, _, _ in found]
+    return DualVertices(
+        rows=np.concatenate([bases for bases, _, _ in found]).T.copy(),
+        weights=np.concatenate([weights for _, weights, _ in found]).T.copy(),
+        residual=np.concatenate([left for _, _, left in found]),
+        starts=np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.int64),
+    )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -169,7 +282,7 @@ def rates_at_faces(
             misfit=misfit,
         ),
     )
-    np.maximum.at(rates, face, bounds)
+    np.maximum.at(rates, face, bounds)  # `at`, since a face has many cells.
     return rates
 
 

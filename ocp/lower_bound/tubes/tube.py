@@ -29,11 +29,10 @@ import numpy as np
 
 from swarmstart.arrays import Array
 from swarmstart.errors import SwarmstartError
-from swarmstart.ocp.lower_bound.stated.evidence import Tube
+from swarmstart.ocp.lower_bound.stated.answer import Tube
 from swarmstart.ocp.lower_bound.stated.statement import Statement
 from swarmstart.ocp.lower_bound.tubes.faces import Template, rates_at_faces, template_of
-from swarmstart.ocp.lower_bound.tubes.motion import Motion, motion_of
-from swarmstart.ocp.lower_bound.tubes.support import PAD
+from swarmstart.ocp.lower_bound.tubes.motion import PAD, Motion, motion_of
 from swarmstart.terminal_set.interval_arithmetic import UnknownIntervalOperationError
 
 SLABS = 100
@@ -138,6 +137,7 @@ def tube_of(
         return found(plain, slabs)
     try:
         few = max(1, slabs // _ROUGHLY)
+        # Only its widths are used, so no slab is halved for its excess.
         rough = found(_directions(statement.n, _EIGHTHS), few, np.inf)
     except NoTubeError:
         return found(plain, slabs)
@@ -221,6 +221,7 @@ def _marched(march: _March, slabs: int) -> Tube:
     limit = _GREATEST * max(1.0, float(np.abs(march.statement.x0).max()))
     whole = latest / slabs
     step, least = whole, whole / 2**_HALVINGS
+    # Rates of a very short slab are the first guess of how fast its end rises.
     rates = march.rates((0.0, least), levels[0], levels[0])
     while times[-1] < latest:
         # The last slab takes the rest of the time, rounding included.

@@ -14,6 +14,26 @@ if TYPE_CHECKING:
     from matplotlib.lines import Line2D
 
 
+def contrast(first: str, second: str) -> float:
+    """Return the contrast ratio of two colours "#rrggbb", from 1 to 21.
+
+    Source: WCAG 2.2, "contrast ratio".
+    """
+    darker, lighter = sorted((_luminance(first), _luminance(second)))
+    return (lighter + 0.05) / (darker + 0.05)
+
+
+def _luminance(colour: str) -> float:
+    """Return the relative luminance. Source: WCAG 2.2, "relative luminance"."""
+    knee = 0.04045
+    parts = [int(colour[place : place + 2], 16) / 255 for place in (1, 3, 5)]
+    red, green, blue = (
+        part / 12.92 if part <= knee else ((part + 0.055) / 1.055) ** 2.4
+        for part in parts
+    )
+    return 0.2126 * red + 0.7152 * green + 0.0722 * blue
+
+
 def panel(figure: Figure, label: str) -> Axes:
     """Return the one panel whose vertical axis is called so."""
     found = [axes for axes in figure.axes if words(axes) == label]

@@ -5,15 +5,15 @@ import itertools
 import numpy as np
 import pytest
 
-from swarmstart.cases.drawing import palette
 from swarmstart.cases.drawing.drawing import COLOURS, colour, line_style
+from swarmstart.tests.cases.drawing.reading import contrast
 
 TWELVE = [(colour(number), line_style(number)) for number in range(12)]
 
 
 def luminance(own: str) -> float:
     """Return the contrast to black, which grows with the luminance."""
-    return palette.contrast(own, "#000000")
+    return contrast(own, "#000000")
 
 
 def test_twelve_series_have_twelve_colours_and_twelve_line_styles() -> None:
@@ -29,7 +29,7 @@ def test_the_next_twelve_have_other_pairs_of_colour_and_style() -> None:
 def test_the_lightness_of_the_colours_is_spread_and_none_is_faint() -> None:
     found = sorted(luminance(own) for own in COLOURS)
     assert found[-1] / found[0] > 4
-    assert all(palette.contrast(own, "#ffffff") >= 3 for own in COLOURS)
+    assert all(contrast(own, "#ffffff") >= 3 for own in COLOURS)
 
 
 def test_series_alike_in_grey_print_differ_in_style() -> None:

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from swarmstart.cases.drawing import palette
+from swarmstart.tests.cases.drawing.reading import contrast
 
+TEXT = ("ink", "ink-soft", "accent", "good", "bad", "mid")
 PAGES = [
     (palette.LIGHT, palette.LIGHT_PAGE),
     (palette.DARK, palette.DARK_PAGE),
@@ -29,9 +31,9 @@ def test_lines_and_text_stand_out_from_the_page(
 ) -> None:
     assert len(set(colours)) == 12
     for colour in (*colours, page["line"]):
-        assert palette.contrast(colour, page["ground"]) >= 3
+        assert contrast(colour, page["ground"]) >= 3
     for ground in (page["ground"], page["raised"]):
-        assert all(palette.contrast(page[t], ground) >= 4.5 for t in palette.TEXT)
+        assert all(contrast(page[name], ground) >= 4.5 for name in TEXT)
 
 
 @pytest.mark.parametrize(("colours", "page"), PAGES)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from swarmstart.cases.drawing import palette, planning
+from swarmstart.cases.drawing import planning
 from swarmstart.cases.drawing.planning import KINDS, draw_planning, sources_of
 from swarmstart.ocp import Decision, Mode, Plan, Source, Trajectory
-from swarmstart.tests.cases.drawing.reading import held, legend, panel
+from swarmstart.tests.cases.drawing.reading import contrast, held, legend, panel
 
 
 def plan(source: Source) -> Plan:
@@ -108,7 +108,7 @@ def test_the_legend_names_what_occurs_only() -> None:
 
 
 def test_sources_differ_in_lightness_for_grey_print() -> None:
-    lights = sorted(palette.contrast(kind.colour, "#000000") for kind in KINDS)
+    lights = sorted(contrast(kind.colour, "#000000") for kind in KINDS)
     steps = np.array(lights[1:]) / np.array(lights[:-1])
     assert steps.min() > 1.1
     assert len({kind.letter for kind in KINDS}) == len(KINDS)

@@ -41,7 +41,7 @@ from swarmstart.ocp import (
     stack_models,
     verified,
 )
-from swarmstart.ocp.lanes.optima import Optimum
+from swarmstart.ocp.lanes.answers import Optimum
 from swarmstart.ocp.search.account import Lanes, StartsAccount
 from swarmstart.tests.cases.drawing.reading import (
     bounds,

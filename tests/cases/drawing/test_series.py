@@ -3,8 +3,7 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from swarmstart.cases.drawing.drawing import MOST_NAMED
-from swarmstart.cases.drawing.series import draw_series, name_lines
+from swarmstart.cases.drawing.drawing import MOST_NAMED, draw_series, name_lines
 from swarmstart.tests.cases.drawing.reading import curves, held, legend, named
 
 TIMES = np.linspace(0.0, 3.0, 4)

@@ -2,8 +2,11 @@
 
 import pytest
 
-from swarmstart.cases.campaign.trials.solvers import budget_of
-from swarmstart.cases.format.duration import InvalidDurationError, seconds_of
+from swarmstart.cases.campaign.trials.solvers import (
+    InvalidDurationError,
+    budget_of,
+    seconds_of,
+)
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,7 @@ from pkgutil import resolve_name
 
 import pytest
 
-from swarmstart.cases.format.kind_words import KindWords
-from swarmstart.cases.format.registry import KINDS, words_of
+from swarmstart.cases.format.registry import KINDS, KindWords, words_of
 from swarmstart.cases.format.scenario import shipped
 
 

@@ -9,11 +9,8 @@ import pytest
 
 from swarmstart.cases.campaign.trials.solver_names import solver_of
 from swarmstart.cases.commands.front.cli import main
-from swarmstart.cases.format.scenario import (
-    InvalidScenarioError,
-    read_document,
-    resolve,
-)
+from swarmstart.cases.format.flaws import InvalidScenarioError
+from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.ocp import InvalidProblemError, NlpOptions
 
 

@@ -10,8 +10,9 @@ import pytest
 import yaml
 
 from swarmstart.cases.format.document import UnreadableFileError, YamlError
+from swarmstart.cases.format.flaws import InvalidScenarioError
+from swarmstart.cases.format.parts import GridPart
 from swarmstart.cases.format.scenario import (
-    InvalidScenarioError,
     Resolved,
     UnknownScenarioError,
     read_document,
@@ -19,7 +20,6 @@ from swarmstart.cases.format.scenario import (
     resolved_again,
     shipped,
 )
-from swarmstart.cases.format.settings import GridPart
 from swarmstart.cases.format.yaml_reader import parse_yaml
 from swarmstart.cases.kinds.problem.stated.parts import Prediction
 from swarmstart.cases.record.record import run_key

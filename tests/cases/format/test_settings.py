@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter, ValidationError
 
-from swarmstart.cases.format.registry import SEARCHES
-from swarmstart.cases.format.settings import (
+from swarmstart.cases.format.parts import (
     BudgetPart,
     NonNegative,
     Number,
     OrderPart,
     Positive,
     Range,
-    search_part,
 )
+from swarmstart.cases.format.registry import SEARCHES
+from swarmstart.cases.format.settings import search_part
 from swarmstart.heuristics import default_algorithm
 
 WITH_SETTINGS = [name for name, entry in SEARCHES.items() if entry.settings]

@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from swarmstart.cases.record.dual_arrays import dual_arrays, with_duals
+from swarmstart.cases.record.multiplier_arrays import dual_arrays, with_duals
 from swarmstart.cases.record.trajectory_arrays import steps_of, trajectory_arrays
 from swarmstart.ocp import (
     Bounds,
@@ -17,7 +17,7 @@ from swarmstart.ocp import (
     Trajectory,
     simulate,
 )
-from swarmstart.ocp.nlp.duals import duals_of
+from swarmstart.ocp.nlp.multipliers import duals_of
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from swarmstart.cases.record.first_plan import recorded_plan
+from swarmstart.cases.record.results import recorded_plan
 from swarmstart.ocp import Bounds, Model, OptimalControlProblem, solve
 
 

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import swarmstart.cases.campaign.running.run as campaign
-from swarmstart.cases.campaign.running.run import Interrupted, run
+from swarmstart.cases.campaign.running.finished_run import Interrupted
+from swarmstart.cases.campaign.running.run import run
 from swarmstart.cases.record.files import read_arrays
 from swarmstart.cases.record.multiplier_arrays import (
     multiplier_arrays,

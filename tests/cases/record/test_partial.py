@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from swarmstart import ocp
-from swarmstart.cases.kinds.models.unicycle import unicycle
+from swarmstart.cases.kinds.planar import unicycle
 from swarmstart.cases.record.files import RecordError
 from swarmstart.cases.record.partial import (
     load_partial,

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from swarmstart.cases.campaign.running.run import key_of
+from swarmstart.cases.campaign.running.finished_run import key_of
 from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.cases.record import record as record_module
 from swarmstart.cases.record.files import RecordError

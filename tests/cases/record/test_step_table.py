@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from swarmstart.cases.record.step_table import step_table
+from swarmstart.cases.record.trajectory_arrays import step_table
 from swarmstart.ocp import Trajectory
 
 

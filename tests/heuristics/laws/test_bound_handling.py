@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swarmstart.heuristics.laws.bound_handling import (
+from swarmstart.heuristics.laws.box import (
     CODES,
     NAMES,
     NONE,

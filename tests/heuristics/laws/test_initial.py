@@ -23,8 +23,7 @@ from swarmstart.heuristics import (
     SearchResult,
     minimize,
 )
-from swarmstart.heuristics.laws.initial import initial_population
-from swarmstart.heuristics.laws.sampling import sample
+from swarmstart.heuristics.laws.initial import initial_population, sample
 
 BOX = Box(lower=np.array([-1.0, 2.0, 0.0]), upper=np.array([1.0, 2.5, 8.0]))
 SEQUENCE = Box(lower=np.full(8, -2.0), upper=np.full(8, 2.0), per_step=2)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from swarmstart.heuristics import Box, ChaoticPSO, InvalidBoxError, InvalidSettingsError
-from swarmstart.heuristics.laws.sampling import sample_uniform, smooth_fractions
+from swarmstart.heuristics.laws.initial import sample_uniform, smooth_fractions
 
 STEPS = 8
 SIZE = 20_000

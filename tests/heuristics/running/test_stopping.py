@@ -22,7 +22,7 @@ from swarmstart.heuristics import (
     feasibility_first,
     minimize,
 )
-from swarmstart.heuristics.running.stopping import (
+from swarmstart.heuristics.running.budget import (
     AT_TARGET,
     GOES_ON,
     STAGNANT,

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from swarmstart.heuristics.searches.chaos import (
+from swarmstart.heuristics.searches.chaotic_pso import (
     TRAPS,
     draw_seeds,
     leave_traps,

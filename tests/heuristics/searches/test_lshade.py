@@ -27,7 +27,7 @@ from swarmstart.heuristics.searches.lshade import (
     find_leaders,
     fraction_after,
 )
-from swarmstart.heuristics.searches.success_history import (
+from swarmstart.heuristics.searches.trials import (
     TERMINAL,
     draw_parameters,
     measure_improvements,

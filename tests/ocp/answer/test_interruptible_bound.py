@@ -21,7 +21,7 @@ from swarmstart.ocp import (
     SolveInterrupted,
     solve,
 )
-from swarmstart.ocp.lower_bound.answer import LowerBound
+from swarmstart.ocp.lower_bound.stated.answer import LowerBound
 from swarmstart.tests.ocp.bounds import NONE, PROVEN, SAMPLED, TRIVIAL, Found
 
 QUICK: dict[str, Any] = {"search": None, "lanes": 0, "seed": 0}

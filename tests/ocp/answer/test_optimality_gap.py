@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from swarmstart.ocp.answer.optimality_gap import OptimalityGap
-from swarmstart.ocp.lower_bound.answer import BoundKind, LowerBound
+from swarmstart.ocp.lower_bound.stated.answer import BoundKind, LowerBound
 
 PROVEN = OptimalityGap(
     kind=BoundKind.PROVEN, value=2.8661, reason="of degree 5", cost=2.86726

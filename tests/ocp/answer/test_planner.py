@@ -19,7 +19,7 @@ from swarmstart.heuristics import (
     SearchResult,
     minimize,
 )
-from swarmstart.heuristics.laws.sampling import sample
+from swarmstart.heuristics.laws.initial import sample
 from swarmstart.ocp import (
     Fitness,
     InvalidProblemError,

@@ -22,7 +22,7 @@ from swarmstart.ocp import (
     Source,
     simulate,
 )
-from swarmstart.ocp.answer.warm_steps import JUMP, better_plan, is_enough
+from swarmstart.ocp.answer.plan import JUMP, better_plan, is_enough
 from swarmstart.ocp.rollout.fitness import NOTHING
 
 SEARCH = SearchSettings(algorithm=LSHADE(size=20), budget=Budget(evaluations=400))

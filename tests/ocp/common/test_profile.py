@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swarmstart.ocp.common.profile import Profile
+from swarmstart.ocp.statement.control_shape import Profile
 
 HELD = Profile(controls=np.array([[1.0, -1.0, 0.5], [0.0, 2.0, 4.0]]), piece=0.3)
 

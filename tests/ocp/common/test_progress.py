@@ -14,7 +14,7 @@ from swarmstart.ocp import (
     multistart,
     solve,
 )
-from swarmstart.ocp.common.progress import of_budget, tell_nothing
+from swarmstart.ocp.common.presentation import of_budget, tell_nothing
 
 News = list[tuple[int, int, str]]
 

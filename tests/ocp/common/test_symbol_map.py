@@ -7,7 +7,11 @@ import numpy as np
 import pytest
 
 from swarmstart.ocp import InvalidProblemError, PathConstraint, disc
-from swarmstart.ocp.common.symbol_map import SymbolMap, in_sx, require_scalar_operations
+from swarmstart.ocp.common.expressions import (
+    SymbolMap,
+    in_sx,
+    require_scalar_operations,
+)
 
 X: Any = ca.MX.sym("x", 2)
 U: Any = ca.MX.sym("u")

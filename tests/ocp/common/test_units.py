@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swarmstart.ocp import Model, OptimalControlProblem
-from swarmstart.ocp.common.units import without_power_of_two
+from swarmstart.ocp.common.expressions import without_power_of_two
 
 X = ca.SX.sym("x", 3)
 POINTS = np.random.default_rng(0).normal(size=(3, 20))

@@ -9,9 +9,9 @@ import pytest
 
 from swarmstart.ocp import OptimalControlProblem, solve
 from swarmstart.ocp.compiled import simd
-from swarmstart.ocp.compiled.aside import aside
 from swarmstart.ocp.compiled.engine import NoCompilerError, translate
 from swarmstart.ocp.compiled.simd import SimdBatch, compile_flat
+from swarmstart.ocp.compiled.threads import aside
 from swarmstart.tests.ocp.lanes.problems import cart
 
 pytestmark = pytest.mark.usefixtures("compiler")

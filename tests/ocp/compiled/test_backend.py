@@ -13,10 +13,10 @@ from swarmstart.ocp.compiled.backend import (
     VARIABLE,
     BackendWarning,
     BatchEvaluator,
+    CasadiMap,
     chosen_backend,
     evaluator,
 )
-from swarmstart.ocp.compiled.casadi_map import CasadiMap
 from swarmstart.ocp.compiled.engine import machine
 from swarmstart.ocp.compiled.simd import compile_flat
 from swarmstart.ocp.compiled.vectors import operations

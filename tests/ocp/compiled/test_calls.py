@@ -5,8 +5,8 @@ import numba
 import numpy as np
 import pytest
 
-from swarmstart.ocp.compiled import calls
 from swarmstart.ocp.compiled.simd import compile_flat
+from swarmstart.ocp.lanes import turns as calls
 
 pytestmark = pytest.mark.usefixtures("compiler")
 

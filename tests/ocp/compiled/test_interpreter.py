@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from swarmstart.ocp.compiled.casadi_map import CasadiMap
+from swarmstart.ocp.compiled.backend import CasadiMap
 from swarmstart.ocp.compiled.engine import NoCompilerError, machine
 from swarmstart.ocp.compiled.interpreter import (
     BoundInterpreted,

@@ -17,7 +17,7 @@ from swarmstart.heuristics import Pointers
 from swarmstart.ocp import Bounds, Model, OptimalControlProblem, PathConstraint
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.compiled import simd
-from swarmstart.ocp.compiled.casadi_map import CasadiMap
+from swarmstart.ocp.compiled.backend import CasadiMap
 from swarmstart.ocp.compiled.emitter import (
     Roll,
     emit_rollout,

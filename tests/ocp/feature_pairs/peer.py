@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 
 from swarmstart.arrays import Array
-from swarmstart.ocp.integration.rosenbrock import GAMMA, IN_TIME, TIMES, A, C
+from swarmstart.ocp.integration.rodas import GAMMA, IN_TIME, TIMES, A, C
 from swarmstart.tests.ocp.feature_pairs.stated import Limited, Stated
 
 FAST = 4.0 ** np.arange(5)

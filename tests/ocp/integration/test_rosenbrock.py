@@ -22,7 +22,7 @@ from swarmstart.ocp import (
     held_step,
     solve,
 )
-from swarmstart.ocp.integration.rosenbrock import (
+from swarmstart.ocp.integration.rodas import (
     GAMMA,
     IN_TIME,
     TIMES,

@@ -5,8 +5,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import binomtest
 
-from swarmstart.ocp.lanes.answers import LaneAnswers
-from swarmstart.ocp.lanes.optima import (
+from swarmstart.ocp.lanes.answers import (
+    LaneAnswers,
     distinct_optima,
     optimum_of,
     unseen_share,

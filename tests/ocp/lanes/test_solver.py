@@ -22,8 +22,7 @@ from swarmstart.ocp.compiled import scan
 from swarmstart.ocp.compiled.engine import NoCompilerError
 from swarmstart.ocp.lanes import ddp
 from swarmstart.ocp.lanes import solver as module
-from swarmstart.ocp.lanes.answers import LaneAnswers
-from swarmstart.ocp.lanes.optima import FEASIBLE, distinct_optima
+from swarmstart.ocp.lanes.answers import FEASIBLE, LaneAnswers, distinct_optima
 from swarmstart.ocp.lanes.solver import LaneSolver, NoLanesError, random_starts
 from swarmstart.ocp.nlp.start import Start
 from swarmstart.ocp.rollout.fitness import Fitness

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from swarmstart.arrays import Array
-from swarmstart.ocp.lanes.schedule import LaneOptions
 from swarmstart.ocp.lanes.solver import LaneSolver
-from swarmstart.ocp.lanes.stages import Kernel, stages
+from swarmstart.ocp.lanes.stages import Kernel, LaneOptions, stages
 from swarmstart.ocp.lanes.verdict import STEPS, verdict_kernel
 from swarmstart.ocp.nlp.transcription import multiple_shooting
 from swarmstart.ocp.rollout.shooting import shooting_of

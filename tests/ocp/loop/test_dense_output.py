@@ -11,7 +11,8 @@ from scipy.integrate import solve_ivp
 
 from swarmstart.arrays import Array
 from swarmstart.ocp import InvalidProblemError, Model, Plant, interpolate
-from swarmstart.ocp.loop import dense_output, distances
+from swarmstart.ocp.loop import dense_output
+from swarmstart.ocp.loop import dense_output as distances
 from swarmstart.tests.ocp.flights_by_hand import written
 
 

@@ -17,7 +17,7 @@ from swarmstart.ocp import (
     largest_distance,
     smallest_distance,
 )
-from swarmstart.ocp.loop import distances
+from swarmstart.ocp.loop import dense_output as distances
 from swarmstart.tests.ocp.flights_by_hand import written
 
 FIRST, SECOND = np.array([0]), np.array([1])

@@ -39,7 +39,7 @@ from swarmstart.ocp import (
     simulate,
     stack_models,
 )
-from swarmstart.ocp.common.progress import ProgressCallback, tell_nothing
+from swarmstart.ocp.common.presentation import ProgressCallback, tell_nothing
 from swarmstart.ocp.loop.local_team import FAR
 from swarmstart.ocp.rollout.fitness import NOTHING
 

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from swarmstart.ocp.lower_bound.stated.evidence import (
+from swarmstart.ocp.lower_bound.stated.answer import (
     Evidence,
     Polynomial,
     Pruning,

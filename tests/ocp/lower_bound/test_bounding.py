@@ -10,14 +10,14 @@ import pytest
 
 from swarmstart.ocp import Free, PathConstraint, solve
 from swarmstart.ocp.lower_bound import subsolution
-from swarmstart.ocp.lower_bound.answer import BoundKind
 from swarmstart.ocp.lower_bound.bounding import _trivial, lower_bound
 from swarmstart.ocp.lower_bound.certificate import certificate_content
 from swarmstart.ocp.lower_bound.check import main
+from swarmstart.ocp.lower_bound.hamiltonian import Forms, Setting, Stage
 from swarmstart.ocp.lower_bound.region import Region
-from swarmstart.ocp.lower_bound.stage import Stage
-from swarmstart.ocp.lower_bound.stated.stating import affine_form, statement_of
-from swarmstart.ocp.lower_bound.subsolution import Forms, Search, Setting, worth
+from swarmstart.ocp.lower_bound.stated.answer import BoundKind
+from swarmstart.ocp.lower_bound.stated.statement import affine_form, statement_of
+from swarmstart.ocp.lower_bound.subsolution import Search, worth
 from swarmstart.ocp.lower_bound.tubes.tube import tube_of
 from swarmstart.ocp.rollout.fitness import NOTHING
 from swarmstart.ocp.system.separation import disc

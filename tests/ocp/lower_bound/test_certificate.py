@@ -15,8 +15,8 @@ import pytest
 
 from swarmstart.ocp.lower_bound import check
 from swarmstart.ocp.lower_bound.certificate import certificate_content
-from swarmstart.ocp.lower_bound.checker.claims import expected_claims
-from swarmstart.ocp.lower_bound.stated.evidence import Evidence
+from swarmstart.ocp.lower_bound.checker.certificate_file import expected_claims
+from swarmstart.ocp.lower_bound.stated.answer import Evidence
 from swarmstart.terminal_set.checker.file_content import digest
 from swarmstart.terminal_set.interval_arithmetic.intervals import (
     UnknownIntervalOperationError,

@@ -16,7 +16,7 @@ import pytest
 
 from swarmstart.ocp.lower_bound.certificate import certificate_content
 from swarmstart.ocp.lower_bound.check import main
-from swarmstart.ocp.lower_bound.stated.evidence import Evidence
+from swarmstart.ocp.lower_bound.stated.answer import Evidence
 from swarmstart.terminal_set.checker.file_content import digest
 from swarmstart.tests.ocp.lower_bound import evidence_by_hand as by_hand
 

@@ -20,8 +20,7 @@ from swarmstart.ocp.lower_bound.hamiltonian import (
     Quadratic,
     settled,
 )
-from swarmstart.ocp.lower_bound.stated.statement import Statement
-from swarmstart.ocp.lower_bound.stated.stating import affine_form
+from swarmstart.ocp.lower_bound.stated.statement import Statement, affine_form
 from swarmstart.terminal_set.interval_arithmetic.intervals import (
     UnknownIntervalOperationError,
 )

@@ -7,9 +7,9 @@ from functools import cache
 import pytest
 
 from swarmstart.ocp import solve
-from swarmstart.ocp.common.progress import ProgressCallback
-from swarmstart.ocp.lower_bound.answer import BoundKind, LowerBound
+from swarmstart.ocp.common.presentation import ProgressCallback
 from swarmstart.ocp.lower_bound.bounding import lower_bound
+from swarmstart.ocp.lower_bound.stated.answer import BoundKind, LowerBound
 from swarmstart.tests.ocp.lower_bound.known_optima import known_optima
 from swarmstart.tests.ocp.lower_bound.known_optimum import KnownOptimum
 

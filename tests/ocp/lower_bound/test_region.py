@@ -13,7 +13,7 @@ from swarmstart.arrays import Array
 from swarmstart.ocp.lower_bound.basis import Basis
 from swarmstart.ocp.lower_bound.bounding import lower_bound
 from swarmstart.ocp.lower_bound.region import EndSet, Region, value_interval
-from swarmstart.ocp.lower_bound.stated.evidence import Polynomial, Pruning, Step
+from swarmstart.ocp.lower_bound.stated.answer import Polynomial, Pruning, Step
 from swarmstart.ocp.lower_bound.stated.statement import Statement
 from swarmstart.ocp.lower_bound.tubes.tube import tube_of
 from swarmstart.tests.ocp.lower_bound import evidence_by_hand as by_hand

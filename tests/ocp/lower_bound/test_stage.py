@@ -6,9 +6,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from swarmstart.ocp.lower_bound.stage import Stage
-from swarmstart.ocp.lower_bound.stated.statement import Statement
-from swarmstart.ocp.lower_bound.stated.stating import affine_form
+from swarmstart.ocp.lower_bound.hamiltonian import Stage
+from swarmstart.ocp.lower_bound.stated.statement import Statement, affine_form
 from swarmstart.tests.ocp.lower_bound.evidence_by_hand import scalar
 
 FINE = 41

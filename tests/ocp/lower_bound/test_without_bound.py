@@ -14,8 +14,8 @@ from swarmstart.ocp import (
     PathConstraint,
     solve,
 )
-from swarmstart.ocp.lower_bound.answer import BoundKind, LowerBound
 from swarmstart.ocp.lower_bound.bounding import lower_bound
+from swarmstart.ocp.lower_bound.stated.answer import BoundKind, LowerBound
 from swarmstart.tests.ocp.lower_bound.known_optimum import Symbols, stated
 from swarmstart.tests.ocp.lower_bound.scalar_optima import regulator
 

@@ -21,8 +21,7 @@ from swarmstart.ocp import (
     PolishStatus,
     ensemble,
 )
-from swarmstart.ocp.nlp.carried import Carried
-from swarmstart.ocp.nlp.duals import (
+from swarmstart.ocp.nlp.multipliers import (
     Duals,
     columns_of,
     duals_of,
@@ -31,6 +30,7 @@ from swarmstart.ocp.nlp.duals import (
 )
 from swarmstart.ocp.nlp.nlp_assembly import inputs_of
 from swarmstart.ocp.nlp.optimality import NlpPoint, stationarity
+from swarmstart.ocp.nlp.start import Carried
 from swarmstart.ocp.nlp.transcription import Limits
 from swarmstart.ocp.statement.lowering import lowered
 

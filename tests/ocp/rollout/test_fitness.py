@@ -16,7 +16,7 @@ from swarmstart.ocp import (
     Model,
     OptimalControlProblem,
 )
-from swarmstart.ocp.compiled.casadi_map import CasadiMap
+from swarmstart.ocp.compiled.backend import CasadiMap
 from swarmstart.ocp.rollout.fitness import NOTHING, Arguments, flatten, unflatten
 from swarmstart.ocp.rollout.shooting import Shooting
 

@@ -16,9 +16,9 @@ from swarmstart.ocp import (
     Model,
     OptimalControlProblem,
 )
+from swarmstart.ocp.nlp.nlp_solvers import FixedSteps, StepChoice
 from swarmstart.ocp.nlp.polish import Polisher
 from swarmstart.ocp.rollout.fitness import Fitness, replay
-from swarmstart.ocp.rollout.fixed_steps import FixedSteps, StepChoice
 from swarmstart.tests.ocp import catalyst
 
 

@@ -18,8 +18,7 @@ from swarmstart.ocp import (
     verified,
 )
 from swarmstart.ocp.rollout.fitness import NOTHING
-from swarmstart.ocp.rollout.kinks import kinks_of
-from swarmstart.ocp.rollout.smoothing import kink_sizes, smoothed
+from swarmstart.ocp.rollout.kinks import kink_sizes, kinks_of, smoothed
 
 
 def kinked(unit: float = 1.0) -> OptimalControlProblem:

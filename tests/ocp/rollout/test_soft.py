@@ -30,8 +30,7 @@ from swarmstart.ocp.answer.repair import at_points, tightened, with_more_checks
 from swarmstart.ocp.nlp import transcription
 from swarmstart.ocp.nlp.transcription import multiple_shooting
 from swarmstart.ocp.rollout.fitness import NOTHING, replay
-from swarmstart.ocp.rollout.kinks import kinks_of
-from swarmstart.ocp.rollout.smoothing import kink_sizes, smoothed
+from swarmstart.ocp.rollout.kinks import kink_sizes, kinks_of, smoothed
 
 BACKENDS = ("llvm", "casadi")
 

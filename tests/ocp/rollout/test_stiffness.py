@@ -24,7 +24,7 @@ from swarmstart.ocp import (
 from swarmstart.ocp.rollout.path import Tracer
 from swarmstart.ocp.rollout.scaling import Sizing
 from swarmstart.ocp.rollout.shooting import Shooting
-from swarmstart.ocp.rollout.stiffness import FastMode, fastest_mode
+from swarmstart.ocp.rollout.status import FastMode, fastest_mode
 from swarmstart.tests.ocp import catalyst
 
 

@@ -22,7 +22,7 @@ from swarmstart.ocp import (
     TrajectoryFamily,
     solve,
 )
-from swarmstart.ocp.lanes.optima import unseen_share
+from swarmstart.ocp.lanes.answers import unseen_share
 from swarmstart.ocp.lanes.solver import LaneSolver
 from swarmstart.ocp.search.settings import search_settings
 from swarmstart.tests.ocp.lanes.problems import cart, four_discs, pendulum

@@ -26,7 +26,7 @@ from swarmstart.ocp import (
 from swarmstart.ocp.nlp.transcription import multiple_shooting
 from swarmstart.ocp.rollout.fitness import NOTHING
 from swarmstart.ocp.search.search_space import ControlSpace
-from swarmstart.ocp.statement.blocks import averaged
+from swarmstart.ocp.statement.control_shape import averaged
 
 UNEVEN = (1, 1, 2, 2, 4, 4, 4, 6)
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from swarmstart.ocp import Bounds, InvalidProblemError, Model, OptimalControlProblem
-from swarmstart.ocp.statement.whole_numbers import (
+from swarmstart.ocp.statement.decisions import (
     neighbours,
     sum_up_rounded,
     whole,

@@ -21,8 +21,7 @@ from swarmstart.ocp import (
     right_hand_side,
     stack_models,
 )
-from swarmstart.ocp.rollout.kinks import kinks_of
-from swarmstart.ocp.rollout.smoothing import kink_sizes, smoothed
+from swarmstart.ocp.rollout.kinks import kink_sizes, kinks_of, smoothed
 from swarmstart.ocp.statement.problem import STATE_BOUNDS
 from swarmstart.ocp.system.algebraic import UNSOLVED
 

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmstart.arrays import Array
-from swarmstart.ocp.system.symbolic_solve import solve_in_symbols
+from swarmstart.ocp.system.algebraic import solve_in_symbols
 
 
 def solved(matrix: Array, right: Array, pattern: Array | None = None) -> Array:

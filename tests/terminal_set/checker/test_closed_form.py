@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("flint")
 
-from swarmstart.terminal_set.checker.closed_form import (
+from swarmstart.terminal_set.checker.ellipsoid_statements import (
     check_bounds,
     check_matrices,
     relative_error,

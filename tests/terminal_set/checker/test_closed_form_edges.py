@@ -15,7 +15,7 @@ from swarmstart.tests.terminal_set.checker.certificates_by_hand import certifica
 
 flint = pytest.importorskip("flint")
 
-from swarmstart.terminal_set.checker.closed_form import (  # noqa: E402
+from swarmstart.terminal_set.checker.ellipsoid_statements import (  # noqa: E402
     check_bounds,
     check_matrices,
     relative_error,

@@ -15,11 +15,6 @@ flint = pytest.importorskip("flint")
 
 from flint import arb  # noqa: E402
 
-from swarmstart.terminal_set.checker.deadline import (  # noqa: E402
-    NEVER,
-    Deadline,
-    TimeIsUpError,
-)
 from swarmstart.terminal_set.checker.decrease import (  # noqa: E402
     Box,
     Interval,
@@ -30,6 +25,11 @@ from swarmstart.terminal_set.checker.ellipsoid_statements import (  # noqa: E402
     decrease_statement,
     growth_statement,
     margin_of_map,
+)
+from swarmstart.terminal_set.checker.findings import (  # noqa: E402
+    NEVER,
+    Deadline,
+    TimeIsUpError,
 )
 from swarmstart.tests.terminal_set.checker.certificates_by_hand import (  # noqa: E402
     certificate_of,

@@ -24,7 +24,7 @@ pytest.importorskip("flint")
 
 from flint import arb
 
-from swarmstart.terminal_set.checker.drift import _norm, check_drift
+from swarmstart.terminal_set.checker.motion import _norm, check_drift
 
 Check = Callable[..., tuple[int, str]]
 

@@ -12,12 +12,12 @@ import pytest
 import scipy.linalg
 
 from swarmstart.terminal_set.checker.certificate_file import Certificate
-from swarmstart.terminal_set.checker.deadline import (
+from swarmstart.terminal_set.checker.findings import (
     NEVER,
     Deadline,
     TimeIsUpError,
 )
-from swarmstart.terminal_set.linear.lqr import continuous_lqr
+from swarmstart.terminal_set.linear.matrix_equations import continuous_lqr
 from swarmstart.tests.terminal_set.checker.certificates_by_hand import certificate_of
 
 flint = pytest.importorskip("flint")

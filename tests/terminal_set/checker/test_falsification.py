@@ -18,7 +18,6 @@ from swarmstart.terminal_set.checker.certificate_file import (  # noqa: E402
     Certificate,
     Vector,
 )
-from swarmstart.terminal_set.checker.deadline import NEVER  # noqa: E402
 from swarmstart.terminal_set.checker.ellipsoid_statements import (  # noqa: E402
     PointwiseChange,
 )
@@ -33,7 +32,7 @@ from swarmstart.terminal_set.checker.falsification import (  # noqa: E402
     check_refuted,
     find_counterexample,
 )
-from swarmstart.terminal_set.checker.findings import Verdict  # noqa: E402
+from swarmstart.terminal_set.checker.findings import NEVER, Verdict  # noqa: E402
 from swarmstart.tests.terminal_set.checker.certificates_by_hand import (  # noqa: E402
     Content,
     chen,

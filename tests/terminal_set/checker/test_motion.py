@@ -10,7 +10,7 @@ flint = pytest.importorskip("flint")
 from flint import arb  # noqa: E402
 
 from swarmstart.arrays import Array  # noqa: E402
-from swarmstart.terminal_set.checker.deadline import (  # noqa: E402
+from swarmstart.terminal_set.checker.findings import (  # noqa: E402
     Deadline,
     TimeIsUpError,
 )

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from swarmstart.terminal_set.checker.output import write_line
+from swarmstart.terminal_set.checker.command import write_line
 from swarmstart.tests.terminal_set.checker.certificates_by_hand import chen
 
 

@@ -15,11 +15,6 @@ from flint import arb  # noqa: E402
 
 from swarmstart.arrays import Array  # noqa: E402
 from swarmstart.terminal_set.checker import ellipsoid_statements  # noqa: E402
-from swarmstart.terminal_set.checker.deadline import (  # noqa: E402
-    NEVER,
-    Deadline,
-    TimeIsUpError,
-)
 from swarmstart.terminal_set.checker.decrease import Outcome, Search  # noqa: E402
 from swarmstart.terminal_set.checker.ellipsoid_statements import (  # noqa: E402
     PointwiseChange,
@@ -28,6 +23,11 @@ from swarmstart.terminal_set.checker.ellipsoid_statements import (  # noqa: E402
     margin_of_map,
     prove_decrease,
     prove_growth,
+)
+from swarmstart.terminal_set.checker.findings import (  # noqa: E402
+    NEVER,
+    Deadline,
+    TimeIsUpError,
 )
 from swarmstart.tests.terminal_set.checker.certificates_by_hand import (  # noqa: E402
     Content,

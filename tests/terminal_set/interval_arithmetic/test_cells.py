@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swarmstart.arrays import Array
-from swarmstart.terminal_set.interval_arithmetic import cells
-from swarmstart.terminal_set.interval_arithmetic.cells import (
+from swarmstart.terminal_set.interval_arithmetic import taylor as cells
+from swarmstart.terminal_set.interval_arithmetic.taylor import (
     Cells,
     TimedCells,
     added_up,

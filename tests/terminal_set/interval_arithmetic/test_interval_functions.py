@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from swarmstart.arrays import Array
-from swarmstart.terminal_set.interval_arithmetic.interval_functions import hull, outward
+from swarmstart.terminal_set.interval_arithmetic.interval_kernel import hull, outward
 from swarmstart.terminal_set.interval_arithmetic.intervals import interval_function
 
 DIGITS = 40

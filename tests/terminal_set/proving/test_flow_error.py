@@ -17,7 +17,7 @@ from swarmstart.terminal_set import (
     certify,
     sampled_terminal_set,
 )
-from swarmstart.terminal_set.interval_arithmetic.cells import Cells
+from swarmstart.terminal_set.interval_arithmetic.taylor import Cells
 from swarmstart.terminal_set.proving.flow_error import (
     ErrorSearch,
     Piece,

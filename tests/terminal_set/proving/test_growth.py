@@ -12,8 +12,8 @@ from scipy.linalg import expm
 
 from swarmstart.terminal_set import Reference, TerminalSet, sampled_terminal_set
 from swarmstart.terminal_set.interval_arithmetic.taylor import TaylorForm
-from swarmstart.terminal_set.proving import growth as growth_module
-from swarmstart.terminal_set.proving.growth import Hold, prove_growth
+from swarmstart.terminal_set.proving import hold_margins as growth_module
+from swarmstart.terminal_set.proving.hold_margins import Hold, prove_growth
 
 
 def hold_of(dynamics: ca.Function, found: TerminalSet, dt: float) -> Hold:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from swarmstart.terminal_set import TerminalSet
-from swarmstart.terminal_set.proving.held_motion import HeldMotion
+from swarmstart.terminal_set.proving.hold_margins import HeldMotion
 
 DT = 0.1
 

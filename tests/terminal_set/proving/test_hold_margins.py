@@ -19,11 +19,11 @@ from swarmstart.terminal_set.proving import hold_margins
 from swarmstart.terminal_set.proving.decrease import held_change
 from swarmstart.terminal_set.proving.drift import linear_decrease
 from swarmstart.terminal_set.proving.flow_error import FlowError
-from swarmstart.terminal_set.proving.held_motion import HeldMotion
 from swarmstart.terminal_set.proving.hold_margins import (
     AFFORDABLE,
     CLOSE,
     GROWTH_RESERVE,
+    HeldMotion,
     HoldBounds,
     ProvableHold,
     provable_hold,

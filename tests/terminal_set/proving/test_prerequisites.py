@@ -14,7 +14,7 @@ from swarmstart.terminal_set import (
     continuous_lqr,
     sampled_terminal_set,
 )
-from swarmstart.terminal_set.proving.prerequisites import (
+from swarmstart.terminal_set.proving.drift import (
     require_enough_substeps,
     require_stable_hold,
 )

@@ -14,13 +14,13 @@ from swarmstart.terminal_set import (
     continuous_terminal_set,
     sampled_terminal_set,
 )
-from swarmstart.terminal_set.certificates.evidence import Refutation
+from swarmstart.terminal_set.certificates.certificate import Refutation
 from swarmstart.terminal_set.proving.decrease import (
     Change,
     continuous_change,
     held_change,
 )
-from swarmstart.terminal_set.proving.refutation import refuted_level
+from swarmstart.terminal_set.proving.proof import refuted_level
 
 
 def rng(seed: int = 0) -> np.random.Generator:

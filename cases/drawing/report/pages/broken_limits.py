@@ -6,8 +6,7 @@ A page says them before anything else, so that a low cost hides no collision.
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from swarmstart.cases.drawing.naming.units import shown
-from swarmstart.cases.drawing.naming.wording import is_number, listed
+from swarmstart.cases.drawing.wording import is_number, listed, shown
 
 ROUNDING = 1e-6
 """Missing part of a distance [m] up to which it counts as kept."""
@@ -51,6 +50,7 @@ def kept_distance(scenario: Mapping[str, Any]) -> float | None:
         >>> kept_distance({"avoidance": {"safe_distance_m": 10}})
         10.0
     """
+    # Each kind of scenario has its own place for it.
     for part, name in (
         (scenario.get("avoidance"), "safe_distance_m"),
         (scenario.get("distances"), "safe_m"),
@@ -94,6 +94,7 @@ def broken_seeds(content: Mapping[str, Any]) -> list[str]:
     }
     said, told = [], set[int]()
     for words, marks in found.items():
+        # A damaged record may have more values than seeds.
         places = [k for k, marked in enumerate(marks[: len(seeds)]) if marked]
         places = [place for place in places if place not in told]
         told.update(places)

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 _GOOD = ("holds", "an assumption, met here")
 _BAD = ("does not hold", "an assumption, not met here")
 _SEARCH = re.compile(r'search=\{"?name"?: "?(\w+)|--search (\w+)')
+# The hash that names a run's folder: no other text becomes part of a path.
 _KEY = re.compile(r"[0-9a-f]{8,64}")
 _PLAYED = ("formation_obstacle", "formation_v")
 """Scenarios whose flight is played before others'."""
@@ -122,6 +123,7 @@ def _page(content: Mapping[str, Any], folder: Path) -> str:
         "others": [],
         "unexpected": [c for c in content["claims"] if not c["as_expected"]],
     }
+    # 60 kB for the tags and captions of the figures, which are not in it yet.
     room = (
         PAGE_BYTES - len(rendered("replication_page.html.j2", parts).encode()) - 60_000
     )
@@ -183,6 +185,7 @@ def _placed(
 ) -> list[FigureShown]:
     """Put each figure at the first claim of its runs; return those of no claim."""
     shown: set[str] = set()
+    # In order: a figure stands at the first claim, others link to it.
     for claim in claims:
         keys = {key for part in claim.claim["parts"] for key in _keys(part)}
         scenarios = {scenario for scenario, _ in keys}
@@ -216,7 +219,7 @@ def _flight(recorded: Sequence[Any], folder: Path) -> "tuple[Markup | None, str]
     def rank(figure: Mapping[str, Any]) -> tuple[bool, int]:
         name = figure.get("scenario")
         place = _PLAYED.index(name) if name in _PLAYED else len(_PLAYED)
-        return bool(figure.get("search")), place
+        return bool(figure.get("search")), place  # The scenario's own search first.
 
     for figure in sorted(recorded, key=rank):
         place = _cell(figure, folder)
@@ -225,5 +228,5 @@ def _flight(recorded: Sequence[Any], folder: Path) -> "tuple[Markup | None, str]
         try:
             return player(tracks_of(load(place))), str(figure["command"])
         except SwarmstartError:
-            continue
+            continue  # A damaged run: another one can be played.
     return None, ""

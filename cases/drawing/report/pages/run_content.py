@@ -12,15 +12,17 @@ from typing import Any
 
 import numpy as np
 
-from swarmstart.cases.drawing.naming.units import duration, shown, unit_of_measure
-from swarmstart.cases.drawing.naming.wording import (
+from swarmstart.cases.drawing.report.pages.broken_limits import broken_words
+from swarmstart.cases.drawing.report.tracks import Tracks, tracks_of
+from swarmstart.cases.drawing.wording import (
     counted,
     is_number,
     percent,
     shortened,
+    shown,
+    typeset_duration,
+    unit_of_measure,
 )
-from swarmstart.cases.drawing.report.pages.broken_limits import broken_words
-from swarmstart.cases.drawing.report.tracks import Tracks, tracks_of
 from swarmstart.cases.format.registry import words_of
 from swarmstart.cases.record.files import RecordError
 from swarmstart.cases.record.record import SCENARIO
@@ -226,12 +228,13 @@ def _solver_words(tracks: Tracks) -> str:
     """Return the solver's time against the length of a step."""
     seconds, lengths = tracks.step_seconds, np.diff(tracks.step_times)
     if tracks.is_one_plan or seconds.size == 1:
-        return f"the solver took {duration(float(np.nansum(seconds)))} for its plan"
+        whole = typeset_duration(float(np.nansum(seconds)))
+        return f"the solver took {whole} for its plan"
     late = int((seconds > lengths).sum())
     said = (
-        f"the solver took {duration(float(np.median(seconds)))} of each step's "
-        f"{duration(float(np.median(lengths)))} (median; at most "
-        f"{duration(float(seconds.max()))})"
+        f"the solver took {typeset_duration(float(np.median(seconds)))} of each step's "
+        f"{typeset_duration(float(np.median(lengths)))} (median; at most "
+        f"{typeset_duration(float(seconds.max()))})"
     )
     return said + (f", too long in {late} steps" if late else "")
 
@@ -272,8 +275,8 @@ def _facts(
         ("evaluations", shown(summary.get("evaluations"))),
         (
             "wall time",
-            f"{duration(_float(summary.get('wall_s')))}, without "
-            f"{duration(_float(summary.get('compile_seconds')))} of compiling",
+            f"{typeset_duration(_float(summary.get('wall_s')))}, without "
+            f"{typeset_duration(_float(summary.get('compile_seconds')))} of compiling",
         ),
         ("backend", str(summary.get("backend") or "")),
     ]
@@ -286,9 +289,10 @@ def _bound_words(bound: Mapping[str, Any]) -> str:
         return ""
     told = str(bound["words"])
     if bound["set"]:
+        taken = typeset_duration(_float(bound["seconds"]))
         told += (
             f" (polynomials of degree {shown(bound['degree'])} on {bound['set']}, "
-            f"{shown(bound['boxes'])} boxes, {duration(_float(bound['seconds']))})"
+            f"{shown(bound['boxes'])} boxes, {taken})"
         )
     return told
 
@@ -302,7 +306,7 @@ def _measure_rows(
     rows = []
     for name, value in list(measures.items())[:MOST_ROWS]:
         meaning = _words(meanings.get(name, ""))
-        is_own = name not in known and meaning
+        is_own = name not in known and meaning  # Its unit is in the scenario's words.
         meaning = meaning or _of_decided(str(name))
         rows.append(
             MeasureRow(
@@ -403,6 +407,7 @@ def _linear_breaks(tracks: Tracks) -> dict[str, bool]:
 
 def _command(summary: Mapping[str, Any]) -> str:
     """Return what runs the record's own scenario again, in its folder."""
+    # int(): a forged seed must not become part of a command that readers copy.
     code = " --allow-python" if words_of(summary["kind"]).runs_code else ""
     return (
         f"swarmstart run ./{SCENARIO} --seed {int(summary['seed'])}{code} --out again"
@@ -415,4 +420,4 @@ def _words(text: object) -> str:
 
 
 def _float(value: Any) -> float:
-    return float(value) if is_number(value) else math.nan
+    return float(value) if is_number(value) else math.nan  # "an unknown time"

@@ -16,20 +16,19 @@ from typing import Any
 
 import numpy as np
 
-from swarmstart.cases.drawing.naming.band_names import band_name
-from swarmstart.cases.drawing.naming.units import shown, unit_of_measure
-from swarmstart.cases.drawing.naming.wording import is_number
 from swarmstart.cases.drawing.page import rendered
 from swarmstart.cases.drawing.report.pages.broken_limits import broken_seeds
 from swarmstart.cases.drawing.report.pages.run_content import MOST_ROWS
 from swarmstart.cases.drawing.report.panels_over_time import BandDrawn, band_panel
 from swarmstart.cases.drawing.report.strips import strip
-from swarmstart.cases.drawing.report.text_tables import (
+from swarmstart.cases.drawing.report.text_reports import (
     latex_table,
     latex_text,
     markdown_table,
     markdown_text,
 )
+from swarmstart.cases.drawing.vehicles import band_name
+from swarmstart.cases.drawing.wording import is_number, shown, unit_of_measure
 from swarmstart.cases.format.registry import words_of
 from swarmstart.cases.record.files import RecordError
 
@@ -134,7 +133,7 @@ def _read(
         seeds = list(content["seeds"])
         rows = _rows(content, len(seeds))
         bands = _bands(content)
-        broken_seeds(content)
+        broken_seeds(content)  # For its errors: the page takes its words later.
     except (LookupError, TypeError, ValueError, AttributeError) as error:
         raise RecordError(
             "expected the content of `run --seeds` (schema 1), found: "
@@ -190,6 +189,7 @@ def _headline(content: Mapping[str, Any], rows: Sequence[SpreadRow]) -> str:
     count = len(content["seeds"])
     said = [f"{count} run{'' if count == 1 else 's'} with the seeds {_seeds(content)}"]
     said += broken_seeds(content)
+    # A verified cost says more than a simulated one, and that more than a planned one.
     first = ("verified_cost", "closed_loop_cost", "flown_cost", "cost", "cost_max",
              "position_error_m")  # fmt: skip
     by_name = {row.name: row for row in rows}

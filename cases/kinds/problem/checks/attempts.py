@@ -1,26 +1,29 @@
-"""Evaluation of all expressions of a problem, one by one, to find errors.
+"""Errors of names, and of expressions, which are evaluated one by one to find them.
 
-An attempt is a place in the scenario and a call that raises the error there.
+An attempt is a place in the scenario and a call that raises the error there. A name is
+given twice, already taken, or unknown.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from functools import partial
 
+from swarmstart.cases.format.document import meant
 from swarmstart.cases.format.settings import LocatedFlaw
-from swarmstart.cases.kinds.problem.stated.constraints import (
-    path_constraint,
-    terminal_constraint,
-)
 from swarmstart.cases.kinds.problem.stated.members import (
     Member,
     candidate_scopes,
     members_of,
     shared_of,
 )
-from swarmstart.cases.kinds.problem.stated.model import COSTS
+from swarmstart.cases.kinds.problem.stated.model import (
+    COSTS,
+    path_constraint,
+    terminal_constraint,
+)
 from swarmstart.cases.kinds.problem.stated.parts import Constraint, Distance, Noise
 from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario
 from swarmstart.cases.kinds.problem.stated.symbols import (
+    RESERVED,
     constants_of,
     free,
     known_parameters,
@@ -35,6 +38,17 @@ Place = tuple[str | int, ...]
 Attempt = tuple[Place, Callable[[], object]]
 Members = tuple[Member, ...]
 
+_NAMED = (
+    "constants",
+    "tables",
+    "parameters",
+    "signals",
+    "definitions",
+    "algebraic",
+    "states",
+    "controls",
+)
+
 
 def tried(attempts: Iterable[Attempt]) -> Iterator[LocatedFlaw]:
     """Yield the error of each attempt that fails; of a whole only if no part fails."""
@@ -43,6 +57,7 @@ def tried(attempts: Iterable[Attempt]) -> Iterator[LocatedFlaw]:
         try:
             attempt()
         except SwarmstartError as error:
+            # The whole fails with its part: one error, at the more exact place.
             if not any(one[: len(place)] == place for one in failed):
                 yield place, error
             failed.add(place)
@@ -73,6 +88,7 @@ def quantity(place: Place, text: str, names: Mapping[str, float]) -> Attempt:
 def definitions(scenario: ProblemScenario) -> Iterator[Attempt]:
     """Yield attempts to evaluate the definitions, with one more in each attempt."""
     names, shared = list(scenario.definitions), shared_of(scenario)
+    # Without any definition first: an error there is not that of a definition.
     for count in range(len(names) + 1):
         some = {name: scenario.definitions[name] for name in names[:count]}
         part = scenario.model_copy(update={"definitions": some})
@@ -91,6 +107,7 @@ def starts(scenario: ProblemScenario) -> Iterator[Attempt]:
     ]
     for name, state in scenario.states.items():
         pairs = zip(vehicles, owned, strict=True)
+        # The start of the file counts only for vehicles without one of their own.
         users = [own for one, own in pairs if name not in one.start]
         place: Place = ("states", name, "start")
         places += [
@@ -104,6 +121,7 @@ def starts(scenario: ProblemScenario) -> Iterator[Attempt]:
     for place, given, names in places:
         if isinstance(given, Decided):
             yield from _of_decided(place, given, names)
+        # Parameters are values over time, which `in_time` attempts.
         elif isinstance(given, str) and place[0] != "parameters":
             yield place, partial(number, given, names)
 
@@ -221,10 +239,12 @@ def _candidate(
     scenario: ProblemScenario, members: Members, text: str
 ) -> Callable[[], object]:
     scopes = partial(candidate_scopes, scenario, members, constants_of(scenario))
+    # Time 0 stands for all: names and functions are the same at any time.
     return lambda: [scope.number(text) for scope in scopes(0.0)]
 
 
 def _in_all(members: Members, place: str, text: str) -> Callable[[], object]:
+    # In all, since vehicles can have constants of their own.
     return lambda: [member.scopes[place].symbol(text) for member in members]
 
 
@@ -252,6 +272,7 @@ def _of_constraint(
         weight = getattr(soft, key, None)
         if weight is not None:
             yield (*path, "soft", key), partial(number, weight, fixed)
+    # The whole last: its parts alone can be right, and lower be above upper.
     make = path_constraint if where == "path" else terminal_constraint
     yield path, partial(_made, make, given, members)
 
@@ -259,3 +280,51 @@ def _of_constraint(
 def _made(make: Callable[..., object], given: object, members: Members) -> None:
     for member in members:
         make(given, member)
+
+
+def names_given_twice(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
+    """Yield errors of names that already have a meaning."""
+    seen: dict[str, str] = {}
+    for part in _NAMED:
+        for name in getattr(scenario, part):
+            # Names of all parts share one space: an expression can use any of them.
+            if name in RESERVED or name in seen:
+                found = seen.get(name, "it has a meaning of its own")
+                yield (part, name), f"expected a new name, found {name!r}: {found}"
+            seen[name] = f"it is among the {part}"
+
+
+def names_of_nothing(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
+    """Yield errors of keys that are not names of states, controls and the like."""
+    for place, given, known, what in _mappings(scenario):
+        for name in given:
+            if name not in known:
+                yield (*place, name), unknown(name, known, what)
+
+
+def _mappings(
+    scenario: ProblemScenario,
+) -> Iterator[tuple[Place, Mapping[str, object], Collection[str], str]]:
+    """Yield (place, mapping, allowed keys, role of the keys)."""
+    states, controls, plant = scenario.states, scenario.controls, scenario.plant
+    yield ("guess", "controls"), scenario.guess.controls, controls, "control"
+    yield ("guess", "states"), scenario.guess.states, states, "state"
+    yield ("plant", "parameters"), plant.parameters, scenario.parameters, "parameter"
+    yield ("plant", "disturbance"), plant.disturbance, states, "state"
+    for index, one in enumerate(scenario.candidates):
+        yield ("candidates", index), one, controls, "control"
+    if scenario.dual_mode is not None:
+        yield ("dual_mode", "at"), scenario.dual_mode.at, states, "state"
+        yield ("dual_mode", "Q"), scenario.dual_mode.Q, states, "state"
+        yield ("dual_mode", "R"), scenario.dual_mode.R, controls, "control"
+    for index, vehicle in enumerate(
+        scenario.vehicles.members if scenario.vehicles else []
+    ):
+        place = ("vehicles", "members", index, "start")
+        yield place, vehicle.start, states, "state"
+
+
+def unknown(name: str, known: Collection[str], what: str) -> str:
+    """Return the message for an unknown name, with a similar known name."""
+    hint = meant(name, known, otherwise=f"known: {', '.join(known) or 'none'}")
+    return f"expected a {what}, found {name!r}; {hint}"

@@ -1,28 +1,30 @@
 """Errors between parts of a problem scenario, each with its place.
 
-Names are checked first, then constants, definitions and all expressions, and at last
-the problem itself by the library.
+Names are checked first, then constants, definitions and all expressions, then numbers
+and the algebraic equations, and at last the problem itself by the library.
 """
 
 from collections.abc import Collection, Iterator, Mapping
 
+import casadi as ca
+
 from swarmstart.cases.format.settings import LocatedFlaw
 from swarmstart.cases.kinds.problem.checks import attempts
-from swarmstart.cases.kinds.problem.checks.algebraic_flaws import algebraic_flaws
-from swarmstart.cases.kinds.problem.checks.attempts import Place, tried
-from swarmstart.cases.kinds.problem.checks.decided_flaws import (
+from swarmstart.cases.kinds.problem.checks.attempts import (
+    Place,
+    names_given_twice,
+    names_of_nothing,
+    tried,
+    unknown,
+)
+from swarmstart.cases.kinds.problem.checks.number_flaws import (
     combination_flaws,
     end_time_flaws,
+    number_flaws,
+    operation_flaws,
     start_flaws,
     tied_flaws,
 )
-from swarmstart.cases.kinds.problem.checks.name_flaws import (
-    names_given_twice,
-    names_of_nothing,
-    unknown,
-)
-from swarmstart.cases.kinds.problem.checks.number_flaws import number_flaws
-from swarmstart.cases.kinds.problem.checks.operation_flaws import operation_flaws
 from swarmstart.cases.kinds.problem.checks.phase_flaws import Stage, phases_flaws
 from swarmstart.cases.kinds.problem.checks.uncertain import (
     uncertain_names,
@@ -31,10 +33,15 @@ from swarmstart.cases.kinds.problem.checks.uncertain import (
     with_members,
 )
 from swarmstart.cases.kinds.problem.measuring.measures import measure_flaws
-from swarmstart.cases.kinds.problem.stated.members import members_of, shared_of
-from swarmstart.cases.kinds.problem.stated.model import COSTS, planning_problem
-from swarmstart.cases.kinds.problem.stated.parts import Vehicle
-from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario
+from swarmstart.cases.kinds.problem.stated.members import Member, members_of, shared_of
+from swarmstart.cases.kinds.problem.stated.model import (
+    COSTS,
+    model_of,
+    planning_problem,
+)
+from swarmstart.cases.kinds.problem.stated.parts import Equation
+from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario, Vehicle
+from swarmstart.cases.kinds.problem.stated.symbols import number
 from swarmstart.errors import SwarmstartError
 from swarmstart.ocp import OptimalControlProblem
 
@@ -56,6 +63,7 @@ def _in_stages(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
 def _whole(scenario: ProblemScenario) -> OptimalControlProblem:
     """Return the problem of all vehicles that are planned together."""
     members = members_of(scenario, shared_of(scenario))
+    # Vehicles that plan one by one have alike problems: the first stands for all.
     one_by_one = scenario.vehicles and scenario.vehicles.planning == "priority"
     return planning_problem(scenario, members[:1] if one_by_one else members)
 
@@ -135,6 +143,7 @@ def _of_vehicles(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
         return
     for index, text in enumerate(scenario.vehicles.separation.of):
         one_by_one = scenario.vehicles.planning == "priority"
+        # Later vehicles see only states of a plan: a coordinate must be one of them.
         if one_by_one and text.strip() not in scenario.states:
             where = ("vehicles", "separation", "of", index)
             yield where, unknown(text, scenario.states, "state")
@@ -168,6 +177,52 @@ def _of_blocks(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
             f"expected lengths that sum to prediction.intervals = {grid.intervals}, "
             f"found the sum {sum(grid.blocks)}",
         )
+
+
+def algebraic_flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
+    """Yield errors of equations that determine no variables, or without a value.
+
+    At the start and the end of the horizon there is no control, so that a variable that
+    depends on a control has no value there.
+    """
+    if not scenario.algebraic:
+        return
+    member = members_of(scenario, shared_of(scenario))[0]
+    # A scale that is not positive would fail in the model, without its place.
+    wrong = list(_of_scales(scenario, member))
+    yield from wrong
+    if wrong:
+        return
+    try:
+        model = model_of(scenario, [member])
+    except SwarmstartError as error:
+        yield ("algebraic",), error
+        return
+    for place, scope, text in _at_ends(scenario):
+        value = model.sx(scope, member.scopes[scope].symbol(text))
+        if ca.depends_on(value, model.controls):
+            yield (
+                place,
+                f"expected no algebraic variable that depends on controls in {scope}, "
+                f"found {text}",
+            )
+
+
+def _of_scales(scenario: ProblemScenario, member: Member) -> Iterator[LocatedFlaw]:
+    for name, given in scenario.algebraic.items():
+        if isinstance(given, Equation):
+            scale = number(given.scale, member.constants)
+            if not scale > 0:
+                place = ("algebraic", name, "scale")
+                yield place, f"expected a scale above 0, found {scale:g}"
+
+
+def _at_ends(scenario: ProblemScenario) -> Iterator[tuple[Place, str, str]]:
+    """Yield (place, scope, text) of expressions at times without controls."""
+    for key in ("initial_cost", "terminal_cost"):
+        yield (key,), key, getattr(scenario, key)
+    for index, one in enumerate(scenario.terminal):
+        yield ("terminal", index, "expression"), "terminal", one.expression
 
 
 _STAGES: tuple[Stage, ...] = (

@@ -7,9 +7,14 @@ from functools import partial
 from swarmstart.cases.format.expressions import parse
 from swarmstart.cases.format.settings import LocatedFlaw
 from swarmstart.cases.kinds.problem.checks import attempts
-from swarmstart.cases.kinds.problem.checks.attempts import Attempt, Place, tried
-from swarmstart.cases.kinds.problem.checks.name_flaws import names_of_nothing, unknown
-from swarmstart.cases.kinds.problem.checks.operation_flaws import operation_flaws
+from swarmstart.cases.kinds.problem.checks.attempts import (
+    Attempt,
+    Place,
+    names_of_nothing,
+    tried,
+    unknown,
+)
+from swarmstart.cases.kinds.problem.checks.number_flaws import operation_flaws
 from swarmstart.cases.kinds.problem.measuring.measures import measure_flaws
 from swarmstart.cases.kinds.problem.stated.members import members_of, shared_of
 from swarmstart.cases.kinds.problem.stated.model import COSTS
@@ -26,18 +31,14 @@ from swarmstart.cases.kinds.problem.stated.values import OverTime, Table
 from swarmstart.errors import SwarmstartError
 
 Stage = Callable[[ProblemScenario], Iterable[LocatedFlaw]]
+# The library numbers phases from 1; in these two messages it says which is wrong.
 _OF_PHASE = re.compile(r"phase (\d+) (?:has|must come)")
 
 
 def phases_flaws(
     scenario: ProblemScenario, stages: Sequence[Stage]
 ) -> Iterator[LocatedFlaw]:
-    """Yield errors; those of a later stage only if earlier stages have none.
-
-    Args:
-        scenario: A scenario with phases.
-        stages: Checks of the scenario of a phase, in order.
-    """
+    """Yield errors; those of a later stage only if earlier stages have none."""
     every: tuple[Stage, ...] = (
         _of_parts,
         *(partial(_in_phases, stage=stage) for stage in stages),
@@ -59,6 +60,7 @@ def _in_phases(scenario: ProblemScenario, *, stage: Stage) -> Iterator[LocatedFl
     for number, one in enumerate(phase_scenarios(scenario)):
         for place, what in stage(one):
             where = place_in_file(scenario, number, place)
+            # What the file states is wrong in every phase: one error.
             if (where, str(what)) not in seen:
                 seen.add((where, str(what)))
                 yield where, what
@@ -73,6 +75,7 @@ def place_in_file(scenario: ProblemScenario, number: int, place: Place) -> Place
             return (*at, key, *rest)
         case ("path" | "terminal" as key, int(index), *rest):
             shared = len(scenario.path if key == "path" else scenario.terminal)
+            # Terminal constraints of the file belong to the last phase alone.
             shared = shared if key == "path" or is_last else 0
             return place if index < shared else (*at, key, index - shared, *rest)
         case ("constants" | "definitions" as key, name, *rest):
@@ -80,6 +83,7 @@ def place_in_file(scenario: ProblemScenario, number: int, place: Place) -> Place
         case (str(key), str(name), *rest) if key in MERGED:
             own = getattr(phase, key).get(name)
             given: set[str] = getattr(own, "model_fields_set", set())
+            # Its own only if the phase gives this very key; others come from the file.
             is_own = name in getattr(phase, key) and (
                 not rest or rest[0] in given or isinstance(own, str)
             )

@@ -10,14 +10,17 @@ import numpy as np
 
 from swarmstart.cases.format.settings import LocatedFlaw
 from swarmstart.cases.kinds.problem.checks.attempts import Attempt, Place, quantity
-from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario
+from swarmstart.cases.kinds.problem.stated.scenario import (
+    MOST_MEMBERS,
+    ProblemScenario,
+    Uncertain,
+)
 from swarmstart.cases.kinds.problem.stated.symbols import (
     constants_of,
     known_parameters,
     number,
 )
 from swarmstart.cases.kinds.problem.stated.values import OverTime
-from swarmstart.cases.kinds.problem.stated.variations import MOST_MEMBERS, Uncertain
 from swarmstart.ocp import OptimalControlProblem, ensemble
 
 
@@ -55,6 +58,7 @@ def member_values(
         }
     rng = np.random.default_rng(part.seed)
     drawn: dict[str, list[float]] = {name: [] for name in part.drawn}
+    # Member after member: more samples leave the first ones as they are.
     for _ in range(part.samples or 0):
         for name, law in part.drawn.items():
             kind, pair = law.pair
@@ -103,6 +107,7 @@ def _of_lengths(part: Uncertain) -> Iterator[LocatedFlaw]:
         (("uncertain", "values", name), one) for name, one in part.values.items()
     ]
     for place, given in (*lists, (("uncertain", "weights"), part.weights)):
+        # Also too many members, whose lists all have the right length.
         if given is not None and not len(given) == members <= MOST_MEMBERS:
             most = f", at most {MOST_MEMBERS}" if members > MOST_MEMBERS else ""
             yield (

@@ -1,4 +1,7 @@
-"""Measures of numbers decided besides controls: end time, parameters, starts."""
+"""Measures of numbers decided besides controls: end time, parameters, starts.
+
+Also the meanings of all measures that a user's scenario decides or defines itself.
+"""
 
 from collections.abc import Mapping
 
@@ -13,7 +16,7 @@ from swarmstart.cases.kinds.problem.stated.phases import (
     phase_names,
     phase_scenarios,
 )
-from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario
+from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario, UserScenario
 from swarmstart.cases.kinds.problem.stated.symbols import (
     is_decided as is_decided_number,
 )
@@ -67,6 +70,7 @@ def decided_measures(scenario: ProblemScenario) -> dict[str, str]:
 
 def _decided_starts(scenario: ProblemScenario) -> list[str]:
     """Return the states with a decided start, with the names of their vehicles."""
+    # Only the first phase has a start; the others continue.
     first = phase_scenarios(scenario)[0] if scenario.phases else scenario
     members = scenario.vehicles.members if scenario.vehicles else []
     names = []
@@ -96,8 +100,45 @@ def with_durations(
     for number, (name, one) in enumerate(durations(scenario, problem).items(), 1):
         length: Measure = one if isinstance(one, float) else None
         if isinstance(one, Free):
+            # The joined problem calls it a parameter; here it has the name of the
+            # phase.
             length = measures.pop(f"decided_duration of phase {number}")
             named[f"duration_{name}"] = length
         lengths.append(length)
     total = sum(one for one in lengths if isinstance(one, float))
     return {END_TIME_MEASURE: total, **named, **measures}
+
+
+def own_meanings(scenario: UserScenario) -> dict[str, str]:
+    """Return the meaning of each measure that `own_measures` names."""
+    decided: dict[str, str] = {}
+    if isinstance(scenario, ProblemScenario):
+        decided = {
+            name: _of_decided(name, scenario) for name in decided_measures(scenario)
+        }
+    own = {
+        name: f"Measure of this scenario: {' '.join(text.split())}"
+        for name, text in scenario.measures.items()
+    }
+    return decided | own
+
+
+def _of_decided(name: str, scenario: ProblemScenario) -> str:
+    """Return the meaning of a measure of a decided or an uncertain number."""
+    if name == MEMBERS_MEASURE:
+        return (
+            "List of the costs of the first plan, one for each member of the uncertain "
+            "parameters [cost]"
+        )
+    if name == END_TIME_MEASURE and scenario.phases:
+        return "Length of all phases of the first plan together [s]"
+    if name == END_TIME_MEASURE:
+        return "Length of the horizon that the first plan decides [s]"
+    sort, _, of = name.partition("_")
+    if sort == "duration":
+        return f"Length of phase {of} that the first plan decides [s]"
+    if of in scenario.parameters:
+        return f"Value of the parameter {of} that the first plan decides"
+    state = scenario.states.get(of)
+    unit = f" [{state.unit}]" if state and state.unit else ""
+    return f"Initial value of the state {of} that the first plan decides{unit}"

@@ -1,18 +1,34 @@
-"""The simulated path of a problem as rows, with costs and constraints along it.
+"""The simulated path of a problem: rows, values by name, cost and constraints.
 
 There is one row for each control interval, with the plant's steps and both ends, so
-that a held control jumps between rows.
+that a held control jumps between rows. The scenario's own measures use the values along
+it by the names of the file.
 """
 
-from typing import TypeVar
+from collections.abc import Mapping
+from typing import Any, TypeVar
 
 import casadi as ca
 import numpy as np
 from scipy.integrate import simpson
 
 from swarmstart.arrays import Array
+from swarmstart.cases.format.expressions import interpret, parse, previous_of
 from swarmstart.cases.format.kind import Flight, Posed
-from swarmstart.cases.kinds.problem.stated.model import COSTS
+from swarmstart.cases.kinds.problem.stated.members import (
+    ProblemPosed,
+    members_of,
+    shared_of,
+)
+from swarmstart.cases.kinds.problem.stated.model import COSTS, model_of
+from swarmstart.cases.kinds.problem.stated.phases import interval_ends, phase_scenarios
+from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario
+from swarmstart.cases.kinds.problem.stated.symbols import ARRAYS, TIME, constants_of
+from swarmstart.cases.kinds.problem.stated.values import (
+    Tables,
+    inputs_of,
+    operations_of,
+)
 from swarmstart.cases.record.trajectory_arrays import control_rows, held_controls
 from swarmstart.ocp import OptimalControlProblem, Trajectory, zero_controls
 from swarmstart.ocp.common import symbol_names
@@ -20,6 +36,9 @@ from swarmstart.ocp.statement import lowered
 from swarmstart.ocp.system import row_excess
 
 P = TypeVar("P", bound=Posed)
+
+Value = Any
+"""A number, or values along the path, shape (T, m + 1)."""
 
 
 def rows_of(flight: Flight[P], trajectory: Trajectory) -> tuple[Array, Array, Array]:
@@ -36,6 +55,7 @@ def rows_of(flight: Flight[P], trajectory: Trajectory) -> tuple[Array, Array, Ar
     if controls is None:
         _, held = held_controls(trajectory)
         controls = held.reshape(len(held), T, -1)
+        # One value for the row, or one for each of the plant's steps.
         controls = np.repeat(controls, m // controls.shape[2], axis=2)
         controls = np.concatenate([controls, controls[:, :, -1:]], axis=2)
     if not flight.plant.model.jumps:
@@ -44,6 +64,7 @@ def rows_of(flight: Flight[P], trajectory: Trajectory) -> tuple[Array, Array, Ar
     states = np.concatenate([states, states[:, :, -1:]], axis=2)
     for step, decision in enumerate(trajectory.decisions):
         values = {name: float(rows[step, 0]) for name, rows in decided.items()}
+        # The recorded path has the state after the change only: simulated once more.
         plant = flight.plant.with_decided(values)
         if decision.dt is not None:
             plant = plant.with_interval(decision.dt)
@@ -114,6 +135,7 @@ def integrated(values: Array, times: Array) -> float:
     """Return the time integral of values along a path, as from `rows_of`."""
     if times[0, -1] == times[0, -2]:  # The end of an interval changes the value.
         values, times = values[:, :-1], times[:, :-1]
+    # Row by row: no parabola may reach over the jump of a held control.
     return float(simpson(values, x=times, axis=1).sum())
 
 
@@ -130,6 +152,7 @@ def flown_values(
     if problem.clock:  # Its costs use the horizon's own time, of length 1.
         times = _even_times(problem, times)
     shape, at = times.shape, times.reshape(-1)
+    # A plant can have more: its disturbances come after those of the problem.
     parameters = flight.plant.parameters(at)[: model.np]
     names = symbol_names(model.parameters)
     for name, rows in decided_rows(flight, trajectory, shape).items():
@@ -159,6 +182,7 @@ def flown_values(
     if problem.has_knots:  # Its step cost uses the control at the end of an interval.
         arguments[1] = np.repeat(controls[:, :, -1], shape[1], axis=1)
         step = np.array(over.map(at.size)(*arguments)[1]).reshape(shape)
+    # The step cost is that at the beginning of each interval.
     cost = integrated(stage, times) + step[:, 0].sum()
     cost += initial[0, 0] + terminal[-1, -1]
     path = found[4].reshape(-1, *shape)
@@ -199,6 +223,7 @@ def controls_before(flight: Flight[P], controls: Array) -> Array:
     for step in range(controls.shape[1]):
         held = controls[:, step]
         for column in range(held.shape[1]):
+            # A new value within a row begins a new interval of the plan.
             if column and (held[:, column] != held[:, column - 1]).any():
                 at = held[:, column - 1]
             before[:, step, column] = at
@@ -216,3 +241,106 @@ def _by_interval(dense: Array, trajectory: Trajectory) -> Array:
 
 def _rows(column: ca.SX) -> list[ca.SX]:
     return [column[i] for i in range(column.numel())]
+
+
+def path_of(
+    scenario: ProblemScenario, flight: Flight[ProblemPosed], trajectory: Trajectory
+) -> dict[str, Value]:
+    """Return name -> number or values along the simulated path, shape (T, m + 1).
+
+    Names of states, controls, algebraic variables, definitions and a vehicle's
+    constants end with its suffix; the file's constants can also be used without it.
+    """
+    posed, (times, states, controls) = flight.posed, rows_of(flight, trajectory)
+    flat = times.reshape(-1)
+    shared = {n: f(flat).reshape(times.shape) for n, f in posed.known.items()}
+    shared |= decided_rows(flight, trajectory, times.shape)
+    shared[TIME] = times
+    together: dict[str, Value] = {**constants_of(scenario), **shared}
+    before = controls_before(flight, controls)
+    nx, nu, nz = map(len, (scenario.states, scenario.controls, scenario.algebraic))
+    algebraic = algebraic_rows(flight, trajectory, times, states, controls)
+    for number, member in enumerate(posed.members):
+        own: dict[str, Value] = {
+            **member.constants,
+            **shared,
+            **dict(zip(scenario.states, states[number * nx :], strict=False)),
+            **dict(zip(scenario.controls, controls[number * nu :], strict=False)),
+            **dict(zip(scenario.algebraic, algebraic[number * nz :], strict=False)),
+        }
+        last = dict(zip(scenario.controls, before[number * nu :], strict=False))
+        # Before the definitions, which can use them.
+        own |= {previous_of(name): values for name, values in last.items()}
+        for name, text in scenario.definitions.items():
+            own[name] = _along(text, own, scenario.tabled)
+        together |= {
+            f"{name}{member.suffix}": value
+            for name, value in own.items()
+            if name not in shared
+        }
+    return together
+
+
+def path_of_phases(
+    scenario: ProblemScenario, flight: Flight[ProblemPosed], trajectory: Trajectory
+) -> dict[str, Value]:
+    """Return the same for phases: each row has the values of its phase.
+
+    Names that a phase does not have are NaN there, except states and controls, which
+    are constant.
+    """
+    posed, (times, states, controls) = flight.posed, rows_of(flight, trajectory)
+    flat, shape = times.reshape(-1), times.shape
+    shared = {n: f(flat).reshape(shape) for n, f in posed.known.items()}
+    shared |= decided_rows(flight, trajectory, shape)
+    shared[TIME] = times
+    model = flight.plant.model
+    named = {
+        **dict(zip(model.state_names, states, strict=True)),
+        **dict(zip(model.control_names, controls, strict=True)),
+    }
+    together: dict[str, Value] = {**constants_of(scenario), **shared, **named}
+    ends = interval_ends(scenario)
+    in_phase = np.searchsorted(ends, np.arange(shape[0]), side="right")
+    for number, one in enumerate(phase_scenarios(scenario)):
+        own = {**constants_of(one), **shared, **named}
+        own |= _algebraic_of(one, own, shape)
+        for name, text in one.definitions.items():
+            own[name] = _along(text, own, scenario.tabled)
+        # States and controls of all phases are in the one model already.
+        for name in (*one.definitions, *one.algebraic):
+            before = together.get(name, np.full(shape, np.nan))
+            values = np.broadcast_to(own[name], shape)
+            together[name] = np.where((in_phase == number)[:, None], values, before)
+    return together
+
+
+def _algebraic_of(
+    one: ProblemScenario, own: Mapping[str, Value], shape: tuple[int, ...]
+) -> dict[str, Array]:
+    """Return the algebraic variables of a phase along a path, each (T, m + 1)."""
+    if not one.algebraic:
+        return {}
+    members = members_of(one, shared_of(one))
+    model, (member,) = model_of(one, members, timed=True), members
+    symbols = {
+        **member.states,
+        **member.controls,
+        **member.shared.parameters,
+        TIME: member.shared.time,
+    }
+    solution = model.elimination.solution
+    along = ca.Function("along", [ca.vertcat(*symbols.values())], [solution])
+    values = [np.broadcast_to(own[name], shape).reshape(-1) for name in symbols]
+    found = np.array(along.map(values[0].size)(np.stack(values)))
+    return dict(zip(one.algebraic, found.reshape(-1, *shape), strict=True))
+
+
+def _along(text: str, names: Mapping[str, Value], tables: Tables) -> Value:
+    # Undefined values are NaN, of which a measure becomes null.
+    with np.errstate(all="ignore"):
+        return interpret(
+            parse(text, functions=inputs_of(tables)),
+            operations={**ARRAYS, **operations_of(tables)},
+            names=names,
+        )

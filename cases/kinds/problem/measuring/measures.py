@@ -30,20 +30,22 @@ from swarmstart.cases.kinds.problem.measuring.decided_measures import (
     with_durations,
 )
 from swarmstart.cases.kinds.problem.measuring.flown_path import (
+    Value,
     flown_values,
     integrated,
+    path_of,
+    path_of_phases,
 )
-from swarmstart.cases.kinds.problem.measuring.own_path import path_of, path_of_phases
+from swarmstart.cases.kinds.problem.stated.members import ProblemPosed
 from swarmstart.cases.kinds.problem.stated.model import planning_problem
 from swarmstart.cases.kinds.problem.stated.names import (
     MEASURES,
     MEMBERS_MEASURE,
 )
 from swarmstart.cases.kinds.problem.stated.phases import phase_scenarios, whole_scenario
-from swarmstart.cases.kinds.problem.stated.posed import ProblemPosed
 from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario, UserScenario
 from swarmstart.cases.kinds.problem.stated.symbols import ARRAYS, TIME
-from swarmstart.cases.kinds.problem.stated.tables import (
+from swarmstart.cases.kinds.problem.stated.values import (
     NO_TABLES,
     Tables,
     inputs_of,
@@ -62,8 +64,6 @@ from swarmstart.ocp import (
 )
 
 P = TypeVar("P", bound=Posed)
-Value = Any
-"""A number, or values along the path, shape (T, m + 1)."""
 
 
 def measure(
@@ -108,6 +108,7 @@ def whole_run(
     names = ["constraint_excess", *["terminal_excess"] * flight.posed.open_loop]
     sense = flight.posed.agents[0].problem.sense
     return WholeRun(
+        # Lower is better, also if the user maximises.
         cost=sense * _number(measures["flown_cost"]),
         excess=max(_number(measures[name]) for name in names),
     )
@@ -134,6 +135,7 @@ def measured(
         own: Own measures, as from `own_values`.
     """
     plans, sense = trajectory.decisions[0].plans, problem.sense
+    # Only a plan that is followed to its end can be verified as a whole.
     is_open = flight.posed.open_loop
     solution = flight.answer(trajectory) if is_open else None
     searched = sum(plan.search.cost for plan in plans)
@@ -216,6 +218,7 @@ def measure_flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
     }
     known: dict[str, Any] = {
         **dict.fromkeys(scenario.constants, 0.0),
+        # Parameters, too: they can change from plan to plan.
         **dict.fromkeys((*scenario.parameters, *scenario.signals, TIME), PATH),
         **{f"{n}{end}": 0.0 for end, own in owners.items() for n in own},
         **{f"{n}{end}": 0.0 for end in owners for n in scenario.constants},
@@ -239,6 +242,7 @@ def wrong_measures(
         known: Name -> PATH for values along the path, else a number.
         tables: The tables that they can use, by name.
     """
+    # Shapes are enough to find errors, and there is no path before a run.
     shapes = {**_SHAPES, **dict.fromkeys(tables, _of_shape)}
     for name, text in own.items():
         place = ("measures", name)
@@ -269,6 +273,7 @@ def _own(text: str, path: Mapping[str, Value], tables: Tables) -> float | None:
     expression = parse(text, of_paths=True, functions=inputs_of(tables))
     operations = {**ARRAYS, **operations_of(tables), **_reductions(path[TIME])}
     try:
+        # Values that are not finite make the measure null, below.
         with np.errstate(all="ignore"):
             found = interpret(expression, operations=operations, names=path)
     except ExpressionError:
@@ -294,6 +299,7 @@ def _reductions(times: Array) -> dict[str, Callable[..., float]]:
         return float(times.ravel()[after]) if after < times.size else math.nan
 
     def overshoot(x: Value, target: Value) -> float:
+        # Beyond the target, seen from the start.
         beyond = np.sign(target - full(x)[0, 0]) * (full(x) - target)
         return float(np.maximum(0.0, beyond.max()))  # NaN stays NaN.
 

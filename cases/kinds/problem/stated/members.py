@@ -1,7 +1,7 @@
 """The vehicles of a problem, with their symbols and the scopes of expressions.
 
 Without `vehicles` there is one vehicle, without a name. All share parameters and
-signals.
+signals. A posed problem carries its vehicles for its measures and figures.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,19 +13,19 @@ import numpy as np
 
 from swarmstart.arrays import Array
 from swarmstart.cases.format.expressions import parse, previous_of
-from swarmstart.cases.kinds.problem.stated.parts import Vehicle
-from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario
+from swarmstart.cases.format.kind import Posed
+from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario, Vehicle
 from swarmstart.cases.kinds.problem.stated.symbols import (
     TIME,
     Scope,
+    Signal,
     constants_of,
     free,
     known_parameters,
     number,
     over_time,
 )
-from swarmstart.cases.kinds.problem.stated.tables import inputs_of
-from swarmstart.cases.kinds.problem.stated.values import Decided, Tied
+from swarmstart.cases.kinds.problem.stated.values import Decided, Tied, inputs_of
 from swarmstart.ocp import Free
 
 
@@ -126,6 +126,7 @@ def candidate_scopes(
         name: float(over_time(given, constants)(np.array([time]))[0])
         for name, given in known_parameters(scenario).items()
     }
+    # Known ones are in `values`, so that only decided ones are refused.
     others = dict.fromkeys(scenario.parameters, "decided parameter")
     return [
         Scope(
@@ -154,6 +155,7 @@ def _member(
     start = [
         decided[first].first
         if (first := tied.get(name, name)) in decided
+        # Tied to a start that is not decided: `tied_flaws` reports it.
         else number("0" if isinstance(one, Decided | Tied) else one, constants)
         for name, one in given.items()
     ]
@@ -225,6 +227,7 @@ def _scopes(
     uses: dict[str, frozenset[str]] = {n: frozenset({k}) for n, k in kinds.items()}
     tables = scenario.tabled
     for name, text in scenario.definitions.items():
+        # In order: a definition can use those before it, and is inlined in those after.
         scope = Scope(everything, {}, "a definition", tables)
         everything = {**everything, name: scope.symbol(text)}
         names = parse(text, functions=inputs_of(tables)).names
@@ -233,6 +236,7 @@ def _scopes(
     return {
         place: Scope(
             {n: v for n, v in everything.items() if not uses[n] & {*without}},
+            # Of every name, for a message that says why it is not allowed here.
             {n: _said(n, uses[n] & {*without}, kinds) for n in everything},
             place,
             tables,
@@ -245,3 +249,16 @@ def _said(name: str, roles: frozenset[str], kinds: Mapping[str, str]) -> str:
     """Return the role of a name, in words, for places in which it is not allowed."""
     role = next(iter(sorted(roles)), "")
     return role if name in kinds else f"definition with a {role}"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class ProblemPosed(Posed):
+    """A posed problem, with data for measures and figures.
+
+    Attributes:
+        known: Name of a parameter of the plant, or of a signal -> its values over time.
+        members: The vehicles, the one system, or the phases.
+    """
+
+    known: Mapping[str, Signal]
+    members: tuple[Member, ...]

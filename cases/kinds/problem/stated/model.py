@@ -5,23 +5,31 @@
 
 Several vehicles share parameters and signals. If they are planned jointly they are
 stacked. If they are planned one after another, each has a problem of its own, with the
-positions of those before it as its last signals.
+positions of those before it as its last signals. Constraints are those of each vehicle,
+and the separation of each pair.
 """
 
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from swarmstart.arrays import Array
-from swarmstart.cases.kinds.problem.stated.constraints import (
-    path_constraint,
-    separations,
-    terminal_constraint,
-)
 from swarmstart.cases.kinds.problem.stated.members import Member, column_of
-from swarmstart.cases.kinds.problem.stated.parts import Control, State, equation_of
-from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario
+from swarmstart.cases.kinds.problem.stated.parts import (
+    Constraint,
+    Control,
+    Distance,
+    PathLimit,
+    State,
+    equation_of,
+)
+from swarmstart.cases.kinds.problem.stated.scenario import (
+    ProblemScenario,
+    SeparationPart,
+)
 from swarmstart.cases.kinds.problem.stated.symbols import (
     decided_parameters,
     fixed_limits,
@@ -34,9 +42,13 @@ from swarmstart.cases.kinds.problem.stated.values import Decided
 from swarmstart.ocp import (
     AlgebraicEquations,
     Bounds,
+    Connection,
     Free,
     Model,
     OptimalControlProblem,
+    PathConstraint,
+    Separation,
+    TerminalConstraint,
 )
 from swarmstart.ocp.system import MovingLimit
 
@@ -85,6 +97,7 @@ def model_of(
         ode=ode,
         next_state=next_state,
         parameters=column_of([*shared.parameters.values(), *pushes.values()]),
+        # Signals of costs and constraints alone are those of the problem.
         signals=signals if _uses(changes, signals) else ca.SX(0, 1),
         time=shared.time if timed or _uses(changes, shared.time) else ca.SX(0, 1),
         state_names=tuple(n for m in members for n in m.titled(m.states)),
@@ -149,6 +162,7 @@ def planning_problem(
         terminal_constraint(c, member) for member in members for c in scenario.terminal
     ]
     bounds = _bounds(scenario, members)
+    # Time and previous controls are inputs only if something depends on them.
     used = column_of(
         [
             *costs.values(),
@@ -306,3 +320,107 @@ def _scales(scenario: ProblemScenario, members: Sequence[Member]) -> dict[str, f
 def _arrays(ranges: Sequence[tuple[float, float]]) -> tuple[Array, Array]:
     lower, upper = np.array(ranges).T
     return lower, upper
+
+
+def path_constraint(given: Constraint | Distance, member: Member) -> Any:
+    """Return a path constraint of a member."""
+    name = f"{given.name}{member.suffix}" if given.name else ""
+    scope, scale = member.scopes["path"], _optional(given.scale, member)
+    if isinstance(given, Constraint):
+        lower, upper = _limits(given, member)
+        soft = given.soft if isinstance(given, PathLimit) else None
+        weight, quadratic = (
+            (None, None) if soft is None else (soft.weight, soft.quadratic)
+        )
+        return PathConstraint(
+            expression=scope.symbol(given.expression),
+            lower=lower,
+            upper=upper,
+            scale=scale,
+            name=name or f"{given.expression}{member.suffix}",
+            weight=_optional(weight, member),
+            quadratic_weight=_optional(quadratic, member),
+        )
+    relative = column_of(scope.symbol(text) for text in given.distance)
+    margin = number(given.margin, member.constants)
+    if given.at_most is not None:
+        return Connection(
+            relative=relative,
+            distance=number(given.at_most, member.constants),
+            margin=margin,
+            scale=scale,
+            name=name,
+        )
+    return Separation(
+        relative=relative,
+        # One of both is given, as `_one_limit` of the part checks.
+        distance=number(given.at_least or "0", member.constants),
+        margin=margin,
+        smooth_margin=margin,
+        along=given.along,
+        measure=given.measure,
+        scale=scale,
+        name=name,
+    )
+
+
+def terminal_constraint(given: Constraint, member: Member) -> TerminalConstraint:
+    """Return a terminal constraint of a member."""
+    lower, upper = _limits(given, member)
+    return TerminalConstraint(
+        expression=member.scopes["terminal"].symbol(given.expression),
+        lower=lower,
+        upper=upper,
+        scale=_optional(given.scale, member),
+        name=f"{given.name or given.expression}{member.suffix}",
+    )
+
+
+def separations(
+    part: SeparationPart | None,
+    members: Sequence[Member],
+    others: Mapping[Member, ca.SX],
+) -> list[Separation]:
+    """Return the distances of all pairs of members, and to seen members."""
+    if part is None:
+        return []
+    places = [
+        column_of(m.scopes["path"].symbol(text) for text in part.of) for m in members
+    ]
+    pairs = [
+        (a - b, f"distance{members[i].suffix}{members[j].suffix}")
+        for (i, a), (j, b) in itertools.combinations(enumerate(places), 2)
+    ]
+    pairs += [
+        (place - position, f"distance{other.suffix}{member.suffix}")
+        for member, place in zip(members, places, strict=True)
+        for other, position in others.items()
+    ]
+    constants = members[0].constants
+    margin = number(part.margin, constants)
+    return [
+        Separation(
+            relative=relative,
+            distance=number(part.distance, constants),
+            margin=margin,
+            smooth_margin=margin,
+            along=part.along,
+            scale=_optional(part.scale, members[0]),
+            name=name,
+        )
+        for relative, name in pairs
+    ]
+
+
+def _limits(given: Constraint, member: Member) -> tuple[float, float]:
+    """Return lower and upper limit; without limits the expression must be 0."""
+    if given.equals is not None:
+        value = number(given.equals, member.constants)
+        return value, value
+    if given.lower is None and given.upper is None:
+        return 0.0, 0.0
+    return limits((given.lower, given.upper), member.constants)
+
+
+def _optional(text: str | None, member: Member) -> float | None:
+    return None if text is None else number(text, member.constants)

@@ -4,7 +4,7 @@ Imports nothing heavy, so that `swarmstart list` is quick. A count has no unit; 
 is the unit of the scenario's cost, and [-] means that a number has no unit of its own.
 """
 
-from swarmstart.cases.format.kind_words import KindWords
+from swarmstart.cases.format.registry import KindWords
 
 END_TIME_MEASURE = "end_time"
 """Measure of the length of the first plan's horizon, if the plan decides it [s]."""

@@ -1,4 +1,4 @@
-"""The parts of the scenario of a problem: states, controls, constraints, vehicles."""
+"""The parts of the scenario of a problem: states, controls, constraints, the grid."""
 
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
@@ -13,7 +13,8 @@ from pydantic import (
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
-from swarmstart.cases.format.settings import Checks, IntegratorName, Part, Positive
+from swarmstart.cases.format.parts import Checks, Part, Positive
+from swarmstart.cases.format.settings import IntegratorName
 from swarmstart.cases.kinds.problem.stated.values import (
     Expression,
     Horizon,
@@ -405,54 +406,3 @@ class DualMode(Part):
     at: Mapping[Names, Quantity]
     Q: Mapping[Names, Quantity]
     R: Mapping[Names, Quantity]
-
-
-class Vehicle(Part):
-    """One of several vehicles with the same model.
-
-    Attributes:
-        name: Name of the vehicle, appended to the names of its states and controls.
-        start: Starts of its states, by state, in place of those of the model.
-        constants: Constants of the vehicle, in place of those of the file or besides
-            them.
-    """
-
-    name: Names
-    start: Mapping[Names, Start] = Field(default_factory=dict)
-    constants: Mapping[Names, Quantity] = Field(default_factory=dict)
-
-
-class SeparationPart(Part):
-    """A distance that every two vehicles keep.
-
-    Attributes:
-        of: One to three coordinates of a vehicle, expressions.
-        distance: Smallest allowed distance between two vehicles.
-        margin: Reserve that plans keep from the distance.
-        along: Places at which distances are checked: the check points, or (in the
-            search) also the straight segments between them.
-        scale: Excess that counts as a violation of 1; null means that it is found from
-            the problem.
-    """
-
-    of: list[Expression] = Field(min_length=1, max_length=3)
-    distance: Quantity
-    margin: Quantity = "0"
-    along: Literal["points", "segments"] = "points"
-    scale: Quantity | None = None
-
-
-class Vehicles(Part):
-    """Several vehicles with one model.
-
-    Attributes:
-        members: The vehicles, 1 to 100.
-        planning: Method of planning: joint decides for all vehicles at once, priority
-            for one after another, which keeps its distance from the plans of those
-            before it.
-        separation: Distance that every two vehicles keep; null means none.
-    """
-
-    members: list[Vehicle] = Field(min_length=1, max_length=100)
-    planning: Literal["joint", "priority"] = "joint"
-    separation: SeparationPart | None = None

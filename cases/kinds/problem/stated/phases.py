@@ -1,13 +1,16 @@
-"""Phases of a problem, one after another: a scenario for each, and one problem.
+"""Phases of a problem, one after another: a scenario for each, and one problem to pose.
 
 A phase's scenario is the file with the phase laid over it: mappings are merged name by
 name, costs replace those of the file, path constraints are added to them. The file's
 initial cost is at the start of the first phase, its terminal cost and constraints are
 at the end of the last one.
+
+In the one problem the states are those of all phases, then the time and values that
+phases keep. A control that a phase does not have is constant there.
 """
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
 import casadi as ca
@@ -15,12 +18,26 @@ import numpy as np
 from pydantic import BaseModel
 
 from swarmstart.arrays import Array
-from swarmstart.cases.kinds.problem.stated.members import Member, members_of, shared_of
+from swarmstart.cases.format.kind import PosedAgent, PosedPlant
+from swarmstart.cases.kinds.problem.stated.members import (
+    Member,
+    ProblemPosed,
+    candidate_scopes,
+    members_of,
+    shared_of,
+)
 from swarmstart.cases.kinds.problem.stated.model import planning_problem
 from swarmstart.cases.kinds.problem.stated.parts import Constraint, Guess, PlantPart
 from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario
-from swarmstart.ocp import Free, OptimalControlProblem, phases
-from swarmstart.ocp.statement import Phases
+from swarmstart.cases.kinds.problem.stated.symbols import (
+    constants_of,
+    known_parameters,
+    over_time,
+    rows_over_time,
+)
+from swarmstart.cases.kinds.problem.stated.values import OverTime
+from swarmstart.ocp import Free, OptimalControlProblem, Start, phases, zero_controls
+from swarmstart.ocp.statement import CLOCK, COUNTER, Phases
 
 MERGED = ("states", "controls", "algebraic")
 COSTS = ("stage_cost", "step_cost", "terminal_cost")
@@ -73,6 +90,7 @@ def _of_phase(
             "prediction": scenario.prediction.model_copy(update=grid),
             "steps": phase.intervals,
             "phases": [],
+            # Plant, guess, candidates and measures are of all phases together.
             "plant": PlantPart(substeps=scenario.plant.substeps),
             "guess": Guess(),
             "candidates": [],
@@ -110,6 +128,7 @@ def _merged(base: Mapping[str, T], over: Mapping[str, T | None]) -> dict[str, T]
 def _laid_over(before: T | None, part: T) -> T:
     """Return a part with its keys replaced by those of another one."""
     if isinstance(part, BaseModel) and isinstance(before, BaseModel):
+        # Only what the phase states: a default must not hide what the file states.
         given = {key: getattr(part, key) for key in part.model_fields_set}
         return before.model_copy(update=given)
     return part
@@ -143,6 +162,7 @@ def joined(scenario: ProblemScenario) -> tuple[Phases, list[Member]]:
         stated.append(planning_problem(one, [member]))
         scope = member.scopes["linkage"]
         linkages.append({n: scope.symbol(text) for n, text in phase.linkage.items()})
+    # Nothing comes after the last phase.
     return phases(stated, linkages[:-1]), members
 
 
@@ -173,3 +193,103 @@ def durations(
 def interval_ends(scenario: ProblemScenario) -> list[int]:
     """Return the number of finished intervals at the end of each phase."""
     return list(itertools.accumulate(one.intervals for one in scenario.phases))
+
+
+def pose_phases(scenario: ProblemScenario) -> ProblemPosed:
+    """Return the agent that plans all phases, and its plant."""
+    together, members = joined(scenario)
+    problem, fixed = together.problem, constants_of(scenario)
+    given, feedback = known_parameters(scenario), scenario.feedback
+    over = {**given, **scenario.plant.parameters}
+    truly = {name: over[name] for name in scenario.parameters if name in over}
+    planned = rows_over_time(given, fixed)
+    return ProblemPosed(
+        agents=(
+            PosedAgent(
+                problem=problem,
+                parameters=None
+                if planned is None
+                else lambda time: planned(np.array([time]))[:, 0],
+                candidates=_candidates(scenario, problem),
+                append=feedback.append,
+                shift=feedback.last_plan == "shifted",
+                first=_guessed(scenario, problem),
+            ),
+        ),
+        x0=together.start(members[0].start),
+        plant=PosedPlant(
+            model=problem.model,
+            substeps=scenario.plant.substeps,
+            parameters=rows_over_time(truly, fixed),
+            decided={
+                name: one.first
+                for name, one in problem.decided.items()
+                if name not in truly
+            },
+            differs=bool(scenario.plant.parameters),
+        ),
+        open_loop=True,
+        repair=feedback.repair,
+        known={name: over_time(one, fixed) for name, one in truly.items()},
+        members=tuple(members),
+    )
+
+
+def _candidates(
+    scenario: ProblemScenario, problem: OptimalControlProblem
+) -> Callable[[float], Array] | None:
+    """Return additional controls of all phases for a search, held over the horizon."""
+    if not scenario.candidates:
+        return None
+    whole, fixed = whole_scenario(scenario), constants_of(scenario)
+    members = members_of(whole, shared_of(whole))
+
+    def candidates(time: float) -> Array:
+        (scope,) = candidate_scopes(whole, members, fixed, time)
+        columns = [
+            [scope.number(one[name]) for name in whole.controls]
+            for one in scenario.candidates
+        ]
+        return np.repeat(np.array(columns).T[:, None, :], problem.intervals, axis=1)
+
+    return candidates
+
+
+def _guessed(
+    scenario: ProblemScenario, problem: OptimalControlProblem
+) -> Array | Start | None:
+    """Return the start of the plan: controls (nu, N), states (nx, nodes)."""
+    guess, checks = scenario.guess, problem.checks
+    if not (guess.controls or guess.states):
+        return None
+    whole, fixed = whole_scenario(scenario), constants_of(scenario)
+    times = _node_times(scenario, problem)
+
+    def rows(
+        given: Mapping[str, OverTime], names: Mapping[str, object], at: Array
+    ) -> Array:
+        found = [
+            over_time(given[name], fixed)(at) if name in given else np.zeros_like(at)
+            for name in names
+        ]
+        return np.stack(found)
+
+    controls = zero_controls(problem)
+    if guess.controls:
+        controls = rows(guess.controls, whole.controls, times[:-1:checks])
+    if not guess.states:
+        return controls
+    states = np.zeros((problem.model.nx, problem.nodes))
+    # Below them are the time and the interval's number, and values that phases keep.
+    states[: len(whole.states)] = rows(guess.states, whole.states, times)
+    names = problem.model.state_names
+    states[names.index(CLOCK)] = times
+    states[names.index(COUNTER)] = np.arange(problem.nodes) // checks
+    return Start(controls, states)
+
+
+def _node_times(scenario: ProblemScenario, problem: OptimalControlProblem) -> Array:
+    """Return the guessed times of the nodes of all phases [s]."""
+    ends, counts = expected_ends(scenario, problem), [0, *interval_ends(scenario)]
+    at = np.arange(problem.nodes) / problem.checks
+    return np.asarray(np.interp(at, counts, ends))

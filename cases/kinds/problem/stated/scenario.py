@@ -1,17 +1,19 @@
 """The scenario of a problem: a model of the user's own, its costs and constraints.
 
-Only kind, states, controls, prediction and a cost are required. Its parts are in
-parts.py, numbers and expressions in values.py.
+Only kind, states, controls, prediction and a cost are required. Parts that repeat or
+vary the problem are here: vehicles, uncertain parameters, and phases. Its other parts
+are in parts.py, numbers and expressions in values.py.
 """
 
 import math
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, Tag, field_serializer, model_validator
 
 from swarmstart.cases.format.expressions import evaluate
-from swarmstart.cases.format.settings import AnySearch, BudgetPart, PolishPart, Scenario
+from swarmstart.cases.format.parts import BudgetPart, Part
+from swarmstart.cases.format.settings import AnySearch, PolishPart, Scenario
 from swarmstart.cases.kinds.problem.stated.parts import (
     AlgebraicPart,
     Constraint,
@@ -23,27 +25,212 @@ from swarmstart.cases.kinds.problem.stated.parts import (
     PlantPart,
     Prediction,
     State,
-    Vehicles,
 )
-from swarmstart.cases.kinds.problem.stated.tables import TablePart
 from swarmstart.cases.kinds.problem.stated.values import (
     Expression,
+    Horizon,
     Measured,
     Names,
     OverTime,
     Parameter,
     Quantity,
+    Start,
+    TablePart,
+    chosen,
 )
-from swarmstart.cases.kinds.problem.stated.variations import Phase, Uncertain
-from swarmstart.cases.record.first_plan import recorded_plan
+from swarmstart.cases.record.results import recorded_plan
 from swarmstart.errors import SwarmstartError
 from swarmstart.ocp.interpolation import Table as LookupTable
 from swarmstart.ocp.search import LANES
+from swarmstart.ocp.statement import Measure
 
 EVALUATIONS = 20_000
 """Default budget of evaluations of a search."""
 MOST_STEPS = 10_000
 """Largest number of steps of a simulation, if it is not given."""
+
+MOST_MEMBERS = 1000
+"""Largest number of members, the sets of values of uncertain parameters."""
+Pair = Annotated[list[Quantity], Field(min_length=2, max_length=2)]
+
+
+class Vehicle(Part):
+    """One of several vehicles with the same model.
+
+    Attributes:
+        name: Name of the vehicle, appended to the names of its states and controls.
+        start: Starts of its states, by state, in place of those of the model.
+        constants: Constants of the vehicle, in place of those of the file or besides
+            them.
+    """
+
+    name: Names
+    start: Mapping[Names, Start] = Field(default_factory=dict)
+    constants: Mapping[Names, Quantity] = Field(default_factory=dict)
+
+
+class SeparationPart(Part):
+    """A distance that every two vehicles keep.
+
+    Attributes:
+        of: One to three coordinates of a vehicle, expressions.
+        distance: Smallest allowed distance between two vehicles.
+        margin: Reserve that plans keep from the distance.
+        along: Places at which distances are checked: the check points, or (in the
+            search) also the straight segments between them.
+        scale: Excess that counts as a violation of 1; null means that it is found from
+            the problem.
+    """
+
+    of: list[Expression] = Field(min_length=1, max_length=3)
+    distance: Quantity
+    margin: Quantity = "0"
+    along: Literal["points", "segments"] = "points"
+    scale: Quantity | None = None
+
+
+class Vehicles(Part):
+    """Several vehicles with one model.
+
+    Attributes:
+        members: The vehicles, 1 to 100.
+        planning: Method of planning: joint decides for all vehicles at once, priority
+            for one after another, which keeps its distance from the plans of those
+            before it.
+        separation: Distance that every two vehicles keep; null means none.
+    """
+
+    members: list[Vehicle] = Field(min_length=1, max_length=100)
+    planning: Literal["joint", "priority"] = "joint"
+    separation: SeparationPart | None = None
+
+
+class Normal(Part):
+    """Normally distributed numbers: [mean, deviation].
+
+    Attributes:
+        normal: Mean and standard deviation of a normal distribution.
+    """
+
+    normal: Pair
+
+    @property
+    def pair(self) -> tuple[str, list[str]]:
+        """Its name and its two numbers."""
+        return "normal", self.normal
+
+
+class Uniform(Part):
+    """Uniformly distributed numbers in [lower, upper].
+
+    Attributes:
+        uniform: Lower and upper end of a uniform distribution.
+    """
+
+    uniform: Pair
+
+    @property
+    def pair(self) -> tuple[str, list[str]]:
+        """Its name and its two numbers."""
+        return "uniform", self.uniform
+
+
+Law = Annotated[
+    Annotated[Normal, Tag("of normal")] | Annotated[Uniform, Tag("of uniform")],
+    chosen("normal", "uniform"),
+]
+"""Distribution of a drawn number."""
+
+
+class Uncertain(Part):
+    """Several values of parameters, for which one control sequence is planned.
+
+    The simulated system has the value that the parameter itself is given.
+
+    Attributes:
+        values: Values by parameter: one for each member.
+        drawn: Distributions by parameter, from which the values are drawn, in place of
+            `values`.
+        samples: Number of members that are drawn; null if `values` are given.
+        seed: Seed of the drawn numbers.
+        weights: Weights of the members; null means equal ones.
+        risk: Cost that counts: the mean of the members' costs, the worst one, or (cvar)
+            the mean of the worst part of them.
+        level: Level of cvar: the worst part is 1 - level of the members.
+        robust_horizon: Number of intervals after which each member has controls of its
+            own; null means that all members share all controls.
+    """
+
+    values: Mapping[Names, list[Quantity]] = Field(default_factory=dict)
+    drawn: Mapping[Names, Law] = Field(default_factory=dict)
+    samples: int | None = Field(default=None, ge=1, le=MOST_MEMBERS)
+    seed: int = Field(default=0, ge=0, lt=2**32)
+    weights: list[Quantity] | None = None
+    risk: Measure = "mean"
+    level: Quantity = "0.9"
+    robust_horizon: int | None = Field(default=None, ge=1)
+
+    @model_validator(mode="after")
+    def _one_source(self) -> "Uncertain":
+        if bool(self.values) == bool(self.drawn):
+            found = "both" if self.values else "neither"
+            raise ValueError(f"expected values, or drawn and samples; found {found}")
+        if bool(self.drawn) != (self.samples is not None):
+            raise ValueError("expected samples, their number, with drawn and only then")
+        return self
+
+
+class Phase(Part):
+    """One of several phases, one after another: its differences from the file.
+
+    Attributes:
+        name: Name of the phase in the names of measures; null means its number, from 1.
+        horizon_s: Length of the phase [s], or decided by the plan.
+        intervals: Number of control intervals in the phase.
+        constants: Constants in place of those of the file or besides them.
+        definitions: Definitions in place of those of the file or besides them.
+        states: States in place of those of the file, key by key, or besides them; null
+            means that the phase has no such state.
+        controls: Controls in place of those of the file, key by key, or besides them;
+            null means that the phase has no such control.
+        algebraic: Algebraic variables in place of those of the file or besides them;
+            null means that the phase has no such variable.
+        stage_cost: Cost per second in place of that of the file; null means that of the
+            file [cost/s].
+        step_cost: Cost at the beginning of each interval in place of that of the file;
+            null means that of the file [cost].
+        terminal_cost: Cost at the end of the phase; null means none [cost].
+        path: Constraints at every check of the phase, besides those of the file, which
+            hold in all phases.
+        terminal: Constraints at the end of the phase.
+        linkage: Values with which states of the next phase begin, by state: expressions
+            at the end of this phase; other states continue.
+    """
+
+    name: Names | None = None
+    horizon_s: Horizon
+    intervals: int = Field(ge=1, le=10_000)
+    constants: Mapping[Names, Quantity] = Field(default_factory=dict)
+    definitions: Mapping[Names, Expression] = Field(default_factory=dict)
+    states: Mapping[Names, State | None] = Field(default_factory=dict)
+    controls: Mapping[Names, Control | None] = Field(default_factory=dict)
+    algebraic: Mapping[Names, AlgebraicPart | None] = Field(default_factory=dict)
+    stage_cost: Expression | None = None
+    step_cost: Expression | None = None
+    terminal_cost: Expression | None = None
+    path: list[PathPart] = Field(default_factory=list)
+    terminal: list[Constraint] = Field(default_factory=list)
+    linkage: Mapping[Names, Expression] = Field(default_factory=dict)
+
+    @field_serializer("states", "controls")
+    def _as_given(self, parts: Mapping[str, Part | None]) -> dict[str, Any]:
+        """Return only the given keys, so that no default hides a value of the file."""
+        return {
+            name: None
+            if part is None
+            else part.model_dump(mode="json", exclude_unset=True)
+            for name, part in parts.items()
+        }
 
 
 class UserScenario(Scenario):
@@ -158,6 +345,7 @@ class ProblemScenario(UserScenario):
             return given
         given = _with_intervals(given)
         guess = given.get("guess")
+        # Steps that the file gives come last and count.
         given = {"steps": _steps(given), **given}
         if isinstance(guess, dict) and "record" in guess:
             given["guess"] = _guess_of(
@@ -172,9 +360,11 @@ def _with_intervals(given: dict[str, Any]) -> dict[str, Any]:
     if not (isinstance(phases, list) and phases and isinstance(grid, dict)):
         return given
     counts = [one.get("intervals") for one in phases if isinstance(one, dict)]
+    # Not isinstance: true and false are integers of Python.
     whole = [count for count in counts if type(count) is int]
     if "intervals" in grid or len(whole) != len(phases):
         return given
+    # At least 1: an error of a phase must not appear as one of the prediction.
     return {**given, "prediction": {**grid, "intervals": max(sum(whole), 1)}}
 
 
@@ -192,6 +382,7 @@ def _steps(given: dict[str, Any]) -> int:
         try:
             longest = evaluate(str(horizon["free"][1]))
             return min(max(math.ceil(longest / evaluate(str(period))), 1), MOST_STEPS)
+        # The model of the scenario reports these errors later, at their places.
         except (SwarmstartError, ArithmeticError, LookupError, TypeError):
             return 1
     if isinstance(intervals, bool) or not isinstance(intervals, int):

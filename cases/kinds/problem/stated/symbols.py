@@ -24,12 +24,15 @@ from swarmstart.cases.format.expressions import (
     parse,
 )
 from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario
-from swarmstart.cases.kinds.problem.stated.tables import (
+from swarmstart.cases.kinds.problem.stated.values import (
+    Decided,
+    OverTime,
+    Table,
     Tables,
+    Tied,
     inputs_of,
     operations_of,
 )
-from swarmstart.cases.kinds.problem.stated.values import Decided, OverTime, Table, Tied
 from swarmstart.ocp import Free, InvalidProblemError
 
 Signal = Callable[[Array], Array]
@@ -46,9 +49,11 @@ def _symbolic(name: str) -> Callable[..., Any]:
     of_floats = FLOAT_OPERATIONS[name]
     named: dict[str, Any] = {"abs": ca.fabs, "min": ca.fmin, "max": ca.fmax}
     named |= {"**": ca.power, "radians": _radians}
+    # Operators of floats, such as +, work on symbols as they are.
     of_symbols: Any = named.get(name) or getattr(ca, name, of_floats)
 
     def operation(*arguments: Any) -> Any:
+        # Floats raise if the operation is undefined; a symbol is NaN then.
         if all(isinstance(argument, float) for argument in arguments):
             return of_floats(*arguments)
         return of_symbols(*arguments)
@@ -57,6 +62,7 @@ def _symbolic(name: str) -> Callable[..., Any]:
 
 
 def _radians(degrees: Any) -> Any:
+    # CasADi has no function for it.
     return degrees * (math.pi / 180)
 
 

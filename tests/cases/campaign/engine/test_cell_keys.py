@@ -8,13 +8,13 @@ import pytest
 
 from swarmstart.cases.campaign.engine import cell_keys
 from swarmstart.cases.campaign.engine.cell_keys import key_of, modules_of_settings
-from swarmstart.cases.campaign.running.run_cell import run_cell
+from swarmstart.cases.campaign.studies.replication import cell_of_run
 from swarmstart.cases.chapter import computations
 from swarmstart.cases.format.registry import KINDS, SEARCHES, words_of
 from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.machine_code import fingerprints
 
-RUN = "swarmstart.cases.campaign.running.flown:fly"
+RUN = "swarmstart.cases.campaign.running.run:run_cell"
 SOLVE = "swarmstart.cases.campaign.trials.solvers:solve_cell"
 JOB = {
     "settings": {"kind": "transfer", "search": {"name": "de"}},
@@ -62,9 +62,9 @@ def changes(
         "swarmstart.cases.drawing.drawing",
         "swarmstart.cases.drawing.problem_figures",
         "swarmstart.cases.campaign.judging.statistics",
-        "swarmstart.cases.campaign.judging.comparison",
+        "swarmstart.cases.campaign.studies.library",
         "swarmstart.cases.campaign.engine.cells",
-        "swarmstart.cases.campaign.running.run_cell",
+        "swarmstart.cases.campaign.studies.replication",
         "swarmstart.cases.kinds.transfer.figures",
         "swarmstart.cases.kinds.formation_flight.kind",
         "swarmstart.cases.kinds.problem.kind",
@@ -114,7 +114,7 @@ def test_no_kind_reaches_what_draws(kind: str) -> None:
 def test_a_scenario_s_own_modules_are_those_of_its_kind_and_search() -> None:
     resolved = resolve(read_document("passing_side"))
     assert resolved.kind is not None
-    settings = run_cell(resolved, 0).job["settings"]
+    settings = cell_of_run(resolved, 0).job["settings"]
     kind = words_of(settings["kind"]).kind.partition(":")[0]
     search = SEARCHES[settings["search"]["name"]].settings.partition(":")[0]
     assert search == "swarmstart.heuristics.searches.chaotic_pso"

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from swarmstart.cases.campaign.engine.cell_work import MARK
+from swarmstart.cases.campaign.engine.cell_work import MARK, machine
 from swarmstart.cases.campaign.engine.cells import (
     Cell,
     CodeChangedError,
@@ -21,7 +21,6 @@ from swarmstart.cases.campaign.engine.cells import (
     carried_out,
     finished,
 )
-from swarmstart.cases.campaign.engine.machine import machine
 from swarmstart.cases.record import files
 from swarmstart.cases.record.files import FolderInUseError, locked
 from swarmstart.cases.record.record import versions

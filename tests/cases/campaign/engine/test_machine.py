@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from swarmstart.cases.campaign.engine import machine as told
-from swarmstart.cases.campaign.engine.machine import load, machine
+from swarmstart.cases.campaign.engine import cell_work as told
+from swarmstart.cases.campaign.engine.cell_work import load, machine
 
 
 def test_the_machine_says_nothing_personal() -> None:

@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 
-from swarmstart.cases.campaign.judging.change_intervals import (
+from swarmstart.cases.campaign.judging.statistics import (
     median_interval,
     share_interval,
 )

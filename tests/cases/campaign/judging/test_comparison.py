@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 
 from swarmstart.cases.campaign.engine.cells import Cell, Outcome
-from swarmstart.cases.campaign.judging.comparison import Entry, Row, rows_of
+from swarmstart.cases.campaign.judging.runs import Entry
+from swarmstart.cases.campaign.studies.library import Row, rows_of
 from swarmstart.cases.campaign.trials.solvers import solver_of
 
 FAR = None

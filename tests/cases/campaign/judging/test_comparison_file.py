@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from swarmstart.benchmarks.false_claims import made_up
-from swarmstart.cases.campaign.judging.comparison_file import read_comparison
+from swarmstart.cases.campaign.judging.content import read_comparison
 from swarmstart.cases.record.files import RecordError, write_json
 
 CONTENT = made_up({"s": {"de": [1.0, 2.0], "ipopt": [3.0]}}, resamples=20)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from swarmstart.benchmarks.false_claims import made_up
-from swarmstart.cases.campaign.judging.comparison_table import report_text
+from swarmstart.cases.campaign.judging.report import report_text
 
 INF, NAN = np.inf, np.nan
 SEEDS = np.arange(8.0)

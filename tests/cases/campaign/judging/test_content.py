@@ -13,10 +13,8 @@ import pytest
 
 from swarmstart.benchmarks.false_claims import made_up
 from swarmstart.cases.campaign.judging import content as content_module
-from swarmstart.cases.campaign.judging.comparison_file import read_comparison
-from swarmstart.cases.campaign.judging.comparison_shape import fault_of
-from swarmstart.cases.campaign.judging.comparison_table import report_text
-from swarmstart.cases.campaign.judging.content import load_of
+from swarmstart.cases.campaign.judging.content import fault_of, load_of, read_comparison
+from swarmstart.cases.campaign.judging.report import report_text
 from swarmstart.cases.campaign.judging.runs import About
 from swarmstart.cases.record.files import write_json
 

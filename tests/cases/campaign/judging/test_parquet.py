@@ -9,18 +9,16 @@ from pathlib import Path
 import pytest
 
 from swarmstart.cases.campaign.engine.cells import Cell, Outcome
-from swarmstart.cases.campaign.judging.parquet import (
+from swarmstart.cases.campaign.judging.results_table import (
+    COLUMNS,
     CURVES,
+    TabledRun,
+    append_runs,
     write_curves,
     write_parquet,
 )
-from swarmstart.cases.campaign.judging.results_table import (
-    COLUMNS,
-    TabledRun,
-    append_runs,
-)
 from swarmstart.cases.record.files import ForeignFileError, RecordError, is_temporary
-from swarmstart.cases.record.tables import MissingPackageError
+from swarmstart.cases.record.results import MissingPackageError
 
 HISTORY = {
     "evaluations": [1, 10],

@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from swarmstart.cases.campaign.judging.profiles import (
-    pairwise_profile,
+from swarmstart.cases.campaign.judging.curves import (
     performance_profile,
     profile_bands,
     ratios_of,
@@ -46,7 +45,7 @@ def test_two_of_three_can_change_their_order_when_the_third_leaves() -> None:
         ]
     )
     all_three = performance_profile(relative_times(times), [2.0])[:, 0]
-    alone = pairwise_profile(times, 0, 1, [1.0, 2.0])
+    alone = performance_profile(relative_times(times[:2]), [1.0, 2.0])
     assert all_three[1] > all_three[0]
     assert alone[0, 0] > alone[1, 0]
     np.testing.assert_allclose(alone[:, 0], [0.6, 0.4])

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmstart.cases.campaign.judging.ranks import (
+from swarmstart.cases.campaign.judging.statistics import (
     SAME,
     mean_ranks,
     scenario_ranks,

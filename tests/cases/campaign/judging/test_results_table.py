@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from swarmstart.cases.campaign.engine.cells import Cell, Outcome
-from swarmstart.cases.campaign.judging.entry import Entry
 from swarmstart.cases.campaign.judging.results_table import (
     COLUMNS,
     TabledRun,
@@ -17,6 +16,7 @@ from swarmstart.cases.campaign.judging.results_table import (
     require_table,
     tabled_runs,
 )
+from swarmstart.cases.campaign.judging.runs import Entry
 from swarmstart.cases.campaign.trials.solvers import solver_of
 from swarmstart.cases.record.files import ForeignFileError
 

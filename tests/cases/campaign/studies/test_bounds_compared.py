@@ -10,13 +10,12 @@ from typing import Any
 import pytest
 
 from swarmstart.cases.campaign.engine.cells import Cell, Outcome
-from swarmstart.cases.campaign.studies.bounds_compared import bounds_of
-from swarmstart.cases.campaign.studies.comparing import Contest, contest_of
+from swarmstart.cases.campaign.studies.comparing import Contest, bounds_of, contest_of
 from swarmstart.cases.campaign.studies.comparison_plan import Chosen, ComparisonPlan, Of
 from swarmstart.cases.campaign.trials.bounds import bound_cell
 from swarmstart.cases.campaign.trials.solver_names import solvers_of
 from swarmstart.cases.format.scenario import read_document
-from swarmstart.ocp.lower_bound.answer import LowerBound
+from swarmstart.ocp.lower_bound.stated.answer import LowerBound
 from swarmstart.tests.ocp.bounds import NONE, PROVEN, SAMPLED, Found
 
 NAN = float("nan")

@@ -9,7 +9,8 @@ from swarmstart.cases.campaign.studies.comparison_plan import (
     is_plan,
     plan_in,
 )
-from swarmstart.cases.format.scenario import InvalidScenarioError, read_document
+from swarmstart.cases.format.flaws import InvalidScenarioError
+from swarmstart.cases.format.scenario import read_document
 from swarmstart.cases.format.yaml_reader import read_yaml
 
 PLAN = """\

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from swarmstart.cases.campaign.engine.cells import Cell
-from swarmstart.cases.campaign.running.run import Run, run
+from swarmstart.cases.campaign.running.finished_run import Run
+from swarmstart.cases.campaign.running.run import run
 from swarmstart.cases.campaign.trials.flight_trial import (
     FLOWN_TOLERANCE,
     flight_cell,

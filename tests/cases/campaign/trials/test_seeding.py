@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from swarmstart.cases.campaign.trials.seeding import seed_keys, seeded
+from swarmstart.cases.campaign.trials.flight_trial import seed_keys, seeded
 from swarmstart.cases.format.scenario import read_document, resolve
 
 GUSTY = "plant={gusts: {sigma_ft_s: 3, length_ft: 600, seed: 7}}"

@@ -15,11 +15,8 @@ from swarmstart.cases.campaign.trials.solver_names import (
     solver_of,
     solvers_of,
 )
-from swarmstart.cases.format.scenario import (
-    InvalidScenarioError,
-    read_document,
-    resolve,
-)
+from swarmstart.cases.format.flaws import InvalidScenarioError
+from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.errors import SwarmstartError
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from swarmstart.cases.commands.actions.checking import check
-from swarmstart.cases.format.scenario import InvalidScenarioError
+from swarmstart.cases.format.flaws import InvalidScenarioError
 
 V = (files("swarmstart.cases") / "scenarios" / "formation_v.yaml").read_text()
 

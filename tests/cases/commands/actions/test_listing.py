@@ -8,14 +8,14 @@ from pathlib import Path
 import pytest
 
 from swarmstart.cases.commands.actions.listing import (
+    RUN_TIMES_S,
     Asked,
     NothingListedError,
     listing,
     scenario_entry,
 )
 from swarmstart.cases.commands.front.cli import main
-from swarmstart.cases.commands.options.topics import TOPICS
-from swarmstart.cases.commands.wording.run_times import RUN_TIMES_S
+from swarmstart.cases.commands.front.parser import TOPICS
 from swarmstart.cases.format.scenario import shipped
 from swarmstart.cases.format.yaml_reader import parse_yaml
 
@@ -30,6 +30,7 @@ def test_without_a_topic_it_is_an_overview_of_commands(
 ) -> None:
     told = said(capsys)
     assert all(f"swarmstart list {topic}" in told for topic in TOPICS)
+    assert [*listing(Asked("", ""))] == [*TOPICS]
     assert f"{len(shipped())} scenarios" in told and len(told.splitlines()) < 12
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from swarmstart.cases.commands.actions.opening import newest_file, open_command, opener
+from swarmstart.cases.commands.actions.report import newest_file, open_command, opener
 from swarmstart.cases.record.files import RecordError
 
 

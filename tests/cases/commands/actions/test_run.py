@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from swarmstart.cases.campaign.running.run import key_of
+from swarmstart.cases.campaign.running.finished_run import key_of
 from swarmstart.cases.commands.front.cli import main
-from swarmstart.cases.commands.terminal.output import INFEASIBLE
+from swarmstart.cases.commands.terminal import INFEASIBLE
 from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.cases.record.partial import load_partial
 

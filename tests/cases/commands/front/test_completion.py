@@ -9,8 +9,7 @@ import pytest
 
 from swarmstart.cases.commands.front.cli import main
 from swarmstart.cases.commands.front.completion import MissingPackageError, script
-from swarmstart.cases.commands.front.parser import parser
-from swarmstart.cases.commands.options.topics import SHELLS
+from swarmstart.cases.commands.front.parser import SHELLS, parser
 
 pytest.importorskip("shtab")
 

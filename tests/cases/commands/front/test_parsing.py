@@ -6,7 +6,7 @@ import pytest
 
 from swarmstart.cases.commands.front.cli import main
 from swarmstart.cases.commands.front.parsing import count, seed, share
-from swarmstart.cases.commands.terminal.output import INVALID
+from swarmstart.cases.commands.terminal import INVALID
 
 
 def refused(capsys: pytest.CaptureFixture[str], *words: str) -> str:

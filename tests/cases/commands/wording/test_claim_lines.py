@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from swarmstart.cases.commands.wording.claim_lines import (
+from swarmstart.cases.commands.actions.run import (
     SHOWN,
     claim_table,
     short_claims,

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import pytest
 
-from swarmstart.cases.campaign.running.run import Run, run
-from swarmstart.cases.commands.wording.collisions import collisions
-from swarmstart.cases.commands.wording.outcomes import told_status
+from swarmstart.cases.campaign.running.finished_run import Run
+from swarmstart.cases.campaign.running.run import run
+from swarmstart.cases.commands.wording.outcomes import collisions, told_status
 from swarmstart.cases.commands.wording.words import sentences
 from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.ocp import Mode

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from swarmstart.cases.campaign.engine.cells import Outcome
-from swarmstart.cases.commands.wording.failing_seeds import failing_lines, words_of_one
+from swarmstart.cases.commands.actions.seeds import failing_lines, words_of_one
 from swarmstart.cases.format.scenario import read_document, resolve
 
 CLAIMED = """\

@@ -6,7 +6,7 @@ from swarmstart.cases.campaign.judging.judgement import fewest_seeds
 from swarmstart.cases.campaign.studies.comparing import Contest, contest_of
 from swarmstart.cases.campaign.studies.comparison_plan import Chosen, ComparisonPlan
 from swarmstart.cases.campaign.trials.solver_names import solvers_of
-from swarmstart.cases.commands.wording.few_seeds import too_few_seeds
+from swarmstart.cases.commands.actions.compare import too_few_seeds
 from swarmstart.cases.format.scenario import read_document
 
 

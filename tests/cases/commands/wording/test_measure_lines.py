@@ -1,7 +1,10 @@
 """The table of measures: value, unit and meaning; why a measure is undefined."""
 
-from swarmstart.cases.commands.wording.measure_lines import measure_table, value_text
-from swarmstart.cases.commands.wording.measure_list import measures_of_run
+from swarmstart.cases.commands.wording.measures import (
+    measure_table,
+    measures_of_run,
+    value_text,
+)
 from swarmstart.cases.format.scenario import read_document, resolve
 
 

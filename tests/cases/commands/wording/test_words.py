@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from swarmstart.cases.campaign.running.run import Run, run
-from swarmstart.cases.commands.wording.excess import time_of_excess
+from swarmstart.cases.campaign.running.finished_run import Run
+from swarmstart.cases.campaign.running.run import run
+from swarmstart.cases.commands.wording.outcomes import time_of_excess
 from swarmstart.cases.commands.wording.words import (
     extras,
     heading,

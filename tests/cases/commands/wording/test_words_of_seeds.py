@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from swarmstart.cases.commands.wording.words_of_seeds import sentences_of_seeds
+from swarmstart.cases.commands.actions.seeds import sentences_of_seeds
 
 FOLDER = Path("f")
 

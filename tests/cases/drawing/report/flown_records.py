@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from swarmstart.cases.commands.front.cli import main
-from swarmstart.cases.drawing.naming.surroundings import Disc, Surroundings
 from swarmstart.cases.drawing.report.tracks import Plane, Series, Tracks
+from swarmstart.cases.drawing.vehicles import Disc, Surroundings
 from swarmstart.tests.browser import chromium
 
 POINT = """\

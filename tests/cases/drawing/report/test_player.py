@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarmstart.cases.drawing.naming.surroundings import discs_of_problem
 from swarmstart.cases.drawing.report.outlook import outlook_of
 from swarmstart.cases.drawing.report.pages.run_content import RunContent, run_content
 from swarmstart.cases.drawing.report.pages.run_page import page_of
@@ -23,6 +22,7 @@ from swarmstart.cases.drawing.report.panels_over_time import (
 )
 from swarmstart.cases.drawing.report.player import caption, player
 from swarmstart.cases.drawing.report.tracks import Tracks, tracks_of
+from swarmstart.cases.drawing.vehicles import discs_of_problem
 from swarmstart.cases.record.results import Record, load
 from swarmstart.tests.cases.drawing.report.flown_records import (
     Opened,

@@ -9,7 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swarmstart.cases.drawing.report import latex, markdown
+from swarmstart.cases.drawing.report.text_reports import (
+    ascii_latex,
+    comparison_latex,
+    comparison_markdown,
+    github_text,
+)
 from swarmstart.tests.cases.drawing.report import contents
 
 CONTENTS = [
@@ -23,7 +28,7 @@ CONTENTS = [
 
 @pytest.mark.parametrize("content", CONTENTS)
 def test_every_line_of_a_markdown_table_has_as_many_cells(content: Any) -> None:
-    text = markdown.comparison_markdown(content)
+    text = comparison_markdown(content)
     text.encode()
     for block in re.findall(r"(?:^\|.*\n)+", text, flags=re.M):
         bars = {
@@ -39,7 +44,7 @@ def test_every_line_of_a_markdown_table_has_as_many_cells(content: Any) -> None:
 def test_environments_of_latex_balance_and_rows_have_as_many_cells(
     content: Any,
 ) -> None:
-    text = latex.comparison_latex(content)
+    text = comparison_latex(content)
     assert text.isascii()
     begun = re.findall(r"\\begin\{longtable\}\{([lr]+)\}", text)
     assert len(begun) == text.count(r"\end{longtable}") == len(content["scenarios"]) + 1
@@ -54,7 +59,7 @@ def test_environments_of_latex_balance_and_rows_have_as_many_cells(
 @given(st.text(max_size=60))
 @settings(max_examples=100, deadline=None)
 def test_escaped_latex_has_no_bare_special_character(text: str) -> None:
-    told = latex.escaped(text)
+    told = ascii_latex(text)
     assert told.isascii() and "\n" not in told
     bare = re.sub(r"\\(?:text[a-z]+|ldots)\{\}|\\'\{e\}|\\[{}$&#%_]", "", told)
     assert not set(bare) & set("\\{}$&#%_~^<>|\"'`")
@@ -63,7 +68,7 @@ def test_escaped_latex_has_no_bare_special_character(text: str) -> None:
 @given(st.text(max_size=60))
 @settings(max_examples=100, deadline=None)
 def test_escaped_markdown_has_no_bare_special_character(text: str) -> None:
-    told = markdown.escaped(text)
+    told = github_text(text)
     assert "\n" not in told
     bare = re.sub(r"\\[!-/:-@[-`{-~]", "", told)
     assert not set(bare) & set("\\`*_[]<>|~")

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from swarmstart.cases.kinds.close_formation.gusts import dryden
+from swarmstart.cases.kinds.close_formation.pose import dryden
 
 COUNT, DT, LENGTH, SPEED, SIGMA = 200_000, 0.5, 1750.0, 200.0, 6.0
 

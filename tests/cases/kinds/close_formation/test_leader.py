@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarmstart.cases.kinds.close_formation.leader import (
+from swarmstart.cases.kinds.close_formation.pose import (
     first_manoeuvre_s,
     last_change_s,
     leader_of,

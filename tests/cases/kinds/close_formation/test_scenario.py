@@ -4,11 +4,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from swarmstart.cases.format.scenario import (
-    InvalidScenarioError,
-    read_document,
-    resolve,
-)
+from swarmstart.cases.format.flaws import InvalidScenarioError
+from swarmstart.cases.format.scenario import read_document, resolve
 
 if TYPE_CHECKING:
     from swarmstart.tests.cases.kinds.close_formation.conftest import Make

@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 
 from swarmstart.arrays import Array
-from swarmstart.cases.kinds.formation_flight.as_printed import (
+from swarmstart.cases.kinds.formation_flight.problem import (
+    dynamics_of,
     level_as_printed,
     lyapunov_as_printed,
     terminal_set_as_printed,
 )
-from swarmstart.cases.kinds.formation_flight.problem import dynamics_of
-from swarmstart.cases.kinds.models.unicycle import unicycle
+from swarmstart.cases.kinds.planar import unicycle
 from swarmstart.terminal_set import (
     InvalidShapeError,
     NotFiniteError,

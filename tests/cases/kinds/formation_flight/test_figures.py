@@ -11,9 +11,10 @@ from PIL import Image
 
 from swarmstart.cases.drawing import animation
 from swarmstart.cases.drawing.animation import MissingWriterError
-from swarmstart.cases.kinds.formation_flight.animation import animate, check_writer
 from swarmstart.cases.kinds.formation_flight.figures import (
     CONTROLS,
+    animate,
+    check_writer,
     distances_figure,
     draw,
     relative_figure,

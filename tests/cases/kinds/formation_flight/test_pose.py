@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import solve_discrete_are
 
-from swarmstart.cases.format.scenario import InvalidScenarioError
+from swarmstart.cases.format.flaws import InvalidScenarioError
 from swarmstart.cases.kinds.formation_flight.pose import (
     FormationFlight,
     NoTerminalSetError,
@@ -17,7 +17,7 @@ from swarmstart.cases.kinds.formation_flight.pose import (
 )
 from swarmstart.cases.kinds.formation_flight.problem import slot_states
 from swarmstart.cases.kinds.formation_flight.scenario import FormationScenario
-from swarmstart.cases.kinds.models.unicycle import unicycle
+from swarmstart.cases.kinds.planar import unicycle
 from swarmstart.ocp import DualMode, Team, right_hand_side
 from swarmstart.tests.cases.kinds.flights import build
 

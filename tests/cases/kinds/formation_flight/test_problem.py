@@ -14,7 +14,7 @@ from swarmstart.cases.kinds.formation_flight.problem import (
     terminal_cost_of,
 )
 from swarmstart.cases.kinds.formation_flight.scenario import FormationScenario
-from swarmstart.cases.kinds.models.unicycle import unicycle
+from swarmstart.cases.kinds.planar import unicycle
 
 
 @pytest.mark.parametrize("dt", [0.5, 2.0])

@@ -6,12 +6,8 @@ import numpy as np
 import pytest
 
 from swarmstart.cases.drawing.drawing import colour
-from swarmstart.cases.format.scenario import (
-    InvalidScenarioError,
-    read_document,
-    resolve,
-    shipped,
-)
+from swarmstart.cases.format.flaws import InvalidScenarioError
+from swarmstart.cases.format.scenario import read_document, resolve, shipped
 from swarmstart.cases.format.yaml_reader import parse_yaml
 from swarmstart.cases.kinds.formation_flight.figures import draw, sheet_figure
 from swarmstart.cases.kinds.formation_flight.measures import measure

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from swarmstart.arrays import Array
-from swarmstart.cases.kinds.models.bank_to_turn import (
+from swarmstart.cases.kinds.planar import (
     GRAVITY_M_S2,
     Thrust,
     ThrustEquation,

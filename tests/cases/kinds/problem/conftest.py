@@ -5,12 +5,9 @@ from collections.abc import Callable, Mapping
 import numpy as np
 import pytest
 
+from swarmstart.cases.format.flaws import InvalidScenarioError
 from swarmstart.cases.format.kind import Measure
-from swarmstart.cases.format.scenario import (
-    InvalidScenarioError,
-    Resolved,
-    resolve,
-)
+from swarmstart.cases.format.scenario import Resolved, resolve
 from swarmstart.cases.format.yaml_reader import parse_yaml
 from swarmstart.cases.kinds.flight import flight_of
 from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario

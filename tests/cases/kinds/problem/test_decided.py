@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from swarmstart.cases.campaign.running.run import run
-from swarmstart.cases.format.scenario import InvalidScenarioError
+from swarmstart.cases.format.flaws import InvalidScenarioError
 from swarmstart.cases.kinds.problem.pose import pose
 from swarmstart.cases.record.record import Recording
 from swarmstart.cases.record.results import load

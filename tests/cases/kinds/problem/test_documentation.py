@@ -11,7 +11,8 @@ from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
 import swarmstart
-from swarmstart.cases.format.scenario import InvalidScenarioError, shipped
+from swarmstart.cases.format.flaws import InvalidScenarioError
+from swarmstart.cases.format.scenario import shipped
 from swarmstart.cases.format.settings import Scenario
 from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario
 from swarmstart.cases.kinds.problem.stated.values import Table

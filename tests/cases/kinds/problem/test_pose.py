@@ -9,7 +9,7 @@ import pytest
 from swarmstart.arrays import Array
 from swarmstart.cases.campaign.running.run import run
 from swarmstart.cases.kinds.problem.pose import pose
-from swarmstart.cases.kinds.problem.stated.posed import ProblemPosed
+from swarmstart.cases.kinds.problem.stated.members import ProblemPosed
 from swarmstart.ocp import Start
 from swarmstart.tests.cases.kinds.problem.conftest import (
     PENDULUM,

@@ -21,7 +21,7 @@ from swarmstart.cases.kinds.formation_flight.problem import (
 )
 from swarmstart.cases.kinds.formation_flight.scenario import FormationScenario
 from swarmstart.cases.kinds.models.horseshoe_vortex import Aircraft, derivatives
-from swarmstart.cases.kinds.models.unicycle import unicycle
+from swarmstart.cases.kinds.planar import unicycle
 from swarmstart.ocp import simulate
 
 SAME = 1e-10

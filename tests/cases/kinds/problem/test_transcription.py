@@ -4,7 +4,7 @@ import casadi as ca
 import pytest
 
 from swarmstart.cases.format.document import shown
-from swarmstart.cases.format.scenario import InvalidScenarioError
+from swarmstart.cases.format.flaws import InvalidScenarioError
 from swarmstart.ocp import Bounds, Model, OptimalControlProblem, Radau, solve
 from swarmstart.ocp.integration.radau import Transcription
 from swarmstart.tests.cases.kinds.problem.conftest import stated

@@ -5,7 +5,12 @@ from pathlib import Path
 
 import pytest
 
-from swarmstart.cases.kinds.python.code import Code, UserCodeError, read_code, returned
+from swarmstart.cases.kinds.python.scenario import (
+    Code,
+    UserCodeError,
+    read_code,
+    returned,
+)
 
 
 def code_of(text: str, folder: Path) -> Code:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from swarmstart.cases.campaign.running.run import key_of, run
+from swarmstart.cases.campaign.running.finished_run import key_of
+from swarmstart.cases.campaign.running.run import run
+from swarmstart.cases.format.flaws import InvalidScenarioError
 from swarmstart.cases.format.kind import CodeNotAllowedError, Posed
-from swarmstart.cases.format.scenario import InvalidScenarioError, resolved_again
-from swarmstart.cases.kinds.python.code import UserCodeError
+from swarmstart.cases.format.scenario import resolved_again
+from swarmstart.cases.kinds.python.scenario import UserCodeError
 from swarmstart.ocp import InvalidProblemError
 from swarmstart.ocp.loop.controller import known_at
 from swarmstart.tests.cases.kinds.problem.conftest import PENDULUM, stated

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from swarmstart.arrays import Array
 from swarmstart.cases.kinds.planar import by_uav, pair_distances
 from swarmstart.cases.kinds.reconfiguration.measures import measure
-from swarmstart.cases.kinds.reconfiguration.priority import (
+from swarmstart.cases.kinds.reconfiguration.pose import (
     links_of,
     planning_order,
     rooms,

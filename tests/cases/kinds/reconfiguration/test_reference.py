@@ -10,8 +10,8 @@ import pytest
 from scipy.spatial import cKDTree
 
 from swarmstart.arrays import Array
-from swarmstart.cases.kinds.reconfiguration import reference
-from swarmstart.cases.kinds.reconfiguration.reference import best_costs, gaps
+from swarmstart.cases.kinds.reconfiguration import measures as reference
+from swarmstart.cases.kinds.reconfiguration.measures import best_costs, gaps
 from swarmstart.ocp import RecedingHorizon, Trajectory, simulate
 from swarmstart.tests.cases.kinds.flights import build
 from swarmstart.tests.cases.kinds.reconfiguration.scenarios import (

@@ -7,12 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from swarmstart.cases.format.scenario import (
-    InvalidScenarioError,
-    read_document,
-    resolve,
-    shipped,
-)
+from swarmstart.cases.format.flaws import InvalidScenarioError
+from swarmstart.cases.format.scenario import read_document, resolve, shipped
 from swarmstart.cases.kinds.reconfiguration.pose import flaws
 from swarmstart.tests.cases.kinds.reconfiguration.scenarios import slots_at, uavs_at
 

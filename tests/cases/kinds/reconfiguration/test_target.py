@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 
 from swarmstart.arrays import Array
 from swarmstart.cases.kinds.planar import PlanarState, Point
-from swarmstart.cases.kinds.reconfiguration.scenario import ReconfigurationScenario
-from swarmstart.cases.kinds.reconfiguration.target import (
+from swarmstart.cases.kinds.reconfiguration.problem import (
     assigned_slots,
     position_errors,
     slots_in_plane,
 )
+from swarmstart.cases.kinds.reconfiguration.scenario import ReconfigurationScenario
 from swarmstart.tests.cases.kinds.reconfiguration.scenarios import reconfiguration
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from swarmstart.arrays import Array
-from swarmstart.cases.kinds.models.bank_to_turn import GRAVITY_M_S2, Turn
+from swarmstart.cases.kinds.planar import GRAVITY_M_S2, Turn
 from swarmstart.cases.kinds.transfer.pose import flat_path
 
 DURATION = 10.0

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from swarmstart.cases.format.scenario import InvalidScenarioError
+from swarmstart.cases.format.flaws import InvalidScenarioError
 
 if TYPE_CHECKING:
     from swarmstart.tests.cases.kinds.transfer.conftest import Make

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from swarmstart.arrays import Array
-from swarmstart.ocp.lower_bound.checker.boxes import (
+from swarmstart.ocp.lower_bound.checker.models import Model
+from swarmstart.ocp.lower_bound.checker.search import (
     Boxes,
     Flags,
     cut_by,
     is_empty,
     joined,
 )
-from swarmstart.ocp.lower_bound.checker.models import Model
 
 
 def random_boxes(rng: np.random.Generator, d: int, count: int) -> Boxes:

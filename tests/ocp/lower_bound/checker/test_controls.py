@@ -16,7 +16,7 @@ from swarmstart.ocp.lower_bound.checker.certificate_file import (
 from swarmstart.ocp.lower_bound.checker.controls import Split, split
 from swarmstart.ocp.lower_bound.checker.evaluation import Program, as_model
 from swarmstart.ocp.lower_bound.checker.models import algebra_of
-from swarmstart.ocp.lower_bound.stated.evidence import Evidence
+from swarmstart.ocp.lower_bound.stated.answer import Evidence
 from swarmstart.tests.ocp.lower_bound import evidence_by_hand as by_hand
 
 T, X, U = ca.SX.sym("t"), ca.SX.sym("x", 2), ca.SX.sym("u", 3)

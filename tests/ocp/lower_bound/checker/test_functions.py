@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swarmstart.ocp.lower_bound.checker.functions import FUNCTIONS
+from swarmstart.ocp.lower_bound.checker.evaluation import FUNCTIONS
 from swarmstart.ocp.lower_bound.checker.models import Model, algebra_of
 
 flint = pytest.importorskip("flint")

@@ -10,14 +10,13 @@ import numpy as np
 import pytest
 
 from swarmstart.ocp.lower_bound.certificate import certificate_content
-from swarmstart.ocp.lower_bound.checker.boxes import Boxes
 from swarmstart.ocp.lower_bound.checker.certificate_file import _certificate
 from swarmstart.ocp.lower_bound.checker.controls import split
 from swarmstart.ocp.lower_bound.checker.least import lowest
-from swarmstart.ocp.lower_bound.checker.regions import Region, pruned_by
+from swarmstart.ocp.lower_bound.checker.regions import Region, pruned_by, stated_tube
+from swarmstart.ocp.lower_bound.checker.search import Boxes
 from swarmstart.ocp.lower_bound.checker.tasks import EndTask, FaceTask, StepTask
-from swarmstart.ocp.lower_bound.checker.tube import stated_tube
-from swarmstart.ocp.lower_bound.stated.evidence import (
+from swarmstart.ocp.lower_bound.stated.answer import (
     Evidence,
     Polynomial,
     Pruning,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from swarmstart.ocp.lower_bound.checker.boxes import Boxes
-from swarmstart.ocp.lower_bound.checker.tube import Tube
+from swarmstart.ocp.lower_bound.checker.regions import Tube
+from swarmstart.ocp.lower_bound.checker.search import Boxes
 from swarmstart.tests.ocp.lower_bound.checker.test_boxes import held, points
 
 

@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 
 from swarmstart.arrays import Array
-from swarmstart.ocp.lower_bound.tubes.faces import template_of
-from swarmstart.ocp.lower_bound.tubes.support import (
+from swarmstart.ocp.lower_bound.tubes.faces import (
     dual_vertices,
     dual_vertices_on_faces,
+    template_of,
 )
 from swarmstart.ocp.lower_bound.tubes.tube import _directions
 

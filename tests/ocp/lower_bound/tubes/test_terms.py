@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from swarmstart.ocp.lower_bound.tubes.terms import terms_of
+from swarmstart.ocp.lower_bound.tubes.motion import terms_of
 from swarmstart.terminal_set.interval_arithmetic.intervals import (
     UnknownIntervalOperationError,
 )

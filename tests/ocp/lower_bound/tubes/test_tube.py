@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial import ConvexHull, HalfspaceIntersection
 
 from swarmstart.arrays import Array
-from swarmstart.ocp.lower_bound.stated.evidence import Tube
+from swarmstart.ocp.lower_bound.stated.answer import Tube
 from swarmstart.ocp.lower_bound.stated.statement import Statement
 from swarmstart.ocp.lower_bound.tubes.tube import NoTubeError, tube_of
 from swarmstart.ocp.lower_bound.tubes.tube_set import inside

@@ -1,6 +1,6 @@
 """The claims of a replication as text."""
 
-from swarmstart.cases.drawing.report.pages.replication_text import (
+from swarmstart.cases.drawing.report.text_reports import (
     replication_latex,
     replication_markdown,
 )

@@ -18,21 +18,22 @@ from PIL import Image, ImageDraw  # Comes with matplotlib.
 
 from swarmstart.cases.commands.front.cli import main
 from swarmstart.cases.drawing.drawing import COLOURS
-from swarmstart.cases.drawing.report.captions import caption_of
 from swarmstart.cases.drawing.report.pages import run_page as report
 from swarmstart.cases.drawing.report.pages.run_content import run_content
 from swarmstart.cases.drawing.report.pages.run_page import (
     run_latex,
     run_markdown,
     run_page,
+)
+from swarmstart.cases.drawing.report.pages.seeds_page import (
     seeds_latex,
     seeds_markdown,
     seeds_page,
 )
-from swarmstart.cases.drawing.report.pictures import PAGE_BYTES, pictures_of
+from swarmstart.cases.drawing.report.pictures import PAGE_BYTES, caption_of, pictures_of
 from swarmstart.cases.drawing.report.player import caption
 from swarmstart.cases.drawing.report.strips import strip
-from swarmstart.cases.drawing.report.text_tables import latex_text, markdown_table
+from swarmstart.cases.drawing.report.text_reports import latex_text, markdown_table
 from swarmstart.cases.format.registry import words_of
 from swarmstart.cases.record.files import RecordError
 from swarmstart.errors import SwarmstartError
@@ -420,7 +421,7 @@ def test_every_figure_a_kind_draws_has_a_caption() -> None:
     kinds = ("formation_flight", "close_formation", "reconfiguration", "transfer")
     files = [(kind, cases / "kinds" / kind / "figures.py") for kind in kinds]
     files += [("problem", cases / "drawing" / "problem_figures.py"),
-              ("problem", cases / "kinds/problem/member_figures.py")]  # fmt: skip
+              ("problem", cases / "kinds/problem/figures.py")]  # fmt: skip
     found = [
         (kind, stem)
         for kind, file in files

@@ -7,7 +7,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from swarmstart.cases.campaign.running.run import key_of, run
+from swarmstart.cases.campaign.running.finished_run import key_of
+from swarmstart.cases.campaign.running.run import run
 from swarmstart.cases.format.scenario import resolved_again
 from swarmstart.cases.kinds.problem.pose import pose
 from swarmstart.cases.record.record import Recording

@@ -5,8 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from swarmstart.cases.campaign.running.run import Run, run
-from swarmstart.cases.format.scenario import InvalidScenarioError
+from swarmstart.cases.campaign.running.finished_run import Run
+from swarmstart.cases.campaign.running.run import run
+from swarmstart.cases.format.flaws import InvalidScenarioError
 from swarmstart.cases.kinds.problem.stated.scenario import EVALUATIONS
 from swarmstart.cases.record.record import Recording
 from swarmstart.tests.cases.kinds.problem.conftest import (

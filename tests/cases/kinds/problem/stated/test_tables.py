@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from swarmstart.cases.campaign.running.run import run
+from swarmstart.cases.format.flaws import InvalidScenarioError
 from swarmstart.cases.format.scenario import (
-    InvalidScenarioError,
     Resolved,
     read_document,
     resolve,

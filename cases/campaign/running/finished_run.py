@@ -1,0 +1,329 @@
+"""A finished run: its results, how it ended in one sentence, and its key."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from swarmstart.cases.campaign.running.claims import judged
+from swarmstart.cases.format.kind import Flight, Measure, Posed
+from swarmstart.cases.format.scenario import Resolved
+from swarmstart.cases.record.bound_content import CERTIFICATE
+from swarmstart.cases.record.multiplier_arrays import told
+from swarmstart.cases.record.record import run_key, versions
+from swarmstart.cases.record.trajectory_arrays import found_plans, planned
+from swarmstart.ocp import (
+    DualMode,
+    LowerBound,
+    SearchReport,
+    SolutionStatus,
+    Trajectory,
+    chosen_backend,
+)
+from swarmstart.ocp.nlp import Multipliers
+from swarmstart.ocp.search import StartsAccount
+from swarmstart.ocp.statement import piece_at
+
+if TYPE_CHECKING:
+    import control
+
+
+class RunStatus(NamedTuple):
+    """The end of a run.
+
+    Attributes:
+        is_usable: Whether any of its plans can be used.
+        plan: Status of the one plan that was followed to its end; None of other runs.
+        found: What was found, in words: how many planned steps found a feasible plan,
+            or what the one plan is.
+        more: What follows those words; empty or beginning with a comma or semicolon.
+        all_found: Whether every plan is feasible.
+    """
+
+    is_usable: bool
+    plan: SolutionStatus | None
+    found: str
+    more: str
+    all_found: bool
+
+    def sentence(self, remark: str = "") -> str:
+        """Return one sentence on the end, with a remark on what was found."""
+        return f"simulated to the end; {self.found}{remark}{self.more}"
+
+
+def _status_of(flight: Flight[Posed], trajectory: Trajectory) -> RunStatus:
+    """Return how a run ended."""
+    controller = flight.controller
+    unproven = ""
+    if isinstance(controller, DualMode) and controller.uncertified:
+        unproven = "; the linear law's terminal sets are not certified"
+    if flight.posed.open_loop:
+        return _of_one_plan(flight, trajectory, unproven)
+    found = [found_plans(d) for d in trajectory.decisions if planned(d)]
+    infeasible, linear = found.count(False), len(trajectory.decisions) - len(found)
+    more = _searched(trajectory) + unproven
+    if not infeasible:
+        more = (f", {linear} steps under the linear law" if linear else "") + more
+        said = "every planned step found a feasible plan"
+    elif infeasible == len(found):
+        more = unproven
+        said = "no step found a feasible plan"
+    else:
+        said = f"{infeasible} of {len(found)} planned steps found no feasible plan"
+    return RunStatus(
+        # Usable also if the linear law did all steps, and no plan was made.
+        infeasible < len(found) or not infeasible,
+        plan=None,
+        found=said,
+        more=more,
+        all_found=not infeasible,
+    )
+
+
+def _of_one_plan(
+    flight: Flight[Posed], trajectory: Trajectory, unproven: str
+) -> RunStatus:
+    """Return the status of a plan followed to its end, confirmed along its path."""
+    answer = flight.answer(trajectory)
+    is_confirmed = answer.status.is_confirmed
+    said = f"the plan is {answer.status.value}"
+    more = ""
+    if flight.posed.plant.differs:
+        more = ", for the model it was made with: the simulated system is another"
+    if not is_confirmed:
+        more += f": {answer.reason}; {answer.advice}"
+    more += unproven
+    return RunStatus(
+        is_confirmed,
+        plan=answer.status,
+        found=said,
+        more=more,
+        all_found=is_confirmed,
+    )
+
+
+def _searched(trajectory: Trajectory) -> str:
+    """Return how many plans were searched, if a warm polish was enough for some."""
+    plans = [
+        plan
+        for decision in trajectory.decisions
+        if planned(decision)
+        for plan in decision.plans
+        if plan.polish_status is not None
+    ]
+    searched = sum(plan.is_searched for plan in plans)
+    # A number tells something only if a warm polish replaced some searches.
+    if searched in {0, len(plans)}:
+        return ""
+    return f", {searched} of {len(plans)} plans were searched"
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C during a run, whose finished steps are in its folder.
+
+    Attributes:
+        folder: The run's folder; None if the run is not recorded.
+        finished: Number of finished steps.
+        run: The finished run if only the search for its bound was interrupted, with the
+            best bound until then if there is one; else None.
+    """
+
+    def __init__(
+        self, folder: Path | None, finished: int, *, run: Run | None = None
+    ) -> None:
+        """Keep the finished steps and their folder."""
+        super().__init__(
+            f"{finished} finished steps are kept in {folder}; the same command again "
+            "goes on from there"
+            if run is None
+            else _without_bound(run)
+        )
+        self.folder = folder
+        self.finished = finished
+        self.run = run
+
+
+def _without_bound(run: Run) -> str:
+    """Return the message for a run whose bound was interrupted."""
+    kept = "" if run.folder is None else f" and kept in {run.folder}"
+    best = "no bound was proven yet" if run.bound is None else "the best one is kept"
+    return f"the run is finished{kept}; its bound was interrupted: {best}"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Run:
+    """A finished run.
+
+    Attributes:
+        resolved: The scenario as it was run.
+        seed: The seed.
+        flight: The closed loop that was run.
+        trajectory: The simulated trajectory.
+        measures: Values of the measures, by name.
+        claims: All claims of the scenario, judged if this run can judge them.
+        ended: How it ended.
+        wall_s: Wall time of building, simulating and measuring, without that of
+            compiling and of an earlier, interrupted run [s].
+        compile_s: Wall time of loading and compiling machine code [s].
+        folder: Folder of the record; None without a record.
+        figures: The figures drawn.
+        resumed: Number of steps that an earlier, interrupted run had finished.
+        multipliers: Multipliers of the first plan, if one agent plans and a solver
+            converged.
+        bound: Lower bound of the cost of any plan, if it was asked for.
+        bound_content: The bound as in run.json; that of an earlier, equal run if no
+            bound was asked for and the record has one; else None.
+    """
+
+    resolved: Resolved
+    seed: int
+    flight: Flight[Posed]
+    trajectory: Trajectory
+    measures: Mapping[str, Measure]
+    claims: list[dict[str, Any]]
+    ended: RunStatus
+    wall_s: float = 0.0
+    compile_s: float = 0.0
+    folder: Path | None = None
+    figures: tuple[Path, ...] = ()
+    resumed: int = 0
+    multipliers: Multipliers | None = None
+    bound: LowerBound | None = None
+    bound_content: Mapping[str, Any] | None = None
+
+    def __repr__(self) -> str:
+        """Return scenario, seed and how it ended in one line."""
+        name = self.resolved.scenario.name
+        return f"Run of {name}, seed {self.seed}: {self.status}"
+
+    def summary(self) -> dict[str, Any]:
+        """Return the data that `--json` prints and run.json contains."""
+        settings = self.resolved.settings
+        return {
+            "schema": 1,
+            "scenario": settings["name"],
+            "kind": settings["kind"],
+            "variant": self.resolved.variant,
+            "seed": self.seed,
+            "key": key_of(self.resolved, self.seed),
+            "search": settings["search"]["name"],
+            "polish": self.resolved.scenario.polish_name,
+            "status": self.status,
+            "measures": dict(self.measures),
+            "multipliers": told(self.multipliers),
+            "starts": self._starts(),
+            "search_lanes": self._search_lanes(),
+            "bound": None if self.bound_content is None else dict(self.bound_content),
+            "claims": self.claims,
+            "evaluations": self.measures.get("evaluations"),
+            "wall_s": self.wall_s,
+            "compile_seconds": self.compile_s,
+            "backend": backend_of(self.resolved),
+            "resumed_steps": self.resumed,
+            "versions": versions(),
+            "figures": [file.name for file in self.figures],
+            "documents": [*self.flight.documents, *self._certificates()],
+            "out": str(self.folder) if self.folder else None,
+        }
+
+    def to_time_response(self) -> Any:
+        """Return the trajectory as a `control.TimeResponseData`; see there."""
+        return self.trajectory.to_time_response()
+
+    def linearised(self, time: float) -> control.StateSpace:
+        """Return the linear system of the plant near a point of the run.
+
+        Args:
+            time: Time within the run [s].
+
+        Raises:
+            InvalidProblemError: If the time is outside of the run.
+            InvalidSystemError: As `Model.linearised`.
+        """
+        plant, at = self.flight.plant, np.array([time])
+        x, u = self.trajectory.at(time)
+        number = piece_at(time, self.trajectory.times)
+        # Parameters that the plan of this step has decided.
+        plant = plant.with_decided(self.trajectory.decisions[number].decided)
+        signals = plant.varying(at)[: plant.model.ns, 0]
+        return plant.model.linearised(
+            x, u, parameters=plant.parameters(at)[:, 0], signals=signals, time=time
+        )
+
+    @property
+    def status(self) -> str:
+        """One sentence on how it ended."""
+        return self.ended.sentence()
+
+    @property
+    def feasible(self) -> bool:
+        """True if at least one planned step found a feasible plan."""
+        return self.ended.is_usable
+
+    @property
+    def starts(self) -> StartsAccount | None:
+        """Results of the starts of the first plan; None if it had one start."""
+        decisions = self.trajectory.decisions
+        return decisions[0].plans[0].starts if decisions else None
+
+    @property
+    def search_report(self) -> SearchReport:
+        """Report of the search of the first plan."""
+        decisions = self.trajectory.decisions
+        return decisions[0].plans[0].search if decisions else SearchReport()
+
+    def _certificates(self) -> list[str]:
+        return [CERTIFICATE] if (self.bound_content or {}).get("certificate") else []
+
+    def _starts(self) -> dict[str, Any] | None:
+        agent = self.flight.posed.agents[0]
+        return None if self.starts is None else self.starts.told(agent.problem.sense)
+
+    def _search_lanes(self) -> dict[str, Any] | None:
+        return self.search_report.told(self.flight.posed.agents[0].problem.sense)
+
+
+def measured_run(
+    resolved: Resolved, flight: Flight[Posed], trajectory: Trajectory, seed: int
+) -> Run:
+    """Return a run with its measures and judged claims."""
+    scenario = resolved.scenario
+    measures = resolved.kind.measure(scenario, flight, trajectory)
+    return Run(
+        resolved=resolved,
+        seed=seed,
+        flight=flight,
+        trajectory=trajectory,
+        measures=measures,
+        claims=judged(
+            scenario.claims,
+            resolved.settings,
+            measures,
+            variant=resolved.variant,
+            undefined=resolved.kind.undefined_of(scenario),
+        ),
+        ended=_status_of(flight, trajectory),
+    )
+
+
+def default_folder(resolved: Resolved, seed: int, root: Path) -> Path:
+    """Return root/<scenario>/<key>, the default folder of a run's record."""
+    return root / resolved.scenario.name / key_of(resolved, seed)
+
+
+def key_of(resolved: Resolved, seed: int) -> str:
+    """Return the hash of all that determines a run's result."""
+    settings = dict(resolved.settings)
+    # They change no result; of the backend, the one that was chosen counts.
+    for told_only in ("claims", "title", "source", "backend"):
+        settings.pop(told_only)
+    return run_key(settings, seed, backend_of(resolved))
+
+
+def backend_of(resolved: Resolved) -> str:
+    """Return the name of the evaluator of populations in a run."""
+    return chosen_backend(resolved.scenario.backend)

@@ -1,1 +1,0 @@
-"""The terminal: output, and the progress that it shows."""

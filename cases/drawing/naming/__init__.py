@@ -1,1 +1,0 @@
-"""Names and units of what is drawn, vehicles among them, and their surroundings."""

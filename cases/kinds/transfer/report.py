@@ -1,0 +1,31 @@
+"""Result of a transfer in a sentence, and its surroundings on pages.
+
+The sentence follows the one on the cost of its plan.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+from swarmstart.arrays import Array
+from swarmstart.cases.drawing.vehicles import Surroundings, points, standing
+from swarmstart.cases.drawing.wording import is_number, number_of, quantity
+from swarmstart.cases.format.kind import Measure
+
+
+def ending(measures: Mapping[str, Measure]) -> str:
+    """Return how far UAVs are from their goals; empty if that is not measured."""
+    error = measures.get("goal_error_m")
+    if not is_number(error):
+        return ""
+    return (
+        f"At the end every UAV is within {quantity(number_of(error), 2)} m of its goal."
+    )
+
+
+def surroundings(
+    scenario: Mapping[str, Any], times: Array, positions: Array, headings: Array
+) -> Surroundings:
+    """Return the goals; see `surroundings_of`."""
+    del positions, headings
+    goals = points(uav["goal"] for uav in scenario["uavs"])
+    return Surroundings(targets=standing(goals, times), called="goal")

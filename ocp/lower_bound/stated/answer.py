@@ -1,0 +1,200 @@
+"""The answer of `lower_bound`: a number, its kind and its evidence.
+
+The evidence is the facts that a proven bound rests on: polynomials, sets, slacks of the
+proofs. All coordinates are those of a `Statement`: y = (t, x), x in its sizes.
+
+A step is a polynomial V for which it was proven, on the set S that the steps before it
+leave, that
+
+    V_t + L + V_x f >= -slack        for all (t, x) in S and all admissible u
+    V(T, x) <= phi(T, x) + end_slack for all admissible ends (T, x) in S
+
+the second only if end_slack is not None. Then no admissible trajectory within S costs
+less than V(0, x0) - slack T - end_slack, and to reach (t, x) costs at least
+V(0, x0) - V(t, x) - slack t.
+
+S begins as the tube, the bounds of the states and the path constraints. A pruning
+shrinks it. It has a step C without end_slack and a step G with it; by these, a
+trajectory through (t, x) costs at least
+
+    C(0, x0) - C(t, x) + G(t, x) - (slack of C) t - (slack of G)(T - t) - end_slack of G
+
+If that exceeds the known cost, no cheaper trajectory passes through (t, x). So the
+bound is min(known, V(0, x0) - slack T - end_slack) of the last step. The bound is valid
+for any number `known`, even if it is not the cost of an answer.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.arrays import Array
+from swarmstart.ocp.lower_bound.stated.statement import Statement
+
+
+class BoundKind(Enum):
+    """Kind of a lower bound.
+
+    PROVEN: no admissible answer is better, rounding included.
+    TRIVIAL: proven too, but from the least stage cost alone.
+    SAMPLED: an estimate from samples; not a bound.
+    NONE: there is no bound; the reason is given.
+    """
+
+    PROVEN = "proven"
+    TRIVIAL = "trivial"
+    SAMPLED = "sampled"
+    NONE = "none"
+
+    @property
+    def is_bound(self) -> bool:
+        """True if the value is a bound: PROVEN or TRIVIAL."""
+        return self in (BoundKind.PROVEN, BoundKind.TRIVIAL)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class LowerBound:
+    """A limit of the cost that any answer to a problem can reach.
+
+    Attributes:
+        kind: Kind of the bound.
+        value: The bound, as the problem states its cost: no answer costs less; if the
+            cost is maximised, no answer reaches more. NaN if there is no bound.
+        reason: How it was found, or why there is none: sentences.
+        degree: Degree of the polynomial; 0 if none was used.
+        slack: Gap that the proofs left, already subtracted from the bound [cost].
+        boxes: Number of boxes of all proofs.
+        cpu_seconds: CPU time of the process [s].
+        set_name: Name of the set that holds the trajectories.
+        evidence: Facts that the proof rests on; None if nothing is proven by
+            polynomials.
+        sense: 1 if the cost is minimised, -1 if it is maximised.
+    """
+
+    kind: BoundKind
+    value: float
+    reason: str
+    degree: int = 0
+    slack: float = 0.0
+    boxes: int = 0
+    cpu_seconds: float = 0.0
+    set_name: str = ""
+    evidence: Evidence | None = field(default=None, repr=False)  # Hundreds of lines.
+    sense: float = 1.0
+
+    def gap(self, cost: float) -> float:
+        """Return the largest possible relative distance of an answer from the optimum.
+
+        Args:
+            cost: Cost of the answer, as the problem states it.
+
+        Returns:
+            (cost - bound) / |cost|, or (bound - cost) / |cost| if the cost is
+            maximised; NaN if there is no bound; 0 if both are the same.
+        """
+        if not self.kind.is_bound:
+            return float("nan")
+        # A gap is relative to the cost, so there is no finite one if that is 0.
+        apart = self.sense * (cost - self.value)
+        return (
+            apart / abs(cost)
+            if apart and cost
+            else (0.0 if not apart else float("inf"))
+        )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Polynomial:
+    """A polynomial of (t, x) as products of Chebyshev polynomials.
+
+        V(y) = sum of coefficients[j] * product over a of T_exponents[j, a](z_a),
+        z_a = (y_a - middle_a) / half_a
+
+    Attributes:
+        middle: Middle of the box it is scaled to, shape (1 + n,).
+        half: Half the widths of that box, shape (1 + n,), > 0.
+        exponents: Shape (number, 1 + n), whole numbers >= 0.
+        coefficients: Shape (number,).
+    """
+
+    middle: Array
+    half: Array
+    exponents: NDArray[np.int64]
+    coefficients: Array
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Step:
+    """A polynomial with the slacks of its proven inequalities.
+
+    Attributes:
+        polynomial: V.
+        slack: Slack of the inequality over the set [cost / s], >= 0.
+        end_slack: Slack of the inequality at the end [cost], >= 0; None if nothing is
+            stated.
+        boxes: Number of boxes of the proofs.
+    """
+
+    polynomial: Polynomial
+    slack: float
+    end_slack: float | None
+    boxes: int = 0
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Pruning:
+    """Two steps that exclude points from the set; see the module's head.
+
+    Attributes:
+        come: C, a step without end_slack.
+        go: G, a step with end_slack.
+    """
+
+    come: Step
+    go: Step
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Tube:
+    """A moving polytope that holds every admissible trajectory.
+
+        { x : directions x <= levels(t) },  levels linear between the times
+
+    The proof: x0 is in it, and on each face, at each time, the level rises at least as
+    fast as any admissible trajectory can move outwards. Faces that the bounds of the
+    states cut off need not rise, since admissible trajectories keep these bounds.
+
+    Attributes:
+        directions: Shape (K, n); the first 2n are the axes, e_1, -e_1, e_2, ...
+        times: Shape (M + 1,) [s], from 0 to the latest end.
+        levels: Shape (M + 1, K).
+    """
+
+    directions: Array
+    times: Array
+    levels: Array
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Evidence:
+    """A proven bound with its evidence.
+
+    Attributes:
+        statement: The problem.
+        tube: The set that holds the trajectories.
+        prunings: Prunings in order; each is proven on the set that earlier ones leave.
+        final: The step that gives the bound.
+        known: The cost that the prunings compare with; infinite without prunings.
+        bound: Proven lower bound of the statement's cost, its offset included.
+    """
+
+    statement: Statement
+    tube: Tube
+    prunings: tuple[Pruning, ...]
+    final: Step
+    known: float
+    bound: float
