@@ -497,7 +497,8 @@ def _same_beside(
     """Return MISMATCH if a neighbour's path has another value."""
     problem, sense = shooting.problem, shooting.stated.sense
     allowed = tolerance * path.magnitude + _STEADY * _BESIDE * sizes.cost
-    changes = not abs(moved.cost - path.cost) <= allowed  # True for NaN, too.
+    # True for NaN, too.
+    changes = not abs(moved.cost - path.cost) <= allowed
     # The answer itself may break them by the tolerance.
     broken = [e for e in moved.broken if e.relative > 2 * problem.path_tolerance]
     if not (changes or broken):
@@ -545,7 +546,8 @@ def _differences(
     told = []
     allowed = tolerance * path.magnitude + _NOTHING_MOVES * sizes.cost
     if abs(path.cost - plan.cost) > allowed:
-        share = abs(path.cost - plan.cost) / max(path.magnitude, 1e-300)  # No 0 / 0.
+        # No 0 / 0.
+        share = abs(path.cost - plan.cost) / max(path.magnitude, 1e-300)
         told.append(
             f"the cost is {sense * path.cost:.6g} on the finer path, "
             f"{sense * plan.cost:.6g} on the problem's grid ({share:.2g} of its "
