@@ -211,6 +211,8 @@ def _described(
         known = _known_keys(model, document.data, path[:-1])
         listed = f"known: {', '.join(known)}"
         hint = meant(str(path[-1]), known, otherwise=listed)
+        if path[-1] in known:  # Another form of this part takes it.
+            hint = "it goes with other keys than those that are given"
         what = f"expected a known key, found {shown_value(path[-1])}; {hint}"
         return flaw_at(document, path, what, of_key=True)
     if kind == "missing":

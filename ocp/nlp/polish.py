@@ -288,7 +288,9 @@ class Polisher:
                 else better_of(found, begun, tolerance=problem.tolerance)
             )
         ended = found.status is PolishStatus.CONVERGED or self.watch.is_over
-        if near and not ended:
+        # Other solvers than IPOPT have one way to start: it would be the same again.
+        settings = [self._options.settings(near=either) for either in (True, False)]
+        if near and not ended and settings[0] != settings[1]:
             how = how._replace(near=False)
             again = self._tried(controls, states, x0, known, before, how)
             found = better_of(found, again, tolerance=problem.tolerance)

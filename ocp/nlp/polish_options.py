@@ -30,15 +30,23 @@ _WARM: Mapping[str, Any] = MappingProxyType(
 """For a start with multipliers: the barrier follows from their fit to the point."""
 
 
-_SILENT = {"print_header": False, "print_iteration": False, "print_status": False}
+_SILENT = {"print_header": False, "print_iteration": False}
+# Without its own check a QP with an empty trust region, as from a start that breaks its
+# limits, is one without solution, so that the polish ends with a status and no error.
+_QP = {"error_on_fail": False, "inputs_check": False}
 _QUIET: Mapping[str, Mapping[str, Any]] = MappingProxyType(
     {
         "sqpmethod": {
             **_SILENT,
-            "qpsol_options": {"printLevel": "none", "error_on_fail": False},
+            "print_status": False,
+            "qpsol_options": {"printLevel": "none", **_QP},
         },
-        "qrsqp": {**_SILENT, "qpsol_options": {"error_on_fail": False}},
-        "feasiblesqpmethod": {**_SILENT, "qpsol_options": {"error_on_fail": False}},
+        "qrsqp": {**_SILENT, "qpsol_options": _QP},
+        "feasiblesqpmethod": {
+            **_SILENT,
+            "print_status": False,
+            "qpsol_options": {"printLevel": "none", **_QP},
+        },
         "fatrop": {"fatrop.print_level": 0},
     }
 )
@@ -150,7 +158,7 @@ class NlpOptions:
         del near, warm
         quiet = dict(_QUIET.get(self.plugin, {}))
         if self.options.get("qpsol", "qpoases") != "qpoases":
-            quiet["qpsol_options"] = {"error_on_fail": False}  # Names differ.
+            quiet["qpsol_options"] = _QP  # Names of other options differ.
         return {**quiet, **self.options}
 
 

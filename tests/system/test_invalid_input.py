@@ -14,6 +14,7 @@ import pytest
 
 from swarmstart.cases.format.registry import KINDS
 from swarmstart.cases.format.scenario import shipped
+from swarmstart.heuristics import SEARCHES
 
 if TYPE_CHECKING:
     from swarmstart.tests.system.conftest import Command
@@ -98,15 +99,15 @@ FLAWS = {
         "name: cpso",
         "name: cspo",
         "cspo",
-        "expected name to be one of default, cpso, pso, de, jde, lshade, ga, cma, "
-        "random, memetic, multistart, none; found 'cspo'",
+        f"expected name to be one of default, {', '.join(SEARCHES)}, memetic, "
+        "multistart, none; found 'cspo'",
     ),
     "no search's name": (
         "  name: cpso\n",
         "",
         "size: 20",
-        "expected name to be one of default, cpso, pso, de, jde, lshade, ga, cma, "
-        "random, memetic, multistart, none; found none",
+        f"expected name to be one of default, {', '.join(SEARCHES)}, memetic, "
+        "multistart, none; found none",
     ),
     "an unknown setting of the search": (
         "inertia_min:",

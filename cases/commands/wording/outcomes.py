@@ -49,7 +49,8 @@ def kept_constraints(finished: Run) -> str:
         return _constraints(finished)
     parts = [*_distances(finished), _feasible_plans(finished)]
     said = "; ".join(filter(None, parts))
-    return f"{said[:1].upper()}{said[1:]}."
+    # A single vehicle without obstacles has none, if its plans are not feasible.
+    return f"{said[:1].upper()}{said[1:]}." if said else ""
 
 
 def collisions(finished: Run) -> list[str]:

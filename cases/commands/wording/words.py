@@ -33,7 +33,7 @@ def sentences(finished: Run) -> list[str]:
     Collisions of a flight, and broken constraints of another closed loop, are told
     before the result.
     """
-    said = [outcome(finished), kept_constraints(finished)]
+    said = [*filter(None, (outcome(finished), kept_constraints(finished)))]
     broken = collisions(finished)
     if not broken and breaks_constraint(finished):
         # The constraints first, since they are broken.

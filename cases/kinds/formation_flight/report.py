@@ -30,10 +30,10 @@ def outcome(trajectory: Trajectory, measures: Mapping[str, Measure]) -> str:
 
 
 def _polished(trajectory: Trajectory) -> str:
-    """Return how IPOPT ended for the first plan; empty without a polish."""
+    """Return how the polish of the first plan ended; empty without a polish."""
     plans = trajectory.decisions[0].plans
     ended = [one.polish_status for one in plans if one.polish_status is not None]
-    return f"; IPOPT {ended[0].value}" if ended else ""
+    return f"; the polish {ended[0].value}" if ended else ""
 
 
 def surroundings(

@@ -12,7 +12,7 @@ MEASURES = {
     "violation": "Sum of the plan's constraint violations [-]",
     "verified_cost": "Cost of the plan, integrated ten times finer [-]",
     "confirmed": "1 if the finer integration confirms the plan, else 0",
-    "converged": "1 if IPOPT converged, else 0",
+    "converged": "1 if the polish converged, else 0",
     "search_cost": "Cost of the answer of the search, before the polish; null without "
     "a search [-]",
     "search_violation": "Sum of constraint violations of the answer of the search; "
@@ -26,7 +26,7 @@ MEASURES = {
     "speed_min_m_s": "Smallest speed of any UAV [m/s]",
     "speed_max_m_s": "Largest speed of any UAV [m/s]",
     "evaluations": "Number of trajectories that the search evaluated, plus the "
-    "evaluations of the objective by IPOPT",
+    "evaluations of the objective by the polish",
     "plan_seconds": "Wall time of the search and the polish [s]",
 }
 

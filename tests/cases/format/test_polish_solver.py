@@ -35,6 +35,17 @@ def test_a_run_is_polished_by_the_solver_that_is_named(
                  "--out", str(tmp_path / "again")]) == 0  # fmt: skip
 
 
+@pytest.mark.parametrize("solver", ["feasiblesqpmethod", "qrsqp"])
+def test_a_start_that_breaks_limits_ends_a_polish_with_a_status(
+    solver: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """The first QP of CasADi's SQP then has an empty region: an error by default."""
+    out = ["--set", "steps=1", "--no-figures", "--quiet", "--out", str(tmp_path / "o")]
+    assert main(["run", "formation_v", *out, "--polish", solver]) in (0, 4)
+    said = capfd.readouterr()
+    assert "could not be run" not in said.err and "IPOPT" not in said.out
+
+
 def test_the_options_reach_the_solver() -> None:
     text = "polish={solver: sqpmethod, options: {max_iter: 7}}"
     scenario = resolve(read_document("formation_v"), assignments=[text]).scenario

@@ -167,7 +167,7 @@ def test_layer_after_a_jump_is_followed_at_any_rate(rate: float) -> None:
         (
             1.0,
             {"method": "rk5"},
-            "integrator must be one of rk4, euler, stiff, got 'rk5'",
+            f"integrator must be one of {', '.join(INTEGRATORS)}, got 'rk5'",
         ),
         (1.0, {"substeps": 0}, "substeps must be an integer of at least 1, got 0"),
         (1.0, {"substeps": 1.5}, "substeps must be an integer of at least 1, got 1.5"),

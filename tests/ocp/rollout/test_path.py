@@ -17,6 +17,7 @@ from swarmstart.ocp import (
     PathConstraint,
     disc,
 )
+from swarmstart.ocp.integration.integrators import INTEGRATORS
 from swarmstart.ocp.rollout.path import Path, Tracer
 from swarmstart.ocp.rollout.scaling import Sizing
 
@@ -39,7 +40,7 @@ def traced(
 
 
 @pytest.mark.parametrize("quadrature", ["integral", "left", "right"])
-@pytest.mark.parametrize("integrator", ["rk4", "euler", "stiff"])
+@pytest.mark.parametrize("integrator", INTEGRATORS)
 def test_path_is_that_of_an_independent_integrator(
     pendulum: Model,
     quadrature: Literal["integral", "left", "right"],

@@ -42,6 +42,23 @@ def linear(A: list[list[float]], **stated: object) -> OptimalControlProblem:
     )
 
 
+def edge(growth: tuple[float, ...]) -> float:
+    """Return the largest real z with |R(-z)| <= 1, from the roots of R = 1 and -1."""
+    shifted = [np.array(growth) - np.eye(len(growth))[0] * sign for sign in (1, -1)]
+    roots = np.concatenate([np.roots(part[::-1]) for part in shifted])
+    real = -roots[np.abs(roots.imag) < 1e-9].real
+    return float(real[real > 1e-9].min())
+
+
+EDGES = {name: edge(m.growth) for name, m in INTEGRATORS.items() if m.growth}
+
+
+def test_edges_are_the_published_ones() -> None:
+    """Hairer and Wanner (1996), IV.2."""
+    assert EDGES["rk4"] == pytest.approx(2.7853, abs=1e-4)
+    assert EDGES["euler"] == pytest.approx(2)
+
+
 def found(problem: OptimalControlProblem, controls: Array | None = None,
           x0: Array | None = None) -> FastMode | None:  # fmt: skip
     """Return the mode found along the path of controls, zero by default."""
@@ -60,7 +77,7 @@ def judged(problem: OptimalControlProblem, x0: list[float]) -> Solution:
     return verified(problem, planner.evaluated(controls, x0, source=Source.GUESS), x0)
 
 
-@pytest.mark.parametrize(("integrator", "limit"), [("rk4", 2.7853), ("euler", 2.0)])
+@pytest.mark.parametrize(("integrator", "limit"), EDGES.items())
 def test_mode_is_named_from_the_edge_of_the_stable_region_on(
     integrator: str, limit: float
 ) -> None:
@@ -75,7 +92,7 @@ def test_mode_is_named_from_the_edge_of_the_stable_region_on(
             assert found(stable) is None
 
 
-@pytest.mark.parametrize("integrator", ["rk4", "euler"])
+@pytest.mark.parametrize("integrator", EDGES)
 def test_growth_is_what_a_step_does(integrator: str) -> None:
     problem = linear([[-7.0]], integrator=integrator, substeps=1)
     u, x0 = np.zeros((1, 5)), [1.0]

@@ -13,6 +13,7 @@ from swarmstart.ocp import (
     TerminalConstraint,
     disc,
 )
+from swarmstart.ocp.integration.integrators import INTEGRATORS
 
 X, U = ca.SX.sym("x", 2), ca.SX.sym("u")
 MODEL = Model(states=X, controls=U, ode=ca.vertcat(X[1], U))
@@ -129,7 +130,10 @@ def test_lists_of_the_caller_are_not_kept() -> None:
         ({"terminal": [disc(X, centre=0, radius=1)]}, "use TerminalConstraint"),
         ({"constraints": [TerminalConstraint(expression=X)]}, "the list `terminal`"),
         ({"bounds": (-8, 8)}, "bounds must be swarmstart.Bounds, such as"),
-        ({"integrator": "cvodes"}, "integrator must be one of rk4, euler"),
+        (
+            {"integrator": "cvodes"},
+            f"integrator must be one of {', '.join(INTEGRATORS)}",
+        ),
         ({"tolerance": -1.0}, "tolerance must be at least 0, got -1.0"),
         ({"stage_cost": X}, "stage_cost must be a scalar"),
         ({"stage_cost": ca.SX.sym("z")}, "stage_cost may depend on .* found z"),

@@ -19,7 +19,7 @@ MEASURES = {
     "loop [cost]",
     "confirmed": "1 if the finer integration confirms the plan, else 0; null in closed "
     "loop",
-    "converged": "1 if IPOPT converged at the first step, else 0",
+    "converged": "1 if the polish converged at the first step, else 0",
     "search_cost": "Cost of the first answer of the search, before the polish; null "
     "without a search [cost]",
     "flown_cost": "Cost of the simulated path; null if it is not finite [cost]",
@@ -30,7 +30,7 @@ MEASURES = {
     "infeasible_steps": "Number of steps at which no feasible plan was found",
     "linear_steps": "Number of steps under the linear law of a dual mode",
     "evaluations": "Number of trajectories that searches evaluated, plus the "
-    "evaluations of the objective by IPOPT",
+    "evaluations of the objective by the polish",
     "steps_starting_outside": "Number of steps whose initial state breaks a constraint "
     "already",
     "step_seconds_median": "Median wall time of planning one step [s]",

@@ -108,7 +108,7 @@ class Equation(Part):
 
 AlgebraicPart = Annotated[
     Annotated[Equation, Tag("of equation")] | Annotated[Expression, Tag("of text")],
-    chosen("equation", "equation"),
+    chosen("equation", otherwise="equation"),
 ]
 """An algebraic variable: an equation, or its expression alone."""
 
@@ -213,7 +213,7 @@ class Distance(Part):
 PathPart = Annotated[
     Annotated[Distance, Tag("of distance")]
     | Annotated[PathLimit, Tag("of expression")],
-    chosen("distance", "expression"),
+    chosen("distance", otherwise="expression"),
 ]
 
 
@@ -247,7 +247,7 @@ class Collocation(Part):
 
 TranscriptionPart = Annotated[
     Annotated[Collocation, Tag("of points")] | Annotated[Transcription, Tag("of text")],
-    chosen("points", "points"),
+    chosen("points", otherwise="points"),
 ]
 """A name, or collocation with its numbers."""
 
@@ -374,7 +374,7 @@ Disturbance = Annotated[
     Annotated[Noise, Tag("of deviation")]
     | Annotated[Table, Tag("of table")]
     | Annotated[Expression, Tag("of text")],
-    chosen("deviation", "table"),
+    chosen("deviation", otherwise="table"),
 ]
 
 

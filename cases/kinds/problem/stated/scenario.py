@@ -137,7 +137,7 @@ class Uniform(Part):
 
 Law = Annotated[
     Annotated[Normal, Tag("of normal")] | Annotated[Uniform, Tag("of uniform")],
-    chosen("normal", "uniform"),
+    chosen("normal", otherwise="uniform"),
 ]
 """Distribution of a drawn number."""
 

@@ -117,13 +117,20 @@ class Table(Part):
         return self
 
 
-def chosen(key: str, otherwise: str) -> Discriminator:
-    """Return the choice of a form by its key, so that errors concern one form only."""
+def chosen(*keys: str, otherwise: str) -> Discriminator:
+    """Return the choice of a form by its key, so that errors concern one form only.
+
+    Args:
+        keys: Keys of which each form has its own.
+        otherwise: Key of the form that is chosen if a mapping has none of them.
+    """
 
     def tag(value: Any) -> str:
-        has = key in value if isinstance(value, dict) else hasattr(value, key)
+        is_mapping = isinstance(value, dict)
+        has = [key in value if is_mapping else hasattr(value, key) for key in keys]
         is_part = isinstance(value, dict | Part)
-        found = key if has else otherwise if is_part else "text"
+        left = otherwise if is_part else "text"
+        found = keys[has.index(True)] if any(has) else left
         return f"of {found}"  # Not equal to a key: keys are places of errors.
 
     return Discriminator(tag)
@@ -131,7 +138,7 @@ def chosen(key: str, otherwise: str) -> Discriminator:
 
 OverTime = Annotated[
     Annotated[Table, Tag("of table")] | Annotated[Expression, Tag("of text")],
-    chosen("table", "table"),
+    chosen("table", otherwise="table"),
 ]
 """A table, or an expression in constants and time."""
 Limits = Annotated[list[Quantity | None], Field(min_length=2, max_length=2)]

@@ -34,7 +34,7 @@ from swarmstart.cases.drawing.report.pictures import PAGE_BYTES, caption_of, pic
 from swarmstart.cases.drawing.report.player import caption
 from swarmstart.cases.drawing.report.strips import strip
 from swarmstart.cases.drawing.report.text_reports import latex_text, markdown_table
-from swarmstart.cases.format.registry import words_of
+from swarmstart.cases.format.registry import KINDS, words_of
 from swarmstart.cases.record.files import RecordError
 from swarmstart.errors import SwarmstartError
 from swarmstart.tests.cases.drawing.report.flown_records import (
@@ -418,8 +418,8 @@ def test_pictures_are_images_with_their_sizes(record: Path) -> None:
 def test_every_figure_a_kind_draws_has_a_caption() -> None:
     """By the names in the code of the kinds."""
     cases = Path(__file__).parents[5] / "cases"
-    kinds = ("formation_flight", "close_formation", "reconfiguration", "transfer")
-    files = [(kind, cases / "kinds" / kind / "figures.py") for kind in kinds]
+    own = [f for f in cases.glob("kinds/*/figures.py") if f.parent.name in KINDS]
+    files = [(file.parent.name, file) for file in own]
     files += [("problem", cases / "drawing" / "problem_figures.py"),
               ("problem", cases / "kinds/problem/figures.py")]  # fmt: skip
     found = [
