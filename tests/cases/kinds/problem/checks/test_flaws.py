@@ -78,7 +78,7 @@ def test_what_is_wrong_is_said_where_it_stands(
         ("path: [{expression: angle, upper: 1, soft: {quadratic: kk}}]", "'kk'"),
         ("path: [{distance: [angle, speed]}]", "either at_least or at_most"),
         (
-            "path: [{distnce: [angle], at_least: 1}]",
+            "path: [{distances: [angle], at_least: 1}]",
             "'at_least'; it goes with other keys than those that are given",
         ),
         (
