@@ -509,6 +509,6 @@ def test_plain_python_gives_the_same_bits_as_compiled_code(
         for disable in ("0", "1")
     ]
     assert [o.returncode for o in outputs] == [0, 0], outputs[0].stderr
-    outputs = [o.stdout for o in outputs]
-    assert outputs[0] == outputs[1]
-    assert len(outputs[0].splitlines()) > len(names) * 3 * 8
+    compiled, plain = (o.stdout for o in outputs)
+    assert compiled == plain
+    assert len(plain.splitlines()) > len(names) * 3 * 8
