@@ -173,6 +173,7 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         InvalidReserveError as InvalidReserveError,
         InvalidShapeError as InvalidShapeError,
         MovingCentreError as MovingCentreError,
+        MovingReferenceError as MovingReferenceError,
         NoProvenSetError as NoProvenSetError,
         NotAnEquilibriumError as NotAnEquilibriumError,
         NotFiniteError as NotFiniteError,
@@ -242,7 +243,7 @@ _NAMES = {
         AsymmetricMatrixError Certificate CoarseHoldError
         ForeignCertificateError HeldTooLongError IndefiniteMatrixError
         InvalidDynamicsError InvalidPlaneError InvalidReserveError
-        InvalidShapeError MovingCentreError NoProvenSetError
+        InvalidShapeError MovingCentreError MovingReferenceError NoProvenSetError
         NotAnEquilibriumError NotFiniteError NotPositiveError NotSmoothError
         NotStabilisableError ProofOptions Reference SaturatedReferenceError
         TerminalSet TooFewSubstepsError UnknownIntervalOperationError

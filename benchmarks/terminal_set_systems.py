@@ -142,7 +142,10 @@ def unicycle(weight: float, *, speed: float, dt: float | None, tight: bool) -> S
     u_max = [5.0, np.pi / 18] if tight else [FREE, FREE]
     return System(
         dynamics=ca.Function("unicycle", [x, u], [xdot]),
-        reference=bounded([speed, 0, 0, 0], [0, 0], u_max),
+        reference=replace(
+            bounded([speed, 0, 0, 0], [0, 0], u_max),
+            velocity=np.array([0, 0, speed, 0], dtype=float),
+        ),
         weights=Weights(Q=np.eye(4), R=np.diag([1.0, weight])),
         dt=dt,
         substeps=1 if tight else 4,

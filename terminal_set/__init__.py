@@ -39,6 +39,7 @@ from swarmstart.terminal_set.linear.arrays import (
 from swarmstart.terminal_set.linear.ellipsoid import (
     Ellipsoid,
     InvalidPlaneError,
+    MovingReferenceError,
     Reference,
     SaturatedReferenceError,
     input_excess,
@@ -109,6 +110,7 @@ __all__ = [
     "InvalidReserveError",
     "InvalidShapeError",
     "MovingCentreError",
+    "MovingReferenceError",
     "NoProvenSetError",
     "NotAnEquilibriumError",
     "NotFiniteError",

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
 from swarmstart.arrays import Array
@@ -37,7 +37,6 @@ from swarmstart.terminal_set import (
     certified_terminal_set,
     input_excess,
 )
-from swarmstart.terminal_set.proving import resting
 
 if TYPE_CHECKING:
     import control
@@ -45,6 +44,8 @@ if TYPE_CHECKING:
 
 Target = Callable[[float], Array]
 """Absolute time [s] -> the reference state of an agent, shape (nx,)."""
+ROUNDED = 1e-6
+"""Part of the first rates up to which an input is rounded by a last step."""
 SLACK = 1e-9
 """Part of a bound by which a law may exceed it; its controls are clipped."""
 
@@ -208,11 +209,12 @@ class DualMode:
         return np.array(controls).T
 
 
-def terminal_set_of(
+def terminal_set_of(  # noqa: PLR0913 - what a design rests on, by name
     problem: OptimalControlProblem,
     *,
     at: ArrayLike,
     weights: Weights,
+    velocity: ArrayLike | None = None,
     parameters: ArrayLike = (),
     options: ProofOptions | None = None,
     rng: np.random.Generator,
@@ -222,14 +224,16 @@ def terminal_set_of(
     Dynamics, bounds of controls and states, and dt are those of the problem. Inputs are
     held over its control intervals. They are integrated in as many steps as the problem
     takes, unless `options` says otherwise. The input at the reference is the one within
-    the bounds that keeps the reference at rest; if there are several, one near the
-    middle of the bounds. Costs and other constraints are ignored: the user must check
-    any constraint that cuts the set.
+    the bounds that keeps all states at rest, or gives them the stated velocity; if
+    there are several, one near the middle of the bounds. Costs and other constraints
+    are ignored: the user must check any constraint that cuts the set.
 
     Args:
         problem: The problem.
         at: Reference state, shape (nx,), SI units.
         weights: Weights Q and R per step, and kappa.
+        velocity: Velocity of a reference that moves, shape (nx,), per second, in states
+            without bounds on which the dynamics do not depend; None if it rests.
         parameters: Values of the model's parameters, shape (np,).
         options: Options of the proof; None: any decrease.
         rng: Source of the samples and of the rays that look for counterexamples.
@@ -239,7 +243,9 @@ def terminal_set_of(
 
     Raises:
         InvalidProblemError: If a shape is not the problem's.
-        NotAnEquilibriumError: If no input keeps the reference at rest.
+        NotAnEquilibriumError: If no input keeps the reference at rest, or gives it its
+            velocity.
+        MovingReferenceError: If it cannot move with that velocity.
         SwarmstartError: As in `certified_terminal_set`.
 
     Example:
@@ -259,21 +265,21 @@ def terminal_set_of(
     """
     model = problem.model
     x_ref = _vector("at", at, model.nx)
+    moving = None if velocity is None else _vector("velocity", velocity, model.nx)
     p = _vector("parameters", parameters, model.np)
     rate = right_hand_side(model)
     x, u = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
     dynamics = ca.Function("dynamics", [x, u], [rate(x, u, p)], ["x", "u"], ["xdot"])
     lower, upper = problem.control_limits
     x_lower, x_upper = problem.state_limits
-    is_bounded = np.isfinite(x_lower) | np.isfinite(x_upper)
-    rows = resting(dynamics, is_bounded=is_bounded)
     reference = Reference(
         x_ref=x_ref,
-        u_ref=_resting_input(dynamics, x_ref, rows, (lower, upper)),
+        u_ref=_resting_input(dynamics, x_ref, moving, (lower, upper)),
         u_lower=lower,
         u_upper=upper,
         x_lower=x_lower,
         x_upper=x_upper,
+        velocity=moving,
     )
     steps = problem.checks * problem.substeps
     return certified_terminal_set(
@@ -351,10 +357,10 @@ def _vector(name: str, values: ArrayLike, size: int) -> Array:
 def _resting_input(
     dynamics: ca.Function,
     x_ref: Array,
-    rows: NDArray[np.bool_],
+    velocity: Array | None,
     limits: tuple[Array, Array],
 ) -> Array:
-    """Return the input that keeps the given states at rest, or nearly so."""
+    """Return the input that gives the states their velocity, or nearly so."""
     lower, upper = limits
     middle = np.where(np.isfinite(lower + upper), (lower + upper) / 2, 0.0)
     # least_squares needs a start within the bounds.
@@ -362,15 +368,22 @@ def _resting_input(
     slopes = dynamics.factory("slopes", ["x", "u"], ["jac:xdot:u"])
 
     def rates(u: Array) -> Array:
-        return np.array(dynamics(x_ref, u)).ravel()[rows]
+        xdot = np.array(dynamics(x_ref, u)).ravel()
+        return xdot if velocity is None else np.asarray(xdot - velocity)
 
     found = least_squares(
         rates,
         start,
-        jac=lambda u: np.array(slopes(x_ref, u))[rows],
+        jac=lambda u: np.array(slopes(x_ref, u)),
         bounds=(lower, upper),
         xtol=1e-15,  # As exact as rounding allows.
         ftol=1e-15,
         gtol=1e-15,
     )
-    return np.asarray(found.x, dtype=np.float64)
+    u = np.asarray(found.x, dtype=np.float64)
+    # The method stays a little inside the bounds. One step of Gauss and Newton ends on
+    # a bound if the input lies there, and rounds off what is left elsewhere.
+    step = np.linalg.lstsq(np.array(slopes(x_ref, u)), rates(u), rcond=None)[0]
+    last = np.clip(u - step, lower, upper)
+    has_ended = np.abs(rates(last)).max() <= ROUNDED * np.abs(rates(start)).max()
+    return last if has_ended else u

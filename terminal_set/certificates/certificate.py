@@ -28,7 +28,7 @@ from swarmstart.terminal_set.linear.ellipsoid import (
 )
 
 FORMAT = "swarmstart terminal set certificate"
-VERSION = 1
+VERSION = 2
 BY_LIBRARY = "proven by the library"
 """Grounds of statements that the checker samples but does not prove again."""
 
@@ -295,7 +295,7 @@ def seal_of(certificate: Certificate) -> str:
     reference, held = certificate.reference, certificate.held
     numbers = [
         certificate.K, certificate.P, certificate.Q_m, reference.x_ref, reference.u_ref,
-        reference.u_max, reference.e_max,
+        reference.u_max, reference.e_max, reference.rates,
     ]  # fmt: skip
     stated = [
         certificate.alpha, certificate.core, certificate.drift, certificate.dt,
@@ -368,7 +368,11 @@ def _content(certificate: Certificate) -> dict[str, object]:
             "tape": tape,
             "xdot": xdot,
         },
-        "reference": {"x": reference.x_ref.tolist(), "u": reference.u_ref.tolist()},
+        "reference": {
+            "x": reference.x_ref.tolist(),
+            "u": reference.u_ref.tolist(),
+            "velocity": reference.rates.tolist(),
+        },
         "bounds": {
             "u_lower": _or_null(reference.u_lower),
             "u_upper": _or_null(reference.u_upper),

@@ -60,6 +60,7 @@ class Certificate:
         xdot: Indices into the tape, one for each state.
         x_ref: Reference state, shape (nx,).
         u_ref: Reference input, shape (nu,).
+        velocity: Velocity of the reference, shape (nx,); 0 in states that rest.
         bounds: "u_lower", "u_upper", "x_lower", "x_upper"; None if missing.
         K: Gain of u = u_ref - K e, shape (nu, nx).
         P: Matrix of V(e) = e'Pe, shape (nx, nx).
@@ -83,6 +84,7 @@ class Certificate:
     xdot: tuple[int, ...]
     x_ref: Vector
     u_ref: Vector
+    velocity: Vector
     bounds: dict[str, tuple[float | None, ...]]
     K: Matrix
     P: Matrix
@@ -218,8 +220,9 @@ def _instruction(value: object, *, number: int, nx: int, nu: int) -> Instruction
 
 def _certificate(content: dict[str, object]) -> Certificate:
     _mapping(content, "the file", set(_KEYS))
-    if _integer(content["version"], "version", 0, 10**9) != 1:
-        raise unusable("version", "1", content["version"])
+    version = _integer(content["version"], "version", 0, 10**9)
+    if version not in (1, 2):
+        raise unusable("version", "1 or 2", content["version"])
     dynamics = _mapping(content["dynamics"], "dynamics", {"nx", "nu", "tape", "xdot"})
     nx = _integer(dynamics["nx"], "dynamics.nx", 1, MOST_STATES)
     nu = _integer(dynamics["nu"], "dynamics.nu", 1, MOST_STATES)
@@ -233,7 +236,9 @@ def _certificate(content: dict[str, object]) -> Certificate:
         _integer(entry, f"dynamics.xdot[{i}]", 0, len(tape) - 1)
         for i, entry in enumerate(_list(dynamics["xdot"], "dynamics.xdot", nx))
     )
-    reference = _mapping(content["reference"], "reference", {"x", "u"})
+    # Files of version 1 did not say how a reference moves: all states have to rest.
+    moving = {"velocity"} if version > 1 else set()
+    reference = _mapping(content["reference"], "reference", {"x", "u"} | moving)
     dt = _optional(content["dt"], "dt", lambda v, w: _at_least(v, w, 0.0, strict=True))
     margins = _margins(content["margins"], held=dt is not None)
     core = _mapping(content["core"], "core", {"level", "drift"})
@@ -243,6 +248,9 @@ def _certificate(content: dict[str, object]) -> Certificate:
         xdot=xdot,
         x_ref=_vector(reference["x"], "reference.x", nx),
         u_ref=_vector(reference["u"], "reference.u", nu),
+        velocity=_vector(
+            reference.get("velocity", [0.0] * nx), "reference.velocity", nx
+        ),
         bounds=_bounds(content["bounds"], nx=nx, nu=nu),
         K=_matrix(content["K"], "K", nu, nx),
         P=_matrix(content["P"], "P", nx, nx),

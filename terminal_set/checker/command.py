@@ -57,7 +57,7 @@ def checked(
     *,
     read: Callable[[Path], T],
     judged: Callable[[T], Iterable[Finding]],
-    said: Callable[[T], str],
+    said: Callable[[T, Sequence[str]], str],
 ) -> int:
     """Check one file; print a line for each statement, and a verdict.
 
@@ -65,7 +65,8 @@ def checked(
         options: Options from `parsed`.
         read: Function that reads a file.
         judged: A certificate -> its findings, within the seconds.
-        said: A certificate -> the verdict, if everything was proven again.
+        said: (certificate, subjects that were only sampled) -> the verdict, if nothing
+            is refused or undecided.
 
     Returns:
         The exit code.
@@ -87,7 +88,7 @@ def _checked(
     options: argparse.Namespace,
     read: Callable[[Path], T],
     judged: Callable[[T], Iterable[Finding]],
-    said: Callable[[T], str],
+    said: Callable[[T, Sequence[str]], str],
 ) -> int:
     file = options.file
     try:
@@ -102,9 +103,11 @@ def _checked(
         write_line(sys.stdout, f"refused: {error}")
         write_line(sys.stdout, "verdict: refused")
         return REFUSED
-    verdicts = set()
+    verdicts, sampled = set(), []
     for finding in judged(certificate):
         verdicts.add(finding.verdict)
+        if finding.verdict is Verdict.SAMPLED:
+            sampled.append(finding.subject)
         write_line(sys.stdout, f"{finding.verdict.value}: {finding.text}")
     if Verdict.REFUSED in verdicts:
         write_line(sys.stdout, "verdict: refused")
@@ -112,7 +115,7 @@ def _checked(
     if Verdict.UNDECIDED in verdicts:
         write_line(sys.stdout, f"verdict: undecided within {options.seconds:g} s")
         return UNDECIDED
-    write_line(sys.stdout, f"verdict: {said(certificate)}")
+    write_line(sys.stdout, f"verdict: {said(certificate, sampled)}")
     return PROVED
 
 

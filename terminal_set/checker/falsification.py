@@ -223,6 +223,7 @@ def check_integrator(certificate: Certificate, deadline: Deadline) -> Finding:
         Verdict.SAMPLED,
         f"the flow is within {certificate.integrator:.3g} of the Runge-Kutta map: "
         f"{largest:.3g} at {SAMPLES} points{taken}",
+        "the integrator's error",
     )
 
 
@@ -264,6 +265,7 @@ def check_growth_by_samples(certificate: Certificate, deadline: Deadline) -> Fin
         Verdict.SAMPLED,
         f"V grows by less than {growth:.6g} between samples: {largest:.6g} at "
         f"{SAMPLES} points",
+        "the growth between samples",
     )
 
 

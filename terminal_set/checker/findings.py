@@ -25,10 +25,12 @@ class Finding:
     Attributes:
         verdict: The verdict on the statement.
         text: The statement, with the numbers.
+        subject: Subject of a statement that was only sampled.
     """
 
     verdict: Verdict
     text: str
+    subject: str = ""
 
 
 class TimeIsUpError(Exception):

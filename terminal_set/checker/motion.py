@@ -7,10 +7,10 @@ F is the classic Runge-Kutta map over a time t in `substeps` equal steps, u held
 difference is formed in every stage, so that the motion of the reference (15 m/s, for
 example) cancels before it can widen the enclosure.
 
-A reference may be an equilibrium only up to rounding. Let r = f(x_ref, u_ref) in the
-states that should rest (those on which f depends, and those with bounds; the others may
-move), d the motion by it over a hold, D = |r|_P or |d|_P, |e|_P^2 = e'Pe and
-a >= D / sqrt(core). Then for V(e) >= core
+The reference may move in states for which the file states a velocity: f must not depend
+on them, they must have no bounds, and f must have that velocity there. In all others it
+rests, up to rounding. Let r = f(x_ref, u_ref) there, d the motion by it over a hold,
+D = |r|_P or |d|_P, |e|_P^2 = e'Pe and a >= D / sqrt(core). Then for V(e) >= core
 
   continuous   the drift adds 2 e'Pr <= 2 a V(e) to V'
   held         |R(e) + d|_P <= |R(e)|_P + a |e|_P
@@ -24,7 +24,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from flint import arb, arb_mat
+from flint import arb, arb_mat, ctx
 
 from swarmstart.terminal_set.checker.certificate_file import Certificate, Instruction
 from swarmstart.terminal_set.checker.coordinates import symmetric
@@ -43,6 +43,8 @@ Balls = list[arb]
 _STEPS_A_LOOK = 256  # instructions between looks at the clock; well below 1 ms
 
 MOST_CORE = 1e-6  # of alpha: a thousandth of the set's radius
+EXACT = 2048  # bits for the rates at the reference: sums of products are exact
+SAME_VELOCITY = 1e-9  # difference from the stated velocity, relative to it
 _ROUNDS = 60  # of widening a box until the motion stays in it
 
 
@@ -257,11 +259,21 @@ def check_drift(certificate: Certificate, deadline: Deadline = NEVER) -> Finding
         TimeIsUpError: If the deadline has passed.
     """
     program = Program.of(certificate, deadline)
-    resting = _resting(certificate)
-    moved = _fastest(certificate, program, resting, [arb(0)] * certificate.nx)
+    refused = _refused_motion(certificate, program)
+    if refused:
+        return Finding(Verdict.REFUSED, refused)
+    resting = frozenset(j for j, v in enumerate(certificate.velocity) if v == 0)
+    with ctx.workprec(EXACT):  # Else products of 53 bits seem to move what rests.
+        moved = _fastest(certificate, program, resting, [arb(0)] * certificate.nx)
     moving = [j for j in sorted(resting) if not moved[j] == 0]
+    stated = ", ".join(
+        f"x[{j}] by {velocity:.6g} a second"
+        for j, velocity in enumerate(certificate.velocity)
+        if velocity != 0
+    )
+    rests = f"the reference moves {stated}, as the file states" if stated else ""
     if not moving:
-        text = "the reference is an equilibrium, but for states that may move along"
+        text = f"{rests}, and else it rests" if rests else "the reference rests"
         return Finding(Verdict.PROVED, text)
     listed = ", ".join(f"x[{j}] by {_shown(moved[j])} a second" for j in moving)
     if certificate.dt is not None:
@@ -269,30 +281,42 @@ def check_drift(certificate: Certificate, deadline: Deadline = NEVER) -> Finding
     core = arb(certificate.core)
     is_small = core <= MOST_CORE * arb(certificate.alpha)
     if not (is_small and _norm(certificate, moved) <= certificate.drift * core.sqrt()):
-        text = f"the reference is no equilibrium, beyond what its core bears: {listed}"
+        text = (
+            "the reference is no equilibrium, beyond what its core bears: without a "
+            f"velocity in the file it moves {listed}"
+        )
         return Finding(Verdict.REFUSED, text)
     return Finding(
         Verdict.PROVED,
-        f"the reference moves {listed} at most, which the decrease has in reserve "
-        f"outside the core, V(e) <= {certificate.core:.3g}",
+        f"{rests}{'; ' if rests else ''}by rounding the reference moves {listed} at "
+        "most, which the decrease has in reserve outside the core, "
+        f"V(e) <= {certificate.core:.3g}",
     )
 
 
-def _resting(certificate: Certificate) -> frozenset[int]:
-    """Return the states that should rest: f depends on them, or they have bounds."""
+def _refused_motion(certificate: Certificate, program: Program) -> str:
+    """Return why the reference cannot move as the file states; empty if it can."""
     bounds = certificate.bounds
-    bounded = {
-        j
-        for name in ("x_lower", "x_upper")
-        for j, bound in enumerate(bounds[name])
-        if bound is not None
-    }
     felt = {
         certificate.tape[index][1][0]
         for index in live_instructions(certificate)
         if certificate.tape[index][0] == "x"
     }
-    return frozenset(bounded | felt)
+    x = [VALUES.constant(value) for value in certificate.x_ref]
+    u = [VALUES.constant(value) for value in certificate.u_ref]
+    rates = rate(program, x, u)
+    for j, velocity in enumerate(certificate.velocity):
+        if velocity == 0:
+            continue
+        said = f"the reference is said to move x[{j}] by {velocity:.6g} a second"
+        if j in felt:
+            return f"{said}, but the dynamics depend on it"
+        if any(bounds[name][j] is not None for name in ("x_lower", "x_upper")):
+            return f"{said}, but it has bounds"
+        off = absolute(rates[j].value - arb(velocity)).upper()
+        if not off <= SAME_VELOCITY * abs(arb(velocity)):
+            return f"{said}, but it moves by {_shown(rates[j].value)}"
+    return ""
 
 
 def _fastest(
@@ -301,7 +325,7 @@ def _fastest(
     resting: frozenset[int],
     around: Sequence[arb],
 ) -> Balls:
-    """Return upper bounds of |f| near x_ref; 0 for states that may move."""
+    """Return upper bounds of |f| near x_ref; 0 for states that are stated to move."""
     x = [
         VALUES.constant(arb(value) + arb(-1).union(arb(1)) * reach)
         for value, reach in zip(certificate.x_ref, around, strict=True)

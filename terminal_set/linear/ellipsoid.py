@@ -223,21 +223,48 @@ def smaller_side(
     return read_only(room)
 
 
+@dataclass(eq=False)
+class MovingReferenceError(SwarmstartError, ValueError):
+    """A reference cannot move as it says.
+
+    Attributes:
+        entry: Number of the state.
+        velocity: Its stated velocity.
+        found: What stands against it.
+    """
+
+    entry: int
+    velocity: float
+    found: str
+
+    def __str__(self) -> str:
+        """Return a message with the state and what stands against its motion."""
+        return (
+            "expected a reference to move with its rate at x_ref and u_ref, in states "
+            "without bounds on which the dynamics do not depend; found the velocity "
+            f"{self.velocity:.12g} of x[{self.entry}], {self.found}"
+        )
+
+
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Reference:
     """A reference state and input inside their bounds; arrays copied and read-only.
 
     Attributes:
-        x_ref: Reference state, shape (nx,), SI units. If the reference moves (a
-            leader), the entries that the dynamics depend on must stay constant.
+        x_ref: Reference state, shape (nx,), SI units; of a reference that moves, that
+            at time 0.
         u_ref: Reference input, shape (nu,).
         u_lower: Lower bounds of the input, shape (nu,); -inf if missing.
         u_upper: Upper bounds of the input, shape (nu,); inf if missing.
         x_lower: Lower bounds of the state, shape (nx,); None if unbounded.
         x_upper: Upper bounds of the state, shape (nx,); None if unbounded.
+        velocity: Velocity of a reference that moves, such as a leader, shape (nx,), per
+            second; None if it rests. Deviations are relative to x_ref + velocity t. A
+            state that moves may have no bounds, and the dynamics may not depend on it.
 
     Raises:
         SaturatedReferenceError: If x_ref or u_ref is on or outside a bound.
+        MovingReferenceError: If a state that moves has bounds.
         NotFiniteError: If a value is NaN, or one of x_ref or u_ref infinite.
         InvalidShapeError: If an array is no vector, or sizes differ.
 
@@ -256,6 +283,7 @@ class Reference:
     u_upper: Array
     x_lower: Array | None = None
     x_upper: Array | None = None
+    velocity: Array | None = None
 
     def __post_init__(self) -> None:
         """Check and copy; the reference must lie strictly inside its bounds."""
@@ -268,6 +296,18 @@ class Reference:
                 size = self.u_ref.size if name.startswith("u") else self.x_ref.size
                 object.__setattr__(self, name, bound_array(name, bound, (size,)))
         _ = self.u_max, self.e_max  # Raises if there is no room.
+        if self.velocity is not None:
+            size = self.x_ref.size
+            moving = finite_array("velocity", self.velocity, (size,))
+            object.__setattr__(self, "velocity", moving)
+            leaving = np.flatnonzero((moving != 0) & np.isfinite(self.e_max))
+            for entry in leaving.tolist():
+                raise MovingReferenceError(entry, float(moving[entry]), "with bounds")
+
+    @property
+    def rates(self) -> Array:
+        """Velocity of each state, 0 if it rests, shape (nx,), per second."""
+        return np.zeros(self.x_ref.size) if self.velocity is None else self.velocity
 
     @property
     def u_max(self) -> Array:

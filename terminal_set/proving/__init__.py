@@ -2,11 +2,3 @@
 
 `certification.py` is the way through: design, refute from above, prove from below.
 """
-
-from swarmstart.terminal_set.proving.drift import (
-    resting,
-)
-
-__all__ = [
-    "resting",
-]

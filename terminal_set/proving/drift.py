@@ -1,9 +1,10 @@
 """Checks before a proof: the reference rests, and a held loop is stable and accurate.
 
-A reference is given in floats, so f(x_ref, u_ref) = r need not be 0 there. Entries on
-which f does not depend, and which have no bounds, may move; deviations are then
-relative to the moved reference. All other entries are constant, and the motion is the
-relative one (`decrease.py`) plus a drift, with |e|_P the root of e'Pe:
+A reference rests, or it moves in states that it declares, with a velocity v: f does not
+depend on these and they have no bounds, and deviations are relative to the reference
+that moves as f says. It is given in floats, so that f(x_ref, u_ref) = r need not be 0
+in the other states. The motion is the relative one (`decrease.py`) plus a drift, with
+|e|_P the root of e'Pe:
 
     continuous   e' = R(e) + r           V' <= c(e) + 2 |r|_P |e|_P
     held         e+ = R(e) + d           |e+|_P <= |R(e)|_P + |d|_P
@@ -24,7 +25,10 @@ Runge-Kutta map is too far from the flow.
 
 from __future__ import annotations
 
+import operator
+from collections.abc import Callable
 from dataclasses import dataclass
+from fractions import Fraction
 
 import casadi as ca
 import numpy as np
@@ -32,9 +36,13 @@ import numpy as np
 from swarmstart.arrays import Array
 from swarmstart.errors import SwarmstartError
 from swarmstart.terminal_set.certificates.design import TerminalSet
-from swarmstart.terminal_set.interval_arithmetic.intervals import interval_function
-from swarmstart.terminal_set.linear.arrays import Mask, NotFiniteError, finite_array
-from swarmstart.terminal_set.linear.ellipsoid import Reference
+from swarmstart.terminal_set.interval_arithmetic.intervals import (
+    UnknownIntervalOperationError,
+    interval_function,
+)
+from swarmstart.terminal_set.interval_arithmetic.tape import tape_of
+from swarmstart.terminal_set.linear.arrays import NotFiniteError, finite_array
+from swarmstart.terminal_set.linear.ellipsoid import MovingReferenceError, Reference
 from swarmstart.terminal_set.linear.linearisation import (
     held_spectral_radius,
     hold,
@@ -54,6 +62,10 @@ ROOM = 1e-6
 RESERVE = 2.0
 """Factor by which the core is larger than the drift needs, for rounding."""
 ROUNDING = 1 + 1e-9
+SAME_VELOCITY = 1e-9
+"""Largest difference of a stated velocity and the reference's own, relative to it."""
+MOST_BITS = 20_000
+"""Length of a fraction beyond which a rate counts as inexact."""
 ROUNDS = 60
 """Largest number of times that a box is widened until the motion stays in it."""
 
@@ -63,11 +75,10 @@ MOST_SUBSTEPS = 2**20
 
 @dataclass(eq=False)
 class NotAnEquilibriumError(SwarmstartError, ValueError):
-    """A reference is not an equilibrium in states that must be constant.
+    """A reference is not an equilibrium in states that it does not declare to move.
 
     Attributes:
-        entries: Entries of x_ref that move although f depends on them or they have
-            bounds.
+        entries: Entries of x_ref that move although no velocity is stated for them.
         rates: Their rates, of f(x_ref, u_ref).
         core: Level of the core that this motion leaves undecided.
         level: Level of the set.
@@ -85,10 +96,10 @@ class NotAnEquilibriumError(SwarmstartError, ValueError):
             for entry, rate in zip(self.entries, self.rates, strict=True)
         )
         return (
-            f"x_ref and u_ref are no equilibrium: {moving} there, and the dynamics "
-            "depend on these states or they have bounds; only other states may move "
-            f"along the reference. This motion leaves V <= {self.core:.3g} undecided, "
-            f"of a set V <= {self.level:.3g}"
+            f"x_ref and u_ref are no equilibrium: {moving} there. A reference that "
+            "moves states its velocity, in states on which the dynamics do not depend. "
+            f"This motion leaves V <= {self.core:.3g} undecided, of a set "
+            f"V <= {self.level:.3g}"
         )
 
 
@@ -123,43 +134,41 @@ class Drift:
         return max(radius**2, LEAST_CORE * alpha)
 
 
-def resting(dynamics: ca.Function, *, is_bounded: Mask) -> Mask:
-    """Return which states must rest: f depends on them, or they have bounds.
-
-    Args:
-        dynamics: f(x, u) -> xdot.
-        is_bounded: Which states have bounds, shape (nx,).
-    """
-    felt = dynamics.jac_sparsity(0, 0).T.get_triplet()[0]
-    rests = np.array(is_bounded)
-    rests[np.array(felt, dtype=int)] = True
-    return rests
-
-
 class ReferenceMotion:
     """The motion of a reference in states that should rest.
 
     Attributes:
-        entries: States that should rest: f depends on them, or they have bounds.
+        entries: States that move although they should rest.
         rates: f(x_ref, u_ref) of them.
-        bound: Upper bounds of |f| there, rounding included; 0 for the other states,
-            shape (nx,).
+        bound: Upper bounds of |f| there, rounding included; 0 for the states that are
+            declared to move, shape (nx,).
     """
 
     def __init__(self, dynamics: ca.Function, reference: Reference) -> None:
         """Evaluate f at the reference.
 
         Raises:
+            MovingReferenceError: If it moves in a state on which f depends, or not
+                with its stated velocity.
             NotFiniteError: If f is NaN or infinite there.
             UnknownIntervalOperationError: If f has an operation without interval form.
         """
         xdot = np.array(dynamics(reference.x_ref, reference.u_ref)).ravel()
         xdot = finite_array("the rate at the reference", xdot, (None,))
-        x = ca.SX.sym("x", reference.x_ref.size)
-        rate = ca.Function("rate", [x], [dynamics(x, ca.DM(reference.u_ref))])
-        self._evaluate, self._x_ref = interval_function(rate), reference.x_ref
-        self._rests = resting(dynamics, is_bounded=np.isfinite(reference.e_max))
-        self.bound = self._fastest(np.zeros(x.numel()))
+        # Both are inputs: CasADi would round what depends on a constant u_ref alone.
+        x, u = (
+            ca.SX.sym(name, n)
+            for name, n in (("x", xdot.size), ("u", dynamics.size1_in(1)))
+        )
+        rate = ca.Function("rate", [ca.vertcat(x, u)], [dynamics(x, u)])
+        self._evaluate, self._at = (
+            interval_function(rate),
+            np.concatenate([reference.x_ref, reference.u_ref]),
+        )
+        self._rests = reference.rates == 0
+        _require_velocity(dynamics, reference, xdot)
+        is_zero = [value == 0 for value in exact_rates(dynamics, reference)]
+        self.bound = np.where(is_zero, 0.0, self._fastest(np.zeros(xdot.size)))
         moving = np.flatnonzero(self.bound)
         self.entries = tuple(int(entry) for entry in moving)
         self.rates = tuple(float(xdot[entry]) for entry in moving)
@@ -191,15 +200,84 @@ class ReferenceMotion:
         return moved
 
     def _fastest(self, around: Array) -> Array:
-        """Return upper bounds of |f| within `around` of x_ref; 0 for free states."""
+        """Return upper bounds of |f| within `around` of x_ref; 0 for moving states."""
+        reach = np.zeros(self._at.size)
+        reach[: around.size] = around
         # Outwards: an end is rounded by half a unit of x_ref.
-        slack = np.where(around > 0, 4 * np.spacing(np.abs(self._x_ref)), 0.0)
-        reach = around + slack
+        reach += np.where(reach > 0, 4 * np.spacing(np.abs(self._at)), 0.0)
         low, high = self._evaluate(
-            (self._x_ref - reach)[:, None], (self._x_ref + reach)[:, None]
+            (self._at - reach)[:, None], (self._at + reach)[:, None]
         )
         fastest = np.maximum(np.abs(low), np.abs(high))[:, 0]
         return np.where(self._rests, fastest, 0.0)
+
+
+def exact_rates(dynamics: ca.Function, reference: Reference) -> list[Fraction | None]:
+    """Return f(x_ref, u_ref), None for a rate that is no fraction or takes long.
+
+    Intervals widen each result, and so cannot show that a reference is exactly at rest.
+
+    Args:
+        dynamics: f(x, u) -> xdot.
+        reference: The reference.
+    """
+    try:
+        tape, xdot = tape_of(dynamics)
+    except UnknownIntervalOperationError:
+        return [None] * reference.x_ref.size
+    inputs = {"x": reference.x_ref, "u": reference.u_ref}
+    values: list[Fraction | None] = []
+    for operation, *operands in tape:
+        if operation == "const":
+            values.append(Fraction(operands[0]))
+        elif operation in inputs:
+            values.append(Fraction(float(inputs[str(operation)][int(operands[0])])))
+        else:
+            arguments = [values[int(number)] for number in operands]
+            values.append(_exactly(str(operation), arguments))
+    return [values[number] for number in xdot]
+
+
+def _exactly(operation: str, arguments: list[Fraction | None]) -> Fraction | None:
+    """Return the result of an operation, None if it is not known exactly."""
+    known = [value for value in arguments if value is not None]
+    if len(known) < len(arguments):
+        return None
+    value = known[0]
+    if operation in _EXACT_AT:
+        at, result = _EXACT_AT[operation]
+        return Fraction(result) if value == at else None
+    if operation in _EXACT:
+        try:
+            result = _EXACT[operation](*known)
+        except ZeroDivisionError:
+            return None
+        # A long chain of products takes twice the digits at each link.
+        return result if result.denominator.bit_length() <= MOST_BITS else None
+    return None
+
+
+_EXACT: dict[str, Callable[..., Fraction]] = {
+    "add": operator.add, "sub": operator.sub, "mul": operator.mul,
+    "div": operator.truediv, "neg": operator.neg, "fabs": abs, "fmin": min, "fmax": max,
+    "sq": lambda a: a * a, "twice": lambda a: 2 * a, "inv": lambda a: 1 / a,
+}  # fmt: skip
+_EXACT_AT = {
+    "sin": (0, 0), "tan": (0, 0), "atan": (0, 0), "tanh": (0, 0), "sqrt": (0, 0),
+    "exp": (0, 1), "cos": (0, 1), "log": (1, 0),
+}  # fmt: skip
+"""Function -> a point at which its value is a fraction, and that value."""
+
+
+def _require_velocity(dynamics: ca.Function, reference: Reference, xdot: Array) -> None:
+    """Validate that a reference can move as it says."""
+    felt = set(dynamics.jac_sparsity(0, 0).T.get_triplet()[0])
+    for entry in np.flatnonzero(reference.rates).tolist():
+        velocity, rate = float(reference.rates[entry]), float(xdot[entry])
+        if entry in felt:
+            raise MovingReferenceError(entry, velocity, "on which the dynamics depend")
+        if not abs(rate - velocity) <= SAME_VELOCITY * abs(velocity):
+            raise MovingReferenceError(entry, velocity, f"whose rate is {rate:.12g}")
 
 
 def bearable_drift(

@@ -43,6 +43,7 @@ def leader_at(heading: float) -> Reference:
         u_ref=np.zeros(2),
         u_lower=np.array([-5.0, -TURN_RATE]),
         u_upper=np.array([5.0, TURN_RATE]),
+        velocity=np.array([0.0, 0.0, 15 * np.cos(heading), 15 * np.sin(heading)]),
     )
 
 

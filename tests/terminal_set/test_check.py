@@ -282,7 +282,7 @@ def test_samples_and_closed_forms_end_at_the_deadline_too(
 UNUSABLE = {
     "a missing key": (("alpha",), None, 'the file: expected the key "alpha"'),
     "an unknown key": (("beta",), 1.0, "found 'beta'"),
-    "an unknown version": (("version",), 2, "version: expected 1, found 2"),
+    "an unknown version": (("version",), 3, "version: expected 1 or 2, found 3"),
     "a forward reference": (
         ("dynamics", "tape", 5),
         ["mul", 4, 5],

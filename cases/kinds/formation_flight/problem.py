@@ -144,6 +144,8 @@ def reference_of(scenario: FormationScenario) -> Reference:
     lower, upper = _control_limits(scenario)
     # Without limits of the speed the set is bounded by the inputs alone.
     x_lower, x_upper = speed_bounds(scenario.vehicle.speed_m_s) or (None, None)
+    speed, heading = scenario.leader.speed_m_s, scenario.leader.heading_rad
+    velocity = speed * np.cos(heading), speed * np.sin(heading)
     return Reference(
         x_ref=np.array(scenario.leader.vector()),
         u_ref=np.zeros(len(lower)),
@@ -151,6 +153,7 @@ def reference_of(scenario: FormationScenario) -> Reference:
         u_upper=upper,
         x_lower=x_lower,
         x_upper=x_upper,
+        velocity=np.array([0.0, 0.0, *velocity]),
     )
 
 

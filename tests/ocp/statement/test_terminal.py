@@ -1,6 +1,7 @@
 """Terminal set of a problem: from its dynamics, bounds and control interval."""
 
 from dataclasses import replace
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -14,6 +15,7 @@ from swarmstart.ocp import (
     terminal_set_of,
 )
 from swarmstart.terminal_set import (
+    MovingReferenceError,
     NotAnEquilibriumError,
     ProofOptions,
     Reference,
@@ -93,8 +95,8 @@ def test_a_reference_that_no_input_holds_is_refused() -> None:
         found(upright(controls=(-2, 2)), at=[0.5, 0])  # It would take 4.7.
 
 
-def test_a_state_that_nothing_feels_may_move_at_the_reference() -> None:
-    """A cart that rolls at 3 m/s with a free place: only its speed must rest."""
+def test_a_reference_moves_in_a_state_that_nothing_feels_if_it_says_so() -> None:
+    """A cart that rolls at 3 m/s: its place may move with that velocity."""
     x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
     problem = OptimalControlProblem(
         Model(states=x, controls=u, ode=ca.vertcat(x[1], u - 0.1 * x[1] ** 3)),
@@ -103,11 +105,18 @@ def test_a_state_that_nothing_feels_may_move_at_the_reference() -> None:
         stage_cost=u**2,
         bounds=Bounds(controls=(-9, 9)),
     )
-    rolling = terminal_set_of(problem, at=[7.0, 3.0], weights=WEIGHTS, rng=rng())
+    asked: dict[str, Any] = {"at": [7.0, 3.0], "weights": WEIGHTS, "rng": rng()}
+    rolling = terminal_set_of(problem, velocity=[3.0, 0.0], **asked)
     np.testing.assert_allclose(rolling.u_ref, 0.1 * 27, rtol=1e-9)
+    with pytest.raises(NotAnEquilibriumError, match=r"xdot\[0\] = 3,"):
+        terminal_set_of(problem, **asked)
+    with pytest.raises(MovingReferenceError, match=r"whose rate is 3$"):
+        terminal_set_of(problem, velocity=[2.0, 0.0], **asked)
     held = replace(problem, bounds=Bounds(controls=(-9, 9), states=(-99, 99)))
-    with pytest.raises(NotAnEquilibriumError):
-        terminal_set_of(held, at=[7.0, 3.0], weights=WEIGHTS, rng=rng())
+    with pytest.raises(MovingReferenceError, match=r"x\[0\], with bounds"):
+        terminal_set_of(held, velocity=[3.0, 0.0], **asked)
+    with pytest.raises(InvalidProblemError, match="velocity must be 2 finite numbers"):
+        terminal_set_of(problem, velocity=[3.0], **asked)
 
 
 @pytest.mark.parametrize(

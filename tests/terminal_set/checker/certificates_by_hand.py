@@ -124,7 +124,7 @@ def formation(R: tuple[float, float] = (1.0, 100.0), **changes: Any) -> Content:
     alpha = float(np.min(np.square(room) / reach)) * (1 - 1e-12)
     content: Content = {
         "format": "swarmstart terminal set certificate",
-        "version": 1,
+        "version": 2,
         "dynamics": {
             "nx": 4,
             "nu": 2,
@@ -140,7 +140,11 @@ def formation(R: tuple[float, float] = (1.0, 100.0), **changes: Any) -> Content:
             ],
             "xdot": [2, 3, 6, 7],
         },
-        "reference": {"x": [15.0, 0.0, 0.0, 0.0], "u": [0.0, 0.0]},
+        "reference": {
+            "x": [15.0, 0.0, 0.0, 0.0],
+            "u": [0.0, 0.0],
+            "velocity": [0.0, 0.0, 15.0, 0.0],
+        },
         "bounds": {
             "u_lower": [-room[0], -room[1]],
             "u_upper": room,
@@ -228,6 +232,7 @@ def certificate_of(
     *,
     dt: float | None = None,
     growth: float | None = None,
+    velocity: Sequence[float] = (),
     **changes: Any,
 ) -> Certificate:
     """Return the statements of a file with these dynamics f(x, u) and P, no bounds."""
@@ -243,6 +248,7 @@ def certificate_of(
         ),
         xdot=tuple(xdot),
         x_ref=(0.0,) * nx,
+        velocity=tuple(velocity) or (0.0,) * nx,
         u_ref=(0.0,) * nu,
         bounds={
             "u_lower": (None,) * nu,

@@ -73,7 +73,7 @@ ERROR, GROWTH = ("margins", "integrator"), ("margins", "between_samples")
 @pytest.mark.parametrize(
     ("path", "allowed", "refused"),
     [
-        (("version",), [1], [0, 2, 1.0, True]),
+        (("version",), [2], [0, 1, 3, 1.0, True]),
         (("alpha",), [5e-324, 1e308], [0.0, -1.0, 10**400]),
         (("dt",), [5e-324, 2], [0.0, -0.5]),
         (("substeps",), [1, 10_000], [0, 10_001, None, 1.0]),

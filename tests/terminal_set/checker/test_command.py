@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import NoReturn
 
@@ -18,6 +18,7 @@ from swarmstart.terminal_set.checker.file_content import (
 from swarmstart.terminal_set.checker.findings import Finding, Verdict
 
 PROVED = Finding(Verdict.PROVED, "V decreases")
+SAMPLED = Finding(Verdict.SAMPLED, "the error is 0", "the error")
 REFUSED = Finding(Verdict.REFUSED, "P is indefinite")
 UNDECIDED = Finding(Verdict.UNDECIDED, "time ran out")
 
@@ -28,9 +29,13 @@ def options_of(*arguments: str) -> object:
     return vars(parsed(arguments, program="check", description="Check a file."))
 
 
+def said_of(text: str, sampled: Sequence[str]) -> str:
+    return f"as {text}" + "".join(f", sampled: {subject}" for subject in sampled)
+
+
 def code_of(read: Callable[[Path], str], judged: Judge = lambda _: [PROVED]) -> int:
     options = parsed(["a.json"], program="check", description="Check a file.")
-    return checked(options, read=read, judged=judged, said=lambda text: f"as {text}")
+    return checked(options, read=read, judged=judged, said=said_of)
 
 
 def raising(error: BaseException) -> Callable[[object], NoReturn]:
@@ -72,6 +77,7 @@ def test_what_is_quoted_of_a_wrong_call_is_escaped(
     ("findings", "code", "verdict"),
     [
         ([PROVED], 0, "verdict: as proof"),
+        ([SAMPLED, PROVED], 0, "verdict: as proof, sampled: the error"),
         ([PROVED, UNDECIDED], 4, "verdict: undecided within 600 s"),
         ([PROVED, REFUSED], 3, "verdict: refused"),
         ([UNDECIDED, REFUSED], 3, "verdict: refused"),

@@ -92,14 +92,20 @@ def test_a_state_with_a_bound_may_not_move_along(
     check: Check, heading: float, side: str
 ) -> None:
     """A leader at 15 m/s reaches 60 m after 4 s, whatever its follower does."""
-    content = formation(reference={"x": [15.0, heading, 30.0, 0.0], "u": [0.0, 0.0]})
+    forwards = math.cos(heading) * 15.0
+    reference = {
+        "x": [15.0, heading, 30.0, 0.0],
+        "u": [0.0, 0.0],
+        "velocity": [0.0, 0.0, forwards, 0.0],
+    }
+    content = formation(reference=reference)
     # Of the heading pi the sine is 1.2e-16: a core for that alone.
     content["core"] = core(1e-6 * content["alpha"], 1e-6)
     bound = 0.0 if side == "x_lower" else 60.0
     assert check(signed(content))[0] in (0, 3)
     code, said = check(signed(replaced(content, ("bounds", side, 2), bound)))
     assert code == 3
-    assert "no equilibrium, beyond what its core bears: x[2] by 15 a second" in said
+    assert f"to move x[2] by {forwards:g} a second, but it has bounds" in said
 
 
 @pytest.mark.parametrize("sign", [1, -1])
@@ -149,9 +155,13 @@ def test_a_state_that_may_move_along_needs_nothing_of_the_core(
     """x0' = -x0 + r moves by less than 2 r, x1' = 3 is felt by nothing else."""
     x, u, r = ca.SX.sym("x", 2), ca.SX.sym("u"), 1e-9
     dynamics = ca.Function("along", [x, u], [ca.vertcat(r - x[0] + 0 * u, 3)])
-    certificate = certificate_of(dynamics, [[1.0, 0.5], [0.5, 1.0]], 1.0, dt=dt)
+    P = [[1.0, 0.5], [0.5, 1.0]]
+    certificate = certificate_of(dynamics, P, 1.0, dt=dt, velocity=[0.0, 3.0])
     stated = dataclasses.replace(certificate, core=1e-12, drift=2e-3)
     assert check_drift(stated).verdict is Verdict.PROVED
+    for velocity in ((0.0, 0.0), (0.0, 3.01), (0.0, -3.0), (1e-9, 3.0)):
+        moved = dataclasses.replace(stated, velocity=velocity)
+        assert check_drift(moved).verdict is Verdict.REFUSED, velocity
     bounds = stated.bounds | {"x_upper": (None, 1.0)}
     held_back = dataclasses.replace(stated, bounds=bounds)
     assert check_drift(held_back).verdict is Verdict.REFUSED
@@ -189,4 +199,4 @@ def test_a_motion_is_as_large_as_its_worst_signs_make_it(beside: float) -> None:
 
 
 def test_chen_is_an_exact_equilibrium(check: Check) -> None:
-    assert "the reference is an equilibrium, but for states" in check(chen())[1]
+    assert "re-proved: the reference rests" in check(chen())[1]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from fractions import Fraction
 from typing import Any
 
 import casadi as ca
@@ -12,6 +13,7 @@ import pytest
 from swarmstart.arrays import Array
 from swarmstart.terminal_set import (
     Change,
+    MovingReferenceError,
     NotAnEquilibriumError,
     ProofOptions,
     ProvenLevel,
@@ -33,6 +35,7 @@ from swarmstart.terminal_set.proving.drift import (
     Drift,
     ReferenceMotion,
     bearable_drift,
+    exact_rates,
     linear_decrease,
 )
 
@@ -148,18 +151,21 @@ def test_a_drift_is_not_small_because_the_reference_is_large(
 def test_a_state_with_a_bound_may_not_move_along(
     formation: ca.Function, leader: Reference, heading: float, side: str
 ) -> None:
-    """A leader at 15 m/s: 0 <= x <= 60 was certified."""
+    """A leader at 15 m/s: 0 <= x <= 60 was certified, stated or not."""
     free = np.full(4, np.inf)
     x_ref = np.array([15.0, heading, 30.0, 0.0])
     weights = Weights(Q=np.eye(4), R=np.diag([1.0, 100.0]))
-    unbounded = replace(leader, x_ref=x_ref)
+    course = 15 * np.array([0, 0, np.cos(heading), np.sin(heading)])
+    unbounded = replace(leader, x_ref=x_ref, velocity=course)
     limit = {"x_lower": -free, "x_upper": free}[side].copy()
     limit[2] = 0.0 if side == "x_lower" else 60.0
     speed = "15" if heading == 0 else "-15"
-    with pytest.raises(NotAnEquilibriumError, match=rf"xdot\[2\] = {speed} there"):
+    with pytest.raises(MovingReferenceError, match=rf"{speed} of x\[2\], with bounds"):
+        replace(unbounded, **{side: limit})
+    with pytest.raises(NotAnEquilibriumError, match=rf"xdot\[2\] = {speed}"):
         certified_terminal_set(
             formation,
-            replace(unbounded, **{side: limit}),
+            replace(unbounded, **{side: limit, "velocity": None}),
             weights,
             dt=1.0,
             rng=np.random.default_rng(0),
@@ -196,27 +202,37 @@ def test_without_an_enclosure_of_the_hold_there_is_no_bound() -> None:
     assert np.isfinite(motion.over_hold(1.0, 40)[0])
 
 
-def test_states_that_may_move_along_are_left_out(
+def test_states_that_are_stated_to_move_are_left_out(
     formation: ca.Function, leader: Reference
 ) -> None:
     motion = ReferenceMotion(formation, leader)
     assert motion.entries == () and not motion.bound.any()
     assert not motion.over_hold(1.0, 2).any()
+    unstated = ReferenceMotion(formation, replace(leader, velocity=None))
+    assert unstated.entries == (2,) and unstated.rates == (15.0,)
 
 
-def test_states_that_drive_nothing_may_move_whatever_the_inputs_drive() -> None:
-    """x' = (1e-3, -y + v) with inputs (v, w): y alone must rest, and does."""
+def test_a_state_moves_only_as_it_says_and_only_if_nothing_feels_it() -> None:
+    """x' = (1e-3, -y + v) with inputs (v, w): x may move by 1e-3, y may not."""
     x, u = ca.SX.sym("x", 2), ca.SX.sym("u", 2)
     f = ca.Function("f", [x, u], [ca.vertcat(1e-3 + 0 * u[1], -x[1] + u[0])])
-    reference = Reference(
+    rest = Reference(
         x_ref=np.zeros(2), u_ref=np.zeros(2), u_lower=-np.ones(2), u_upper=np.ones(2)
     )
-    motion = ReferenceMotion(f, reference)
+    assert ReferenceMotion(f, rest).entries == (0,)
+    along = replace(rest, velocity=np.array([1e-3 * (1 + 0.9e-9), 0]))
+    motion = ReferenceMotion(f, along)
     assert motion.entries == () and not motion.bound.any()
-    swapped = ca.Function("f", [x, u], [ca.vertcat(-x[0] + u[1], 1e-3 + x[0])])
-    assert ReferenceMotion(swapped, reference).entries == ()
-    driven = ca.Function("f", [x, u], [ca.vertcat(-x[1] + u[0], 1e-3 + 0 * x[0])])
-    assert ReferenceMotion(driven, reference).entries == (1,)
+    for wrong, said in (
+        ([1e-3 * (1 + 1.1e-9), 0], r"of x\[0\], whose rate is 0.001"),
+        ([-1e-3, 0], r"velocity -0.001 of x\[0\], whose rate"),
+        ([1e-3, 1e-9], r"of x\[1\], on which the dynamics depend"),
+    ):
+        with pytest.raises(MovingReferenceError, match=said):
+            ReferenceMotion(f, replace(rest, velocity=np.array(wrong)))
+    driven = ca.Function("f", [x, u], [ca.vertcat(1e-3 + x[0], -x[1] + u[0])])
+    with pytest.raises(MovingReferenceError, match=r"x\[0\], on which the dynamics"):
+        ReferenceMotion(driven, along)
 
 
 def test_linear_decrease_is_that_at_the_centre() -> None:
@@ -302,3 +318,28 @@ def test_constant_rate_moves_its_time_over_a_hold(substeps: int) -> None:
     found = motion.over_hold(0.5, substeps)
     exact = 3e-3 * 0.5
     assert exact <= found[0] <= exact * ROUNDING ** (2 * substeps + 1)
+
+
+def test_rates_are_exact_where_fractions_show_it_and_else_unknown() -> None:
+    """0.1 + 0.2 is no 0.3 in floats, and 3 * (1/3) is no 1: neither rests."""
+    x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+    rates = ca.vertcat(
+        x[0] * ca.sin(x[1]), u - 9.81, (x[0] + 0.1) - (x[0] + 0.2) + 0.1,
+        ca.exp(u) - 1, ca.cos(x[1]) * u - u, x[0] / x[1],
+    )  # fmt: skip
+    f = ca.Function("f", [x, u], [rates])
+    reference = Reference(
+        x_ref=[15.0, 0.0], u_ref=[9.81], u_lower=[-99.0], u_upper=[99.0]
+    )
+    found = exact_rates(f, reference)
+    assert found[0] == found[1] == found[4] == 0
+    assert found[2] == Fraction(0.1) + Fraction(0.1) - Fraction(0.2) == 0
+    assert found[3] is None and found[5] is None
+    assert exact_rates(f, replace(reference, u_ref=[0.1 + 0.2]))[1] == (
+        Fraction(0.1 + 0.2) - Fraction(9.81)
+    )
+    chain = x[0] + 0.1
+    for _ in range(12):
+        chain = chain * chain
+    long = ca.Function("f", [x, u], [chain + u])
+    assert exact_rates(long, reference) == [None]
