@@ -555,9 +555,8 @@ def _differences(
         )
     lower, upper = problem.state_limits
     width = np.where(np.isfinite(upper - lower), upper - lower, 0.0)
-    reach = np.ptp(path.states, axis=1)
     ends = np.abs(path.states[:, [0, -1]]).max(axis=1)
-    scale = np.maximum(np.maximum(reach, width), ends)
+    scale = np.maximum(np.maximum(path.reach, width), ends)
     off = np.abs(path.states[:, -1] - plan.states[:, -1])
     beyond = off - (tolerance * scale + _NOTHING_MOVES * sizes.states)
     if (beyond > 0).any():

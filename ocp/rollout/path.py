@@ -2,10 +2,12 @@
 
 A problem's constraints are required at its nodes only; the path is the actual motion of
 the model. It is integrated by the classical Runge-Kutta method (by RODAS4 if the
-problem's integrator is "stiff") with ten steps for each step of the problem. All
-constraints are evaluated at all of these points: at the start of each step with its
-control, and at the end of every interval. If the problem uses step size control, the
-steps between these points have their own lengths, at a tolerance ten times smaller.
+problem's integrator is "stiff") with ten steps for each step of the problem. Their
+lengths differ: a ripple or a pulse whose period divides the problem's steps would look
+the same to steps of a tenth. All constraints are evaluated at all of these points: at
+the start of each step with its control, and at the end of every interval. If the
+problem uses step size control, the steps between these points have their own lengths,
+at a tolerance ten times smaller.
 """
 
 from dataclasses import dataclass
@@ -30,6 +32,9 @@ from swarmstart.ocp.rollout.violation import SoftRows
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 
 FINER = 10
+UNEVEN = 0.5
+"""Range of the fine steps' lengths, relative to their mean."""
+GOLDEN = (5**0.5 - 1) / 2
 _SHOWN = 5
 """Number of broken rows that a summary shows."""
 
@@ -49,6 +54,8 @@ class Path:
         outside: Constraints that the start breaks.
         broken: The worst excess of each constraint row, the worst first.
         kinks: Names of the kinks and jumps that the path touches.
+        reach: Natural size of each state along the path, shape (nx,): its range, and of
+            a state that an interval's end writes, that of what is written.
         not_finite: (time, name of the state) of the first state that is not finite;
             None: all are finite.
     """
@@ -62,6 +69,7 @@ class Path:
     outside: tuple[Excess, ...]
     broken: tuple[Excess, ...]
     kinks: tuple[str, ...]
+    reach: Array
     not_finite: tuple[float, str] | None
 
     def __repr__(self) -> str:
@@ -97,9 +105,8 @@ class Tracer:
         if not problem.model.jumps:
             self._at_once *= problem.intervals  # The whole path is one call.
         fine = _adaptive_step if problem.is_adaptive else _fine_step
-        self._fine = fine(shooting, problem.dt / self._steps).mapaccum(
-            "path", self._at_once
-        )
+        self._fine = fine(shooting).mapaccum("path", self._at_once)
+        self._lengths = problem.dt * uneven_lengths(problem.checks, self._steps)
         names = [*problem.symbols().values()]
         outputs = ca.vertcat(ca.SX(0, 1), *problem.model.outputs.values())
         self._outputs = ca.Function("outputs", names, [outputs])
@@ -107,6 +114,8 @@ class Tracer:
         self._step_cost = ca.Function("step_cost", names, [problem.step_cost])
         ends = [names[0], names[2], names[3]]
         self._kinks = kinks_of(problem)
+        jump = shooting.jump
+        self._jump_slopes = jump.factory("slopes", jump.name_in(), ["jac:o0:i0"])
         self._end_cost = ca.Function("end_cost", ends, [problem.terminal_cost])
         self._first_cost = ca.Function("first_cost", ends, [problem.initial_cost])
 
@@ -124,7 +133,7 @@ class Tracer:
         """
         problem, m = self.problem, self._steps
         u = np.repeat(controls, m, axis=1)
-        times = np.linspace(0.0, problem.length, u.shape[1] + 1)
+        times = self._times()
         s = signals_between(problem, signals, times)
         # With a free end time the core's horizon is 1, and its rates are per horizon.
         times = times * (self.shooting.lowered.end_time(x0) / problem.length)
@@ -171,9 +180,18 @@ class Tracer:
             magnitude=float(sums[1] + np.abs(single).sum()),
             outside=tuple(outside),
             kinks=self._touched(Points(times, states, controls, s), before, p, sizes),
+            reach=self._reach(states, before, controls, p, s[:, m::m]),
             broken=tuple(sorted(broken, key=lambda e: -e.relative)),
             not_finite=first_not_finite(problem, times, states),
         )
+
+    def _times(self) -> Array:
+        """Return the times of the fine steps, the problem's nodes among them."""
+        problem, count = self.problem, self._steps // self.problem.checks
+        parts = np.tile(self._lengths, problem.intervals).reshape(-1, count)
+        since = np.cumsum(parts, axis=1) - parts  # Since the node before.
+        times = (problem.times[:-1, None] + since).ravel()
+        return np.append(times, problem.times[-1])
 
     def _shared(self, p: Array, sizes: Sizes) -> Array:
         """Return the arguments common to all fine steps: p, or as `_adaptive_step`."""
@@ -199,24 +217,48 @@ class Tracer:
         if self.problem.is_adaptive:
             y = np.concatenate([y, np.abs(y), [0.0, 1.0]])
         at_once = self._at_once
+        lengths = np.tile(self._lengths, at_once // m)[None, :]
         for first in range(0, u.shape[1], at_once):
             part = slice(first, first + at_once)
             many = np.tile(p[:, None], (1, at_once))
             if self.problem.is_adaptive:
                 many[-1, ::m] = FIRST  # The controls jump.
             after = slice(first + 1, first + at_once + 1)
-            both = np.array(self._fine(y, u[:, part], many, s[:, part], s[:, after]))
+            known = (u[:, part], many, s[:, part], s[:, after], lengths)
+            both = np.array(self._fine(y, *known))
             y = both[:, -1]
             # A copy, since the state after the jump is written into the same array
             # below.
             before.append(both[:nx, m - 1 :: m].copy())
             if self.problem.model.jumps:
-                known = s[: self.problem.model.ns, first + at_once]
+                there = s[: self.problem.model.ns, first + at_once]
                 own = p[: self.problem.model.np]
-                jumped = self.shooting.jump(y[:nx], u[:, first], own, known)
+                jumped = self.shooting.jump(y[:nx], u[:, first], own, there)
                 y[:nx] = both[:nx, -1] = np.array(jumped).ravel()
             found.append(both[:nx])
         return np.hstack(found), np.hstack(before), y[nx : nx + 2]
+
+    def _reach(
+        self, states: Array, before: Array, controls: Array, p: Array, s: Array
+    ) -> Array:
+        """Return the natural sizes of the states; see `Path`.
+
+        A state that keeps the value of an expression at the end of a phase may keep a
+        zero, up to rounding. It is judged by how far the expression can vary.
+        """
+        model = self.problem.model
+        reach = np.ptp(states, axis=1)
+        if not model.jumps:
+            return reach
+        many = np.tile(p[: model.np, None], (1, before.shape[1]))
+        slopes = np.array(self._jump_slopes(before, controls, many, s[: model.ns]))
+        slopes = np.abs(slopes.reshape(model.nx, -1, model.nx))
+        # A state's own slope is 1 where the end of an interval leaves it as it is.
+        for i in range(model.nx):
+            slopes[i, :, i] = 0.0
+        with np.errstate(invalid="ignore"):
+            written = np.nan_to_num(slopes @ reach, nan=0.0, posinf=0.0)
+        return np.maximum(reach, written.max(axis=1, initial=0.0))
 
     def _output_values(self, states: Array, u: Array, p: Array, s: Array) -> Array:
         """Return the outputs along the path, shape (ny, n)."""
@@ -311,49 +353,77 @@ def first_not_finite(
     return float(times[column]), problem.model.state_names[row]
 
 
-def _fine_step(shooting: Shooting, h: float) -> ca.Function:
-    """Return ((x, cost, |cost|), u, p, s before, s after) -> the same after h."""
+def uneven_lengths(checks: int, steps: int) -> Array:
+    """Return the lengths of the fine steps of an interval, which sum up to 1.
+
+    They are the same on all machines, and between two checks their mean is 1 / steps.
+
+    Args:
+        checks: Number of parts of an interval that end at a check.
+        steps: Number of fine steps.
+    """
+    # Multiples of the golden section are spread more evenly than those of any other
+    # number, and no run of them repeats.
+    spread = np.arange(1, steps // 2 + 1) * GOLDEN % 1
+    parts = (1 + UNEVEN * (spread - 0.5)).reshape(checks, -1)
+    # Backwards again, so that the middle between two checks is looked at: a limit is
+    # cut there most often.
+    parts = np.hstack([parts, parts[:, ::-1]])
+    return np.ravel(parts / parts.sum(axis=1, keepdims=True) / checks)
+
+
+def _fine_step(shooting: Shooting) -> ca.Function:
+    """Return ((x, cost, |cost|), u, p, s before, s after, h) -> the same after h."""
     model = shooting.problem.model
     y, p = ca.SX.sym("y", model.nx + 2), ca.SX.sym("p", model.np)
-    rate, u, before, after = _fine_rate(shooting, p, h)
+    rate, *known = _fine_rate(shooting, p)
     method = verifying_integrator(shooting.problem.integrator)
-    stepped = integrate(method, rate, y, start=0.0, duration=h, steps=1)
-    return ca.Function("fine", [y, u, p, before, after], ca.cse([stepped]))
+    stepped = integrate(method, rate, y, start=0.0, duration=1.0, steps=1)
+    u, *rest = known
+    return ca.Function("fine", [y, u, p, *rest], ca.cse([stepped]))
 
 
-def _fine_rate(
-    shooting: Shooting, p: ca.SX, h: float
-) -> tuple[Rate, ca.SX, ca.SX, ca.SX]:
-    """Return the rate of (x, cost, |cost|) over h; and u, s before, s after."""
+def _fine_rate(shooting: Shooting, p: ca.SX) -> tuple[Rate, ca.SX, ca.SX, ca.SX, ca.SX]:
+    """Return the rate of (x, cost, |cost|) over a step, and its arguments.
+
+    Time is counted in steps, so that the length of a step can be an argument.
+
+    Args:
+        shooting: Functions of the problem.
+        p: Parameters.
+
+    Returns:
+        The rate; u, s before, s after, length of the step [s].
+    """
     problem, f = shooting.problem, shooting.dynamics
     model = problem.model
     cost = ca.Function("cost", [*problem.symbols().values()], [problem.stage_cost])
     u = ca.SX.sym("u", model.nu)
     before, after = ca.SX.sym("s0", problem.ns), ca.SX.sym("s1", problem.ns)
-    counts = float(problem.quadrature == "integral")
+    counts, h = float(problem.quadrature == "integral"), ca.SX.sym("h")
 
     def rate(t: float, z: ca.SX) -> ca.SX:
-        x, s = z[: model.nx], before + t / h * (after - before)
+        x, s = z[: model.nx], before + t * (after - before)
         spent = counts * cost(x, u, p, s)
-        return ca.vertcat(f(x, u, p, s[: model.ns]), spent, ca.fabs(spent))
+        return h * ca.vertcat(f(x, u, p, s[: model.ns]), spent, ca.fabs(spent))
 
-    return rate, u, before, after
+    return rate, u, before, after, h
 
 
-def _adaptive_step(shooting: Shooting, h: float) -> ca.Function:
-    """Return (z, u, shared, s before, s after) -> z after h; see rodas.py.
+def _adaptive_step(shooting: Shooting) -> ca.Function:
+    """Return (z, u, shared, s before, s after, h) -> z after h; see rodas.py.
 
     The y of z is (x, cost, |cost|); shared is (p, sizes of y, longest first step as a
     fraction of h).
     """
     model = shooting.problem.model
     shared = ca.SX.sym("shared", model.np + model.nx + 3)
-    rate, u, before, after = _fine_rate(shooting, shared[: model.np, 0], h)
+    rate, u, *rest = _fine_rate(shooting, shared[: model.np, 0])
     follow = follower(
         rate,
-        [u, shared, before, after],
+        [u, shared, *rest],
         shared[model.np : model.np + model.nx + 2],
-        duration=h,
+        duration=1.0,
         tolerance=finer(shooting.problem.integrator_tolerance or 0.0),
     )
     z, *known = (ca.MX.sym(f"a{i}", *follow.size_in(i)) for i in range(follow.n_in()))

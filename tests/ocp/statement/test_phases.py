@@ -195,3 +195,32 @@ def test_initial_cost_of_a_later_phase_is_refused_and_not_dropped() -> None:
     with pytest.raises(InvalidProblemError, match="no initial cost, phase 2 has"):
         phases([leg(1.0, 2), leg(1.0, 2, initial_cost=X[0])])
     phases([leg(1.0, 2, initial_cost=X[0]), leg(1.0, 2)])
+
+
+def test_a_phase_that_ends_at_the_value_0_is_judged_by_how_far_it_could_vary() -> None:
+    """Thrown upwards, to the apex and down again: v = 0 there, up to rounding."""
+    drag = Model(states=X, controls=U, ode=ca.vertcat(X[1], -1 - X[1] ** 3 + U))
+
+    def part(end: ca.SX) -> OptimalControlProblem:
+        return leg(
+            Free(0.1, 5), 5, model=drag, terminal=[(end, 0)], stage_cost=1 + U**2,
+            bounds=Bounds(controls=(-0.5, 0.5)),
+        )  # fmt: skip
+
+    both = phases([part(X[1]), part(X[0])])
+    answer = solve(both.problem, both.start([0.0, 1.0]), seed=0)
+    assert answer.status is SolutionStatus.CONVERGED
+    ends, sizes = np.abs(answer.path.states[:, -1]), answer.path.reach
+    kept = int(np.argmin(np.where(sizes > 0.1, ends, np.inf)[2:])) + 2
+    # The speed falls from 1 to 0 and on to its end at the ground.
+    fallen = np.ptp(answer.path.states[1])
+    assert ends[kept] < 1e-5 and sizes[kept] == pytest.approx(fallen, rel=1e-9)
+
+
+def test_what_a_phase_keeps_is_compared_with_the_finer_path_all_the_same() -> None:
+    """A fast oscillation in one step of Runge and Kutta: its end is another one."""
+    swing = Model(states=X, controls=U, ode=ca.vertcat(20 * X[1], -20 * X[0] + 0 * U))
+    first = leg(1.0, 2, model=swing, substeps=1, terminal_cost=X[0])
+    cut = phases([first, leg(1.0, 4)])
+    answer = solve(cut.problem, cut.start([1.0, 0.0]), search=None, lanes=0, seed=0)
+    assert answer.status is SolutionStatus.MISMATCH
