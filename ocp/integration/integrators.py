@@ -88,6 +88,9 @@ PARTS = 5
 """Number of parts of the first stiff step after a jump; see the module's head."""
 MORE_PARTS = 8
 """Number of parts for a first part of 5e-5 of the step instead of 3e-3."""
+INSIDE = 1e-9
+"""Part of a step by which the time is read inside of its ends, so that a function of
+time that jumps at an end has the value that it has within; far above rounding."""
 _LONGER = 4.0
 """Ratio of the lengths of two consecutive parts."""
 

@@ -22,7 +22,12 @@ from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import DivergedError, InvalidProblemError
 from swarmstart.ocp.common.expressions import shortened, symbol_names
 from swarmstart.ocp.common.limits import numbers_of, require_count
-from swarmstart.ocp.integration.integrators import MORE_PARTS, held_step, linear_step
+from swarmstart.ocp.integration.integrators import (
+    INSIDE,
+    MORE_PARTS,
+    held_step,
+    linear_step,
+)
 from swarmstart.ocp.loop.system_steps import SystemSteps, is_system
 from swarmstart.ocp.system.algebraic import SOLVED_WITHIN
 from swarmstart.ocp.system.model import Model, jump_of, outputs_of, unsolved_of
@@ -208,7 +213,13 @@ class Plant:
         if self.model.varying.numel():
             known = self.varying(np.append(begins, time + self.dt))
             # Both ends of each step, side by side.
-            arguments.append(np.repeat(known, 2, axis=1)[:, 1:-1])
+            known = np.repeat(known, 2, axis=1)[:, 1:-1]
+            if self.model.time.numel():
+                # A little inside, as in a plan: what jumps at an end has the value that
+                # it has within the step.
+                moved = INSIDE * self.dt / self.substeps
+                known[-1] += np.tile([moved, -moved], self.substeps)
+            arguments.append(known)
         return arguments
 
     def _solved(

@@ -260,7 +260,7 @@ def collocated_check(
         ):
             x = ca.SX(state)  # A copy; states without a rate keep their values.
             x[moving] = own[:, i]
-            s = between(ends, (element + float(time)) / layout.elements)
+            s = shooting.signals_at(ends, (element + float(time)) / layout.elements)
             slope = through @ ca.DM(coefficients.slopes[i])
             rate = shooting.dynamics(x, u, p, s[:ns, 0])
             defects.append(slope - h * rate[moving])

@@ -158,7 +158,7 @@ def _along(shooting: Shooting, parts: Array, first: bool) -> ca.Function:
     duration = problem.dt / problem.checks
 
     def rate(t: float, y: ca.SX) -> ca.SX:
-        return f(y, u, p, between((ends[0], ends[1]), t / duration)[:ns, 0])
+        return f(y, u, p, shooting.signals_at((ends[0], ends[1]), t / duration)[:ns, 0])
 
     state, found, begin = x, [], 0.0
     for end in parts * duration:

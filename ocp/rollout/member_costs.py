@@ -140,10 +140,10 @@ def _rate(
     """Return the rate of states and costs, from u, p, and s at both ends of a check."""
     problem, (u, p, s) = shooting.problem, known
     model, duration = problem.model, problem.dt / problem.checks
-    start, end = s[:, 0], s[:, 1]
+    ends = s[:, 0], s[:, 1]
 
     def rate(t: float, y: ca.SX) -> ca.SX:
-        at, state = start + t / duration * (end - start), y[: model.nx]
+        at, state = shooting.signals_at(ends, t / duration), y[: model.nx]
         spent = stage(state, u, p, at)
         if problem.quadrature != "integral":
             # Such costs are added at an interval's ends.

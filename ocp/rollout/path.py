@@ -403,7 +403,7 @@ def _fine_rate(shooting: Shooting, p: ca.SX) -> tuple[Rate, ca.SX, ca.SX, ca.SX,
     counts, h = float(problem.quadrature == "integral"), ca.SX.sym("h")
 
     def rate(t: float, z: ca.SX) -> ca.SX:
-        x, s = z[: model.nx], before + t * (after - before)
+        x, s = z[: model.nx], shooting.signals_at((before, after), t)
         spent = counts * cost(x, u, p, s)
         return h * ca.vertcat(f(x, u, p, s[: model.ns]), spent, ca.fabs(spent))
 

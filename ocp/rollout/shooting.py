@@ -24,7 +24,7 @@ from typing import TypeVar
 
 import casadi as ca
 
-from swarmstart.ocp.integration.integrators import PARTS, integrate
+from swarmstart.ocp.integration.integrators import INSIDE, PARTS, integrate
 from swarmstart.ocp.integration.rodas import Rate
 from swarmstart.ocp.rollout.adaptive_stage import adaptive_stage, tick_of
 from swarmstart.ocp.rollout.scaling import Sizing
@@ -319,6 +319,25 @@ class Shooting:
             return both, ca.SX(0)
         return both[:-1], both[-1]
 
+    def signals_at(self, ends: tuple[ca.SX, ca.SX], part: float) -> ca.SX:
+        """Return the signals at a part of a check or a step, linear between its ends.
+
+        The time is read a little inside of both ends, so that a function of time that
+        jumps there has the value that it has in between. Over the whole it is not
+        moved, and the error of a smooth function is far below that of a step.
+
+        Args:
+            ends: Signals at both ends, shape (ns, 1).
+            part: From 0 at the first end to 1.
+        """
+        start, end = ends
+        s = start + part * (end - start)
+        if self.stated.model.time.numel():
+            # The rewrites append it to the problem's own signals.
+            row = int(self.stated.model.signals.numel())
+            s[row] += INSIDE * (1 - 2 * part) * (end[row] - start[row])
+        return s
+
     def rate(self, u: ca.SX, p: ca.SX, ends: tuple[ca.SX, ca.SX]) -> Rate:
         """Return r(t, y) over a check: of the state, and of cost / unit if integrated.
 
@@ -328,16 +347,12 @@ class Shooting:
             ends: Signals at both ends of the check.
         """
         problem, f = self.problem, self.dynamics
-        duration, (start, end) = problem.dt / problem.checks, ends
-        ns = problem.model.ns
-
-        def at(t: float) -> ca.SX:
-            return start + t / duration * (end - start)
+        duration, ns = problem.dt / problem.checks, problem.model.ns
 
         def rate(t: float, y: ca.SX) -> ca.SX:
+            s = self.signals_at(ends, t / duration)
             if problem.quadrature != "integral":
-                return f(y, u, p, at(t)[:ns] if ns else start[:0])
-            s = at(t)
+                return f(y, u, p, s[:ns])
             return ca.vertcat(f(y[:-1], u, p, s[:ns]), self.stage_cost(y[:-1], u, p, s))
 
         return rate

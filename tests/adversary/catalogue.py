@@ -6,6 +6,7 @@ import numpy as np
 
 from swarmstart.tests.adversary.case import Case
 from swarmstart.tests.adversary.problems import (
+    aliases,
     bang_bang,
     between_checks,
     box_constrained,
@@ -33,6 +34,7 @@ CLASSES: dict[str, Callable[[], list[Case]]] = {
         between_checks,
         free_end_time,
         stiff,
+        aliases,
     )
 }
 

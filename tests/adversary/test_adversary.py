@@ -3,12 +3,13 @@
 import sys
 
 import numpy as np
+import pytest
 
 from swarmstart.tests.adversary.case import UNITS, Case, in_units
 from swarmstart.tests.adversary.catalogue import chosen
 from swarmstart.tests.adversary.claims import claimed
 from swarmstart.tests.adversary.judge import judge
-from swarmstart.tests.adversary.problems import between_checks
+from swarmstart.tests.adversary.problems import aliases, between_checks
 
 COUNT = 30
 BACKENDS = ("auto", "casadi")
@@ -44,3 +45,11 @@ def test_no_answer_is_confirmed_that_cuts_a_bound_between_checks() -> None:
         refused += not claim.is_confirmed
     assert not false
     assert refused >= len(cut) // 2
+
+
+@pytest.mark.parametrize("part", [slice(0, 4), slice(4, 12), slice(12, 20)])
+def test_no_answer_is_confirmed_whose_steps_pass_over_a_ripple(part: slice) -> None:
+    """Steps of a tenth passed over the ripples 2, 3, 6 and 7 as well."""
+    for case in aliases.cases()[part]:
+        verdict = judge(case.truth, claimed(case, backend="auto"))
+        assert not verdict.faults, f"{case.name}: {verdict.faults}"

@@ -1,0 +1,94 @@
+"""Ripples and pulses in time whose period divides the steps, and jumps at and off them.
+
+    x' = u + g(t),  t' = 1,  J = integral of (x - 1)^2 + u^2 / 10
+
+The steps of the problem see the same phase of g at every one of their points, and so
+would steps of a tenth. With four steps in an interval of length h, the points of a step
+of Runge and Kutta are its ends and its middle, h/8 apart.
+
+    ripple   g = A cos(2 pi m t / (h/8))^2         m periods from point to point
+    pulse    g = A exp(k (cos(2 pi t / (h/4) - p) - 1))   narrow, and at a phase p
+    jump     g = A before a time at the grid or off it, -A/3 after it
+
+What is asked is that no answer is confirmed whose cost is not that of its controls.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from swarmstart.arrays import Array
+from swarmstart.tests.adversary.case import Case, Formulas
+from swarmstart.tests.adversary.judge import Truth
+
+Shape = Callable[[Any, Any], Any]
+"""(time, CasADi or NumPy) -> g."""
+
+KIND = "aliases"
+INTERVALS = 8
+
+
+def _case(name: str, g: Shape, jump: float | None, length: float) -> Case:
+    """Return a case of one g."""
+
+    def formulas(x: ca.SX, u: ca.SX) -> Formulas:
+        ode = ca.vertcat(u + g(x[1], ca), 1.0)
+        return Formulas(ode=ode, stage_cost=(x[0] - 1) ** 2 + u**2 / 10)
+
+    def rate(x: Array, u: Array) -> Array:
+        return np.array([u[0] + g(x[1], np), 1.0])
+
+    def kinks(x: Array, u: Array) -> Array:
+        del u
+        return np.empty(0) if jump is None else np.array([x[1] - jump])
+
+    truth = Truth(
+        dynamics=rate,
+        stage_cost=lambda x, u: float((x[0] - 1) ** 2 + u[0] ** 2 / 10),
+        kinks=kinks,
+        controls=(np.full(1, -60.0), np.full(1, 60.0)),
+        x0=np.zeros(2),
+        horizon=length * INTERVALS,
+        intervals=INTERVALS,
+        sizes=np.array([1.0, length * INTERVALS]),
+    )
+    return Case(name=name, kind=KIND, formulas=formulas, truth=truth, is_counted=False)
+
+
+def cases() -> list[Case]:
+    """Return all cases of the class, the same on every call."""
+    rng = np.random.default_rng(33)
+    made = []
+    for number in range(20):
+        h, size = float(rng.uniform(0.1, 0.8)), float(rng.uniform(3.0, 20.0))
+        if number < 8:
+            # Of a tenth of the distance of two points, too: m = 10.
+            m = (1, 2, 5, 10, 1, 2, 10, 20)[number]
+            turn = 2 * np.pi * m / (h / 8)
+
+            def g(t: Any, by: Any, turn: float = turn, a: float = size) -> Any:
+                return a * by.cos(turn * t) ** 2
+
+            made.append(_case(f"ripple {number}", g, None, h))
+        elif number < 14:
+            k, phase = float(rng.uniform(30, 300)), float(rng.uniform(1, 2))
+
+            def g(
+                t: Any, by: Any, k: float = k, turn: float = 8 * np.pi / h,
+                phase: float = phase, a: float = size,
+            ) -> Any:  # fmt: skip
+                bump = by.cos(turn * t - phase) - 1
+                return a * by.exp(k * bump)
+
+            made.append(_case(f"pulse {number}", g, None, h))
+        else:
+            place = (2, 5, 3.5, 4.25, 1.1, 6.77)[number - 14] * h
+
+            def g(t: Any, by: Any, place: float = place, a: float = size) -> Any:
+                before = t < place
+                return a * (4 / 3 * before - 1 / 3)
+
+            made.append(_case(f"jump {number}", g, place, h))
+    return made
