@@ -476,10 +476,19 @@ def _judged_by(
 
 
 def _is_better_answer(one: Solution, other: Solution) -> bool:
-    """Return whether an answer is better: confirmed ones first, then by cost."""
+    """Return whether an answer is better: feasible ones first, then confirmed ones.
+
+    Among confirmed answers the cost decides, else excess and cost on the finer path;
+    but what the checks say does not get worse.
+    """
+    if one.plan.feasible != other.plan.feasible:
+        return one.plan.feasible
     if one.status.is_confirmed != other.status.is_confirmed:
         return one.status.is_confirmed
     if one.status.is_confirmed:
         return one.plan.cost < other.plan.cost
+    at_checks = [(s.plan.cost, s.plan.violation) for s in (other, one)]
+    if not one.plan.feasible and is_better(*at_checks, tolerance=one.problem.tolerance):
+        return False
     values = [(s.cost, s.verified_violation) for s in (one, other)]
     return is_better(*values, tolerance=one.problem.path_tolerance)

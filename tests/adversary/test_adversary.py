@@ -5,7 +5,8 @@ import sys
 import numpy as np
 import pytest
 
-from swarmstart.tests.adversary.case import UNITS, Case, in_units
+from swarmstart import solve
+from swarmstart.tests.adversary.case import UNITS, Case, in_units, problem_of
 from swarmstart.tests.adversary.catalogue import chosen
 from swarmstart.tests.adversary.claims import claimed
 from swarmstart.tests.adversary.judge import judge
@@ -53,3 +54,25 @@ def test_no_answer_is_confirmed_whose_steps_pass_over_a_ripple(part: slice) -> N
     for case in aliases.cases()[part]:
         verdict = judge(case.truth, claimed(case, backend="auto"))
         assert not verdict.faults, f"{case.name}: {verdict.faults}"
+
+
+def test_no_answer_is_worse_than_a_start(cases: list[Case]) -> None:
+    """By violation, then cost: not than a cold polish from zero or middle controls.
+
+    At the checks; a start that is worse along the finer path is no better one.
+    """
+    counted = [case for case in cases if case.truth.is_solvable]
+    worse = []
+    for number, case in enumerate(chosen(counted, 24, rng=np.random.default_rng(5))):
+        stated = in_units(case, UNITS[number % len(UNITS)])
+        problem, x0 = problem_of(stated), stated.truth.x0
+        answer = solve(problem, x0, seed=0)
+        cold = solve(problem, x0, search=None, lanes=0, seed=0)
+        size = max(abs(cold.cost), stated.truth.cost_size)
+        if not cold.plan.feasible:
+            continue
+        if not answer.plan.feasible or answer.plan.cost > cold.plan.cost + 1e-6 * size:
+            # A cheaper start that is not confirmed does not count against one that is.
+            if not (answer.status.is_confirmed and not cold.status.is_confirmed):
+                worse.append(f"{stated.name}: {answer.cost} instead of {cold.cost}")
+    assert not worse

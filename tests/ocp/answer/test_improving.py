@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+import swarmstart as ss
 from swarmstart.heuristics import LSHADE, Budget
 from swarmstart.ocp import (
     Bounds,
@@ -390,3 +391,25 @@ def test_polished_attempt_is_not_searched_again_and_adds_its_effort(
     assert (made.search.cost, made.search.violation) == (3.0, 0.25)
     assert made.search.history.tolist() == [5.0, 3.0]
     assert made.polish_status is PolishStatus.CONVERGED
+
+
+F = ss.table([0, 0.5, 1, 2], [1, 2, 1.5, 3], "linear", name="f")
+
+
+@pytest.mark.parametrize(
+    ("rate", "intervals", "end", "constraints"),
+    [(U * F(X), 10, 1.8, []), (U, 4, 1.0, [ca.fabs(X - 0.5037) >= 0.004])],
+    ids=["table", "gap"],
+)
+def test_an_answer_that_is_feasible_at_the_checks_stays_feasible(
+    rate: ca.SX, intervals: int, end: float, constraints: list[ca.SX]
+) -> None:
+    """With its kinks rounded it broke less along the path, but more at the checks."""
+    problem = ss.OptimalControlProblem(
+        Model(states=X, controls=U, ode=rate), horizon=1.0, intervals=intervals,
+        stage_cost=U**2, bounds=Bounds(controls=(-5, 5)), terminal=[(X, end)],
+        constraints=constraints,
+    )  # fmt: skip
+    answer = ss.solve(problem, [0.0], seed=0)
+    assert answer.violation <= problem.tolerance
+    assert answer.status is not SolutionStatus.INFEASIBLE
