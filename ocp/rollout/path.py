@@ -247,7 +247,7 @@ class Tracer:
         zero, up to rounding. It is judged by how far the expression can vary.
         """
         model = self.problem.model
-        reach = np.ptp(states, axis=1)
+        reach: Array = np.ptp(states, axis=1)
         if not model.jumps:
             return reach
         many = np.tile(p[: model.np, None], (1, before.shape[1]))
@@ -258,7 +258,7 @@ class Tracer:
             slopes[i, :, i] = 0.0
         with np.errstate(invalid="ignore"):
             written = np.nan_to_num(slopes @ reach, nan=0.0, posinf=0.0)
-        return np.maximum(reach, written.max(axis=1, initial=0.0))
+        return np.asarray(np.maximum(reach, written.max(axis=1, initial=0.0)))
 
     def _output_values(self, states: Array, u: Array, p: Array, s: Array) -> Array:
         """Return the outputs along the path, shape (ny, n)."""

@@ -245,8 +245,8 @@ def _exactly(operation: str, arguments: list[Fraction | None]) -> Fraction | Non
         return None
     value = known[0]
     if operation in _EXACT_AT:
-        at, result = _EXACT_AT[operation]
-        return Fraction(result) if value == at else None
+        at, there = _EXACT_AT[operation]
+        return Fraction(there) if value == at else None
     if operation in _EXACT:
         try:
             result = _EXACT[operation](*known)

@@ -57,38 +57,33 @@ def _case(name: str, g: Shape, jump: float | None, length: float) -> Case:
     return Case(name=name, kind=KIND, formulas=formulas, truth=truth, is_counted=False)
 
 
+def _ripple(size: float, turn: float) -> Shape:
+    return lambda t, by: size * by.cos(turn * t) ** 2
+
+
+def _pulses(size: float, turn: float, sharpness: float, phase: float) -> Shape:
+    return lambda t, by: size * by.exp(sharpness * (by.cos(turn * t - phase) - 1))
+
+
+def _jump(size: float, place: float) -> Shape:
+    return lambda t, by: size * (4 / 3 * (t < place) - 1 / 3)
+
+
 def cases() -> list[Case]:
     """Return all cases of the class, the same on every call."""
     rng = np.random.default_rng(33)
     made = []
-    for number in range(20):
+    # Of a tenth of the distance of two points, too: m = 10.
+    for number, m in enumerate((1, 2, 5, 10, 1, 2, 10, 20, 40, 10)):
         h, size = float(rng.uniform(0.1, 0.8)), float(rng.uniform(3.0, 20.0))
-        if number < 8:
-            # Of a tenth of the distance of two points, too: m = 10.
-            m = (1, 2, 5, 10, 1, 2, 10, 20)[number]
-            turn = 2 * np.pi * m / (h / 8)
-
-            def g(t: Any, by: Any, turn: float = turn, a: float = size) -> Any:
-                return a * by.cos(turn * t) ** 2
-
-            made.append(_case(f"ripple {number}", g, None, h))
-        elif number < 14:
-            k, phase = float(rng.uniform(30, 300)), float(rng.uniform(1, 2))
-
-            def g(
-                t: Any, by: Any, k: float = k, turn: float = 8 * np.pi / h,
-                phase: float = phase, a: float = size,
-            ) -> Any:  # fmt: skip
-                bump = by.cos(turn * t - phase) - 1
-                return a * by.exp(k * bump)
-
-            made.append(_case(f"pulse {number}", g, None, h))
-        else:
-            place = (2, 5, 3.5, 4.25, 1.1, 6.77)[number - 14] * h
-
-            def g(t: Any, by: Any, place: float = place, a: float = size) -> Any:
-                before = t < place
-                return a * (4 / 3 * before - 1 / 3)
-
-            made.append(_case(f"jump {number}", g, place, h))
+        g = _ripple(size, 2 * np.pi * m / (h / 8))
+        made.append(_case(f"ripple {number}", g, None, h))
+    for number in range(8):
+        h, size = float(rng.uniform(0.1, 0.8)), float(rng.uniform(3.0, 20.0))
+        sharpness, phase = float(rng.uniform(30, 300)), float(rng.uniform(1, 2))
+        g = _pulses(size, 8 * np.pi / h, sharpness, phase)
+        made.append(_case(f"pulse {number}", g, None, h))
+    for number, part in enumerate((2, 5, 3.5, 4.25, 1.1, 6.77, 7, 0.5)):
+        h, size = float(rng.uniform(0.1, 0.8)), float(rng.uniform(3.0, 20.0))
+        made.append(_case(f"jump {number}", _jump(size, part * h), part * h, h))
     return made

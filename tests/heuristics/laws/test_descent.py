@@ -81,3 +81,19 @@ def test_fixed_variables_stay() -> None:
     box = Box(lower=np.array([0.5, -2.0]), upper=np.array([0.5, 2.0]))
     found = descend(rosenbrock, box, np.array([[0.5], [-1.0]]))
     np.testing.assert_allclose(found.x[:, 0], [0.5, 0.25], atol=1e-4)
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_no_point_that_is_tried_lies_outside_the_box(side: float) -> None:
+    """The slope leads far beyond either end, also where a step is tried shorter."""
+    box, seen = Box(lower=np.full(2, -1.0), upper=np.full(2, 1.0)), []
+
+    def steep(x: Array, numbers: NDArray[np.int64]) -> tuple[Array, Array]:
+        del numbers
+        seen.append(x.copy())
+        wave = np.cos(9 * x).sum(axis=0)
+        return 100 - 20 * side * x.sum(axis=0) + wave, -20 * side - 9 * np.sin(9 * x)
+
+    found = descend(steep, box, np.random.default_rng(0).uniform(-1, 1, (2, 30)))
+    assert max(abs(x).max() for x in seen) <= 1
+    np.testing.assert_allclose(found.x, side, atol=1e-9)

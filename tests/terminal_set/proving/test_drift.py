@@ -165,7 +165,7 @@ def test_a_state_with_a_bound_may_not_move_along(
     with pytest.raises(NotAnEquilibriumError, match=rf"xdot\[2\] = {speed}"):
         certified_terminal_set(
             formation,
-            replace(unbounded, **{side: limit, "velocity": None}),
+            replace(unbounded, velocity=None, **{side: limit}),
             weights,
             dt=1.0,
             rng=np.random.default_rng(0),
@@ -329,13 +329,14 @@ def test_rates_are_exact_where_fractions_show_it_and_else_unknown() -> None:
     )  # fmt: skip
     f = ca.Function("f", [x, u], [rates])
     reference = Reference(
-        x_ref=[15.0, 0.0], u_ref=[9.81], u_lower=[-99.0], u_upper=[99.0]
-    )
+        x_ref=np.array([15.0, 0.0]), u_ref=np.array([9.81]),
+        u_lower=np.array([-99.0]), u_upper=np.array([99.0]),
+    )  # fmt: skip
     found = exact_rates(f, reference)
     assert found[0] == found[1] == found[4] == 0
     assert found[2] == Fraction(0.1) + Fraction(0.1) - Fraction(0.2) == 0
     assert found[3] is None and found[5] is None
-    assert exact_rates(f, replace(reference, u_ref=[0.1 + 0.2]))[1] == (
+    assert exact_rates(f, replace(reference, u_ref=np.array([0.1 + 0.2])))[1] == (
         Fraction(0.1 + 0.2) - Fraction(9.81)
     )
     chain = x[0] + 0.1

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from swarmstart.cases.format.kind import NEVER
+from swarmstart.cases.kinds.problem.measuring.measures import own_values
 from swarmstart.tests.cases.kinds.problem.conftest import PENDULUM, simulated, stated
 
 RAMP = """\
@@ -182,3 +183,11 @@ def test_own_and_decided_measures_have_a_meaning() -> None:
         "Initial value of the state speed that the first plan decides [rad/s]"
     )
     assert found["late"] == "Measure of this scenario: angle.end + 1"
+
+
+def test_measures_of_a_flight_that_begins_later_are_of_its_own_time() -> None:
+    """From 3 s to 5 s: the mean of time is 4, and settling counts from 3 on."""
+    times = np.array([[3.0, 3.5, 4.0], [4.0, 4.5, 5.0]])
+    path = {"time": times, "x": np.where(times < 4.2, 1.0, 0.0)}
+    asked = {"m": "mean(time)", "i": "integral(time)", "s": "settling(x, 0, 0.1)"}
+    assert own_values(asked, path) == {"m": 4.0, "i": 8.0, "s": 4.5}
