@@ -82,7 +82,11 @@ from swarmstart.ocp.search.settings import (
     traded_order,
 )
 from swarmstart.ocp.statement.control_shape import split_knots
-from swarmstart.ocp.statement.lowering import bounded_controls, zero_controls
+from swarmstart.ocp.statement.lowering import (
+    bounded_controls,
+    cold_controls,
+    zero_controls,
+)
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 
 _BASINS = 3
@@ -333,7 +337,8 @@ class Planner:
             known: Parameters and signals.
             guess: Controls to start from, shape (nu, N), clipped to the bounds; None:
                 unknown, so that the search starts at random, and a polish alone at zero
-                controls. A Start has states as well, from which the polish then starts.
+                controls and at the middle of their bounds. A Start has states as well,
+                from which the polish then starts.
             candidates: Further controls that the search evaluates, shape (nu, N, k),
                 clipped to the bounds; None means none. They come first in its first
                 population.
@@ -625,15 +630,15 @@ class Planner:
     def _searched(self, request: _Request) -> tuple[Plan, list[Start]]:
         """Return the search's answer and the starts of the polish, the best first.
 
-        Without a search, these are the guess, or zero controls.
+        Without a search, these are the guess, or the cold starts.
         """
         x0, known, rng = request.x0, request.known, request.rng
         guess = None if request.guess is None else request.guess.controls
         search, space = self.search, self._space
         if search is None or space is None:
-            controls = zero_controls(self.problem) if guess is None else guess
-            plan = self.evaluated(controls, x0, known=known, source=Source.GUESS)
-            return plan, [Start(controls)]
+            cold = cold_controls(self.problem) if guess is None else [guess]
+            plan = self.evaluated(cold[0], x0, known=known, source=Source.GUESS)
+            return plan, [Start(controls) for controls in cold]
         objective = space.objective(x0, known)
         order = search.order or default_order(self.problem.tolerance)
         basins = search.basins if self.polisher else 0  # They are for the polish.

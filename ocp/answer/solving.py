@@ -114,8 +114,8 @@ def solve(  # noqa: PLR0913 - the whole way in one call
         lanes: Number of random starts that are solved at once, in SIMD lanes. With them
             the polish also starts from zero controls, the middle of the bounds, the
             guess, the search's best points and guesses of states, and the answer
-            reports the result of each. None means 64 if there is a polish; 0 means a
-            single start.
+            reports the result of each. None means 64 if there is a polish; 0 means
+            the guess, else zero controls and the middle of the bounds.
         backend: Backend that evaluates populations: "llvm" (machine code), "casadi" or
             "auto"; None asks SWARMSTART_BACKEND, then auto (docs/evaluator.md, "Choose
             the evaluator").

@@ -125,8 +125,7 @@ def optimum_of(answers: LaneAnswers, *, apart: float = APART) -> NDArray[np.int6
         answers: Answers of lanes.
         apart: Root mean square distance above which two are distinct.
     """
-    ended = np.isfinite(answers.cost) & (answers.violation <= FEASIBLE)
-    feasible = np.flatnonzero(ended)
+    feasible = np.flatnonzero(reached(answers))
     # Stable, so that answers of equal cost give the same optima in every run.
     order = feasible[np.argsort(answers.cost[feasible], kind="stable")]
     number = np.full(answers.cost.size, -1, dtype=np.int64)
@@ -142,6 +141,11 @@ def optimum_of(answers: LaneAnswers, *, apart: float = APART) -> NDArray[np.int6
             number[lane] = len(first)
             first.append(lane)
     return number
+
+
+def reached(answers: LaneAnswers) -> NDArray[np.bool_]:
+    """Return which answers are feasible, shape (n,)."""
+    return np.isfinite(answers.cost) & (answers.violation <= FEASIBLE)
 
 
 def paths(answers: LaneAnswers, cheapest: int) -> Array:

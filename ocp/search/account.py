@@ -57,6 +57,8 @@ class Lanes:
             optima. None: the starts were not a random sample, so there is no estimate.
         iterations: Steps of all lanes together.
         seconds: Wall time [s].
+        infeasible: Number of starts that ended at a point that breaks constraints.
+        lost: Number of starts whose states left the finite numbers.
     """
 
     starts: int
@@ -65,6 +67,8 @@ class Lanes:
     unseen: Unseen | None
     iterations: int
     seconds: float = field(compare=False)
+    infeasible: int = 0
+    lost: int = 0
 
     def told(self, sense: float = 1.0) -> dict[str, Any]:
         """Return all fields as a dictionary for JSON.
@@ -85,7 +89,10 @@ class Lanes:
         more = len(self.optima) - SHOWN
         listed = ", ".join(shown) + (f" and {more} more" if more > 0 else "")
         said = f"{self.starts} starts: {listed or 'no optimum'}"
-        if self.unseen is None:
+        ended = ((self.infeasible, "infeasible"), (self.lost, "not finite"))
+        said += "".join(f", {count} {how}" for count, how in ended if count)
+        # Starts that reached nothing say nothing about how others would end.
+        if self.unseen is None or not self.optima:
             return said
         most = f"{self.unseen.most:.0%}"
         return f"{said}; at most {most} of such starts end in others (95% interval)"

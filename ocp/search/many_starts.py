@@ -30,7 +30,7 @@ from swarmstart.arrays import Array
 from swarmstart.machine_code import stopwatch
 from swarmstart.ocp.compiled.engine import NoCompilerError
 from swarmstart.ocp.compiled.threads import aside
-from swarmstart.ocp.lanes.answers import distinct_optima, unseen_share
+from swarmstart.ocp.lanes.answers import distinct_optima, reached, unseen_share
 from swarmstart.ocp.lanes.solver import LaneSolver, NoLanesError, random_starts
 from swarmstart.ocp.nlp.polish import SAME_COST, Polished, Polisher, is_better
 from swarmstart.ocp.nlp.polish_options import PolishStatus
@@ -44,7 +44,7 @@ from swarmstart.ocp.rollout.fitness import (
 )
 from swarmstart.ocp.search.account import Lanes, Origin, StartsAccount, Tried
 from swarmstart.ocp.search.search_space import side_by_side
-from swarmstart.ocp.statement.lowering import middle_controls, zero_controls
+from swarmstart.ocp.statement.lowering import cold_controls, zero_controls
 
 LANES = 64
 """Number of random starts of `solve`."""
@@ -189,19 +189,21 @@ class ManyStarts:
             won=tries.tried[best].origin,
             tried=tuple(tries.tried),
             lanes=lanes,
-            without_lanes="" if lanes else self._refused or "interrupted",
+            without_lanes="" if lanes else self._refused or self._stopped(),
         )
         evaluations = sum(one.evaluations for one in tries.answers)
         return Answered(tries.answers[best], evaluations, account)
 
+    def _stopped(self) -> str:
+        """Return why there were no lanes although there could have been."""
+        spent = self._polisher.watch.is_over
+        return "the budget was spent before" if spent else "interrupted"
+
     def _cold(self) -> list[Origined]:
         """Return zero controls, and the middle of the bounds if it differs."""
-        problem = self._fitness.problem
-        zero, middle = zero_controls(problem), middle_controls(problem)
-        cold = [Origined("zero controls", Start(zero))]
-        if not np.array_equal(middle, zero):
-            cold.append(Origined("the middle of the bounds", Start(middle)))
-        return cold
+        origins: tuple[Origin, ...] = ("zero controls", "the middle of the bounds")
+        cold = cold_controls(self._fitness.problem)
+        return [Origined(o, Start(c)) for o, c in zip(origins, cold, strict=False)]
 
     def _in_lanes(
         self,
@@ -242,6 +244,8 @@ class ManyStarts:
                 unseen=unseen_share([one.count for one in optima]),
                 iterations=taken,
                 seconds=watch.seconds,
+                infeasible=int((np.isfinite(found.cost) & ~reached(found)).sum()),
+                lost=int((~np.isfinite(found.cost)).sum()),
             )
         return lanes, best
 

@@ -328,6 +328,12 @@ def zero_controls(problem: OptimalControlProblem) -> Array:
     return np.repeat(nearest[:, None], problem.intervals, axis=1)
 
 
+def cold_controls(problem: OptimalControlProblem) -> list[Array]:
+    """Return the controls to start from if nothing is known: zero, then the middle."""
+    zero, middle = zero_controls(problem), middle_controls(problem)
+    return [zero] if np.array_equal(zero, middle) else [zero, middle]
+
+
 def middle_controls(problem: OptimalControlProblem) -> Array:
     """Return the middle of the controls' bounds; zero controls if one is missing."""
     limits, zero = np.array(problem.control_limits), zero_controls(problem)

@@ -60,7 +60,7 @@ from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics import Budget
 from swarmstart.heuristics.laws import STATIC_PENALTY
 from swarmstart.machine_code import stopwatch
-from swarmstart.ocp import Planner, Solution, multistart, verified
+from swarmstart.ocp import Planner, Solution, multistart, verified, zero_controls
 from swarmstart.ocp.answer import Plan, Source, improved, repaired
 from swarmstart.ocp.nlp import Answer, Start
 from swarmstart.ocp.rollout import Known, Objective
@@ -278,7 +278,9 @@ def _searched(
     """Return the plan of a search, an NLP solver or both."""
     planner, posed = made.planner, made.posed
     x0, known, _ = planner.posed(posed.x0, posed.known)
-    plan = planner.plan(x0, known=known, rng=rng)
+    # An NLP solver alone is compared from one start, zero controls.
+    guess = zero_controls(planner.problem) if planner.search is None else None
+    plan = planner.plan(x0, known=known, guess=guess, rng=rng)
     return Found(plan, has_ended=bool(trial.solver.plugin) or not meter.ended)
 
 

@@ -1,0 +1,47 @@
+"""The account of many starts says what became of each of them."""
+
+from __future__ import annotations
+
+import casadi as ca
+
+import swarmstart as ss
+from swarmstart.ocp.lanes.answers import Optimum, unseen_share
+from swarmstart.ocp.search.account import Lanes
+
+
+def lanes(*counts: int, infeasible: int = 0, lost: int = 0) -> Lanes:
+    return Lanes(
+        starts=sum(counts) + infeasible + lost,
+        method="sweeps",
+        optima=tuple(Optimum(lane=k, cost=1.5 + k, count=c)
+                     for k, c in enumerate(counts)),
+        unseen=unseen_share(counts),
+        iterations=7, seconds=0.1, infeasible=infeasible, lost=lost,
+    )  # fmt: skip
+
+
+def test_starts_that_reach_nothing_are_counted_and_claim_nothing() -> None:
+    assert lanes(infeasible=8, lost=2).line() == (
+        "10 starts: no optimum, 8 infeasible, 2 not finite"
+    )
+    found = lanes(90, infeasible=10).line()
+    assert found.startswith("100 starts: 1.5 (90), 10 infeasible; at most 3% of such")
+    assert lanes(3).line(-1.0).startswith("3 starts: -1.5 (3); at most")
+
+
+def test_every_start_of_the_lanes_is_counted_once() -> None:
+    """A wall with a gap: many starts end at it."""
+    x, u = ca.SX.sym("x", 2), ca.SX.sym("u", 2)
+    wall = 4 - 60 * ca.exp(-20 * (x[0] - 1) ** 2) * (1 - ca.exp(-8 * x[1] ** 2))
+    problem = ss.OptimalControlProblem(
+        ss.Model(states=x, controls=u, ode=u), horizon=2.0, intervals=10,
+        stage_cost=ca.sumsqr(u), bounds=ss.Bounds(controls=(-4, 4)),
+        constraints=[ss.PathConstraint(expression=wall, lower=0)],
+        terminal=[(x, [2.0, 1.0])],
+    )  # fmt: skip
+    account = ss.solve(problem, [0.0, 1.0], seed=0).plan.starts
+    assert account is not None and account.lanes is not None
+    counted = sum(one.count for one in account.lanes.optima)
+    whole = counted + account.lanes.infeasible + account.lanes.lost
+    assert whole == account.lanes.starts
+    assert account.lanes.infeasible + account.lanes.lost > 0
