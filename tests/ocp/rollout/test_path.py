@@ -18,7 +18,7 @@ from swarmstart.ocp import (
     disc,
 )
 from swarmstart.ocp.integration.integrators import INTEGRATORS
-from swarmstart.ocp.rollout.path import Path, Tracer
+from swarmstart.ocp.rollout.path import Path, Tracer, uneven_lengths
 from swarmstart.ocp.rollout.scaling import Sizing
 
 NONE = np.empty(0)
@@ -150,8 +150,8 @@ def test_line_past_a_disc_cuts_what_geometry_says(
     if amount < 1e-2:
         return
     (found,) = path.broken
-    # 40 points in 4 s: at most 0.05 s from the nearest point.
-    off = 0.05 * np.linalg.norm(direction)
+    # 40 steps in 4 s: at most half of the longest from the nearest point.
+    off = 0.5 * 4.0 * uneven_lengths(1, 40).max() * np.linalg.norm(direction)
     assert amount - (np.hypot(distance, off) - distance) - 1e-9 <= found.amount
     assert found.amount <= amount + 1e-9
     assert found.time == pytest.approx(t, abs=0.05 + 1e-9)
@@ -288,3 +288,16 @@ def test_states_that_are_lost_touch_nothing_that_can_be_told() -> None:
     lost = traced(problem, np.zeros((1, 4)), [np.nan, 0])
     assert lost.kinks == ()
     assert lost.not_finite == (0.0, "x_0")
+
+
+@pytest.mark.parametrize(("checks", "substeps"), [(1, 1), (1, 4), (3, 2)])
+def test_fine_steps_end_at_the_checks_and_in_the_middle_between_them(
+    checks: int, substeps: int
+) -> None:
+    lengths = uneven_lengths(checks, 10 * checks * substeps)
+    each = lengths.reshape(checks, -1)
+    np.testing.assert_allclose(each.sum(axis=1), 1 / checks, rtol=1e-14)
+    np.testing.assert_allclose(each[:, : 5 * substeps].sum(axis=1), 0.5 / checks)
+    mean = 0.1 / (checks * substeps)
+    assert 0.7 * mean < lengths.min() < 0.9 * mean < 1.1 * mean < lengths.max()
+    assert lengths.max() < 1.3 * mean
