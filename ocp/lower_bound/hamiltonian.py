@@ -129,33 +129,21 @@ class Inequality:
             area = at.reach[i] * at.reach[j] * (0.5 if i == j else 1.0)
             bent += np.abs(at.bend[k, number]) * area
         apart = (reach + bent + off) * (1 + PADDING) + PADDING * np.abs(value)
-        least, most = value - apart, value + apart
         largest = max(abs(low), abs(high))
         if q > 0:
-            u = np.clip(-value / (2 * q), low, high)
-            constant = value * u + q * u * u
-            # Rounding must not make an unclipped box look clipped.
-            same = -most / (2 * q) > high + PADDING * largest
-            same |= -least / (2 * q) < low - PADDING * largest
-            curved = np.where(same, 0.0, 1 / (2 * q))
+            line = _of_square(q, (low, high), (value, apart))
+            # (g'd + v)^2 / (4 q) with |v| <= beyond: what the square alone leaves out.
             beyond = bent + off
-            rest = curved * (reach * beyond + beyond * beyond / 2)
+            rest = line.curved * (reach * beyond + beyond * beyond / 2)
             # d'Hd / 2 of the square, whose rounding is that of its size.
-            rest += PADDING * curved * reach * reach
-            pull = np.zeros_like(at.reach)
+            rest += PADDING * line.curved * reach * reach
+            line = line._replace(rest=rest, pull=np.zeros_like(at.reach))
         else:
-            at_least, at_most = (np.minimum(low * b, high * b) for b in (least, most))
-            crosses = (least < 0) & (most > 0)
-            chord = (at_most - at_least) / np.where(crosses, most - least, 1.0)
-            u = np.where(crosses, chord, np.where(least >= 0, low, high))
-            # The chord through the ends of [least, most], at b = value.
-            constant = np.where(crosses, at_least + u * (value - least), u * value)
-            curved = np.zeros_like(value)
-            rest = PADDING * (high - low) * apart
-            sharp = np.where(crosses, (high - low) / 4, 0.0)
-            pull = sharp * np.abs(at.slope[k]) * at.reach
-        constant -= largest * off + PADDING * (np.abs(constant) + largest * apart)
-        return _Line(u=u, constant=constant, curved=curved, rest=rest, pull=pull)
+            line = _of_kink((low, high), (value, apart))
+            line = line._replace(pull=line.pull * np.abs(at.slope[k]) * at.reach)
+        size = np.abs(line.constant)
+        lost = largest * off + PADDING * (size + largest * apart)
+        return line._replace(constant=line.constant - lost)
 
 
 class _Line(NamedTuple):
@@ -166,6 +154,61 @@ class _Line(NamedTuple):
     curved: Array
     rest: Array
     pull: Array
+
+
+def _of_square(q: float, box: tuple[float, float], about: tuple[Array, Array]) -> _Line:
+    """Return the line below min over u in box of b u + q u^2, for q > 0.
+
+    It touches at b = b_m, with u = -b / (2 q) clipped to the box. If no b clips it,
+    it is -b^2 / (4 q), which falls by (b - b_m)^2 / (4 q) below the line.
+
+    Args:
+        q: Of the control's square in the cost.
+        box: Lower and upper bound of the control.
+        about: Middle b_m and largest distance of b from it.
+    """
+    (low, high), (value, apart) = box, about
+    least, most = value - apart, value + apart
+    largest = max(abs(low), abs(high))
+    u = np.clip(-value / (2 * q), low, high)
+    # Rounding must not make an unclipped box look clipped.
+    same = -most / (2 * q) > high + PADDING * largest
+    same |= -least / (2 * q) < low - PADDING * largest
+    none = np.zeros_like(value)
+    return _Line(
+        u=u,
+        constant=value * u + q * u * u,
+        curved=np.where(same, 0.0, 1 / (2 * q)),
+        rest=none,
+        pull=none,
+    )
+
+
+def _of_kink(box: tuple[float, float], about: tuple[Array, Array]) -> _Line:
+    """Return the line below min over u in box of b u: low b or high b.
+
+    The minimum is concave, with a kink at b = 0. Over a range of b that holds the kink,
+    the chord through its ends is below it; its pull is what halving b would gain, for
+    each unit of b.
+
+    Args:
+        box: Lower and upper bound of the control.
+        about: Middle b_m and largest distance of b from it.
+    """
+    (low, high), (value, apart) = box, about
+    least, most = value - apart, value + apart
+    at_least, at_most = (np.minimum(low * b, high * b) for b in (least, most))
+    crosses = (least < 0) & (most > 0)
+    chord = (at_most - at_least) / np.where(crosses, most - least, 1.0)
+    u = np.where(crosses, chord, np.where(least >= 0, low, high))
+    return _Line(
+        u=u,
+        # The chord through the ends of [least, most], at b = value.
+        constant=np.where(crosses, at_least + u * (value - least), u * value),
+        curved=np.zeros_like(value),
+        rest=PADDING * (high - low) * apart,
+        pull=np.where(crosses, (high - low) / 4, 0.0),
+    )
 
 
 class Quadratic(NamedTuple):

@@ -138,8 +138,7 @@ class OptiSource:
         first = 0
         for symbol in self.symbols:
             if index < first + symbol.numel():
-                row, column = (index - first) % symbol.shape[0], 0
-                column = (index - first) // symbol.shape[0]
+                column, row = divmod(index - first, symbol.shape[0])
                 where = _one_line(self.opti.debug.describe(symbol)).partition(
                     "called from "
                 )[2]

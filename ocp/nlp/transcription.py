@@ -29,6 +29,7 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from swarmstart.arrays import Array
 from swarmstart.ocp.nlp.collocation import (
@@ -118,13 +119,26 @@ class NonlinearProgram:
         return np.concatenate([x0 / sizes.states, *shared, *weights, signals])
 
     def limits(self, sizes: Sizes) -> Limits:
-        """Return the bounds of variables and constraints, divided by the sizes.
+        """Return the bounds of variables and constraints, divided by the sizes."""
+        problem, none = self.problem, np.empty(0, dtype=np.intp)
+        tied = ties(problem.control_labels)[0] if problem.ties_controls else none
+        return Limits(
+            *self._bounds_of_variables(sizes, tied),
+            *self._bounds_of_rows(sizes, tied.size),
+        )
 
-        Of controls that must be equal only the first has the bounds, to avoid repeated
-        constraints.
+    def _bounds_of_variables(
+        self, sizes: Sizes, tied: NDArray[np.intp]
+    ) -> tuple[Array, Array]:
+        """Return the lower and upper bounds of w.
+
+        Args:
+            sizes: The natural sizes.
+            tied: Numbers of controls that must equal earlier ones. They have no bounds
+                of their own, which would repeat those of the earlier ones.
         """
         problem, N = self.problem, self.problem.intervals
-        free, empty = decided_states(problem), np.empty(0, dtype=np.intp)
+        free = decided_states(problem)
         starts = [one.value for one in problem.nlp_starts for _ in one.states]
         decided = [
             np.array([getattr(value, side) for value in starts]) / sizes.states[free]
@@ -136,7 +150,7 @@ class NonlinearProgram:
             np.append(np.zeros(problem.slacks), -inner),
             np.append(np.full(problem.slacks, np.inf), inner),
         )
-        bounds = [
+        lower, upper = (
             np.append(
                 np.tile(np.concatenate([u / sizes.controls, e, x / sizes.states]), N),
                 start,
@@ -148,12 +162,15 @@ class NonlinearProgram:
                 decided,
                 strict=True,
             )
-        ]
-        size = (bounds[0].size - len(free)) // N
-        tied = ties(problem.control_labels)[0] if problem.ties_controls else empty
+        )
+        size = (lower.size - len(free)) // N
         k, j = np.divmod(tied, problem.model.nu or 1)  # There may be no controls.
-        for values, none in zip(bounds, (-np.inf, np.inf), strict=True):
-            values[k * size + j] = none
+        lower[k * size + j], upper[k * size + j] = -np.inf, np.inf
+        return lower, upper
+
+    def _bounds_of_rows(self, sizes: Sizes, tied: int) -> tuple[Array, Array]:
+        """Return the lower and upper limits of g, whose last rows tie controls."""
+        N = self.problem.intervals
         g = []
         for side in (1, 2):
             inside, *ends = (
@@ -165,8 +182,8 @@ class NonlinearProgram:
                 )
                 for part in self.parts.present
             )
-            g.append(np.concatenate([np.tile(inside, N), *ends, np.zeros(tied.size)]))
-        return Limits(bounds[0], bounds[1], g[0], g[1])
+            g.append(np.concatenate([np.tile(inside, N), *ends, np.zeros(tied)]))
+        return g[0], g[1]
 
     def variables(self, controls: Array, states: Array, sizes: Sizes) -> Array:
         """Return w for controls (nu, N) and the states between intervals (nx, N + 1).

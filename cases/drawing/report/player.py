@@ -35,17 +35,24 @@ if TYPE_CHECKING:
 WIDTH = 10_000
 """Of the plane in the units of its paths: whole numbers are fine enough."""
 SPEEDS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
+"""Speeds to choose from, relative to the run's own time."""
 MOST_IN_LEGEND = 12
+"""Number of vehicles from which on the legend would hide the plane."""
 MOST_PLAN_NUMBERS = 60_000
+"""Numbers of plans on a page; of more, only every second plan is kept, and so on."""
 _COLOURS = 12
+"""Colours of vehicles in the page's style; then they begin again."""
 _BESIDE = 3
 """Panels beside the plane."""
 _TIMES = "\N{MULTIPLICATION SIGN}"
 _LASTS = (3.0, 30.0)
 """Seconds that a flight may take at its own pace to be played at that."""
 _PLAYED = 8.0
+"""Seconds that other flights take, as nearly as the speeds allow."""
 _MARKS = 8
+"""Marks of time below the slider, about."""
 _MOST_MARKED = 10
+"""Number of vehicles whose tracks have dots at the marks of time."""
 _FOLLOWED = 3.0
 """Times the extent of the vehicles from which on of the whole way they are followed."""
 
