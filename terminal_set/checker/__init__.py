@@ -13,14 +13,18 @@ from swarmstart.terminal_set.checker.file_content import (
     unusable,
 )
 from swarmstart.terminal_set.checker.findings import (
+    NEVER,
     Deadline,
     Finding,
+    TimeIsUpError,
     Verdict,
 )
 
 __all__ = [
+    "NEVER",
     "Deadline",
     "Finding",
+    "TimeIsUpError",
     "Verdict",
     "checked",
     "parsed",

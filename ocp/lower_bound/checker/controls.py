@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 
 from swarmstart.ocp.lower_bound.checker.certificate_file import Instruction, Problem
+from swarmstart.terminal_set.checker import NEVER, Deadline
 
 Powers = tuple[int, ...]
 Terms = dict[Powers, int]
@@ -66,6 +67,7 @@ class Split:
         end: Number of the value of phi.
         path: Numbers of the values of the path constraints.
         ends: Numbers of the values of the end constraints.
+        deadline: Time at which every evaluation of the tape stops.
     """
 
     nodes: tuple[Node, ...]
@@ -79,19 +81,24 @@ class Split:
     end: int
     path: tuple[int, ...]
     ends: tuple[int, ...]
+    deadline: Deadline = NEVER
 
 
-def split(problem: Problem) -> Split:
+def split(problem: Problem, deadline: Deadline = NEVER) -> Split:
     """Write a problem as polynomials in the controls; box as few as possible.
 
     Args:
         problem: Problem of the file; its end and constraints depend on no control.
+        deadline: Time at which to stop, also within the tape.
+
+    Raises:
+        TimeIsUpError: If the deadline has passed.
     """
     boxed: list[int] = []
     while True:
         try:
             # Each failure boxes one more control, so that this ends.
-            return _Splitter(problem, boxed).split()
+            return _Splitter(problem, boxed, deadline).split()
         except _BoxedError as error:
             boxed.append(error.control)
 
@@ -162,14 +169,19 @@ _EXACT: dict[str, Callable[..., Fraction]] = {
 class _Splitter:
     """One pass over a problem's tape with some controls boxed."""
 
-    def __init__(self, problem: Problem, boxed: Sequence[int]) -> None:
+    def __init__(
+        self, problem: Problem, boxed: Sequence[int], deadline: Deadline
+    ) -> None:
         self.problem = problem
+        self.deadline = deadline
         self.boxed = boxed
         self.write = _Writer()
 
     def split(self) -> Split:
         values: list[Terms] = []
         for instruction in self.problem.tape:
+            # Products of sums of many controls take long.
+            self.deadline.check()
             values.append(self._value(instruction, values))
         problem, free = self.problem, self._free()
         rates = [values[number] for number in problem.rate]
@@ -191,6 +203,7 @@ class _Splitter:
             path=tuple(self._factor(values[number]) for number in problem.path),
             ends=tuple(self._factor(values[number]) for number in problem.ends),
             nodes=tuple(self.write.nodes),  # the last, when all constants are written
+            deadline=self.deadline,
         )
 
     def _free(self) -> tuple[int, ...]:

@@ -29,10 +29,12 @@ from swarmstart.ocp.lower_bound.checker.models import (
     Array,
     Model,
 )
+from swarmstart.terminal_set.checker import NEVER, Deadline
 
 ELEMENTARY = 2.0**-44
 """Relative error of the float formulas of g_k below: 16 ulp and a few roundings."""
 _FARTHEST_ANGLE = 1e6
+_STEPS_A_LOOK = 32  # instructions between looks at the clock
 _LARGEST_WHOLE = 64  # exponents up to here are products, others exp(b log a)
 
 Value = Model | Fraction
@@ -230,9 +232,14 @@ class Program:
         wanted: Numbers of the wanted values.
     """
 
-    def __init__(self, nodes: Sequence[Node], wanted: Iterable[int]) -> None:
+    def __init__(
+        self,
+        nodes: Sequence[Node],
+        wanted: Iterable[int],
+        deadline: Deadline = NEVER,
+    ) -> None:
         """Select the instructions that the wanted values need."""
-        self.wanted = frozenset(wanted)
+        self.wanted, self._deadline = frozenset(wanted), deadline
         needed = set(self.wanted)
         for number in range(len(nodes) - 1, -1, -1):
             if number in needed and nodes[number].operation != "point":
@@ -256,9 +263,15 @@ class Program:
 
         Returns:
             Number of a wanted value -> the value.
+
+        Raises:
+            TimeIsUpError: If the deadline has passed.
         """
         values: dict[int, Value] = {}
-        for number, node in self._steps:
+        for place, (number, node) in enumerate(self._steps):
+            # An instruction takes up to some milliseconds, for all boxes together.
+            if place % _STEPS_A_LOOK == 0:
+                self._deadline.check()
             if node.operation == "const":
                 values[number] = node.value
             elif node.operation == "point":

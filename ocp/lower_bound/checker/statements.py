@@ -20,7 +20,12 @@ from swarmstart.ocp.lower_bound.checker.regions import (
 )
 from swarmstart.ocp.lower_bound.checker.search import Outcome, prove
 from swarmstart.ocp.lower_bound.checker.tasks import EndTask, FaceTask, StepTask
-from swarmstart.terminal_set.checker import Deadline, Finding, Verdict
+from swarmstart.terminal_set.checker import (
+    Deadline,
+    Finding,
+    TimeIsUpError,
+    Verdict,
+)
 
 
 def findings(certificate: Certificate, *, seconds: float) -> Iterator[Finding]:
@@ -36,10 +41,14 @@ def findings(certificate: Certificate, *, seconds: float) -> Iterator[Finding]:
         A finding for each statement.
     """
     deadline = Deadline.after(seconds)
-    for finding in _in_order(certificate, deadline):
-        yield finding
-        if finding.verdict is not Verdict.PROVED:
-            return
+    try:
+        for finding in _in_order(certificate, deadline):
+            yield finding
+            if finding.verdict is not Verdict.PROVED:
+                return
+    except TimeIsUpError:
+        text = "the rest: time was up before it could be judged"
+        yield Finding(Verdict.UNDECIDED, text)
 
 
 def _in_order(certificate: Certificate, deadline: Deadline) -> Iterator[Finding]:
@@ -47,7 +56,7 @@ def _in_order(certificate: Certificate, deadline: Deadline) -> Iterator[Finding]
     stated = stated_tube(certificate)
     region = Region(
         certificate=certificate,
-        split=split(certificate.problem),
+        split=split(certificate.problem, deadline),
         tube=stated,
         stated=stated,
     )
