@@ -13,6 +13,7 @@ from swarmstart.arrays import Array
 from swarmstart.ocp.integration.integrators import integrate
 from swarmstart.ocp.integration.radau import radau_coefficients
 from swarmstart.ocp.nlp.collocation import Layout, between
+from swarmstart.ocp.rollout.scaling import Sizes
 from swarmstart.ocp.rollout.shooting import Shooting
 
 
@@ -21,8 +22,8 @@ class InnerGuess:
 
     def __init__(self, shooting: Shooting, layout: Layout) -> None:
         """Compile the integration from point to point."""
+        self._shooting, self._layout = shooting, layout
         self._problem = problem = shooting.problem
-        self._layout = layout
         times = radau_coefficients(layout.points).times
         parts = np.arange(layout.elements)[:, None] + times
         self._parts = parts.ravel() / layout.elements
@@ -73,21 +74,25 @@ class InnerGuess:
         return self._by_interval(nodes)
 
     def followed(
-        self, controls: Array, begins: Array, parameters: Array, signals: Array
+        self,
+        controls: Array,
+        begins: Array,
+        known: tuple[Array, Array],
+        sizes: Sizes,
     ) -> Array:
         """Return the states that the evaluator reaches from each interval's start.
 
         Args:
             controls: Shape (nu, N).
             begins: States at the start of the intervals, shape (nx, N).
-            parameters: Shape (np,).
-            signals: At the nodes, shape (ns, nodes).
+            known: Parameters, shape (np,), and signals at the nodes, (ns, nodes).
+            sizes: The natural sizes, by which steps are controlled.
         """
-        nx, N = begins.shape
-        p = np.append(parameters, np.zeros(self._problem.automatic))
-        known = self._by_interval(signals)
-        known = known.reshape((len(known), known.shape[1] * N), order="F")
-        states = self._stage(begins, controls, np.tile(p[:, None], (1, N)), known)[0]
+        (parameters, signals), (nx, N) = known, begins.shape
+        p = np.append(parameters, self._shooting.automatic(sizes))
+        s = self._by_interval(signals)
+        s = s.reshape((len(s), s.shape[1] * N), order="F")
+        states = self._stage(begins, controls, np.tile(p[:, None], (1, N)), s)[0]
         after = np.array(states).reshape((nx, self._layout.checks, N), order="F")
         return np.concatenate([begins[:, None], after], axis=1)
 

@@ -346,7 +346,7 @@ def corrected(
     nx, N = problem.model.nx, problem.intervals
     ends = _ends(point) * sizes.states[:, None]
     controls, _ = program.split(point.w, sizes)
-    pieces = guess.followed(controls, ends[:, :-1], parameters, signals)
+    pieces = guess.followed(controls, ends[:, :-1], (parameters, signals), sizes)
     if not np.isfinite(pieces).all():
         return None
     given = Given(controls, pieces, parameters, signals)

@@ -355,7 +355,7 @@ class Arguments:
     def __init__(self, shooting: Shooting) -> None:
         """Keep the functions of a problem."""
         self._problem, self._sizing = shooting.problem, shooting.sizing
-        self._unit = shooting.costs[0]
+        self._shooting = shooting
         self._last: tuple[bytes, Array] | None = None
 
     def __call__(self, x0: ArrayLike, known: Known) -> tuple[Array, Array, Array]:
@@ -371,15 +371,9 @@ class Arguments:
         asked = b"".join(values.tobytes() for values in (state, parameters, signals))
         # One planning problem asks for the same sizes many times, and they take long.
         if self._last is None or self._last[0] != asked:
-            self._last = asked, self._automatic(self.sizes(state, known))
+            sizes = self.sizes(state, known)
+            self._last = asked, self._shooting.automatic(sizes)
         return state, np.concatenate([parameters, self._last[1]]), signals
-
-    def _automatic(self, sizes: Sizes) -> Array:
-        """Return the numbers of a rollout that depend on the initial state."""
-        if not self._problem.is_adaptive:
-            return sizes.weights
-        costs = [sizes.cost / self._unit] * self._problem.integrals
-        return np.concatenate([sizes.weights, sizes.states, costs])
 
     def sizes(
         self,

@@ -23,11 +23,13 @@ from functools import cached_property
 from typing import TypeVar
 
 import casadi as ca
+import numpy as np
 
+from swarmstart.arrays import Array
 from swarmstart.ocp.integration.integrators import INSIDE, PARTS, integrate
 from swarmstart.ocp.integration.rodas import Rate
 from swarmstart.ocp.rollout.adaptive_stage import adaptive_stage, tick_of
-from swarmstart.ocp.rollout.scaling import Sizing
+from swarmstart.ocp.rollout.scaling import Sizes, Sizing
 from swarmstart.ocp.rollout.violation import (
     SoftRows,
     infinite_unless_finite,
@@ -92,6 +94,17 @@ class Shooting:
     def costs(self) -> tuple[float, Costs]:
         """(unit, costs / unit)."""
         return self.problem.costs()
+
+    def automatic(self, sizes: Sizes) -> Array:
+        """Return the numbers of a rollout that depend on the initial state.
+
+        These are 1 / size of the rows whose scale the problem leaves open and, with
+        step size control, the sizes of the states and of the integrated cost / unit.
+        """
+        if not self.problem.is_adaptive:
+            return sizes.weights
+        costs = [sizes.cost / self.costs[0]] * self.problem.integrals
+        return np.concatenate([sizes.weights, sizes.states, costs])
 
     @cached_property
     def stage_cost(self) -> ca.Function:

@@ -32,6 +32,7 @@ from swarmstart.ocp import (
 )
 from swarmstart.ocp.nlp.optimality import Curvature, curvature
 from swarmstart.ocp.nlp.polish import Polisher
+from swarmstart.ocp.rollout.fitness import NOTHING
 from swarmstart.tests.ocp import catalyst
 
 MU, N, ELEMENTS, T = 100.0, 20, 2, 4.0
@@ -333,3 +334,26 @@ def test_states_that_are_not_finite_are_no_obstacle_to_begin_with() -> None:
 def test_its_summary_says_so() -> None:
     assert "polished by collocation" in repr(cart(transcription="radau"))
     assert "collocation" not in repr(cart())
+
+
+def test_pieces_of_a_system_at_rest_are_followed_by_controlled_steps() -> None:
+    """Its steps are controlled by the sizes; by zeros, 0 / 0 gave no number."""
+    x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+    problem = OptimalControlProblem(
+        Model(states=x, controls=u, ode=ca.vertcat(x[1], u - 0.5 * x[1])),
+        horizon=2.0, intervals=6, stage_cost=u**2 + ca.sumsqr(x),
+        bounds=Bounds(controls=(-3, 3)), integrator="stiff",
+        integrator_tolerance=1e-6, transcription="radau",
+    )  # fmt: skip
+    fitness = Fitness(problem)
+    program = Polisher(fitness, IpoptOptions()).program
+    assert program is not None and program.inner_guess is not None
+    for push in (0.0, 1.0):
+        pieces = program.inner_guess.followed(
+            np.full((1, 6), push), np.zeros((2, 6)),
+            (np.empty(0), np.empty((0, problem.nodes))),
+            fitness.arguments.sizes(np.zeros(2), NOTHING),
+        )  # fmt: skip
+        # x'' = 1 - x' / 2 from rest, over a third of a second.
+        speed = push * 2 * (1 - np.exp(-0.5 / 3))
+        np.testing.assert_allclose(pieces[1, -1], speed, rtol=1e-5, atol=1e-12)
