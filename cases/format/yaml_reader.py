@@ -68,6 +68,11 @@ _SYNTAX = (  # message of libyaml or PyYAML -> what was expected
     ),
     (r"expected ',' or '(.)'", "expected ',' or '{match}'"),
     (r"node content", "expected a value, found {char}"),
+    # libyaml's scanner has a limit of its own and meets it first, where it reads ahead.
+    (
+        r"maximum nesting depth",
+        f"expected at most {MAX_DEPTH} collections inside each other, found more",
+    ),
     (r"escape", r"expected a YAML escape after '\': write '...' to keep backslashes"),
 )
 
