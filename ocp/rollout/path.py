@@ -35,6 +35,7 @@ FINER = 10
 UNEVEN = 0.5
 """Range of the fine steps' lengths, relative to their mean."""
 GOLDEN = (5**0.5 - 1) / 2
+"""The golden section, which no fraction with a small denominator comes near."""
 _SHOWN = 5
 """Number of broken rows that a summary shows."""
 
@@ -115,6 +116,7 @@ class Tracer:
         ends = [names[0], names[2], names[3]]
         self._kinks = kinks_of(problem)
         jump = shooting.jump
+        # Of the states after an interval's end by those before it.
         self._jump_slopes = jump.factory("slopes", jump.name_in(), ["jac:o0:i0"])
         self._end_cost = ca.Function("end_cost", ends, [problem.terminal_cost])
         self._first_cost = ca.Function("first_cost", ends, [problem.initial_cost])

@@ -156,15 +156,10 @@ class ReferenceMotion:
         xdot = np.array(dynamics(reference.x_ref, reference.u_ref)).ravel()
         xdot = finite_array("the rate at the reference", xdot, (None,))
         # Both are inputs: CasADi would round what depends on a constant u_ref alone.
-        x, u = (
-            ca.SX.sym(name, n)
-            for name, n in (("x", xdot.size), ("u", dynamics.size1_in(1)))
-        )
+        x, u = ca.SX.sym("x", xdot.size), ca.SX.sym("u", reference.u_ref.size)
         rate = ca.Function("rate", [ca.vertcat(x, u)], [dynamics(x, u)])
-        self._evaluate, self._at = (
-            interval_function(rate),
-            np.concatenate([reference.x_ref, reference.u_ref]),
-        )
+        self._evaluate = interval_function(rate)
+        self._at = np.concatenate([reference.x_ref, reference.u_ref])
         self._rests = reference.rates == 0
         _require_velocity(dynamics, reference, xdot)
         is_zero = [value == 0 for value in exact_rates(dynamics, reference)]
@@ -229,7 +224,8 @@ def exact_rates(dynamics: ca.Function, reference: Reference) -> list[Fraction | 
     values: list[Fraction | None] = []
     for operation, *operands in tape:
         if operation == "const":
-            values.append(Fraction(operands[0]))
+            number = float(operands[0])
+            values.append(Fraction(number) if np.isfinite(number) else None)
         elif operation in inputs:
             values.append(Fraction(float(inputs[str(operation)][int(operands[0])])))
         else:
@@ -253,7 +249,8 @@ def _exactly(operation: str, arguments: list[Fraction | None]) -> Fraction | Non
         except ZeroDivisionError:
             return None
         # A long chain of products takes twice the digits at each link.
-        return result if result.denominator.bit_length() <= MOST_BITS else None
+        parts = result.numerator, result.denominator
+        return result if max(p.bit_length() for p in parts) <= MOST_BITS else None
     return None
 
 

@@ -339,8 +339,11 @@ def test_rates_are_exact_where_fractions_show_it_and_else_unknown() -> None:
     assert exact_rates(f, replace(reference, u_ref=np.array([0.1 + 0.2])))[1] == (
         Fraction(0.1 + 0.2) - Fraction(9.81)
     )
-    chain = x[0] + 0.1
-    for _ in range(12):
-        chain = chain * chain
-    long = ca.Function("f", [x, u], [chain + u])
-    assert exact_rates(long, reference) == [None]
+    for first in (x[0] + 0.1, x[0], 1 / x[0]):
+        chain = first
+        for _ in range(60):  # 2^60 times the digits, if they were kept.
+            chain = chain * chain
+        long = ca.Function("f", [x, u], [chain + u])
+        assert exact_rates(long, reference) == [None]
+    beyond = ca.Function("f", [x, u], [u * np.inf])
+    assert exact_rates(beyond, reference) == [None]
