@@ -68,7 +68,7 @@ _SYNTAX = (  # message of libyaml or PyYAML -> what was expected
     ),
     (r"expected ',' or '(.)'", "expected ',' or '{match}'"),
     (r"node content", "expected a value, found {char}"),
-    # libyaml's scanner has a limit of its own and meets it first, where it reads ahead.
+    # libyaml's scanner reads ahead, and so meets a limit of its own first.
     (
         r"maximum nesting depth",
         f"expected at most {MAX_DEPTH} collections inside each other, found more",
