@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -181,11 +182,16 @@ def test_where_a_state_moves_without_saying_so_nothing_is_certified(
         case.designed()
 
 
-def certified(name: str) -> dict[str, Any]:
-    """The content of the file of a set that holds its reference."""
+@cache
+def _text(name: str) -> str:
     certificate = HELD[name][0].designed().certificate
     assert certificate is not None
-    content: dict[str, Any] = json.loads(ss.certificate_text(certificate))
+    return ss.certificate_text(certificate)
+
+
+def certified(name: str) -> dict[str, Any]:
+    """The content of the file of a set that holds its reference."""
+    content: dict[str, Any] = json.loads(_text(name))
     return content
 
 
