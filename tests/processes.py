@@ -37,7 +37,16 @@ def python(
         root: Where the package is; the process begins there.
         variables: What is set in its environment besides.
     """
-    done = subprocess.run(
+    done = ended(*arguments, root=root, variables=variables)
+    assert done.returncode == 0, done.stderr
+    return done
+
+
+def ended(
+    *arguments: str, root: Path = ROOT, variables: Mapping[str, str] = NOTHING
+) -> subprocess.CompletedProcess[str]:
+    """Run Python to its end, good or bad; see `python`."""
+    return subprocess.run(
         [sys.executable, *arguments],
         env=environment(root, variables),
         cwd=root,
@@ -45,5 +54,8 @@ def python(
         text=True,
         check=False,
     )
-    assert done.returncode == 0, done.stderr
-    return done
+
+
+def installed_beside(folder: Path) -> Mapping[str, str]:
+    """Return the variables of a process that also finds what lies in a folder."""
+    return {"PYTHONPATH": os.pathsep.join([str(folder), str(ROOT)])}

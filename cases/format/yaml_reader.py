@@ -35,6 +35,7 @@ from swarmstart.cases.format.document import (
 
 MAX_BYTES = 1_000_000
 MAX_DEPTH = 32
+_TOO_DEEP = f"expected at most {MAX_DEPTH} collections inside each other, found more"
 MAX_EVENTS = 50_000
 MAX_DIGITS = 30
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # libyaml if it is built in
@@ -69,10 +70,7 @@ _SYNTAX = (  # message of libyaml or PyYAML -> what was expected
     (r"expected ',' or '(.)'", "expected ',' or '{match}'"),
     (r"node content", "expected a value, found {char}"),
     # libyaml's scanner reads ahead, and so meets a limit of its own first.
-    (
-        r"maximum nesting depth",
-        f"expected at most {MAX_DEPTH} collections inside each other, found more",
-    ),
+    (r"maximum nesting depth", _TOO_DEEP),
     (r"escape", r"expected a YAML escape after '\': write '...' to keep backslashes"),
 )
 
@@ -213,8 +211,7 @@ class _Reader:
         if isinstance(event, yaml.ScalarEvent):
             return Node(self._scalar(event, place), place, key_place)
         if depth >= MAX_DEPTH:
-            what = f"expected at most {MAX_DEPTH} collections inside each other"
-            raise self._error(f"{what}, found more", place)
+            raise self._error(_TOO_DEEP, place)
         if self._inline and not getattr(event, "flow_style", False):
             what = "expected a scalar, a list in [] or a mapping in {}"
             raise self._error(f"{what}, found {shown(self._text)}", place)

@@ -87,6 +87,11 @@ class PlanarState(Part):
         """Return (v, psi, x, y), the order of (5.3) and (5.30)."""
         return [self.speed_m_s, self.heading_rad, self.x_m, self.y_m]
 
+    def velocity(self) -> Array:
+        """Return (x', y') of steady motion, shape (2,) [m/s]."""
+        direction = [np.cos(self.heading_rad), np.sin(self.heading_rad)]
+        return self.speed_m_s * np.array(direction)
+
 
 class Point(Part):
     """A position in the plane.

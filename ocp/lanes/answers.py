@@ -148,6 +148,12 @@ def reached(answers: LaneAnswers) -> NDArray[np.bool_]:
     return np.isfinite(answers.cost) & (answers.violation <= FEASIBLE)
 
 
+def unreached(answers: LaneAnswers) -> tuple[int, int]:
+    """Return how many answers are infeasible, and how many lanes broke down."""
+    broken = ~np.isfinite(answers.cost)
+    return int((~broken & ~reached(answers)).sum()), int(broken.sum())
+
+
 def paths(answers: LaneAnswers, cheapest: int) -> Array:
     """Return the paths of answers, a row each, scaled by the moves of the cheapest one.
 

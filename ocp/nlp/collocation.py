@@ -24,11 +24,10 @@ Source: Biegler (2010), Nonlinear Programming, chapter 10.
 """
 
 from collections.abc import Mapping
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from swarmstart.arrays import Array
 from swarmstart.ocp.integration.radau import radau_coefficients
@@ -36,7 +35,6 @@ from swarmstart.ocp.rollout.shooting import Shooting
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 from swarmstart.tape import OPERATIONS, Node, Tape, UnknownOperationError, read_tape
 
-Values = TypeVar("Values", ca.SX, NDArray[np.float64])
 _CODES = {name: code for code, name in OPERATIONS.items()}
 
 
@@ -269,12 +267,6 @@ def collocated_check(
             at.append((x, s))
         state = at[-1][0]  # The last Radau point is the element's end.
     return Reached(state, cost, defects, at)
-
-
-def between(ends: tuple[Values, Values], part: float) -> Values:
-    """Interpolate the signals linearly between both ends of a check."""
-    between_them: Values = ends[0] + part * (ends[1] - ends[0])
-    return between_them
 
 
 def lifted(expressions: ca.SX, values: ca.SX, symbols: ca.SX) -> ca.SX:

@@ -12,7 +12,7 @@ import numpy as np
 from swarmstart.arrays import Array
 from swarmstart.ocp.integration.integrators import integrate
 from swarmstart.ocp.integration.radau import radau_coefficients
-from swarmstart.ocp.nlp.collocation import Layout, between
+from swarmstart.ocp.nlp.collocation import Layout
 from swarmstart.ocp.rollout.scaling import Sizes
 from swarmstart.ocp.rollout.shooting import Shooting
 
@@ -55,7 +55,7 @@ class InnerGuess:
             found = found.reshape((len(found), N, self._parts.size)).transpose(2, 0, 1)
             bends = not (self._problem.model.jumps and k == layout.checks - 1)
             states += [*self._led(found, pieces[:, k], pieces[:, k + 1], bends=bends)]
-            varying += [between(ends, part) for part in self._parts]
+            varying += [self._shooting.signals_at(ends, part) for part in self._parts]
         moving = list(layout.moving)
         inner = [state[moving] for state in states[1:]]
         if layout.lifted:

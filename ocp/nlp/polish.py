@@ -204,6 +204,9 @@ class Polisher:
         """
         self._options = options or IpoptOptions()
         self._fitness, self.watch = fitness, watch
+        near, far = (self._options.settings(near=either) for either in (True, False))
+        # Other solvers than IPOPT have one way to start: it would be the same again.
+        self._can_start_afresh = near != far
         self._choice: StepChoice | None = None
         if fitness.problem.is_adaptive and not fitness.problem.collocation:
             self._choice = StepChoice(fitness.shooting)
@@ -288,9 +291,7 @@ class Polisher:
                 else better_of(found, begun, tolerance=problem.tolerance)
             )
         ended = found.status is PolishStatus.CONVERGED or self.watch.is_over
-        # Other solvers than IPOPT have one way to start: it would be the same again.
-        settings = [self._options.settings(near=either) for either in (True, False)]
-        if near and not ended and settings[0] != settings[1]:
+        if near and not ended and self._can_start_afresh:
             how = how._replace(near=False)
             again = self._tried(controls, states, x0, known, before, how)
             found = better_of(found, again, tolerance=problem.tolerance)

@@ -34,19 +34,16 @@ _SILENT = {"print_header": False, "print_iteration": False}
 # Without its own check a QP with an empty trust region, as from a start that breaks its
 # limits, is one without solution, so that the polish ends with a status and no error.
 _QP = {"error_on_fail": False, "inputs_check": False}
+_SQP = {
+    **_SILENT,
+    "print_status": False,
+    "qpsol_options": {"printLevel": "none", **_QP},
+}
 _QUIET: Mapping[str, Mapping[str, Any]] = MappingProxyType(
     {
-        "sqpmethod": {
-            **_SILENT,
-            "print_status": False,
-            "qpsol_options": {"printLevel": "none", **_QP},
-        },
+        "sqpmethod": _SQP,
+        "feasiblesqpmethod": _SQP,
         "qrsqp": {**_SILENT, "qpsol_options": _QP},
-        "feasiblesqpmethod": {
-            **_SILENT,
-            "print_status": False,
-            "qpsol_options": {"printLevel": "none", **_QP},
-        },
         "fatrop": {"fatrop.print_level": 0},
     }
 )

@@ -97,10 +97,9 @@ class Kinks:
         return tuple(n for n, a in zip(self.names, active, strict=True) if a)
 
 
-def kinks_of(problem: OptimalControlProblem) -> Kinks:
-    """Return the switches in the model, the costs and the constraints of a problem."""
-    symbols = [*problem.symbols().values()]
-    expressions = [
+def _motion_and_costs(problem: OptimalControlProblem) -> list[ca.SX]:
+    """Return the expressions of a problem's model and costs, for both uses here."""
+    return [
         problem.model.ode,
         problem.model.next_state,
         problem.stage_cost,
@@ -108,6 +107,12 @@ def kinks_of(problem: OptimalControlProblem) -> Kinks:
         problem.initial_cost,
         problem.smooth_terminal_cost,
     ]
+
+
+def kinks_of(problem: OptimalControlProblem) -> Kinks:
+    """Return the switches in the model, the costs and the constraints of a problem."""
+    symbols = [*problem.symbols().values()]
+    expressions = _motion_and_costs(problem)
     if problem.epigraph is not None:
         expressions.append(problem.epigraph.costs)
     expressions += [
@@ -257,14 +262,7 @@ class _Kinked:
         self._symbols = [*problem.symbols().values()]
         every = (*problem.stated, *problem.soft)
         self.path = [c for c in every if isinstance(c, PathConstraint)]
-        self._expressions = [
-            problem.model.ode,
-            problem.model.next_state,
-            problem.stage_cost,
-            problem.step_cost,
-            problem.initial_cost,
-            problem.smooth_terminal_cost,
-        ]
+        self._expressions = _motion_and_costs(problem)
         self._expressions += [c.expression for c in self.path]
         self._expressions += [c.expression for c in problem.terminal_constraints]
         self._sides: list[ca.SX] = []

@@ -115,9 +115,6 @@ class Tracer:
         self._step_cost = ca.Function("step_cost", names, [problem.step_cost])
         ends = [names[0], names[2], names[3]]
         self._kinks = kinks_of(problem)
-        jump = shooting.jump
-        # Of the states after an interval's end by those before it.
-        self._jump_slopes = jump.factory("slopes", jump.name_in(), ["jac:o0:i0"])
         self._end_cost = ca.Function("end_cost", ends, [problem.terminal_cost])
         self._first_cost = ca.Function("first_cost", ends, [problem.initial_cost])
 
@@ -253,11 +250,12 @@ class Tracer:
         if not model.jumps:
             return reach
         many = np.tile(p[: model.np, None], (1, before.shape[1]))
-        slopes = np.array(self._jump_slopes(before, controls, many, s[: model.ns]))
-        slopes = np.abs(slopes.reshape(model.nx, -1, model.nx))
+        known = before, controls, many, s[: model.ns]
+        slopes = np.abs(np.array(self.shooting.jump_slopes(*known)))
+        slopes = slopes.reshape(model.nx, -1, model.nx)
         # A state's own slope is 1 where the end of an interval leaves it as it is.
-        for i in range(model.nx):
-            slopes[i, :, i] = 0.0
+        own = np.arange(model.nx)
+        slopes[own, :, own] = 0.0
         with np.errstate(invalid="ignore"):
             written = np.nan_to_num(slopes @ reach, nan=0.0, posinf=0.0)
         return np.asarray(np.maximum(reach, written.max(axis=1, initial=0.0)))

@@ -47,6 +47,7 @@ from swarmstart.ocp.system.model import jump_of, rate_of
 _UNROLLED = 20_000
 """Largest number of operations for which a trajectory is one function without calls."""
 Symbolic = TypeVar("Symbolic", ca.SX, ca.MX)
+Values = TypeVar("Values", ca.SX, Array)
 ARGUMENTS = ("decisions", "x0", "parameters", "signals")
 
 
@@ -89,6 +90,11 @@ class Shooting:
     def jump(self) -> ca.Function:
         """(x, u, p, s) -> the state after the end of an interval."""
         return jump_of(self.problem.model)
+
+    @cached_property
+    def jump_slopes(self) -> ca.Function:
+        """(x, u, p, s) -> the derivative of that state by the one before."""
+        return self.jump.factory("slopes", self.jump.name_in(), ["jac:o0:i0"])
 
     @cached_property
     def costs(self) -> tuple[float, Costs]:
@@ -332,7 +338,7 @@ class Shooting:
             return both, ca.SX(0)
         return both[:-1], both[-1]
 
-    def signals_at(self, ends: tuple[ca.SX, ca.SX], part: float) -> ca.SX:
+    def signals_at(self, ends: tuple[Values, Values], part: float) -> Values:
         """Return the signals at a part of a check or a step, linear between its ends.
 
         The time is read a little inside of both ends, so that a function of time that
@@ -340,11 +346,11 @@ class Shooting:
         moved, and the error of a smooth function is far below that of a step.
 
         Args:
-            ends: Signals at both ends, shape (ns, 1).
+            ends: Signals at both ends, shape (ns, 1), or (ns, n) of arrays.
             part: From 0 at the first end to 1.
         """
         start, end = ends
-        s = start + part * (end - start)
+        s: Values = start + part * (end - start)
         if self.stated.model.time.numel():
             # The rewrites append it to the problem's own signals.
             row = int(self.stated.model.signals.numel())

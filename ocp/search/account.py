@@ -67,8 +67,8 @@ class Lanes:
     unseen: Unseen | None
     iterations: int
     seconds: float = field(compare=False)
-    infeasible: int = 0
-    lost: int = 0
+    infeasible: int
+    lost: int
 
     def told(self, sense: float = 1.0) -> dict[str, Any]:
         """Return all fields as a dictionary for JSON.

@@ -19,6 +19,7 @@ from swarmstart.ocp.lanes.answers import (
     LaneAnswers,
     Optimum,
     distinct_optima,
+    unreached,
     unseen_share,
 )
 from swarmstart.ocp.lanes.solver import LaneSolver, random_starts
@@ -72,7 +73,7 @@ class _Found:
 
     def __init__(self, solver: LaneSolver) -> None:
         self.solver, self.solves, self.iterations = solver, 0, 0
-        self.seconds = 0.0
+        self.seconds, self.infeasible, self.lost = 0.0, 0, 0
         self.kept: LaneAnswers | None = None
         self.optima: list[Optimum] = []
 
@@ -94,6 +95,9 @@ class _Found:
         lanes = [one.lane for one in self.optima]
         self.kept = _some(every, lanes)
         self.optima = [replace(one, lane=i) for i, one in enumerate(self.optima)]
+        infeasible, lost = unreached(answers)
+        self.infeasible += infeasible
+        self.lost += lost
         self.solves += answers.cost.size
         taken = int(answers.iterations.sum())
         self.iterations += taken
@@ -113,6 +117,8 @@ class _Found:
             unseen=unseen_share(counts) if random else None,
             iterations=self.iterations,
             seconds=self.seconds,
+            infeasible=self.infeasible,
+            lost=self.lost,
         )
 
 

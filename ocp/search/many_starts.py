@@ -30,7 +30,7 @@ from swarmstart.arrays import Array
 from swarmstart.machine_code import stopwatch
 from swarmstart.ocp.compiled.engine import NoCompilerError
 from swarmstart.ocp.compiled.threads import aside
-from swarmstart.ocp.lanes.answers import distinct_optima, reached, unseen_share
+from swarmstart.ocp.lanes.answers import distinct_optima, unreached, unseen_share
 from swarmstart.ocp.lanes.solver import LaneSolver, NoLanesError, random_starts
 from swarmstart.ocp.nlp.polish import SAME_COST, Polished, Polisher, is_better
 from swarmstart.ocp.nlp.polish_options import PolishStatus
@@ -229,7 +229,7 @@ class ManyStarts:
                 return None, []
             taken = int(found.iterations.sum())
             self._polisher.watch.counted(taken * solver.rollouts_per_iteration)
-            optima = distinct_optima(found)
+            optima, (infeasible, lost) = distinct_optima(found), unreached(found)
             best = [
                 Start(
                     found.controls[:, :, one.lane],
@@ -244,8 +244,8 @@ class ManyStarts:
                 unseen=unseen_share([one.count for one in optima]),
                 iterations=taken,
                 seconds=watch.seconds,
-                infeasible=int((np.isfinite(found.cost) & ~reached(found)).sum()),
-                lost=int((~np.isfinite(found.cost)).sum()),
+                infeasible=infeasible,
+                lost=lost,
             )
         return lanes, best
 

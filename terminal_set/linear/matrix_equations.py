@@ -206,14 +206,7 @@ def continuous_lyapunov(F: ArrayLike, Q: ArrayLike) -> Array:
         UnstableLoopError: If F does not decay.
         UnreliableSolutionError: If P fails a check.
     """
-    F = square_matrix("F", F)
-    Q = positive_semidefinite("Q", Q, len(F))
-    require_stable(F, CONTINUOUS)
-    import control  # Takes about a second.
-
-    # It solves A X + X A' = -Q.
-    P = np.asarray(control.lyap(F.T, Q, method="scipy"), dtype=np.float64)
-    return reliable_solution("continuous Lyapunov", P, F.T @ P + P @ F + Q)
+    return _lyapunov(F, Q, CONTINUOUS)
 
 
 def sampled_lyapunov(F: ArrayLike, Q: ArrayLike) -> Array:
@@ -234,13 +227,21 @@ def sampled_lyapunov(F: ArrayLike, Q: ArrayLike) -> Array:
         UnstableLoopError: If F does not decay.
         UnreliableSolutionError: If P fails a check.
     """
+    return _lyapunov(F, Q, SAMPLED)
+
+
+def _lyapunov(F: ArrayLike, Q: ArrayLike, domain: TimeDomain) -> Array:
+    """Return P by python-control, whose import takes about a second."""
     F = square_matrix("F", F)
     Q = positive_semidefinite("Q", Q, len(F))
-    require_stable(F, SAMPLED)
-    import control  # Takes about a second.
+    require_stable(F, domain)
+    import control
 
-    # It solves A X A' - X = -Q.
-    P = np.asarray(control.dlyap(F.T, Q, method="scipy"), dtype=np.float64)
+    # It solves A X + X A' = -Q, or A X A' - X = -Q.
+    solve = control.lyap if domain is CONTINUOUS else control.dlyap
+    P = np.asarray(solve(F.T, Q, method="scipy"), dtype=np.float64)
+    if domain is CONTINUOUS:
+        return reliable_solution("continuous Lyapunov", P, F.T @ P + P @ F + Q)
     return reliable_solution("sampled Lyapunov", P, F.T @ P @ F - P + Q)
 
 

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 import swarmstart
+from swarmstart.tests.processes import python
 
 ROOT = Path(swarmstart.__file__).parent
 ROOMS = ("machine_code", "ocp", "heuristics", "terminal_set", "cases")
@@ -67,13 +65,7 @@ def copied(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def command(copied: Path, *arguments: str) -> str:
-    path = os.pathsep.join([str(copied), *filter(None, sys.path)])
-    done = subprocess.run(
-        [sys.executable, "-m", "swarmstart", *arguments], cwd=copied, check=False,
-        env=os.environ | {"PYTHONPATH": path}, capture_output=True, text=True,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+    return python("-m", "swarmstart", *arguments, root=copied).stdout
 
 
 def test_a_measure_is_listed_recorded_and_reported(copied: Path) -> None:

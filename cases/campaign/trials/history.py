@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from swarmstart.arrays import Array
+from swarmstart.cases.campaign.trials.result import finite
 from swarmstart.heuristics import SearchResult
 from swarmstart.heuristics.running import Individual, StopReason
 from swarmstart.machine_code import Stopwatch
@@ -281,16 +282,12 @@ class Meter:
         return {
             "evaluations": [round(one.evaluations) for one in told],
             "seconds": [one.seconds for one in told],
-            "cost": [_finite(one.cost) for one in told],
-            "violation": [_finite(one.violation) for one in told],
+            "cost": [finite(one.cost) for one in told],
+            "violation": [finite(one.violation) for one in told],
         }
 
 
 _ENDS = {StopReason.EVALUATIONS: "evaluations", StopReason.SECONDS: "seconds"}
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
 
 
 def _changes(values: Iterator[tuple[float, float, float, float]]) -> list[Entry]:

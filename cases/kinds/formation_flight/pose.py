@@ -128,9 +128,8 @@ def flaws(scenario: FormationScenario) -> Iterator[LocatedFlaw]:
 def leader_positions(scenario: FormationScenario, times: Array) -> Array:
     """Return the virtual leader's positions, shape (2, n) [m], at times (n,) [s]."""
     leader = scenario.leader
-    direction = np.array([np.cos(leader.heading_rad), np.sin(leader.heading_rad)])
     start = np.array([leader.x_m, leader.y_m])
-    return start[:, None] + leader.speed_m_s * direction[:, None] * times
+    return start[:, None] + leader.velocity()[:, None] * times
 
 
 def _linear_laws(

@@ -122,13 +122,13 @@ def slot_states(scenario: FormationScenario, number: int, times: Array) -> Array
         times: Times since the start, shape (n,) [s].
     """
     leader, slot = scenario.leader, scenario.uavs[number].slot
-    speed, heading = leader.speed_m_s, leader.heading_rad
+    along, across = leader.velocity()
     return np.stack(
         [
-            np.full_like(times, speed),
-            np.full_like(times, heading),
-            leader.x_m + slot.x_m + speed * np.cos(heading) * times,
-            leader.y_m + slot.y_m + speed * np.sin(heading) * times,
+            np.full_like(times, leader.speed_m_s),
+            np.full_like(times, leader.heading_rad),
+            leader.x_m + slot.x_m + along * times,
+            leader.y_m + slot.y_m + across * times,
         ]
     )
 
@@ -144,8 +144,6 @@ def reference_of(scenario: FormationScenario) -> Reference:
     lower, upper = _control_limits(scenario)
     # Without limits of the speed the set is bounded by the inputs alone.
     x_lower, x_upper = speed_bounds(scenario.vehicle.speed_m_s) or (None, None)
-    speed, heading = scenario.leader.speed_m_s, scenario.leader.heading_rad
-    velocity = speed * np.cos(heading), speed * np.sin(heading)
     return Reference(
         x_ref=np.array(scenario.leader.vector()),
         u_ref=np.zeros(len(lower)),
@@ -153,7 +151,7 @@ def reference_of(scenario: FormationScenario) -> Reference:
         u_upper=upper,
         x_lower=x_lower,
         x_upper=x_upper,
-        velocity=np.array([0.0, 0.0, *velocity]),
+        velocity=np.array([0.0, 0.0, *scenario.leader.velocity()]),
     )
 
 

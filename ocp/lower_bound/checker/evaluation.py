@@ -21,7 +21,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from swarmstart.ocp.lower_bound.checker.controls import Node
+from swarmstart.ocp.lower_bound.checker.controls import Node, Split
 from swarmstart.ocp.lower_bound.checker.models import (
     GROWTH,
     ORDER,
@@ -231,6 +231,11 @@ class Program:
     Attributes:
         wanted: Numbers of the wanted values.
     """
+
+    @classmethod
+    def of(cls, split: Split, wanted: Iterable[int]) -> Program:
+        """Return the program of a problem, which stops at the problem's deadline."""
+        return cls(split.nodes, wanted, split.deadline)
 
     def __init__(
         self,

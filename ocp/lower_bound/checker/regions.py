@@ -280,8 +280,7 @@ class Region:
         outside = np.zeros(boxes.count, dtype=bool)
         if not numbers and not self.prunings:
             return boxes, outside
-        program = Program(self.split.nodes, numbers, self.split.deadline)
-        values = program(used) if boxes.count else {}
+        values = Program.of(self.split, numbers)(used) if boxes.count else {}
         models = [as_model(values[number], used[0]) for number in numbers if values]
         if boxes.count:
             models += [pruning.excess(used, boxes) for pruning in self.prunings]
@@ -314,7 +313,7 @@ class Region:
         used = points.variables() if variables is None else variables
         held = self.stated.holds(points, but=but)
         numbers = (*self.split.path, *constraints)
-        values = Program(self.split.nodes, numbers, self.split.deadline)(used)
+        values = Program.of(self.split, numbers)(used)
         for number in numbers:
             held &= as_model(values[number], used[0]).upper <= 0.0
         for pruning in self.prunings:

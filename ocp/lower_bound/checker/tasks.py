@@ -58,7 +58,7 @@ class _Hamiltonian:
         wanted += [c for column in split.columns for c in column if c is not None]
         if self.with_stage:
             wanted += [split.stage, *(c for c in split.linear if c is not None)]
-        return Program(split.nodes, wanted, split.deadline)
+        return Program.of(split, wanted)
 
     def least(
         self, first: Model, weights: Sequence[Value], variables: Sequence[Model]
@@ -154,7 +154,7 @@ class EndTask:
         variables, split = boxes.variables(), self.region.split
         algebra = variables[0].algebra
         expansion = Expansion(self.step, algebra, boxes.middle, boxes.radius)
-        end = Program(split.nodes, [split.end], split.deadline)(variables)[split.end]
+        end = Program.of(split, [split.end])(variables)[split.end]
         return as_model(end, variables[0]) - expansion.value()
 
     def cut(self, boxes: Boxes) -> tuple[Boxes, Flags]:

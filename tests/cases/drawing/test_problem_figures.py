@@ -272,8 +272,9 @@ def test_local_optima_are_drawn_by_cost_with_their_counts() -> None:
         for k, (cost, count) in enumerate([(3.0, 9), (4.0, 1), (7.0, 2)])
     )
     lanes = Lanes(
-        starts=12, method="sweeps", optima=optima, unseen=None, iterations=1, seconds=0
-    )
+        starts=12, method="sweeps", optima=optima, unseen=None, iterations=1,
+        seconds=0, infeasible=0, lost=0,
+    )  # fmt: skip
     found = StartsAccount(won="the lanes", tried=(), lanes=lanes)
     plan = plan_of(np.array(HELD), starts=found)
     flight = flown(posed(), HELD, [0, 0], plans=[[plan]] * STEPS)

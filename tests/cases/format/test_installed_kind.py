@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 import swarmstart
+from swarmstart.tests.processes import installed_beside, python
 
 ROOT = Path(swarmstart.__file__).parent
 KIND = ROOT / "cases" / "kinds" / "transfer"
@@ -54,12 +52,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def command(folder: Path, *arguments: str) -> str:
     """Return what a command prints, run in the folder with the package on the path."""
-    path = os.pathsep.join([str(folder), *filter(None, sys.path)])
-    done = subprocess.run(
-        [sys.executable, "-m", "swarmstart", *arguments], cwd=folder, check=False,
-        env=os.environ | {"PYTHONPATH": path}, capture_output=True, text=True,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
+    beside = installed_beside(folder)
+    done = python("-m", "swarmstart", *arguments, root=folder, variables=beside)
     return done.stdout
 
 

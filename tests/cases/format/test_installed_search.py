@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 import swarmstart
+from swarmstart.tests.processes import ended, installed_beside
 
 ROOT = Path(swarmstart.__file__).parent
 TINY = ["--set", "budget.evaluations=400", "--no-figures", "--polish", "none"]
@@ -42,11 +41,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def ran(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     """Python, run in the folder with the package on the path."""
-    path = os.pathsep.join([str(folder), *filter(None, sys.path)])
-    return subprocess.run(
-        [sys.executable, *arguments], cwd=folder, check=False,
-        env=os.environ | {"PYTHONPATH": path}, capture_output=True, text=True,
-    )  # fmt: skip
+    return ended(*arguments, root=folder, variables=installed_beside(folder))
 
 
 def command(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:

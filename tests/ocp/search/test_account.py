@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import casadi as ca
+import pytest
 
 import swarmstart as ss
 from swarmstart.ocp.lanes.answers import Optimum, unseen_share
@@ -29,7 +32,8 @@ def test_starts_that_reach_nothing_are_counted_and_claim_nothing() -> None:
     assert lanes(3).line(-1.0).startswith("3 starts: -1.5 (3); at most")
 
 
-def test_every_start_of_the_lanes_is_counted_once() -> None:
+@pytest.mark.parametrize("search", ["default", ss.Multistart(), ss.Memetic()])
+def test_every_start_of_the_lanes_is_counted_once(search: Any) -> None:
     """A wall with a gap: many starts end at it."""
     x, u = ca.SX.sym("x", 2), ca.SX.sym("u", 2)
     wall = 4 - 60 * ca.exp(-20 * (x[0] - 1) ** 2) * (1 - ca.exp(-8 * x[1] ** 2))
@@ -39,9 +43,11 @@ def test_every_start_of_the_lanes_is_counted_once() -> None:
         constraints=[ss.PathConstraint(expression=wall, lower=0)],
         terminal=[(x, [2.0, 1.0])],
     )  # fmt: skip
-    account = ss.solve(problem, [0.0, 1.0], seed=0).plan.starts
-    assert account is not None and account.lanes is not None
-    counted = sum(one.count for one in account.lanes.optima)
-    whole = counted + account.lanes.infeasible + account.lanes.lost
-    assert whole == account.lanes.starts
-    assert account.lanes.infeasible + account.lanes.lost > 0
+    plan = ss.solve(problem, [0.0, 1.0], seed=0, search=search, budget=20_000).plan
+    own = None if plan.starts is None else plan.starts.lanes
+    accounts = [one for one in (own, plan.search.lanes) if one is not None]
+    assert accounts and (search == "default" or plan.search.lanes)
+    for account in accounts:
+        counted = sum(one.count for one in account.optima)
+        assert counted + account.infeasible + account.lost == account.starts
+        assert account.infeasible + account.lost > 0

@@ -117,20 +117,13 @@ class Table(Part):
         return self
 
 
-def chosen(*keys: str, otherwise: str) -> Discriminator:
-    """Return the choice of a form by its key, so that errors concern one form only.
-
-    Args:
-        keys: Keys of which each form has its own.
-        otherwise: Key of the form that is chosen if a mapping has none of them.
-    """
+def chosen(key: str, *, otherwise: str) -> Discriminator:
+    """Return the choice of a form by its key, so that errors concern one form only."""
 
     def tag(value: Any) -> str:
-        is_mapping = isinstance(value, dict)
-        has = [key in value if is_mapping else hasattr(value, key) for key in keys]
+        has = key in value if isinstance(value, dict) else hasattr(value, key)
         is_part = isinstance(value, dict | Part)
-        left = otherwise if is_part else "text"
-        found = keys[has.index(True)] if any(has) else left
+        found = key if has else otherwise if is_part else "text"
         return f"of {found}"  # Not equal to a key: keys are places of errors.
 
     return Discriminator(tag)
