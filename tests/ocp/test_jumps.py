@@ -315,3 +315,16 @@ def test_no_jump_leaves_a_stage_as_it_is() -> None:
     assert lowered(problem).core is problem
     assert not Shooting(problem).has_begin
     assert not plain.jumps
+
+
+def test_a_state_that_doubles_itself_reaches_no_farther_than_its_path() -> None:
+    """Its own slope of 2 is no other state that it is written from."""
+    x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+    model = Model(states=x, controls=u, next_state=ca.vertcat(2 * x[0], 3 * x[0] + u))
+    problem = OptimalControlProblem(
+        model, horizon=3.0, intervals=3, stage_cost=u**2,
+        bounds=Bounds(controls=(-1, 1)),
+    )  # fmt: skip
+    answer = solve(problem, [1.0, 0.0], search=None, lanes=0, seed=0)
+    # x0 goes 1, 2, 4, 8; x1 is written from it, and goes 0, 3, 6, 12.
+    np.testing.assert_allclose(answer.path.reach, [7, 21], atol=1e-6)

@@ -413,3 +413,26 @@ def test_an_answer_that_is_feasible_at_the_checks_stays_feasible(
     answer = ss.solve(problem, [0.0], seed=0)
     assert answer.violation <= problem.tolerance
     assert answer.status is not SolutionStatus.INFEASIBLE
+
+
+def test_an_answer_is_better_by_what_the_checks_say_first() -> None:
+    """Neither a smaller excess nor a lower cost on the finer path outweighs them."""
+    real = answered(planner_of(stated(U**2, (X - 1) ** 2)))
+
+    def judged(violation: float, beyond: float, cost: float = 1.0) -> Solution:
+        plan = replace(
+            real.plan, violation=violation, cost=cost, feasible=violation < 1e-6
+        )
+        return replace(
+            real, plan=plan, cost=cost, verified_violation=beyond,
+            status=SolutionStatus.MISMATCH,
+        )  # fmt: skip
+
+    better = improving._is_better_answer
+    feasible, infeasible = judged(0.0, 0.5), judged(1e-3, 0.1)
+    assert better(feasible, infeasible) and not better(infeasible, feasible)
+    worse = judged(2e-3, 0.01)
+    assert not better(worse, infeasible) and not better(infeasible, worse)
+    assert better(judged(5e-4, 0.05), infeasible)
+    assert better(judged(0.0, 0.4), feasible)
+    assert better(judged(0.0, 0.5, cost=0.5), feasible)

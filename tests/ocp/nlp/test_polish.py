@@ -19,6 +19,7 @@ from swarmstart.ocp import (
     IpoptOptions,
     Known,
     Model,
+    NlpOptions,
     OptimalControlProblem,
     Polisher,
     PolishStatus,
@@ -209,3 +210,32 @@ def test_solver_that_cannot_be_run_is_an_error(
     monkeypatch.setitem(polish._solvers.built, None, solvers)
     with pytest.raises(SolveError, match="ipopt could not be run: no MUMPS"):
         polish(np.zeros((1, 10)), [0, 0])
+
+
+@pytest.mark.parametrize(
+    ("options", "solves"),
+    [
+        (IpoptOptions(max_iterations=1), 2),
+        (NlpOptions(plugin="sqpmethod", options={"max_iter": 1}), 1),
+    ],
+    ids=["ipopt", "sqpmethod"],
+)
+def test_a_failed_start_near_a_guess_is_tried_again_if_there_is_another_way(
+    passing_side: Posed,
+    options: IpoptOptions | NlpOptions,
+    solves: int,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    problem, x0, known = passing_side
+    polish, ways = Polisher(Fitness(problem), options), []
+    tried = polish._tried
+
+    def counted(*given: Any) -> Any:
+        ways.append(given[-1].near)
+        return tried(*given)
+
+    monkeypatch.setattr(polish, "_tried", counted)
+    braking = np.zeros((2, 8))
+    braking[0, :5] = -3
+    polish(braking, x0, known, near=True)
+    assert ways == [True, False][:solves]

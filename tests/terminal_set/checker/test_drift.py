@@ -200,3 +200,15 @@ def test_a_motion_is_as_large_as_its_worst_signs_make_it(beside: float) -> None:
 
 def test_chen_is_an_exact_equilibrium(check: Check) -> None:
     assert "re-proved: the reference rests" in check(chen())[1]
+
+
+def test_products_that_cancel_exactly_do_not_move_the_reference(check: Check) -> None:
+    """0.1 * 0.3 - 0.3 * 0.1: their digits, twice those of a float, are all kept."""
+    content = scalar()
+    content["dynamics"]["tape"] += [
+        ["const", 0.1], ["const", 0.3], ["mul", 5, 6], ["mul", 6, 5],
+        ["sub", 7, 8], ["add", 4, 9],
+    ]  # fmt: skip
+    content["dynamics"]["xdot"] = [10]
+    code, said = check(signed(content))
+    assert code == 0 and "re-proved: the reference rests" in said

@@ -245,3 +245,20 @@ def test_whole_numbers_stop_with_the_budget_too(tmp_path: Path) -> None:
     job = job_of("lotka_volterra_whole", "scipy-de[popsize=1]+ipopt", evaluations=1500)
     found = solve_cell(job, tmp_path)
     assert found["feasible"] and found["evaluations"] <= 1.2 * 1500
+
+
+def test_an_nlp_solver_alone_is_compared_from_zero_controls_only() -> None:
+    """Two valleys: from the middle of the bounds it would find the better one."""
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    problem = OptimalControlProblem(
+        Model(states=x, controls=u, ode=u), horizon=1.0, intervals=2,
+        stage_cost=(u - 2) ** 2 * (u + 1) ** 2 - 0.1 * u,
+        bounds=Bounds(controls=(-1.5, 6)),
+    )  # fmt: skip
+    posed = PlanningProblem(problem=problem, x0=np.zeros(1), known=Known())
+    trial = Trial(
+        solver=solver_of("ipopt"), budget={"evaluations": 2000}, seed=0, search=None
+    )
+    plan = answered(posed, trial).plan
+    assert plan is not None
+    np.testing.assert_allclose(plan["controls"], -1, atol=0.05)
