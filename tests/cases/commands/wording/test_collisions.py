@@ -8,10 +8,14 @@ import pytest
 
 from swarmstart.cases.campaign.running.finished_run import Run
 from swarmstart.cases.campaign.running.run import run
-from swarmstart.cases.commands.wording.outcomes import collisions, told_status
+from swarmstart.cases.commands.wording.outcomes import (
+    collisions,
+    kept_constraints,
+    told_status,
+)
 from swarmstart.cases.commands.wording.words import sentences
 from swarmstart.cases.format.scenario import read_document, resolve
-from swarmstart.ocp import Mode
+from swarmstart.ocp import Mode, SolutionStatus
 
 
 @pytest.fixture(scope="module")
@@ -58,3 +62,14 @@ def test_feasible_plans_never_hide_a_broken_constraint(entered: Run) -> None:
     some = replace(entered, ended=all_found._replace(all_found=False))
     assert told_status(some) == some.status
     assert "but the simulated path" not in some.status
+
+
+def test_a_flight_that_comes_near_nothing_without_a_feasible_plan_says_no_more(
+    entered: Run,
+) -> None:
+    ended = entered.ended._replace(plan=SolutionStatus.INFEASIBLE)
+    distances = ("min_distance_m", "obstacle_clearance_m")
+    without = {name: m for name, m in entered.measures.items() if name not in distances}
+    alone = replace(entered, ended=ended, measures=without)
+    assert kept_constraints(alone) == ""
+    assert "" not in sentences(alone)
