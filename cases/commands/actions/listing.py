@@ -213,7 +213,7 @@ def _overview(found: Mapping[str, Any]) -> str:
     commands = [
         ("swarmstart list scenarios", f"{counts['scenarios']} scenarios, to run"),
         ("swarmstart list searches", f"{counts['searches']} search algorithms"),
-        ("swarmstart list polishes", f"{counts['polishes']} choices of a local solver"),
+        ("swarmstart list polishes", "IPOPT, none, or another NLP solver of CasADi"),
         ("swarmstart list measures", f"{counts['measures']} measures of results"),
         ("swarmstart list kinds", f"{counts['kinds']} kinds of scenario"),
         ("swarmstart list TEXT", "all entries that contain a text"),

@@ -25,8 +25,8 @@ def add_run(run: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     run.add_argument(
         "--polish", metavar="NAME",
-        help=f"local solver after the search: {', '.join(POLISHES)} (default: the one "
-        "in the scenario)",
+        help=f"local solver after the search: {', '.join(POLISHES)}, or another NLP "
+        "solver of CasADi (default: the one in the scenario)",
     )  # fmt: skip
     # Over several seeds --seed has no meaning, so argparse refuses both at once.
     which = run.add_mutually_exclusive_group()
