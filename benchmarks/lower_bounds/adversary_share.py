@@ -88,6 +88,7 @@ def candidates(kinds: Sequence[str] = tuple(CLASSES)) -> list[Case]:
         and case.truth.is_solvable
         and case.truth.x0.size <= MOST_STATES
         and case.kind not in NOT_SMOOTH
+        and case.origin is None  # A problem of another class once more.
     ]
 
 
@@ -99,7 +100,7 @@ def bounded(case: Case, *, seconds: float, seed: int = 0) -> Bounded:
         seconds: Time for the bound [s].
         seed: Seed of the answer.
     """
-    problem, x0 = problem_of(case), case.truth.x0
+    problem, x0 = problem_of(case), case.start
     begin = time.process_time()
     answer = solve(problem, x0, seed=seed)
     bound = lower_bound(problem, x0, answer=answer, seconds=seconds)

@@ -74,6 +74,8 @@ GOOD_START = 1e-3
 """Largest violation of a start that the solver stays near."""
 _STEPS_OF_ERROR = 10
 """Number of allowed step errors by which costs may differ."""
+_NO_COST = 1e-9
+"""Difference of costs, relative to the cost's size, below what a solver resolves."""
 _STEEP = 1e3
 """Value of the NLP's cost when the cost has its natural size."""
 
@@ -137,8 +139,13 @@ class _Answer:
         point = self.point
         slope = point.program.derivatives["grad_f"](point.w, point.q)
         differs = abs(float(slope[0]) * point.cost_size - value[0])
-        size = self.sizes.cost * _STEEP
-        return differs <= SAME_COST * size and value[1] <= problem.tolerance
+        same = differs <= SAME_COST * self.natural_cost
+        return same and value[1] <= problem.tolerance
+
+    @property
+    def natural_cost(self) -> float:
+        """Natural size of the cost."""
+        return self.sizes.cost * _STEEP
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -383,7 +390,7 @@ class Polisher:
         )
         cost, violation = after if improved else before
         if status is PolishStatus.CONVERGED and not improved:
-            if not _agree(before, after, problem):
+            if not _agree(before, after, problem, answer.natural_cost):
                 status = PolishStatus.WORSE
         return Polished(
             controls=better if improved else controls,
@@ -648,14 +655,18 @@ def _pays_for_violation(
 
 
 def _agree(
-    one: tuple[float, float], other: tuple[float, float], problem: OptimalControlProblem
+    one: tuple[float, float],
+    other: tuple[float, float],
+    problem: OptimalControlProblem,
+    size: float,
 ) -> bool:
     """Return whether two (cost, violation) are feasible and of the same cost.
 
-    With step size control, costs count as equal if they differ by less than the
+    Costs of nothing, beside the natural size of the cost, are the same. With step size control, costs count as equal if they differ by less than the
     tolerance can resolve, since an NLP takes fixed steps.
     """
     feasible, same = max(one[1], other[1]) <= problem.tolerance, SAME_COST
     if problem.is_adaptive:
         same = max(same, _STEPS_OF_ERROR * (problem.integrator_tolerance or 0.0))
-    return feasible and bool(np.isclose(one[0], other[0], rtol=same, atol=0.0))
+    nothing = _NO_COST * size
+    return feasible and bool(np.isclose(one[0], other[0], rtol=same, atol=nothing))

@@ -413,7 +413,7 @@ class Arguments:
         signals = at_nodes(problem, flat)
         natural = self.sizes(x0, known, controls, states if is_guess else None)
         if problem.integrator == "stiff" and np.isfinite(states).all():
-            reach = np.abs(states).max(axis=1)
+            reach = np.abs(states - start[:, None]).max(axis=1)
             floor = LEAST_STATE * natural.states
             names = problem.model.state_names
             # Sizes that are decisions' or the user's are not adapted.

@@ -1,15 +1,17 @@
 """Natural sizes of states, controls, cost and constraints, from a problem's numbers.
 
-No absolute number enters a decision, so metres and kilometres give the same answer.
-With the horizon T, the initial state x0 and the right-hand side f, the size of
+No absolute number enters a decision, so metres and kilometres give the same answer, and
+so do positions from here and from the middle of the Earth. With the horizon T, the
+initial state x0 and the right-hand side f, the size of
 
-    a state       the largest of the width of its bounds, |x0| and its target, and of a
-                  guess if it has no bounds. If all of these are zero: T max |f_i| at x0
-                  and around it, over the range of the sizes known so far, under the
-                  controls' lower, middle and upper values; else the size that the rate
-                  of a known state implies, s_i / (T |df_i/dx_j|). If the problem's
-                  integrator is "stiff", a rate acts for 1 / |df_i/dx_i| if that is
-                  shorter than T
+    a state       the largest of the width of its bounds, its way from x0 to its target
+                  and to the least of its own quadratic costs, and, if it has no bounds,
+                  its way along a guess. If all of these are zero: its way by the motion
+                  that is linear about x0, under the controls' lower, middle and upper
+                  values; else T max |f_i| around x0, over the range of the sizes known
+                  so far; else the size that the rate of a known state implies, s_i /
+                  (T |df_i/dx_j|). A rate acts for 1 / |df_i/dx_i| if that is shorter
+                  than T
     a control     the width of its bounds; without bounds the guess, else s_i / (T
                   |df_i/du_j|) of the known states
     a row         its limit, but at least a thousandth of the size of its expression;
@@ -17,10 +19,14 @@ With the horizon T, the initial state x0 and the right-hand side f, the size of
                   around x0 if the value at x0 is negligible
     the cost      T |stage cost| + |terminal cost|, the largest at those points
 
+An expression in which a state stands alone, as x + y^2, moves with the origin of that
+state: its values are counted from the value at x0, and so is its limit, if the limit is
+nearer than the expression varies, but not nearer than a tenth of that.
+
 A size that the problem gives by name (`scales`) replaces that of the state or control.
-A start, a target or a guess that is negligible beside the sizes from the dynamics
-counts as zero. All sizes are homogeneous: values in units larger by a power of two give
-sizes that are larger by exactly that power.
+A way or a guess that is negligible beside the sizes from the dynamics counts as zero.
+All sizes are homogeneous: values in units larger by a power of two give sizes that are
+larger by exactly that power.
 """
 
 from dataclasses import dataclass, field
@@ -28,9 +34,10 @@ from functools import cached_property
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.arrays import Array
+from swarmstart.ocp.common.expressions import rows_that_depend
 from swarmstart.ocp.rollout.violation import SoftRows
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 from swarmstart.ocp.system.separation import known_scales
@@ -38,9 +45,11 @@ from swarmstart.ocp.system.separation import known_scales
 _PARTS = (0.618, -0.382)
 """Moves around the start, relative to the sizes; irregular, to avoid half turns."""
 _NEGLIGIBLE = 1e-6
-"""Relative size below which a start, target or guess is negligible."""
+"""Relative size below which a way or a guess is negligible."""
 _LIMIT_SHARE = 1e-3
 """Smallest scale of a nonzero limit, relative to the size of its expression."""
+_NEAR_SHARE = 0.1
+"""Least way to a limit that is its row's size, relative to the row's range."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -77,28 +86,23 @@ class Sizing:
         stage_cost = problem.stage_cost
         if soft:
             stage_cost += SoftRows(problem).rate()
-        self._limits = [
-            np.maximum(*(np.where(np.isfinite(b), np.abs(b), 0.0) for b in r[1:]))
-            for r in (*path, *ends, *soft)
-        ]
+        self._all_rows = (*path, *ends, *soft)
         outputs = [
             f,
             stage_cost + problem.step_cost / problem.dt,
             problem.terminal_cost + problem.initial_cost,
-            *[r.values for r in (*path, *ends, *soft)],
+            *[r.values for r in self._all_rows],
         ]
+        self._moved = [_with_a_state_alone(values, problem) for values in outputs[1:]]
         self._at = ca.Function("at", symbols, [ca.vertcat(*outputs)])
         self._splits = np.cumsum([o.numel() for o in outputs])[:-1]
         self._slopes = ca.Function(
             "slopes", symbols, [ca.jacobian(f, ca.vertcat(symbols[0], symbols[1]))]
         )
         self._target = _target_function(problem)
+        self._ways = _ways_function(problem, np.flatnonzero(self._is_open))
         self._known = [*problem.row_scales(), *map(known_scales, problem.soft)]
         self._hard = len(path) + len(ends)
-        self._given = [
-            np.array([problem.scales.get(name, 0.0) for name in names])
-            for names in (problem.model.state_names, problem.model.control_names)
-        ]
 
     def __call__(
         self,
@@ -133,11 +137,10 @@ class Sizing:
         middle = _middle(*self._problem.control_limits)
         slopes = np.abs(np.array(self._slopes(x0, middle, parameters, first)))
         at = _Point(x0, parameters, first, slopes)
-        states = self._first_states(x0, parameters, last)
+        states = self._first_states(x0, parameters, first, last)
         if along is not None and np.isfinite(along).all():
-            said = (self._widths > 0) | (self._given[0] > 0)
-            reach = np.abs(along).max(axis=1)
-            states = np.where(said, states, np.maximum(states, reach))
+            way = np.abs(along - x0[:, None]).max(axis=1)
+            states = np.where(self._is_open, np.maximum(states, way), states)
         controls = self._first_controls()
         states = self._without_tiny(at, states, controls, None)
         if controls.all():
@@ -183,10 +186,18 @@ class Sizing:
     def _cost(self, values: list[Array]) -> float:
         """Return the size of the cost from all outputs around a start."""
         stage, end = (
-            float(np.nan_to_num(np.abs(v), nan=0, posinf=0).max()) for v in values[1:3]
+            float(np.nan_to_num(np.abs(v), nan=0, posinf=0).max())
+            for v in self._from_the_start(values[1:3])
         )
         cost = self._problem.length * stage + end
         return cost if 0 < cost < np.inf else 1.0
+
+    def _from_the_start(self, costs: list[Array]) -> list[Array]:
+        """Return costs, counted from the first value if they move with the origin."""
+        return [
+            value - value[:, :1] if moved.any() and np.ptp(value) > 0 else value
+            for value, moved in zip(costs, self._moved[:2], strict=True)
+        ]
 
     def cost_around(
         self, x0: Array, parameters: Array, signals: Array, sizes: Sizes
@@ -232,6 +243,8 @@ class Sizing:
     ) -> float:
         """Return the sum of dt |stage cost| plus |terminal cost| at the nodes.
 
+        A cost that moves with the origin of a state is counted from its first value.
+
         Args:
             states: At the nodes, shape (nx, nodes).
             controls: Shape (nu, N).
@@ -242,15 +255,35 @@ class Sizing:
         x, s = states[:, :: problem.checks], signals[:, :: problem.checks]
         u = np.hstack([controls, controls[:, -1:]])
         p = np.tile(parameters[:, None], (1, u.shape[1]))
-        stage, end = np.split(np.abs(np.array(self._at(x, u, p, s))), self._splits)[1:3]
-        return float(problem.dt * stage[0, :-1].sum() + end[0, -1])
+        both = np.split(np.array(self._at(x, u, p, s)), self._splits)[1:3]
+        stage, end = (np.abs(cost[0]) for cost in self._from_the_start(both))
+        return float(problem.dt * stage[:-1].sum() + end[-1])
 
-    def _first_states(self, x0: Array, parameters: Array, signals: Array) -> Array:
-        """Return sizes from bounds, start and target; 0 if these give none."""
-        given, target = self._given[0], self.target(parameters, signals)
-        least = np.maximum(self._widths, np.abs(x0))
-        found = np.maximum(least, np.abs(np.nan_to_num(target)))
+    def _first_states(
+        self, x0: Array, parameters: Array, first: Array, last: Array
+    ) -> Array:
+        """Return sizes from bounds and ways to go; 0 if these give none."""
+        given, target = self._given[0], self.target(parameters, last)
+        middle = _middle(*self._problem.control_limits)
+        ways = np.abs(np.array(self._ways(x0, middle, parameters, first, last)))
+        ways[~np.isfinite(ways)] = 0.0
+        found = np.maximum(self._widths, ways.max(axis=1, initial=0))
+        found = np.maximum(found, np.abs(np.nan_to_num(target - x0)))
         return np.where(given > 0, given, found)
+
+    @cached_property
+    def _given(self) -> list[Array]:
+        """Sizes that the problem gives of states and of controls; 0 for the others."""
+        problem = self._problem
+        return [
+            np.array([problem.scales.get(name, 0.0) for name in names])
+            for names in (problem.model.state_names, problem.model.control_names)
+        ]
+
+    @cached_property
+    def _is_open(self) -> NDArray[np.bool_]:
+        """Mask of the states that have neither a width nor a given size."""
+        return np.asarray((self._widths == 0) & (self._given[0] == 0))
 
     @cached_property
     def _widths(self) -> Array:
@@ -276,13 +309,12 @@ class Sizing:
         self, at: "_Point", states: Array, controls: Array, guess: ArrayLike | None
     ) -> tuple[Array, Array]:
         """Return the sizes, with zeros replaced from the dynamics if possible."""
-        T, nx = self._lasting(at), states.size
+        nx = states.size
         # A size passes on to one state a round, so a chain of states needs as many.
         for _ in range(2 * (nx + controls.size)):
             if states.all() and controls.all():
                 break
-            rates = np.abs(self._around(at, states, controls, guess)[0])
-            reach = np.nan_to_num(T * rates, nan=0, posinf=0).max(axis=1, initial=0)
+            reach = self._reached(at, states, controls, guess)
             found = np.where(states > 0, states, reach)
             if np.array_equal(found, states):
                 both = self._needed(at, np.concatenate([states, controls]))
@@ -292,34 +324,51 @@ class Sizing:
             states = found
         return states, controls
 
+    def _reached(
+        self, at: "_Point", states: Array, controls: Array, guess: ArrayLike | None
+    ) -> Array:
+        """Return how far the rates move each state, shape (nx,).
+
+        By the motion that is linear about the start, over the controls' range: a state
+        moves by T |f|, the next one that it drives by T^2 / 2 of it, and so on. What
+        that leaves at rest moves by T times the largest rate around the start.
+        """
+        rates = np.abs(self._around(at, states, controls, guess)[0])
+        lasting = self._lasting(at)
+        far = np.nan_to_num(lasting * rates, nan=0, posinf=0)
+        drives = np.nan_to_num(at.slopes[:, : states.size], nan=0, posinf=0)
+        np.fill_diagonal(drives, 0.0)
+        step = linear = far[:, :3].max(axis=1)  # Under three values of the controls.
+        for order in range(2, states.size + 1):
+            step = lasting[:, 0] / order * (drives @ step)
+            linear = np.maximum(linear, step)
+        linear = np.where(np.isfinite(linear), linear, 0.0)
+        return np.where(linear > 0, linear, far.max(axis=1, initial=0))
+
     def _without_tiny(
         self, at: "_Point", direct: Array, known: Array, guess: ArrayLike | None
     ) -> Array:
         """Return sizes of states, with negligible ones set to 0.
 
-        A start of 1e-300 counts as zero.
+        A way of 1e-300 counts as zero.
         """
-        T = self._lasting(at)
         states, controls = self._filled(at, direct, known, guess)
-        rates = np.abs(self._around(at, states, controls, guess)[0])
-        reach = np.nan_to_num(T * rates, nan=0, posinf=0).max(axis=1, initial=0)
+        reach = self._reached(at, states, controls, guess)
         needed = self._by_rate(at, states)[:, : states.size]
         np.fill_diagonal(needed, np.inf)  # Only the other states' needs count.
         need = needed.min(axis=0, initial=np.inf)
         derived = np.maximum(reach, np.where(np.isfinite(need), need, 0.0))
-        said = (self._widths > 0) | (self._given[0] > 0)
-        tiny = (direct < _NEGLIGIBLE * derived) & ~said
+        tiny = (direct < _NEGLIGIBLE * derived) & self._is_open
         return np.where(tiny, 0.0, direct)
 
     def _lasting(self, at: "_Point") -> Array:
         """Return the time for which a rate moves its state, at most T, shape (nx, 1).
 
-        A state of a stiff model soon reaches the point of zero rate, not T |f|.
+        A state that decays soon reaches the point of zero rate, not T |f|.
         """
         T, nx = self._problem.length, at.x0.size
-        decay = np.diag(at.slopes[:, :nx]) if self._problem.integrator == "stiff" else 0
         # fmax, so that a slope that is NaN counts as 0.
-        return np.full((nx, 1), T) / np.fmax(1.0, T * decay * np.ones(nx))[:, None]
+        return T / np.fmax(1.0, T * np.diag(at.slopes[:, :nx]))[:, None]
 
     def _needed(self, at: "_Point", sizes: Array) -> Array:
         """Return sizes of states and controls, one step back from known rates."""
@@ -362,6 +411,10 @@ class Sizing:
         both = np.outer(states, _PARTS)
         moves = [np.zeros((states.size, 3)), alone, np.repeat(both, 3, axis=1)]
         x = at.x0[:, None] + np.hstack(moves)
+        # A model need not hold beyond its bounds, as the air below the ground.
+        least, most = (limits[:, None] for limits in self._problem.state_limits)
+        inside = (at.x0[:, None] >= least) & (at.x0[:, None] <= most)
+        x = np.where(inside, np.clip(x, least, most), x)
         three = np.stack([middle, *u], axis=1)
         still = np.repeat(middle[:, None], alone.shape[1], axis=1)
         v = np.hstack([three, still, three, three])
@@ -373,12 +426,24 @@ class Sizing:
     def _rows(self, values: list[Array]) -> tuple[Array, ...]:
         """Return the size of each row from its expression around the start."""
         rows = []
-        for known, limit, value in zip(self._known, self._limits, values, strict=True):
-            size = np.abs(np.nan_to_num(value, nan=0, posinf=0, neginf=0))
+        for known, row, moved, value in zip(
+            self._known, self._all_rows, self._moved[2:], values, strict=True
+        ):
+            origin = np.where(moved, value[:, 0], 0.0)
+            origin = np.nan_to_num(origin, nan=0, posinf=0, neginf=0)[:, None]
+            # What is not finite counts as the start.
+            seen = np.where(np.isfinite(value), value - origin, 0.0)
+            size = np.abs(seen)
             at_start, around = size[:, :3].max(axis=1), size.max(axis=1, initial=0)
             natural = np.where(at_start > _NEGLIGIBLE * around, at_start, around)
+            limit = _largest(row.lower - origin[:, 0], row.upper - origin[:, 0])
+            reach = np.ptp(seen, axis=1)
+            way = np.where(reach > 0, np.minimum(limit, reach), limit)
             found = np.where(
-                limit > 0, np.maximum(limit, _LIMIT_SHARE * natural), natural
+                moved,
+                # A start beside a limit, or outside by a rounding, is not its size.
+                np.where(way > _NEAR_SHARE * reach, way, reach),
+                np.where(limit > 0, np.maximum(limit, _LIMIT_SHARE * natural), natural),
             )
             found = np.where(found > 0, found, 1.0)
             rows.append(np.where(np.isnan(known), found, known))
@@ -397,6 +462,33 @@ class _Point:
     signals: Array
     slopes: Array
     seen: dict[bytes, list[Array]] = field(default_factory=dict)
+
+
+def _largest(lower: Array, upper: Array) -> Array:
+    """Return the larger one of the finite limits of each row; 0 without any."""
+    return np.maximum(
+        *(np.where(np.isfinite(b), np.abs(b), 0.0) for b in (lower, upper))
+    )
+
+
+def _with_a_state_alone(
+    column: ca.SX, problem: OptimalControlProblem
+) -> NDArray[np.bool_]:
+    """Return a mask of the rows in which a state stands alone, with a constant factor.
+
+    Such a row moves with the origin of that state.
+    """
+    x, u = problem.model.states, problem.model.controls
+    slopes = ca.sparsify(ca.jacobian(column, x))
+    rows = np.array(slopes.sparsity().row(), dtype=np.intp)
+    alone = rows[_constant(slopes.nz[:], ca.vertcat(x, u))]
+    return np.isin(np.arange(column.numel()), alone)
+
+
+def _constant(entries: ca.SX, symbols: ca.SX) -> NDArray[np.intp]:
+    """Return the numbers of the entries that depend on none of some symbols."""
+    varying = rows_that_depend(entries, symbols)
+    return np.setdiff1d(np.arange(entries.numel()), varying)
 
 
 def _rate(problem: OptimalControlProblem) -> ca.SX:
@@ -430,3 +522,34 @@ def _target_function(problem: OptimalControlProblem) -> ca.Function:
                 j = slope.sparsity().get_col()[0]
                 target[j] = (float(rows.lower[i]) - offset[int(i)]) / slope.nz[0]
     return ca.Function("target", [p, s], [ca.densify(target)])
+
+
+def _ways_function(
+    problem: OptimalControlProblem, chosen: NDArray[np.intp]
+) -> ca.Function:
+    """Return (x, u, p, s first, s last) -> ways to the least of quadratic costs.
+
+    Shape (nx, costs), 0 where a cost is not quadratic in that state, all others being
+    constant. A row that is limited at the end counts as a cost.
+
+    Args:
+        problem: The problem.
+        chosen: States that are asked for.
+    """
+    model = problem.model
+    x, u, p, first = problem.symbols().values()
+    last = ca.SX.sym("s", problem.ns)
+    own = x[chosen.tolist()] if chosen.size else ca.SX(0, 1)
+    ends = [problem.terminal_cost]
+    for constraint in problem.terminal_constraints:
+        ends += ca.vertsplit(constraint.rows(constraint.expression).values)
+    ends = [ca.substitute(end, first, last) for end in ends] if problem.ns else ends
+    ways = ca.SX(model.nx, 1 + len(ends))
+    for column, cost in enumerate([problem.stage_cost, *ends]):
+        hessian, slope = ca.hessian(cost, own)
+        curved = ca.sparsify(ca.diag(hessian))
+        rows, factors = curved.sparsity().row(), curved.nz[:]
+        for place in _constant(factors, ca.vertcat(x, u)).tolist():
+            row = rows[place]
+            ways[int(chosen[row]), column] = slope[row] / factors[place]
+    return ca.Function("ways", [x, u, p, first, last], [ca.densify(ways)])

@@ -4,6 +4,9 @@ Numbers (limits, horizon, initial state) are given once, formulas twice. A case 
 stated in its own units; `in_units` states it in others:
 
     x~ = sx x,  u~ = su u,  J~ = sj J,  constraints and terminal constraints times sx
+
+A case may be stated from another origin: with x~ = x + o in its problem and in x0,
+while its truth stays as it is. So its answer is judged in the units of its truth.
 """
 
 from collections.abc import Callable
@@ -58,6 +61,7 @@ class Case:
         integrator: A key of INTEGRATORS.
         best: Controls of a right answer, shape (nu, N); None if only its cost is known.
         is_counted: Whether it counts in the shares.
+        origin: The o of the problem's states, shape (nx,); None: 0.
     """
 
     name: str
@@ -70,6 +74,12 @@ class Case:
     integrator: str = "rk4"
     best: Array | None = None
     is_counted: bool = True
+    origin: Array | None = None
+
+    @property
+    def start(self) -> Array:
+        """The problem's initial state, from its origin, shape (nx,)."""
+        return self.truth.x0 if self.origin is None else self.truth.x0 + self.origin
 
 
 def limits(lower: ArrayLike, upper: ArrayLike) -> tuple[Array, Array]:
@@ -112,30 +122,67 @@ def problem_of(case: Case) -> OptimalControlProblem:
     """Return a case as the package takes it."""
     truth = case.truth
     x, u = ca.SX.sym("x", truth.x0.size), ca.SX.sym("u", truth.controls[0].size)
-    found = case.formulas(x, u)
-    path, terminal = found.path, found.terminal
-    count = 0 if path is None else path.numel()
-    limits = truth.path.lower[:count], truth.path.upper[:count]
-    ends = truth.terminal
+    origin = np.zeros(truth.x0.size) if case.origin is None else case.origin
+    found, plain = case.formulas(x - origin, u), case.formulas(x, u)
+    rows = [
+        None
+        if moved is None or own is None
+        else _from_origin((moved, own), limits, x, origin)
+        for moved, own, limits in (
+            (found.path, plain.path, truth.path),
+            (found.terminal, plain.terminal, truth.terminal),
+        )
+    ]
+    bounds = case.states
     return OptimalControlProblem(
         Model(states=x, controls=u, ode=found.ode),
         horizon=truth.horizon,
         intervals=truth.intervals,
         stage_cost=ca.SX(found.stage_cost),
         terminal_cost=ca.SX(found.terminal_cost),
-        bounds=Bounds(controls=truth.controls, states=case.states),
-        constraints=[]
-        if path is None
-        else [PathConstraint(expression=path, lower=limits[0], upper=limits[1])],
-        terminal=[]
-        if terminal is None
-        else [
-            TerminalConstraint(expression=terminal, lower=ends.lower, upper=ends.upper)
+        bounds=Bounds(
+            controls=truth.controls,
+            states=bounds and (bounds[0] + origin, bounds[1] + origin),
+        ),
+        constraints=[
+            PathConstraint(expression=values, lower=lower, upper=upper)
+            for values, lower, upper in filter(None, rows[:1])
+        ],
+        terminal=[
+            TerminalConstraint(expression=values, lower=lower, upper=upper)
+            for values, lower, upper in filter(None, rows[1:])
         ],
         substeps=case.substeps,
         integrator=case.integrator,
         checks=case.checks,
     )
+
+
+def _from_origin(
+    values: tuple[ca.SX, ca.SX], limits: Rows, x: ca.SX, origin: Array
+) -> tuple[ca.SX, Array, Array]:
+    """Return rows with limits as somebody would write them who counts from there.
+
+    A linear row is one of x~, and its limits move; others contain x~ - o.
+
+    Args:
+        values: In x~ - o and in x~, shape (m, 1).
+        limits: In x; only the first m count.
+        x: Symbols of the states, x~.
+        origin: The o, shape (nx,).
+    """
+    moved, own = values
+    count = own.numel()
+    lower, upper = limits.lower[:count].copy(), limits.upper[:count].copy()
+    found = ca.SX(moved)
+    slopes = ca.jacobian(own, x)
+    for row in range(count):
+        if slopes[row, :].is_constant() and origin.any():
+            offset = float(ca.mtimes(slopes[row, :], origin))
+            found[row] = own[row]
+            lower[row] += offset
+            upper[row] += offset
+    return found, lower, upper
 
 
 def in_units(case: Case, units: Units) -> Case:
@@ -168,6 +215,7 @@ def in_units(case: Case, units: Units) -> Case:
         if case.states is None
         else (sx * case.states[0], sx * case.states[1]),
         best=None if case.best is None else su * case.best,
+        origin=None if case.origin is None else sx * case.origin,
         truth=replace(
             truth,
             dynamics=times(truth.dynamics),

@@ -15,6 +15,7 @@ from swarmstart.tests.adversary.problems import (
     multimodal,
     no_solution,
     nonsmooth,
+    origins,
     overflow,
     path_constrained,
     stiff,
@@ -35,6 +36,7 @@ CLASSES: dict[str, Callable[[], list[Case]]] = {
         free_end_time,
         stiff,
         aliases,
+        origins,
     )
 }
 

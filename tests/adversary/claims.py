@@ -20,7 +20,7 @@ def claimed(case: Case, *, backend: str = "auto", seed: int = 0) -> Claim:
         warnings.simplefilter("ignore", BackendWarning)
         try:
             problem = problem_of(case)
-            solution = solve(problem, case.truth.x0, backend=backend, seed=seed)
+            solution = solve(problem, case.start, backend=backend, seed=seed)
         except InvalidProblemError:  # Refused as impossible, which may be right.
             return Claim(controls=None)
     return Claim(

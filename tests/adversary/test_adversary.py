@@ -1,16 +1,19 @@
 """Thirty of the adversary's problems; `benchmarks/adversary.py` runs all of them."""
 
 import sys
+from dataclasses import replace
 
+import casadi as ca
 import numpy as np
 import pytest
 
+import swarmstart as ss
 from swarmstart import solve
 from swarmstart.tests.adversary.case import UNITS, Case, in_units, problem_of
 from swarmstart.tests.adversary.catalogue import chosen
 from swarmstart.tests.adversary.claims import claimed
 from swarmstart.tests.adversary.judge import judge
-from swarmstart.tests.adversary.problems import aliases, between_checks
+from swarmstart.tests.adversary.problems import aliases, between_checks, origins
 
 COUNT = 30
 BACKENDS = ("auto", "casadi")
@@ -56,6 +59,55 @@ def test_no_answer_is_confirmed_whose_steps_pass_over_a_ripple(part: slice) -> N
         assert not verdict.faults, f"{case.name}: {verdict.faults}"
 
 
+SMOOTH = [case for case in origins.cases() if not case.name.startswith("nonsmooth")]
+"""At a kink a rounding may decide whether IPOPT ends."""
+
+
+@pytest.mark.parametrize("case", SMOOTH[::3], ids=lambda case: case.name)
+def test_no_verdict_depends_on_where_the_origin_lies(case: Case) -> None:
+    """Statuses and broken limits alike, and plans up to rounding."""
+    answers = []
+    for far in (0.0, 1e3, 5.8e6):
+        assert case.origin is not None
+        origin = far * case.truth.sizes * np.sign(case.origin)
+        there = replace(case, origin=origin)
+        found = solve(problem_of(there), there.start, seed=0)
+        answers.append((found, found.states - origin[:, None], origin))
+    here, states, _ = answers[0]
+    reach = np.ptp(states, axis=1) + np.abs(states).max(axis=1)
+    for found, moved, origin in answers[1:]:
+        assert found.status is here.status
+        room = 1e-6 * reach + 1e3 * np.finfo(float).eps * np.abs(origin)
+        if here.status.is_confirmed:
+            assert (np.abs(moved - states).max(axis=1) <= room).all()
+        for one, other in zip(found.path.broken, here.path.broken, strict=False):
+            if other.relative > 1e-4:
+                assert one.amount == pytest.approx(other.amount, rel=1e-2)
+                assert one.relative == pytest.approx(other.relative, rel=1e-2)
+
+
+@pytest.mark.parametrize("origin", [0.0, 1e3, 5.8e6, 1e9])
+def test_wall_and_distance_are_judged_alike_far_from_the_origin(origin: float) -> None:
+    """0.025 m through a wall; 10 m in 1 s at 5 m/s."""
+    x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+    model = ss.Model(states=x, controls=u, ode=ca.vertcat(x[1], u))
+    wall = ss.OptimalControlProblem(
+        model, horizon=2.0, intervals=2, stage_cost=u**2,
+        terminal=[x[0] - origin], constraints=[x[0] <= origin + 0.6],
+    )  # fmt: skip
+    found = solve(wall, [origin, 1.5], search=None, repair=False, seed=0)
+    assert found.status is ss.SolutionStatus.BROKEN
+    assert found.path.broken[0].amount == pytest.approx(0.024958, rel=1e-4)
+    assert found.path.broken[0].scale == pytest.approx(0.6, rel=1e-6)
+    far = ss.OptimalControlProblem(
+        model, horizon=1.0, intervals=10, stage_cost=u**2,
+        terminal=[x[0] - (origin + 10)],
+        bounds=ss.Bounds(states=([-np.inf, -5], [np.inf, 5])),
+    )  # fmt: skip
+    found = solve(far, [origin, 0.0], search=None, seed=0)
+    assert found.status is ss.SolutionStatus.INFEASIBLE
+
+
 def test_no_answer_is_worse_than_a_start(cases: list[Case]) -> None:
     """By violation, then cost: not than a cold polish from zero or middle controls.
 
@@ -65,7 +117,7 @@ def test_no_answer_is_worse_than_a_start(cases: list[Case]) -> None:
     worse = []
     for number, case in enumerate(chosen(counted, 24, rng=np.random.default_rng(5))):
         stated = in_units(case, UNITS[number % len(UNITS)])
-        problem, x0 = problem_of(stated), stated.truth.x0
+        problem, x0 = problem_of(stated), stated.start
         answer = solve(problem, x0, seed=0)
         cold = solve(problem, x0, search=None, lanes=0, seed=0)
         size = max(abs(cold.cost), stated.truth.cost_size)

@@ -92,7 +92,8 @@ def test_least_energy_is_that_of_the_closed_form() -> None:
     )  # fmt: skip
     _, answers = solved(problem, [0.0, 0.0], n=8)
     least = 6 / (1 - 1 / 50**2)
-    np.testing.assert_allclose(answers.cost, least, rtol=1e-6)
+    # The end may be missed by 1e-7 of the 20 m/s that the controls could reach.
+    np.testing.assert_allclose(answers.cost, least, rtol=2e-6)
     assert answers.violation.max() <= 1e-7
 
 

@@ -69,6 +69,42 @@ def in_units(states: Array, controls: Array, cost: float) -> OptimalControlProbl
 
 
 powers = st.integers(-30, 30).map(lambda k: 2.0**k)
+eighths = st.integers(-(2**33), 2**33).map(lambda k: k / 8)
+"""Origins that positions with three binary places can be counted from exactly."""
+
+
+@given(origin=st.tuples(eighths, eighths, eighths))
+@settings(max_examples=25, deadline=None)
+def test_origin_of_the_states_changes_no_size(origin: tuple[float, ...]) -> None:
+    """Position, speed and clock, with rows, bounds and costs of each kind."""
+    z, u = ca.SX.sym("z", 3), ca.SX.sym("u")
+
+    def posed(o: np.ndarray) -> OptimalControlProblem:
+        x = z - o
+        return OptimalControlProblem(
+            Model(states=z, controls=u, ode=ca.vertcat(x[1], u - x[0] * x[1], 1)),
+            horizon=4.0,
+            intervals=4,
+            stage_cost=u**2 + 3 * (x[0] - 2) ** 2 + z[2],
+            terminal_cost=-z[1],
+            bounds=Bounds(
+                controls=(-2, 2),
+                states=([o[0] - 4, -np.inf, o[2] - 1], [np.inf, o[1] + 5, np.inf]),
+            ),
+            constraints=[z[0] <= o[0] + 8, z[0] - z[1] <= o[0] - o[1] + 9],
+            terminal=[z[0] - (o[0] + 3), (x[1] - 1) ** 2 <= 1],
+        )
+
+    none, there = (
+        sizes_of(posed(np.array(o)), [*(np.array([0.5, 1.0, 0.0]) + o)])
+        for o in ((0.0, 0.0, 0.0), origin)
+    )
+    np.testing.assert_array_equal(there.states, none.states)
+    np.testing.assert_array_equal(there.controls, none.controls)
+    np.testing.assert_array_equal(none.states[:1], [2.5])  # From 0.5 to 3.
+    assert there.cost == pytest.approx(none.cost, rel=1e-6)
+    for found, expected in zip(there.rows, none.rows, strict=True):
+        np.testing.assert_allclose(found, expected, rtol=1e-6)
 
 
 @given(
@@ -133,21 +169,21 @@ def test_sizes_come_from_bounds_start_and_target(double_integrator: Model) -> No
     bounds = Bounds(controls=(-1, 3), states=([-8, -np.inf], [2, 7]))
     problem = pushed(double_integrator, bounds=bounds, terminal=[2 * x[1] - 6])
     found = sizes_of(problem, [1, -2])
-    np.testing.assert_array_equal(found.states, [10, 3])  # A width and a target.
+    np.testing.assert_array_equal(found.states, [10, 5])  # A width; -2 to 3.
     np.testing.assert_array_equal(found.controls, [4])
-    assert sizes_of(problem, [1, -5]).states[1] == 5
-    # The width of the range, the limit of a one-sided row, and the given offset.
-    np.testing.assert_array_equal(found.rows[0], [10, 7])
-    np.testing.assert_array_equal(found.rows[1], found.rows[1][0])
+    assert sizes_of(problem, [1, 5]).states[1] == 2
+    # The width of the range, the way to a one-sided limit but not more than the state
+    # varies, and twice the way to the target.
+    np.testing.assert_array_equal(found.rows[0], [10, 5])
+    np.testing.assert_allclose(found.rows[1], 2 * 5)
 
 
 def test_unknown_sizes_are_what_the_dynamics_make_of_known_ones(
     double_integrator: Model,
 ) -> None:
-    """With at most 2 for 3 s: 6 m/s; in that time, 0.618 of it times 3 s."""
+    """With at most 2 for 3 s: 6 m/s, and in that time 9 m."""
     found = sizes_of(pushed(double_integrator), [0, 0])
-    assert found.states[1] == 2 * 3
-    assert found.states[0] == pytest.approx(0.618 * 6 * 3)
+    np.testing.assert_allclose(found.states, [2 * 3**2 / 2, 2 * 3])
     free = pushed(
         double_integrator, bounds=Bounds(), terminal=[double_integrator.states[0] - 9]
     )
@@ -156,24 +192,28 @@ def test_unknown_sizes_are_what_the_dynamics_make_of_known_ones(
     np.testing.assert_allclose(found.controls, [9 / 3 / 3])
 
 
-def test_rows_are_as_large_as_their_limits_but_not_nothing(
+def test_rows_are_as_large_as_the_way_to_their_limits_but_not_nothing(
     double_integrator: Model,
 ) -> None:
     x = double_integrator.states
-    rows = [x[0], x[0], x[0] - 4, x[0]]
+    rows = [x[0], x[0], x[0] - 4, x[0], x[0], x[0] ** 2, x[0] ** 2]
     stated = PathConstraint(
         expression=ca.vertcat(*rows),
-        upper=[5, 1e-12, 0, 30],
-        lower=[-np.inf, -np.inf, -np.inf, 10],
+        upper=[5, 1 + 1e-12, 0, 30, 1e6, 4, 1e-12],
+        lower=[-np.inf, -np.inf, -np.inf, 10, -np.inf, -np.inf, -np.inf],
     )
     found = sizes_of(pushed(double_integrator, constraints=[stated]), [1, 0]).rows[0]
-    assert found[0] == 5
-    assert 1e-3 <= found[1] < 1e-1  # 1e-12 is nothing beside a position of metres.
+    assert found[0] == 4
+    assert found[1] == pytest.approx(9)  # A way of 1e-12 is nothing beside 9 m.
     assert found[2] == 3
     assert found[3] == 20
-    given = replace(stated, scale=[1, 2, 3, 4])
+    assert found[4] == pytest.approx(9)  # The limit is out of reach.
+    # A square does not move with the origin of its state: its limit counts.
+    assert found[5] == 4
+    assert 1e-3 <= found[6] < 1e-1
+    given = replace(stated, scale=[1, 2, 3, 4, 5, 6, 7])
     found = sizes_of(pushed(double_integrator, constraints=[given]), [1, 0]).rows[0]
-    np.testing.assert_array_equal(found, [1, 2, 3, 4])
+    np.testing.assert_array_equal(found, [1, 2, 3, 4, 5, 6, 7])
 
 
 @pytest.mark.parametrize("tiny", [1e-9, 1e-17, 1e-300, 5e-324])
@@ -265,24 +305,22 @@ def test_cost_along_a_trajectory_is_the_sum_of_its_parts(
     assert along == pytest.approx(0.5 * 8 + 15)
 
 
-def test_fast_state_of_a_stiff_problem_is_as_large_as_it_gets() -> None:
+@pytest.mark.parametrize("integrator", ["stiff", "rk4"])
+def test_fast_state_is_as_large_as_it_gets(integrator: str) -> None:
     # x' = 0.2 - 100 x rests at 0.002; at its first rate it would reach 10 in 50 s.
     x, y, u = ca.SX.sym("x"), ca.SX.sym("y"), ca.SX.sym("u")
     model = Model(states=ca.vertcat(x, y), controls=u, ode=ca.vertcat(u - 100 * x, u))
 
-    def size(integrator: str) -> Array:
-        problem = OptimalControlProblem(
-            model,
-            horizon=50.0,
-            intervals=5,
-            stage_cost=x**2,
-            bounds=Bounds(controls=(0.0, 0.2)),
-            integrator=integrator,
-        )
-        return sizes_of(problem, [0.0, 0.0]).states
-
-    np.testing.assert_allclose(size("stiff"), [0.002, 10.0])
-    np.testing.assert_allclose(size("rk4"), [10.0, 10.0])
+    problem = OptimalControlProblem(
+        model,
+        horizon=50.0,
+        intervals=5,
+        stage_cost=x**2,
+        bounds=Bounds(controls=(0.0, 0.2)),
+        integrator=integrator,
+    )
+    sizes = sizes_of(problem, [0.0, 0.0]).states
+    np.testing.assert_allclose(sizes, [0.002, 10.0])
 
 
 def test_given_size_of_a_stiff_state_stays() -> None:
@@ -363,13 +401,14 @@ def test_guess_of_states_says_how_large_unbounded_ones_get() -> None:
         Sizing(problem)(np.array([0, 0, 1e4]), NONE, none, None, states)
         for states in (None, along)
     )
-    np.testing.assert_array_equal(guessed.states, [2e5, 700.0, 3e4])
+    # The way from the start, and the fuel's from 1e4 to 3e4.
+    np.testing.assert_array_equal(guessed.states, [2e5, 700.0, 2e4])
     assert plain.states[0] == 1e5
     # Bounds and given sizes take precedence over a guess.
     bounds = Bounds(controls=(0, 4e5), states=([-np.inf, -50, 1], [np.inf, 50, np.inf]))
     bounded = replace(problem, scales={"h": 4.0}, bounds=bounds)
     found = Sizing(bounded)(np.array([0, 0, 1e4]), NONE, none, None, along)
-    np.testing.assert_array_equal(found.states, [4.0, 100.0, 3e4])
+    np.testing.assert_array_equal(found.states, [4.0, 100.0, 2e4])
 
 
 def test_start_with_states_is_a_guess_of_their_sizes(double_integrator: Model) -> None:
@@ -384,7 +423,7 @@ def test_start_with_states_is_a_guess_of_their_sizes(double_integrator: Model) -
     assert answer.plan.point is not None
     program, q = answer.plan.point.program, answer.plan.point.q
     at = np.cumsum(program.parts.argument_sizes(program.problem))[0]
-    np.testing.assert_array_equal(q[at : at + 2], [300.0, 40.0])
+    np.testing.assert_array_equal(q[at : at + 2], [299.0, 40.0])
 
 
 @pytest.mark.parametrize(

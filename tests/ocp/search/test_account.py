@@ -36,7 +36,7 @@ def test_starts_that_reach_nothing_are_counted_and_claim_nothing() -> None:
 def test_every_start_of_the_lanes_is_counted_once(search: Any) -> None:
     """A wall with a gap: many starts end at it."""
     x, u = ca.SX.sym("x", 2), ca.SX.sym("u", 2)
-    wall = 4 - 60 * ca.exp(-20 * (x[0] - 1) ** 2) * (1 - ca.exp(-8 * x[1] ** 2))
+    wall = 4 - 60 * ca.exp(-20 * (x[0] - 1) ** 2) * (1 - ca.exp(-100 * x[1] ** 2))
     problem = ss.OptimalControlProblem(
         ss.Model(states=x, controls=u, ode=u), horizon=2.0, intervals=10,
         stage_cost=ca.sumsqr(u), bounds=ss.Bounds(controls=(-4, 4)),
