@@ -662,8 +662,9 @@ def _agree(
 ) -> bool:
     """Return whether two (cost, violation) are feasible and of the same cost.
 
-    Costs of nothing, beside the natural size of the cost, are the same. With step size control, costs count as equal if they differ by less than the
-    tolerance can resolve, since an NLP takes fixed steps.
+    Costs of nothing, beside the natural size of the cost, are the same. With step size
+    control, costs count as equal if they differ by less than the tolerance can resolve,
+    since an NLP takes fixed steps.
     """
     feasible, same = max(one[1], other[1]) <= problem.tolerance, SAME_COST
     if problem.is_adaptive:

@@ -21,7 +21,8 @@ initial state x0 and the right-hand side f, the size of
 
 An expression in which a state stands alone, as x + y^2, moves with the origin of that
 state: its values are counted from the value at x0, and so is its limit, if the limit is
-nearer than the expression varies, but not nearer than a tenth of that.
+nearer than the expression varies, but not nearer than a hundredth of that, and if
+x0 keeps it.
 
 A size that the problem gives by name (`scales`) replaces that of the state or control.
 A way or a guess that is negligible beside the sizes from the dynamics counts as zero.
@@ -48,7 +49,7 @@ _NEGLIGIBLE = 1e-6
 """Relative size below which a way or a guess is negligible."""
 _LIMIT_SHARE = 1e-3
 """Smallest scale of a nonzero limit, relative to the size of its expression."""
-_NEAR_SHARE = 0.1
+_NEAR_SHARE = 0.01
 """Least way to a limit that is its row's size, relative to the row's range."""
 
 
@@ -436,13 +437,15 @@ class Sizing:
             size = np.abs(seen)
             at_start, around = size[:, :3].max(axis=1), size.max(axis=1, initial=0)
             natural = np.where(at_start > _NEGLIGIBLE * around, at_start, around)
-            limit = _largest(row.lower - origin[:, 0], row.upper - origin[:, 0])
-            reach = np.ptp(seen, axis=1)
+            lower, upper = row.lower - origin[:, 0], row.upper - origin[:, 0]
+            limit, reach = _largest(lower, upper), np.ptp(seen, axis=1)
             way = np.where(reach > 0, np.minimum(limit, reach), limit)
+            # From outside a limit, or beside it, the way says nothing of the path.
+            counts = (lower <= 0) & (upper >= 0) | (lower == upper)
+            counts &= way > _NEAR_SHARE * reach
             found = np.where(
                 moved,
-                # A start beside a limit, or outside by a rounding, is not its size.
-                np.where(way > _NEAR_SHARE * reach, way, reach),
+                np.where(counts, way, reach),
                 np.where(limit > 0, np.maximum(limit, _LIMIT_SHARE * natural), natural),
             )
             found = np.where(found > 0, found, 1.0)
