@@ -6,8 +6,8 @@ a step ten times finer, and
 
     cost        may differ by `tolerance` of the integral of |stage cost| plus
                 |terminal cost|
-    end state   each may differ by `tolerance` of its scale: the largest of its range
-                along the path, the width of its bounds, its start and its target
+    end state   each may differ by `tolerance` of its scale: the larger one of its range
+                along the path and the width of its bounds, and by rounding
     constraints may be broken by `path_tolerance` of their scale, anywhere on the path
 
 or the answer is not confirmed. A confirmed answer is called a local optimum if an NLP
@@ -64,6 +64,8 @@ _BESIDE = 1e-8
 """Distance to neighbours, relative to the sizes."""
 _STEADY = 100
 """Largest change of a cost without a jump, relative to size and distance."""
+_ROUNDINGS = 1e3 * float(np.finfo(np.float64).eps)
+"""Rounding of a path, relative to its values."""
 _NOTHING_MOVES = 1e-9
 """Part of the natural size below which a difference counts as zero."""
 
@@ -555,10 +557,10 @@ def _differences(
         )
     lower, upper = problem.state_limits
     width = np.where(np.isfinite(upper - lower), upper - lower, 0.0)
-    ends = np.abs(path.states[:, [0, -1]]).max(axis=1)
-    scale = np.maximum(np.maximum(path.reach, width), ends)
+    scale = np.maximum(path.reach, width)
     off = np.abs(path.states[:, -1] - plan.states[:, -1])
-    beyond = off - (tolerance * scale + _NOTHING_MOVES * sizes.states)
+    rounding = _ROUNDINGS * np.abs(path.states[:, [0, -1]]).max(axis=1)
+    beyond = off - (tolerance * scale + _NOTHING_MOVES * sizes.states + rounding)
     if (beyond > 0).any():
         i = int(np.argmax(beyond / np.maximum(scale, 1e-300)))
         told.append(

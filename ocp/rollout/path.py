@@ -26,7 +26,7 @@ from swarmstart.ocp.integration.rodas import (
 )
 from swarmstart.ocp.rollout.checking import Checker, Excess, Points
 from swarmstart.ocp.rollout.kinks import kinks_of
-from swarmstart.ocp.rollout.scaling import Sizes
+from swarmstart.ocp.rollout.scaling import Sizes, with_a_state_alone
 from swarmstart.ocp.rollout.shooting import Shooting, shooting_of
 from swarmstart.ocp.rollout.violation import SoftRows
 from swarmstart.ocp.statement.problem import OptimalControlProblem
@@ -51,7 +51,8 @@ class Path:
         outputs: Outputs of the model there, with the control held from each time on,
             shape (ny, n).
         cost: Cost along the path; multiplied by -1 if it is maximised.
-        magnitude: Integral of |stage cost| plus |terminal cost|.
+        magnitude: Integral of |stage cost| plus |terminal cost|; a cost in which a
+            state stands alone is counted from its value at the start.
         outside: Constraints that the start breaks.
         broken: The worst excess of each constraint row, the worst first.
         kinks: Names of the kinks and jumps that the path touches.
@@ -117,6 +118,8 @@ class Tracer:
         self._kinks = kinks_of(problem)
         self._end_cost = ca.Function("end_cost", ends, [problem.terminal_cost])
         self._first_cost = ca.Function("first_cost", ends, [problem.initial_cost])
+        costs = ca.vertcat(problem.stage_cost, problem.terminal_cost)
+        self._moved = with_a_state_alone(costs, problem)
 
     def __call__(
         self, controls: Array, x0: Array, p: Array, signals: Array, sizes: Sizes
@@ -143,17 +146,17 @@ class Tracer:
         if problem.quadrature != "integral":
             side = slice(0, -1) if problem.quadrature == "left" else slice(1, None)
             rates = self._values(self._stage_cost, at, side, controls, p)
-            sums = problem.dt * np.array([rates.sum(), np.abs(rates).sum()])
+            origin = rates[0] if self._moved[0] else 0.0
+            sums = problem.dt * np.array([rates.sum(), np.abs(rates - origin).sum()])
+        elif self._moved[0]:
+            sums[1] = self._size_of_stages(states, u, p, s)
         if self.shooting.soft is not None:
             sums = sums + self._softened(
                 self.shooting.soft, states, before, (u, s, controls), p
             )
         single = self._values(self._step_cost, at, slice(0, -1), controls, p)
-        ends = (
-            self._first_cost(x0, p, s[:, 0]),
-            self._end_cost(states[:, -1], p, s[:, -1]),
-        )
-        single = np.append(single, [float(cost) for cost in ends])
+        first = float(self._first_cost(x0, p, s[:, 0]))
+        end = float(self._end_cost(states[:, -1], p, s[:, -1]))
         outside = self.checker.at_start(x0, p, s[:, 0], lambda: sizes)
         points = Points(
             np.concatenate([times[:-1], times[m::m]]),
@@ -175,8 +178,13 @@ class Tracer:
             states=states,
             controls=u,
             outputs=self._output_values(states, u, p, s),
-            cost=float(sums[0] + single.sum()),
-            magnitude=float(sums[1] + np.abs(single).sum()),
+            cost=float(sums[0] + single.sum() + first + end),
+            magnitude=float(
+                sums[1]
+                + np.abs(single).sum()
+                + abs(first)
+                + abs(end - float(self._moved[1] and self._end_cost(x0, p, s[:, -1])))
+            ),
             outside=tuple(outside),
             kinks=self._touched(Points(times, states, controls, s), before, p, sizes),
             reach=self._reach(states, before, controls, p, s[:, m::m]),
@@ -236,6 +244,24 @@ class Tracer:
                 y[:nx] = both[:nx, -1] = np.array(jumped).ravel()
             found.append(both[:nx])
         return np.hstack(found), np.hstack(before), y[nx : nx + 2]
+
+    def _size_of_stages(self, states: Array, u: Array, p: Array, s: Array) -> float:
+        """Return the integral of |stage cost - its value at the start|.
+
+        Args:
+            states: Along the path, shape (nx, n).
+            u: Controls of each fine step.
+            p: Parameters, shape (np,).
+            s: Signals along the path.
+        """
+        many = np.tile(p[:, None], (1, u.shape[1]))
+        begins, ends = (
+            np.array(self._stage_cost(states[:, side], u, many, s[:, side])).ravel()
+            for side in (slice(0, -1), slice(1, None))
+        )
+        lengths = np.tile(self._lengths, self.problem.intervals)
+        both = np.abs(begins - begins[0]) + np.abs(ends - begins[0])
+        return float(both @ lengths / 2)
 
     def _reach(
         self, states: Array, before: Array, controls: Array, p: Array, s: Array

@@ -94,7 +94,7 @@ class Sizing:
             problem.terminal_cost + problem.initial_cost,
             *[r.values for r in self._all_rows],
         ]
-        self._moved = [_with_a_state_alone(values, problem) for values in outputs[1:]]
+        self._moved = [with_a_state_alone(values, problem) for values in outputs[1:]]
         self._at = ca.Function("at", symbols, [ca.vertcat(*outputs)])
         self._splits = np.cumsum([o.numel() for o in outputs])[:-1]
         self._slopes = ca.Function(
@@ -474,7 +474,7 @@ def _largest(lower: Array, upper: Array) -> Array:
     )
 
 
-def _with_a_state_alone(
+def with_a_state_alone(
     column: ca.SX, problem: OptimalControlProblem
 ) -> NDArray[np.bool_]:
     """Return a mask of the rows in which a state stands alone, with a constant factor.

@@ -174,8 +174,8 @@ def test_costs_agree_within_a_thousandth_of_the_magnitude(
         (0.0, [1, 1], np.inf, 1.0),  # The range along the path,
         (0.0, [2, -2], np.inf, 1.0),  # also if it comes back,
         (0.0, [1, 1], 4.0, 8.0),  # the width of its bounds,
-        (3.0, [-2, -2], np.inf, 3.0),  # its start,
-        (-1.0, [-2, -2], np.inf, 3.0),  # or its end.
+        (3.0, [-2, -2], np.inf, 2.0),  # not its start,
+        (-1.0, [-2, -2], np.inf, 2.0),  # nor its end.
     ],
 )
 def test_ends_agree_within_a_thousandth_of_the_state_s_size(
