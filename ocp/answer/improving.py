@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from swarmstart.machine_code import stopwatch
 from swarmstart.ocp.answer.plan import Plan, Source, start_of
 from swarmstart.ocp.answer.planner import Planner
 from swarmstart.ocp.answer.repair import (
@@ -43,6 +44,7 @@ from swarmstart.ocp.rollout.checking import Excess
 from swarmstart.ocp.rollout.fitness import Fitness, Known
 from swarmstart.ocp.rollout.kinks import PARTS, kink_sizes, smoothed
 from swarmstart.ocp.rollout.status import SolutionStatus
+from swarmstart.ocp.search.account import Repair
 from swarmstart.ocp.search.settings import SearchSettings
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 
@@ -94,8 +96,8 @@ def improved(
         plan: Its plan.
         x0: Initial state, shape (nx,).
         known: Parameters and signals.
-        repair: Whether to solve again, with a margin, if the answer breaks a constraint
-            between the checks.
+        repair: Whether to solve again, with more checks and margins, if the answer
+            breaks a constraint between the checks.
         rng: Source of all randomness.
     """
     solution = verified(planner.tracer, plan, x0, known)
@@ -103,9 +105,10 @@ def improved(
     answer = Answer(solution, planner, known)
     if repair:
         answer = repaired(planner, solution, x0, known, rng=rng)
+    account = answer.solution.repair
     settled = settled_answer(planner, answer, x0, known, rng)
-    yield settled
-    yield followed_down(planner, settled, x0, known, rng)
+    yield _with_account(settled, account)
+    yield _with_account(followed_down(planner, settled, x0, known, rng), account)
 
 
 def settled_answer(
@@ -283,21 +286,65 @@ def repaired(
         rng: Source of all randomness.
 
     Returns:
-        The answer, with the planner that made it.
+        The answer, with the planner that made it and the account of what was tried.
     """
+    tried: list[tuple[int, int]] = []
+    with stopwatch() as watch:
+        best = _repaired(planner, solution, x0, known, tried, rng=rng)
+    if not tried:
+        return best
+    found, evaluations = best.solution, solution.plan.evaluations
+    account = Repair(
+        attempts=len(tried),
+        checks=max(checks for checks, _ in tried),
+        margins=max(margins for _, margins in tried),
+        evaluations=max(found.plan.evaluations - evaluations, 0),
+        seconds=watch.seconds,
+        succeeded=found.status.is_confirmed,
+    )
+    return best._replace(solution=_with_account(found, account))
+
+
+def _with_account(solution: Solution, account: Repair | None) -> Solution:
+    """Return an answer with the account of its repair, and with what has failed."""
+    if account is None or solution.repair is not None:
+        return solution
+    if solution.status is not SolutionStatus.BROKEN:
+        return replace(solution, repair=account)
+    problem, excess = solution.problem, solution.path.broken[0]
+    return replace(
+        solution,
+        repair=account,
+        reason=f"{solution.reason}; {account.tried}, in vain",
+        advice=f"use more intervals ({2 * problem.intervals}), or leave more room than "
+        f"{excess.amount:.2g} at {excess.name}",
+    )
+
+
+def _repaired(
+    planner: Planner,
+    solution: Solution,
+    x0: ArrayLike,
+    known: Known,
+    tried: list[tuple[int, int]],
+    *,
+    rng: np.random.Generator,
+) -> Answer:
+    """Return the best answer; append (factor of checks, margins) of each attempt."""
     problem = planner.problem
     best, at = Answer(solution, planner, known), solution
     by_points = planner.polish is not None and has_segments(problem)
 
     def again(stated: OptimalControlProblem, at: Solution, checks: int = 1) -> Answer:
+        tried.append((checks, len(margins)))
         return _solved_again(planner, stated, at, x0, known, checks=checks, rng=rng)
 
+    margins: dict[Place, Excess] = {}
+    last: dict[Place, float] = {}
     if by_points:
         found = again(at_points(problem), at)
         at = found.solution
         best = found if _is_better_answer(at, best.solution) else best
-    margins: dict[Place, Excess] = {}
-    last: dict[Place, float] = {}
     checks = 1
     for attempt in range(ATTEMPTS):
         excesses = needed(problem, at, x0, known)
@@ -323,7 +370,7 @@ def repaired(
     if not _is_small(problem, checks * DENSER):
         return best
     return _with_checks_for_margins(
-        planner, best, margins, x0, known, checks=checks * DENSER, rng=rng
+        planner, best, margins, x0, known, tried, checks=checks * DENSER, rng=rng
     )
 
 
@@ -343,6 +390,7 @@ def _with_checks_for_margins(  # noqa: PLR0913 - an answer, and how it was found
     margins: Mapping[Place, Excess],
     x0: ArrayLike,
     known: Known,
+    tried: list[tuple[int, int]],
     *,
     checks: int,
     rng: np.random.Generator,
@@ -358,6 +406,7 @@ def _with_checks_for_margins(  # noqa: PLR0913 - an answer, and how it was found
         margins: The margins.
         x0: Initial state, shape (nx,).
         known: Parameters and signals.
+        tried: As of `_repaired`.
         checks: Factor for the problem's number of checks.
         rng: Source of all randomness.
     """
@@ -366,6 +415,7 @@ def _with_checks_for_margins(  # noqa: PLR0913 - an answer, and how it was found
     for _ in range(ATTEMPTS):
         smaller = added(smaller, needed(problem, at, x0, known), {}, coarser)
         tight = tightened(problem, [*smaller.values()])
+        tried.append((checks, len(smaller)))
         found = _solved_again(
             planner, tight, at, x0, known, checks=checks, rng=rng, backend="casadi"
         )

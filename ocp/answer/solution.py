@@ -18,7 +18,7 @@ touches no kink or jump of the problem's expressions.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import casadi as ca
@@ -34,7 +34,7 @@ from swarmstart.ocp.lower_bound.stated.answer import LowerBound
 from swarmstart.ocp.nlp.multipliers import Multipliers, multipliers_of
 from swarmstart.ocp.nlp.optimality import Curvature, curvature, is_stationary
 from swarmstart.ocp.nlp.polish import SAME_COST
-from swarmstart.ocp.nlp.polish_options import PolishStatus
+from swarmstart.ocp.nlp.polish_options import IpoptOptions, PolishStatus
 from swarmstart.ocp.nlp.start import Start
 from swarmstart.ocp.rollout.fitness import (
     NOTHING,
@@ -53,7 +53,9 @@ from swarmstart.ocp.rollout.status import (
     advice_for,
     fastest_mode,
 )
+from swarmstart.ocp.search.account import Repair
 from swarmstart.ocp.statement.control_shape import piece_at, rows_at
+from swarmstart.ocp.statement.lowering import lowered
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 
 if TYPE_CHECKING:
@@ -68,6 +70,69 @@ _ROUNDINGS = 1e3 * float(np.finfo(np.float64).eps)
 """Rounding of a path, relative to its values."""
 _NOTHING_MOVES = 1e-9
 """Part of the natural size below which a difference counts as zero."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class LocalOptimum:
+    """A local optimum that lanes found, to first order, before the polish.
+
+    Attributes:
+        cost: Its cost, with the sign as the problem states it.
+        count: Number of starts that ended in it.
+        controls: As `Solution.controls`.
+        states: Between the intervals, shape (nx, N + 1).
+    """
+
+    cost: float
+    count: int
+    controls: Array
+    states: Array
+    _core: Optimum = field(repr=False)
+    _answer: Solution = field(repr=False)
+
+    @staticmethod
+    def of(one: Optimum, answer: Solution) -> LocalOptimum:
+        """Return an optimum of the core as the problem of an answer states it."""
+        problem = answer.problem
+        controls = lowered(problem).knots(one.controls, one.states[:, 0])
+        return LocalOptimum(
+            cost=problem.sense * one.cost,
+            count=one.count,
+            controls=controls,
+            states=one.states[: problem.model.nx],
+            _core=one,
+            _answer=answer,
+        )
+
+    def solution(self) -> Solution:
+        """Return the optimum polished by IPOPT and verified.
+
+        Example:
+            >>> import casadi as ca, swarmstart as ss
+            >>> x, u = ca.SX.sym("x"), ca.SX.sym("u")
+            >>> problem = ss.OptimalControlProblem(
+            ...     ss.Model(states=x, controls=u, ode=u), horizon=1.0, intervals=4,
+            ...     stage_cost=u**2 / 50, terminal_cost=(x**2 - 1) ** 2 + x / 10,
+            ...     bounds=ss.Bounds(controls=(-2, 2)),
+            ... )
+            >>> found = ss.solve(problem, [0.0], search=None, seed=0)
+            >>> second = found.optima[1].solution()
+            >>> [round(float(one.states[0, -1]), 2) for one in (found, second)]
+            [-1.01, 0.98]
+        """
+        from swarmstart.ocp.answer.planner import Planner  # noqa: PLC0415 - slow
+
+        problem, known = self._answer.problem, self._answer.known
+        planner = Planner(problem, search=None, polish=IpoptOptions(), backend="casadi")
+        given = planner.lowered.known_parameters
+        known = known._replace(parameters=np.asarray(known.parameters)[given])
+        start, states = self._core.states[:, 0], self.states[:, 0]
+        _, known, _ = planner.posed(states, known, None)
+        plan = planner.plan(
+            start, known=known, guess=self._core.controls, near=True,
+            rng=np.random.default_rng(0),
+        )  # fmt: skip
+        return verified(planner.tracer, plan, start, known)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -100,6 +165,8 @@ class Solution(Presented):
         member_costs: Costs of the members of an ensemble on the problem's own grid,
             shape (M,); empty for any other problem.
         bound: Bound of the optimal cost, if `solve` was asked for one.
+        repair: Account of the repair; None: there was nothing to repair, or `solve` was
+            asked not to.
     """
 
     status: SolutionStatus
@@ -121,9 +188,10 @@ class Solution(Presented):
     algebraic: Array = field(default_factory=lambda: np.empty((0, 0)))
     member_costs: Array = field(default_factory=lambda: np.empty(0))
     bound: LowerBound | None = None
+    repair: Repair | None = None
 
     @property
-    def optima(self) -> tuple[Optimum, ...]:
+    def optima(self) -> tuple[LocalOptimum, ...]:
         """Distinct local optima that the lanes found, the cheapest first.
 
         Their costs have the sign of the problem, before the polish. Empty if no starts
@@ -132,8 +200,7 @@ class Solution(Presented):
         starts = self.plan.starts
         if starts is None or starts.lanes is None:
             return ()
-        sense = self.problem.sense
-        return tuple(replace(one, cost=sense * one.cost) for one in starts.lanes.optima)
+        return tuple(LocalOptimum.of(one, self) for one in starts.lanes.optima)
 
     @property
     def gap(self) -> OptimalityGap | None:
@@ -301,6 +368,8 @@ class Solution(Presented):
         lines += plan.search.lines(self.problem.sense)
         if plan.starts is not None:
             lines += plan.starts.lines(self.problem.sense)
+        if self.repair is not None:
+            lines.append(f"  repair      {self.repair.line}")
         return "\n".join(lines)
 
 

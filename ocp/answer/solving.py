@@ -81,7 +81,7 @@ def solve(  # noqa: PLR0913 - the whole way in one call
     guess: ArrayLike | Start | None = None,
     known: Known = NOTHING,
     start: StartRule = "must hold",
-    repair: bool = False,
+    repair: bool = True,
     lanes: int | None = None,
     backend: str | None = None,
     bound: float | None = None,
@@ -110,7 +110,8 @@ def solve(  # noqa: PLR0913 - the whole way in one call
         start: "must hold": x0 must satisfy the bounds of the states and the path
             constraints. "may violate": it need not, and the status reports it.
         repair: Whether an answer that breaks a constraint between checks is solved
-            again with a margin, at most three times.
+            again with more checks and margins, at most three times. The answer has the
+            account of it; with False it is left as the checks see it.
         lanes: Number of random starts that are solved at once, in SIMD lanes. With them
             the polish also starts from zero controls, the middle of the bounds, the
             guess, the search's best points and guesses of states, and the answer

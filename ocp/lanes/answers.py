@@ -3,7 +3,9 @@
 Two answers count as the same optimum if the root mean square distance of their states
 along the path is below 0.08, each state divided by how far the cheapest answer moves
 it. The value was chosen here: 0.03 and 0.15 give the same counts on the problems tried.
-Mirror images have the same cost, but are two optima.
+Mirror images have the same cost, but are two optima. An answer counts as an optimum
+only if it meets the first-order conditions (`unmet` of optimality.py); a lane that
+ended elsewhere is unfinished.
 
 The unseen share U is the probability that another answer is an optimum not found yet.
 It is estimated by the share of optima found once, n1 / n (Good 1953). n1 has variance
@@ -19,8 +21,8 @@ all optima.
 """
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +35,8 @@ _STILL = 1e-6
 """A state that moves by less, relative to its size, counts as constant."""
 FEASIBLE = 1e-6
 """Largest violation, in the NLP's scaled numbers, of an answer that counts."""
+_TRIED = 3
+"""Number of answers of a group of which one must meet the first-order conditions."""
 _SURE = 1.6448536269514722
 """The 95 % quantile of the standard normal distribution."""
 
@@ -67,11 +71,17 @@ class Optimum:
         lane: Number of its best answer.
         cost: Cost of that answer.
         count: Number of answers that belong to it.
+        controls: Of that answer, shape (nu, N).
+        states: Between its intervals, shape (nx, N + 1).
+        decided: Its decisions about the start, shape (ny,).
     """
 
     lane: int
     cost: float
     count: int
+    controls: Array = field(compare=False, repr=False)
+    states: Array = field(compare=False, repr=False)
+    decided: Array = field(compare=False, repr=False)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -95,23 +105,41 @@ def distinct_optima(
     *,
     apart: float = APART,
     stand_for: NDArray[np.int64] | None = None,
+    finished: Callable[[int], bool] | None = None,
 ) -> list[Optimum]:
     """Return the optima among answers that are feasible, the cheapest first.
+
+    Their states are divided by their sizes, as those of the answers.
 
     Args:
         answers: Answers of lanes.
         apart: Root mean square distance above which two are distinct.
         stand_for: Number of answers that each one represents, shape (n,), if only the
             best of earlier ones was kept; None means one each.
+        finished: Whether the answer of a lane meets the first-order conditions; only
+            with such an answer, among the best three, an optimum counts. None: all do.
     """
     each = np.ones(answers.cost.size, np.int64) if stand_for is None else stand_for
     number = optimum_of(answers, apart=apart)
     optima = []
     for one in range(int(number.max(initial=-1)) + 1):
         lanes = np.flatnonzero(number == one)
-        best = int(lanes[answers.cost[lanes].argmin()])
-        cost, count = float(answers.cost[best]), int(each[lanes].sum())
-        optima.append(Optimum(lane=best, cost=cost, count=count))
+        order = lanes[np.argsort(answers.cost[lanes], kind="stable")].tolist()
+        if finished is not None:
+            order = [lane for lane in order[:_TRIED] if finished(lane)]
+        if not order:
+            continue
+        best = order[0]
+        optima.append(
+            Optimum(
+                lane=best,
+                cost=float(answers.cost[best]),
+                count=int(each[lanes].sum()),
+                controls=answers.controls[:, :, best],
+                states=answers.states[:, :, best],
+                decided=answers.starts[:, best],
+            )
+        )
     return optima
 
 

@@ -1,20 +1,29 @@
 """Many starts of one problem solved at once; built once, for any initial state."""
 
+from dataclasses import replace
+
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.compiled.engine import NoCompilerError
 from swarmstart.ocp.compiled.scan import MOST_INSTRUCTIONS
-from swarmstart.ocp.lanes.answers import LaneAnswers
+from swarmstart.ocp.lanes.answers import LaneAnswers, Optimum, distinct_optima
 from swarmstart.ocp.lanes.ddp import solve_by_sweeps
 from swarmstart.ocp.lanes.posed import Posed, posed
 from swarmstart.ocp.lanes.slopes import Slopes, compile_slopes, solve_by_slopes
 from swarmstart.ocp.lanes.stages import LaneOptions, stages
 from swarmstart.ocp.lanes.sweep_kernels import Sweeps, compile_sweeps
+from swarmstart.ocp.nlp.optimality import unmet
 from swarmstart.ocp.nlp.transcription import NonlinearProgram, multiple_shooting
-from swarmstart.ocp.rollout.fitness import NOTHING, Arguments, Known
+from swarmstart.ocp.rollout.fitness import (
+    NOTHING,
+    Arguments,
+    Known,
+    shared_arguments,
+    started,
+)
 from swarmstart.ocp.rollout.shooting import Shooting, shooting_of
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 from swarmstart.tape import UnknownOperationError
@@ -29,6 +38,9 @@ The weight influences more than the guess which optimum a lane finds."""
 FORWARD, SLOPED = 2.0, 2.0
 """Roll-outs per iteration by sweeps, and by slopes (forward and back): one full step,
 and on average one more that is tried shorter."""
+FINISHED = 1e-3
+"""Largest sum of what a lane's answer leaves of the first-order conditions, for a cost
+of natural size: when polished, it moves by less than a thousandth of that."""
 PATH = 1.0
 """First weight of the rows of intervals; with heavier ones lanes zigzag."""
 
@@ -162,6 +174,40 @@ class LaneSolver:
     def posed(self, x0: ArrayLike, known: Known = NOTHING) -> Posed:
         """Return the problem from one initial state, as `solve_lanes` takes it."""
         return posed(self._program, self._arguments, x0, known)
+
+    def optima(
+        self,
+        answers: LaneAnswers,
+        x0: ArrayLike,
+        known: Known = NOTHING,
+        *,
+        stand_for: NDArray[np.int64] | None = None,
+    ) -> tuple[Optimum, ...]:
+        """Return the answers that are local optima, the cheapest first.
+
+        To first order: the conditions hold up to `FINISHED`, in the NLP's numbers.
+
+        Args:
+            answers: Answers of lanes.
+            x0: Initial state of the core, shape (nx,).
+            known: Parameters and signals.
+            stand_for: As `distinct_optima` takes it.
+        """
+        problem, program = self.problem, self._program
+        state, parameters, flat = shared_arguments(problem, x0, known)
+        sizes = self._arguments.sizes(x0, known)
+        limits, scale = program.limits(sizes), sizes.states[:, None]
+
+        def finished(lane: int) -> bool:
+            start = started(problem, state, answers.starts[:, lane])
+            q = program.arguments(start, parameters, flat, sizes)
+            states = answers.states[:, :, lane] * scale
+            w = program.variables(answers.controls[:, :, lane], states, sizes)
+            w = program.with_slacks(w, q, limits)
+            return unmet(program, w, q, limits) <= FINISHED
+
+        found = distinct_optima(answers, stand_for=stand_for, finished=finished)
+        return tuple(replace(one, states=one.states * scale) for one in found)
 
     def _first(self, x0: ArrayLike, controls: Array, starts: Array | None) -> Array:
         """Return the decisions about the start, clipped to their bounds, (ny, n)."""

@@ -501,7 +501,7 @@ class OpenLoop:
     """
 
     loop: RecedingHorizon
-    repair: bool = False
+    repair: bool = True
 
     def __post_init__(self) -> None:
         """Raise if members of an ensemble have controls of their own."""

@@ -80,7 +80,7 @@ class Sizing:
         """Compile the expressions that are evaluated around the initial state."""
         self._problem = problem
         symbols = [*problem.symbols().values()]
-        f = _rate(problem)
+        f = ca.densify(_rate(problem))
         path = [c.rows(c.expression) for c in problem.path_constraints]
         ends = [c.rows(c.expression) for c in problem.terminal_constraints]
         soft = [c.rows(c.expression) for c in problem.soft]
@@ -479,12 +479,17 @@ def with_a_state_alone(
 ) -> NDArray[np.bool_]:
     """Return a mask of the rows in which a state stands alone, with a constant factor.
 
-    Such a row moves with the origin of that state.
+    Such a row moves with the origin of that state. A state that does not move, such as
+    a decided parameter or end time, has no origin of its own.
     """
     x, u = problem.model.states, problem.model.controls
+    moving = set(_rate(problem).sparsity().row())
     slopes = ca.sparsify(ca.jacobian(column, x))
-    rows = np.array(slopes.sparsity().row(), dtype=np.intp)
-    alone = rows[_constant(slopes.nz[:], ca.vertcat(x, u))]
+    rows, columns = map(
+        np.array, (slopes.sparsity().row(), slopes.sparsity().get_col())
+    )
+    chosen = _constant(slopes.nz[:], ca.vertcat(x, u))
+    alone = [rows[place] for place in chosen if columns[place] in moving]
     return np.isin(np.arange(column.numel()), alone)
 
 
@@ -498,8 +503,8 @@ def _rate(problem: OptimalControlProblem) -> ca.SX:
     """Return the rates of the states, with the change at an interval's end added."""
     model = problem.model
     if not model.jumps:
-        return model.ode
-    return model.ode + (model.next_state - model.states) / problem.dt
+        return ca.sparsify(model.ode)
+    return ca.sparsify(model.ode + (model.next_state - model.states) / problem.dt)
 
 
 def _middle(lower: Array, upper: Array) -> Array:

@@ -1,7 +1,7 @@
 """Origin of an answer, and the results of all other starts."""
 
 import math
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal, get_args
 
 from swarmstart.ocp.lanes.answers import Optimum, Unseen
@@ -58,6 +58,8 @@ class Lanes:
         iterations: Steps of all lanes together.
         seconds: Wall time [s].
         infeasible: Number of starts that ended at a point that breaks constraints.
+        unfinished: Number of starts that ended at a feasible point which is no optimum:
+            the first-order conditions do not hold there.
         lost: Number of starts whose states left the finite numbers.
     """
 
@@ -68,6 +70,7 @@ class Lanes:
     iterations: int
     seconds: float = field(compare=False)
     infeasible: int
+    unfinished: int
     lost: int
 
     def told(self, sense: float = 1.0) -> dict[str, Any]:
@@ -77,7 +80,7 @@ class Lanes:
             sense: 1 for a minimised cost, -1 for a maximised one.
         """
         optima = [{"cost": sense * one.cost, "count": one.count} for one in self.optima]
-        return asdict(self) | {"optima": optima}
+        return asdict(replace(self, optima=())) | {"optima": optima}
 
     def line(self, sense: float = 1.0) -> str:
         """Return the result in one line.
@@ -89,7 +92,11 @@ class Lanes:
         more = len(self.optima) - SHOWN
         listed = ", ".join(shown) + (f" and {more} more" if more > 0 else "")
         said = f"{self.starts} starts: {listed or 'no optimum'}"
-        ended = ((self.infeasible, "infeasible"), (self.lost, "not finite"))
+        ended = (
+            (self.unfinished, "unfinished"),
+            (self.infeasible, "infeasible"),
+            (self.lost, "not finite"),
+        )
         said += "".join(f", {count} {how}" for count, how in ended if count)
         # Starts that reached nothing say nothing about how others would end.
         if self.unseen is None or not self.optima:
@@ -109,6 +116,45 @@ class Effort:
 
     evaluations: int
     seconds: float = field(compare=False)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Repair:
+    """Account of the repair of an answer that broke constraints between its checks.
+
+    Attributes:
+        attempts: Number of problems that were solved again.
+        checks: The largest factor for the number of checks.
+        margins: Number of constraint rows that got a margin.
+        evaluations: Evaluations of the problem.
+        seconds: Wall time [s].
+        succeeded: Whether the repaired answer is confirmed.
+    """
+
+    attempts: int
+    checks: int
+    margins: int
+    evaluations: int
+    seconds: float = field(compare=False)
+    succeeded: bool
+
+    @property
+    def tried(self) -> str:
+        """What was tried, as part of a sentence."""
+        times = "once" if self.attempts == 1 else f"{self.attempts} times"
+        how = f"up to {self.checks} times the checks" if self.checks > 1 else ""
+        if self.margins:
+            how += f"{' and ' if how else ''}margins on {self.margins} row(s)"
+        return f"solved again {times}{' with ' if how else ''}{how}"
+
+    @property
+    def line(self) -> str:
+        """The account in one line."""
+        ended = "confirmed" if self.succeeded else "not confirmed"
+        return (
+            f"{self.tried}: {ended}; {self.evaluations} evaluations, "
+            f"{self.seconds:.2g} s"
+        )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

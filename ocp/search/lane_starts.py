@@ -103,21 +103,29 @@ class _Found:
         self.iterations += taken
         return max(round(taken * self.solver.rollouts_per_iteration), 1)
 
-    def account(self, *, random: bool) -> Lanes:
+    def account(self, x0: ArrayLike, known: Known, *, random: bool) -> Lanes:
         """Return the account of the lanes.
 
         Args:
+            x0: Initial state of the core, shape (nx,).
+            known: Parameters and signals.
             random: Whether the starts were a random sample, which allows an estimate.
         """
-        counts = [one.count for one in self.optima]
+        ends, optima = [one.count for one in self.optima], tuple[Optimum, ...]()
+        if self.kept is not None and ends:
+            optima = self.solver.optima(
+                self.kept, x0, known, stand_for=np.array(ends, dtype=np.int64)
+            )
+        counts = [one.count for one in optima]
         return Lanes(
             starts=self.solves,
             method=self.solver.method,
-            optima=tuple(self.optima),
+            optima=optima,
             unseen=unseen_share(counts) if random else None,
             iterations=self.iterations,
             seconds=self.seconds,
             infeasible=self.infeasible,
+            unfinished=sum(ends) - sum(counts),
             lost=self.lost,
         )
 
@@ -178,7 +186,7 @@ class Members(_Lanes):
 
     def account(self) -> Lanes:
         """Return the account of the lanes."""
-        return self.found.account(random=False)
+        return self.found.account(self._state, self._task.known, random=False)
 
     def __call__(self, members: Array) -> Improved:
         """Return the distinct optima reached from members."""
@@ -217,7 +225,7 @@ class RandomStarts(_Lanes):
 
     def account(self) -> Lanes:
         """Return the account of the lanes."""
-        return self.found.account(random=True)
+        return self.found.account(self._state, self._task.known, random=True)
 
     @property
     def ended(self) -> bool:

@@ -229,22 +229,26 @@ class ManyStarts:
                 return None, []
             taken = int(found.iterations.sum())
             self._polisher.watch.counted(taken * solver.rollouts_per_iteration)
-            optima, (infeasible, lost) = distinct_optima(found), unreached(found)
+            ends = distinct_optima(found)  # Some may be no optima yet.
+            optima = solver.optima(found, x0, known)
+            infeasible, lost = unreached(found)
+            unfinished = sum(e.count for e in ends) - sum(o.count for o in optima)
             best = [
                 Start(
                     found.controls[:, :, one.lane],
                     x0=started(problem, state, found.starts[:, one.lane]),
                 )
-                for one in optima[:POLISHED]
+                for one in ends[:POLISHED]
             ]
             lanes = Lanes(
                 starts=controls.shape[2],
                 method=solver.method,
-                optima=tuple(optima),
+                optima=optima,
                 unseen=unseen_share([one.count for one in optima]),
                 iterations=taken,
                 seconds=watch.seconds,
                 infeasible=infeasible,
+                unfinished=unfinished,
                 lost=lost,
             )
         return lanes, best

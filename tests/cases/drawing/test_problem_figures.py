@@ -268,12 +268,15 @@ def test_one_plan_has_its_search_and_its_cost_but_no_figures_of_plans() -> None:
 
 def test_local_optima_are_drawn_by_cost_with_their_counts() -> None:
     optima = tuple(
-        Optimum(lane=k, cost=cost, count=count)
+        Optimum(
+            lane=k, cost=cost, count=count, controls=np.empty((0, 0)),
+            states=np.empty((0, 0)), decided=np.empty(0),
+        )
         for k, (cost, count) in enumerate([(3.0, 9), (4.0, 1), (7.0, 2)])
-    )
+    )  # fmt: skip
     lanes = Lanes(
         starts=12, method="sweeps", optima=optima, unseen=None, iterations=1,
-        seconds=0, infeasible=0, lost=0,
+        seconds=0, infeasible=0, unfinished=0, lost=0,
     )  # fmt: skip
     found = StartsAccount(won="the lanes", tried=(), lanes=lanes)
     plan = plan_of(np.array(HELD), starts=found)

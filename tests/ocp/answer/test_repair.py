@@ -382,13 +382,36 @@ def test_repaired_answers_keep_clear_of_four_discs_on_the_path(
 def test_without_repair_the_same_answer_is_called_broken() -> None:
     """The advice says by how much."""
     asked = {"search": "lshade", "budget": 3000, "backend": "casadi", "seed": 1}
-    cut = solve(four_discs(8), [0, 0, 0], **asked)  # type: ignore[arg-type]
+    cut = solve(four_discs(8), [0, 0, 0], repair=False, **asked)  # type: ignore[arg-type]
     assert cut.status is SolutionStatus.BROKEN
     assert clearance(cut) == pytest.approx(-max(e.amount for e in cut.path.broken))
     assert f"a margin of {cut.path.broken[0].amount:.2g}" in cut.advice
-    clear = solve(four_discs(8), [0, 0, 0], repair=True, **asked)  # type: ignore[arg-type]
+    clear = solve(four_discs(8), [0, 0, 0], **asked)  # type: ignore[arg-type]
     assert clear.status.is_confirmed
     assert clear.cost > cut.cost
+    assert cut.repair is None
+    account = clear.repair
+    assert account is not None and account.succeeded
+    assert account.attempts >= 1 and account.evaluations > 0 and account.seconds > 0
+    assert clear.plan.evaluations - account.evaluations == cut.plan.evaluations
+    assert f"  repair      {account.line}" in str(clear)
+
+
+def test_repair_that_failed_says_what_it_tried_and_does_not_advise_it() -> None:
+    """One interval, and a wall that a start towards it cannot help to cut."""
+    wall = PathConstraint(expression=X[0], upper=0.2, name="wall")
+    ode = ca.vertcat(X[1], U[0])
+    problem = OptimalControlProblem(
+        Model(states=X, controls=U, ode=ode), horizon=1.0, intervals=1,
+        stage_cost=ca.sumsqr(U), constraints=[wall], terminal=[X[0]],
+        bounds=Bounds(controls=(-9, 9)),
+    )  # fmt: skip
+    found = solve(problem, [0.0, 1.0], search=None, seed=0)
+    assert found.status is SolutionStatus.BROKEN
+    assert found.repair is not None and not found.repair.succeeded
+    assert found.repair.tried in found.reason and "in vain" in found.reason
+    assert "repair" not in found.advice
+    assert "more intervals (2)" in found.advice
 
 
 def test_margins_that_cost_become_checks(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -396,8 +419,10 @@ def test_margins_that_cost_become_checks(monkeypatch: pytest.MonkeyPatch) -> Non
     asked = {"search": "lshade", "budget": 3000, "backend": "casadi", "seed": 1}
     stated = four_discs(20)
     dense = replace(stated, checks=16, substeps=1)
-    plan = solve(stated, [0, 0, 0], **asked)  # type: ignore[arg-type]
-    least = solve(dense, [0, 0, 0], search=None, guess=plan.controls, seed=0)
+    plan = solve(stated, [0, 0, 0], repair=False, **asked)  # type: ignore[arg-type]
+    least = solve(
+        dense, [0, 0, 0], search=None, guess=plan.controls, repair=False, seed=0
+    )
     assert least.path.broken[0].relative < 1e-4
     found = solve(stated, [0, 0, 0], repair=True, **asked)  # type: ignore[arg-type]
     assert found.status.is_confirmed
@@ -421,7 +446,7 @@ def test_margins_that_cost_next_to_nothing_stay(
     )
     monkeypatch.setattr(improving, "_with_checks_for_margins", None)
     clear = solve(problem, [0, 0.6], search=None, repair=True, seed=0)
-    cut = solve(problem, [0, 0.6], search=None, seed=0)
+    cut = solve(problem, [0, 0.6], search=None, repair=False, seed=0)
     assert cut.status is SolutionStatus.BROKEN
     assert clear.status.is_confirmed
 
@@ -436,9 +461,10 @@ def test_answer_of_a_search_alone_is_repaired_too(polish: str | None) -> None:
         bump, bounds=Bounds(controls=(-1, 1)), stage_cost=(X[1] - 0.1) ** 2
     )
     asked = {"search": "lshade", "budget": 1000, "polish": polish, "seed": 0}
-    cut = solve(problem, [0, 0.6], backend="casadi", **asked)  # type: ignore[arg-type]
+    asked |= {"backend": "casadi"}
+    cut = solve(problem, [0, 0.6], repair=False, **asked)  # type: ignore[arg-type]
     assert cut.status is SolutionStatus.BROKEN
-    clear = solve(problem, [0, 0.6], repair=True, backend="casadi", **asked)  # type: ignore[arg-type]
+    clear = solve(problem, [0, 0.6], repair=True, **asked)  # type: ignore[arg-type]
     assert clear.status.is_confirmed
     x, y = clear.path.states
     assert (y - 0.5 * np.sin(np.pi * x) ** 2).min() >= -0.01 - 1e-3

@@ -155,6 +155,7 @@ def test_guess_is_where_the_polish_starts(passing_side: Posed) -> None:
         polish=IpoptOptions(),
         guess=guess,
         known=known,
+        repair=False,
         rng=np.random.default_rng(0),
     )
     assert solution.cost == pytest.approx(446.7, rel=1e-3)

@@ -65,6 +65,9 @@ def iterations(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     return found
 
 
+ALONE = {"lanes": 0, "repair": False, "seed": 0}
+
+
 def spent(
     iterations: list[int],
     problem: OptimalControlProblem,
@@ -72,7 +75,7 @@ def spent(
     guess: Start | None,
 ) -> tuple[Solution, int]:
     iterations.clear()
-    found = solve(problem, x0, guess=guess, search=None, lanes=0, seed=0)  # type: ignore[arg-type]
+    found = solve(problem, x0, guess=guess, search=None, **ALONE)  # type: ignore[arg-type]
     return found, sum(iterations)
 
 

@@ -5,27 +5,39 @@ from __future__ import annotations
 from typing import Any
 
 import casadi as ca
+import numpy as np
 import pytest
 
 import swarmstart as ss
 from swarmstart.ocp.lanes.answers import Optimum, unseen_share
 from swarmstart.ocp.search.account import Lanes
 
+NONE = np.empty((0, 0))
 
-def lanes(*counts: int, infeasible: int = 0, lost: int = 0) -> Lanes:
+
+def lanes(
+    *counts: int, infeasible: int = 0, unfinished: int = 0, lost: int = 0
+) -> Lanes:
     return Lanes(
-        starts=sum(counts) + infeasible + lost,
+        starts=sum(counts) + infeasible + unfinished + lost,
         method="sweeps",
-        optima=tuple(Optimum(lane=k, cost=1.5 + k, count=c)
-                     for k, c in enumerate(counts)),
+        optima=tuple(
+            Optimum(lane=k, cost=1.5 + k, count=c, controls=NONE, states=NONE,
+                    decided=NONE)
+            for k, c in enumerate(counts)
+        ),
         unseen=unseen_share(counts),
-        iterations=7, seconds=0.1, infeasible=infeasible, lost=lost,
+        iterations=7, seconds=0.1, infeasible=infeasible, unfinished=unfinished,
+        lost=lost,
     )  # fmt: skip
 
 
 def test_starts_that_reach_nothing_are_counted_and_claim_nothing() -> None:
     assert lanes(infeasible=8, lost=2).line() == (
         "10 starts: no optimum, 8 infeasible, 2 not finite"
+    )
+    assert lanes(unfinished=3, lost=2).line() == (
+        "5 starts: no optimum, 3 unfinished, 2 not finite"
     )
     found = lanes(90, infeasible=10).line()
     assert found.startswith("100 starts: 1.5 (90), 10 infeasible; at most 3% of such")
@@ -49,5 +61,6 @@ def test_every_start_of_the_lanes_is_counted_once(search: Any) -> None:
     assert accounts and (search == "default" or plan.search.lanes)
     for account in accounts:
         counted = sum(one.count for one in account.optima)
-        assert counted + account.infeasible + account.lost == account.starts
+        others = account.unfinished + account.infeasible + account.lost
+        assert counted + others == account.starts
         assert account.infeasible + account.lost > 0

@@ -38,7 +38,8 @@ def searched(
     budget: Budget | int | None = None,
     **more: object,
 ) -> Solution:
-    return solve(problem, x0, search=search, budget=budget, seed=0, **more)  # type: ignore[arg-type]
+    more = {"repair": False, "seed": 0, **more}
+    return solve(problem, x0, search=search, budget=budget, **more)  # type: ignore[arg-type]
 
 
 def test_multistart_finds_the_best_of_many_optima_without_a_population() -> None:
