@@ -9,7 +9,8 @@ Each step judges by the user's own problem, and keeps the better answer.
 If the curvature at a stationary point is flat, perturbed starts decide whether it is a
 local optimum: the controls are moved a little, at random, and polished again. If a
 start leads to a lower cost, the point was no optimum, and the better one is taken. If
-none of twenty starts does, the point is called a local optimum.
+none of twenty starts does, the point is called a local optimum. The starts take at most
+a fifth of the solver's iterations before them; with fewer than five nothing is decided.
 """
 
 from collections.abc import Iterator, Mapping
@@ -44,7 +45,7 @@ from swarmstart.ocp.rollout.checking import Excess
 from swarmstart.ocp.rollout.fitness import Fitness, Known
 from swarmstart.ocp.rollout.kinks import PARTS, kink_sizes, smoothed
 from swarmstart.ocp.rollout.status import SolutionStatus
-from swarmstart.ocp.search.account import Repair
+from swarmstart.ocp.search.account import Repair, Restarts
 from swarmstart.ocp.search.settings import SearchSettings
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 
@@ -56,7 +57,11 @@ _NOTICED = 1e-4
 """Relative cost of margins above which they are replaced."""
 _MOST_STATES = 5000
 """Largest number of states at all checks together; more would take too long."""
-STARTS = 20
+STARTS, ENOUGH = 20, 5
+"""Largest number of perturbed starts, and the least that decides."""
+_SHARE, _LEAST_ITERATIONS = 0.2, 100
+"""Share of the iterations so far that perturbed starts may take, and what they may take
+in any case."""
 ROUNDS = 3
 """Largest number of better points taken before the question is left undecided."""
 _MOST_WORK = 2_000_000
@@ -108,7 +113,8 @@ def improved(
     account = answer.solution.repair
     settled = settled_answer(planner, answer, x0, known, rng)
     yield _with_account(settled, account)
-    yield _with_account(followed_down(planner, settled, x0, known, rng), account)
+    found = followed_down(planner, settled, x0, known, rng)
+    yield _with_account(replace(found, restarts=settled.restarts), account)
 
 
 def settled_answer(
@@ -135,11 +141,26 @@ def settled_answer(
     x0 = start_of(planner.problem, solution.plan, x0)
     states = used.fitness.states(solution.plan.controls, x0, given)
     plan = replace(solution.plan, states=states)
-    plan, is_settled = settled(used, plan, x0, given, rng=rng)
+    plan, is_settled, restarts = settled(used, plan, x0, given, rng=rng)
     plan = _judged_by(planner, plan, x0, known, point=plan.point)
     found = verified(planner.tracer, plan, x0, known, settled=is_settled)
     # A lower cost that the finer path does not confirm does not count.
-    return found if found.status.is_confirmed else solution
+    best = found if found.status.is_confirmed else solution
+    return replace(best, restarts=restarts)
+
+
+class Settled(NamedTuple):
+    """A plan after restarts.
+
+    Attributes:
+        plan: The plan, or a better one.
+        is_settled: Whether no perturbed start improves it.
+        restarts: Account of the starts; None: none were needed, or possible.
+    """
+
+    plan: Plan
+    is_settled: bool
+    restarts: Restarts | None
 
 
 def settled(
@@ -149,7 +170,7 @@ def settled(
     known: Known,
     *,
     rng: np.random.Generator,
-) -> tuple[Plan, bool]:
+) -> Settled:
     """Return a plan that no perturbed start improves, and whether that is certain.
 
     Args:
@@ -160,17 +181,24 @@ def settled(
         rng: Source of all randomness.
     """
     polisher, fitness = planner.polisher, planner.fitness
+    before = 0 if plan.starts is None else sum(t.iterations for t in plan.starts.tried)
+    left = max(round(_SHARE * before), _LEAST_ITERATIONS)
+    told: Restarts | None = None
     for _ in range(ROUNDS):
         if plan.point is None or polisher is None:
-            return plan, False
+            return Settled(plan, False, told)
         bent = curvature(plan.point)
         if bent is Curvature.POSITIVE:
-            return plan, True
-        found = _descended(fitness, polisher, plan, x0, known, rng)
+            return Settled(plan, True, told)
+        with stopwatch() as watch:
+            found = _descended(fitness, polisher, plan, x0, known, rng=rng, left=left)
+        told = _counted(told, found, watch.seconds)
+        left -= found.iterations
         better, evaluations = found.better, found.evaluations + plan.evaluations
         if better is None:
             plan = replace(plan, evaluations=evaluations)
-            return plan, found.all_tried and bent is not Curvature.NEGATIVE
+            decides = found.starts >= ENOUGH and bent is not Curvature.NEGATIVE
+            return Settled(plan, decides, told)
         plan = planner.evaluated(
             better.controls,
             better.x0,
@@ -183,35 +211,53 @@ def settled(
             point=better.point,
             starts=plan.starts,
         )
-    return plan, False
+    return Settled(plan, False, told)
 
 
-def _descended(
+def _counted(told: Restarts | None, found: "_Descended", seconds: float) -> Restarts:
+    """Return the account with further starts."""
+    last = told or Restarts(starts=0, iterations=0, better=0, seconds=0.0)
+    return Restarts(
+        starts=last.starts + found.starts,
+        iterations=last.iterations + found.iterations,
+        better=last.better + (found.better is not None),
+        seconds=last.seconds + seconds,
+    )
+
+
+def _descended(  # noqa: PLR0913 - a plan, where it is from, and what is left
     fitness: Fitness,
     polisher: Polisher,
     plan: Plan,
     x0: ArrayLike,
     known: Known,
+    *,
     rng: np.random.Generator,
+    left: int,
 ) -> "_Descended":
-    """Return the first better answer from a perturbed start, and the effort."""
+    """Return the first better answer from a perturbed start, and the effort.
+
+    No start begins after `left` iterations.
+    """
     x0 = start_of(fitness.problem, plan, x0)
     sizes = fitness.arguments.sizes_along(plan.controls, plan.states, x0, known)
-    evaluations, work = 0, 0
-    for _ in range(STARTS):
-        if work > _MOST_WORK:
-            return _Descended(None, evaluations, all_tried=False)
+    evaluations, iterations, starts = 0, 0, 0
+    rows = 0 if plan.point is None else plan.point.lam_g.size
+    while starts < STARTS and iterations < left:
+        if iterations * rows > _MOST_WORK:
+            return _Descended(None, evaluations, iterations, 0)
         part = np.exp(rng.uniform(np.log(_SMALLEST), np.log(_LARGEST)))
         move = part * sizes.controls[:, None] * rng.standard_normal(plan.controls.shape)
         found = polisher(plan.controls + move, x0, known, near=True)
         evaluations += found.evaluations
-        work += found.iterations * (0 if plan.point is None else plan.point.lam_g.size)
+        iterations += found.iterations
+        starts += 1
         # Relative to the natural size as well: near a cost of 0 any change would count.
         falls = plan.cost - found.cost > SAME_COST * max(abs(plan.cost), sizes.cost)
         feasible = found.violation <= fitness.problem.tolerance
         if feasible and falls and found.status is PolishStatus.CONVERGED:
-            return _Descended(found, evaluations, all_tried=False)
-    return _Descended(None, evaluations, all_tried=True)
+            return _Descended(found, evaluations, iterations, starts)
+    return _Descended(None, evaluations, iterations, starts)
 
 
 class _Descended(NamedTuple):
@@ -220,12 +266,14 @@ class _Descended(NamedTuple):
     Attributes:
         better: The first answer that is better; None without one.
         evaluations: Evaluations of the solver.
-        all_tried: Whether all starts were tried and none led to a better answer.
+        iterations: Its iterations.
+        starts: Number of starts; 0: stopped, so that they decide nothing.
     """
 
     better: Polished | None
     evaluations: int
-    all_tried: bool
+    iterations: int
+    starts: int
 
 
 def followed_down(

@@ -53,7 +53,7 @@ from swarmstart.ocp.rollout.status import (
     advice_for,
     fastest_mode,
 )
-from swarmstart.ocp.search.account import Repair
+from swarmstart.ocp.search.account import Repair, Restarts
 from swarmstart.ocp.statement.control_shape import piece_at, rows_at
 from swarmstart.ocp.statement.lowering import lowered
 from swarmstart.ocp.statement.problem import OptimalControlProblem
@@ -68,6 +68,8 @@ _STEADY = 100
 """Largest change of a cost without a jump, relative to size and distance."""
 _ROUNDINGS = 1e3 * float(np.finfo(np.float64).eps)
 """Rounding of a path, relative to its values."""
+_NOTHING_COSTS = 1e-8
+"""Difference of costs, relative to the natural size, that a solver may leave."""
 _NOTHING_MOVES = 1e-9
 """Part of the natural size below which a difference counts as zero."""
 
@@ -167,6 +169,8 @@ class Solution(Presented):
         bound: Bound of the optimal cost, if `solve` was asked for one.
         repair: Account of the repair; None: there was nothing to repair, or `solve` was
             asked not to.
+        restarts: Account of the restarts that decided whether a point whose curvature
+            is flat is an optimum; None: there were none.
     """
 
     status: SolutionStatus
@@ -189,6 +193,7 @@ class Solution(Presented):
     member_costs: Array = field(default_factory=lambda: np.empty(0))
     bound: LowerBound | None = None
     repair: Repair | None = None
+    restarts: Restarts | None = None
 
     @property
     def optima(self) -> tuple[LocalOptimum, ...]:
@@ -365,12 +370,19 @@ class Solution(Presented):
             lines.insert(4, f"  members     {_spread(self.member_costs)}")
         if self.gap is not None:
             lines.insert(4, f"  bound       {self.gap.words}")
-        lines += plan.search.lines(self.problem.sense)
+        return "\n".join([*lines, *self._account()])
+
+    def _account(self) -> list[str]:
+        """Return what search, starts, repair and restarts did, in lines."""
+        plan = self.plan
+        lines = plan.search.lines(self.problem.sense)
         if plan.starts is not None:
             lines += plan.starts.lines(self.problem.sense)
         if self.repair is not None:
             lines.append(f"  repair      {self.repair.line}")
-        return "\n".join(lines)
+        if self.restarts is not None:
+            lines.append(f"  restarts    {self.restarts.line}")
+        return lines
 
 
 SHOWN = 6
@@ -387,6 +399,8 @@ def _spread(costs: Array) -> str:
 
 def _ranges(names: tuple[str, ...], rows: Array) -> str:
     """Return name, first and last value and range of the first rows."""
+    if not names:
+        return "none"
     parts = []
     for name, row in zip(names[:SHOWN], rows, strict=False):
         finite = row[np.isfinite(row)]
@@ -615,7 +629,7 @@ def _differences(
     if not np.isfinite(path.cost):
         return "the cost of the finer path is not a finite number"
     told = []
-    allowed = tolerance * path.magnitude + _NOTHING_MOVES * sizes.cost
+    allowed = tolerance * path.magnitude + _NOTHING_COSTS * sizes.cost
     if abs(path.cost - plan.cost) > allowed:
         # No 0 / 0.
         share = abs(path.cost - plan.cost) / max(path.magnitude, 1e-300)

@@ -37,6 +37,7 @@ from swarmstart.ocp.nlp.start import Start
 from swarmstart.ocp.rollout.fitness import NOTHING, Known
 from swarmstart.ocp.search.many_starts import LANES
 from swarmstart.ocp.search.settings import SearchGiven, search_settings
+from swarmstart.ocp.statement.lowering import has_decisions
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 
 StartRule = Literal["must hold", "may violate"]
@@ -163,6 +164,8 @@ def solve(  # noqa: PLR0913 - the whole way in one call
     given = x0, known
     rng = generator_of(rng, seed)
     settings = search_settings(search, budget, order)
+    if search == "default" and not has_decisions(problem):
+        settings = None  # A simulation.
     polishing = polish_options(polish)
     if lanes is None:
         lanes = LANES if polishing is not None else 0

@@ -14,6 +14,7 @@ Origin = Literal[
     "the lanes",
     "the search",
     "guesses of states",
+    "random starts",
 ]
 """Kinds of starts, in order: among equal answers, the one of the first kind counts."""
 
@@ -153,6 +154,32 @@ class Repair:
         ended = "confirmed" if self.succeeded else "not confirmed"
         return (
             f"{self.tried}: {ended}; {self.evaluations} evaluations, "
+            f"{self.seconds:.2g} s"
+        )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Restarts:
+    """Account of the restarts from points near an answer.
+
+    Attributes:
+        starts: Number of perturbed starts that were polished.
+        iterations: Iterations of the solver.
+        better: Number of better answers that were taken.
+        seconds: Wall time [s].
+    """
+
+    starts: int
+    iterations: int
+    better: int
+    seconds: float = field(compare=False)
+
+    @property
+    def line(self) -> str:
+        """The account in one line."""
+        found = f"{self.better} better" if self.better else "nothing better"
+        return (
+            f"{self.starts} perturbed starts: {found}; {self.iterations} iterations, "
             f"{self.seconds:.2g} s"
         )
 

@@ -164,6 +164,8 @@ class ManyStarts:
             self._several(
                 tries, [Origined("guesses of states", one) for one in guesses]
             )
+            if not fitness.problem.model.nu:
+                self._several(tries, self._drawn(x0, known, rng))
             if not self._polisher.watch.is_over:
                 tries.polish_again()
         except KeyboardInterrupt:
@@ -202,8 +204,25 @@ class ManyStarts:
     def _cold(self) -> list[Origined]:
         """Return zero controls, and the middle of the bounds if it differs."""
         origins: tuple[Origin, ...] = ("zero controls", "the middle of the bounds")
+        if not self._fitness.problem.model.nu:
+            origins = origins[1:]  # Of what is decided.
         cold = cold_controls(self._fitness.problem)
         return [Origined(o, Start(c)) for o, c in zip(origins, cold, strict=False)]
+
+    def _drawn(
+        self, x0: ArrayLike, known: Known, rng: np.random.Generator
+    ) -> list[Origined]:
+        """Return the best of many draws of what is decided, for want of controls."""
+        fitness, problem = self._fitness, self._fitness.problem
+        if not problem.free_starts:
+            return []
+        none = np.empty((0, problem.intervals))
+        _, decided = random_starts(problem, self._random, rng)
+        drawn = [started(problem, x0, one) for one in decided.T]
+        values = [fitness.value(none, one, known)[::-1] for one in drawn]
+        order = sorted(range(len(drawn)), key=lambda number: values[number])
+        best = [Start(none, x0=drawn[number]) for number in order[:POLISHED]]
+        return [Origined("random starts", one) for one in best]
 
     def _in_lanes(
         self,

@@ -50,7 +50,6 @@ from swarmstart.ocp.rollout.fitness import (
     Known,
     Objective,
     started,
-    unflatten,
 )
 from swarmstart.ocp.rollout.shooting import Shooting
 from swarmstart.ocp.rollout.violation import (
@@ -139,7 +138,8 @@ class ControlSpace:
         x = x[self._coordinates]
         inputs = problem.model.nu * problem.intervals
         controls = whole(
-            unflatten(x[:inputs], problem.model.nu),
+            # Not by `unflatten`: there may be no controls.
+            x[:inputs].reshape((problem.model.nu, problem.intervals), order="F"),
             problem.integer,
             problem.control_limits,
         )
@@ -166,10 +166,10 @@ def _block_coordinates(problem: OptimalControlProblem) -> tuple[Index, Index]:
 
 def _control_box(fitness: Fitness) -> Box:
     problem = fitness.problem
-    if not problem.model.nu:
+    if not (problem.model.nu or problem.free_starts):
         raise InvalidProblemError(
-            "a population search needs at least one control, got a model without any: "
-            "solve it with search=None"
+            "a population search needs a decision: a control, or a Free start, "
+            "parameter or end time; got none"
         )
     lower, upper = problem.search_limits
     starts = [_searched(problem, one) for one in problem.free_starts]
@@ -192,8 +192,9 @@ def _control_box(fitness: Fitness) -> Box:
     return Box(
         lower=np.append(lower, [least for least, _ in starts]),
         upper=np.append(upper, [most for _, most in starts]),
-        per_step=problem.flown_controls,  # For smooth random sequences.
-        constant=len(starts),
+        # For smooth random sequences, which there are none of without controls.
+        per_step=problem.flown_controls or None,
+        constant=len(starts) if problem.flown_controls else 0,
     )
 
 

@@ -289,6 +289,11 @@ def lowered(stated: OptimalControlProblem) -> Lowered:
     return Lowered(given, core_of(stated))
 
 
+def has_decisions(stated: OptimalControlProblem) -> bool:
+    """Return whether a problem leaves anything open: controls, or `Free` numbers."""
+    return bool(stated.model.nu or lowered(stated).core.free_starts)
+
+
 def _minimised(stated: OptimalControlProblem) -> OptimalControlProblem:
     """Return an equivalent problem whose costs are minimised."""
     if not stated.maximize:

@@ -46,7 +46,7 @@ def planned(problem: OptimalControlProblem) -> tuple[Planner, Plan]:
 def looked_at(problem: OptimalControlProblem, seed: int = 0) -> tuple[Plan, Plan, bool]:
     planner, plan = planned(problem)
     rng = np.random.default_rng(seed)
-    after, is_settled = settled(planner, plan, [0.0], NOTHING, rng=rng)
+    after, is_settled, _ = settled(planner, plan, [0.0], NOTHING, rng=rng)
     return plan, after, is_settled
 
 
@@ -91,6 +91,28 @@ def test_flat_minimum_is_settled_by_all_starts() -> None:
     assert after.evaluations >= plan.evaluations + STARTS
 
 
+def test_restarts_are_in_the_account_and_take_a_part_of_the_iterations(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """With less than five of them nothing is decided."""
+    problem = scalar(ca.SX(0), (X - 0.5) ** 2)
+    found = solve(problem, [0], search=None, backend="casadi", seed=0)
+    told = found.restarts
+    assert told is not None
+    assert (told.starts, told.better) == (STARTS, 0)
+    assert f"  restarts    {told.line}" in str(found)
+    assert told.iterations >= STARTS
+    monkeypatch.setattr(improving, "_LEAST_ITERATIONS", told.iterations // 2)
+    fewer = solve(problem, [0], search=None, backend="casadi", seed=0).restarts
+    assert fewer is not None
+    assert 0 < fewer.starts < STARTS
+    monkeypatch.setattr(improving, "_LEAST_ITERATIONS", 1)
+    monkeypatch.setattr(improving, "_SHARE", 0.0)
+    left = solve(problem, [0], search=None, backend="casadi", seed=0)
+    assert left.restarts is not None and left.restarts.starts == 1
+    assert left.status is SolutionStatus.FEASIBLE
+
+
 def test_flat_minimum_of_a_large_problem_is_left_undecided(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -112,10 +134,10 @@ def test_plan_that_is_not_stationary_is_not_settled() -> None:
     planner, plan = planned(scalar((U - 1) ** 2, X**2))
     other = replace(plan, point=None)
     same = settled(planner, other, [0.0], NOTHING, rng=np.random.default_rng(0))
-    assert same == (other, False)
+    assert same == (other, False, None)
     searching = Planner(planner.problem, search=None, backend="casadi")
     rng = np.random.default_rng(0)
-    assert settled(searching, plan, [0.0], NOTHING, rng=rng) == (plan, False)
+    assert settled(searching, plan, [0.0], NOTHING, rng=rng)[:2] == (plan, False)
 
 
 def test_solve_says_local_optimum_of_what_is_settled_only() -> None:

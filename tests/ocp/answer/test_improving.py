@@ -91,7 +91,9 @@ def test_descent_that_the_finer_path_does_not_confirm_is_not_taken() -> None:
     planner = planner_of(stated(ca.cos(60 * X) + U**2 / 100, ca.SX(0)))
     before = answered(planner)
     assert before.status is SolutionStatus.FEASIBLE
-    assert looked_at(planner, before) is before
+    after = looked_at(planner, before)
+    assert after.plan is before.plan
+    assert after.restarts is not None and after.restarts.better == 1
 
 
 def test_only_a_stationary_answer_of_unknown_curvature_is_looked_at() -> None:

@@ -213,14 +213,14 @@ def test_state_that_ends_off_by_more_of_its_own_size_is_named(
     assert found.reason.startswith(f"state {told} on the finer path")
 
 
-def test_nothing_moves_below_a_part_in_1e9_of_the_natural_size() -> None:
-    """A cost of 0 along the path agrees with one that is nearly 0."""
+def test_nothing_moves_below_a_small_part_of_the_natural_size() -> None:
+    """A cost of 0 along the path agrees with one that is nearly 0; a state as well."""
     problem, planner = drift(U**2)
     plan, size = planned(planner, [0, 0]), planner.fitness.arguments.sizes([0], NOTHING)
     moved = plan.states.copy()
     moved[0, -1] = size.states[0]
     for share in (0.9e-9, 1.1e-9):
-        told = replace(plan, cost=share * size.cost)
+        told = replace(plan, cost=10 * share * size.cost)
         status = verified(problem, told, [0]).status
         assert (status is SolutionStatus.FEASIBLE) is (share < 1e-9)
         told = replace(plan, states=share * moved)
