@@ -139,8 +139,10 @@ def settled_answer(
     if used.polisher is None or not undecided or solution.plan.point is None:
         return solution
     x0 = start_of(planner.problem, solution.plan, x0)
-    states = used.fitness.states(solution.plan.controls, x0, given)
-    plan = replace(solution.plan, states=states)
+    plan = solution.plan
+    if plan.ends is None:
+        states = used.fitness.states(plan.controls, x0, given)
+        plan = replace(plan, states=states)
     plan, is_settled, restarts = settled(used, plan, x0, given, rng=rng)
     plan = _judged_by(planner, plan, x0, known, point=plan.point)
     found = verified(planner.tracer, plan, x0, known, settled=is_settled)
@@ -185,7 +187,8 @@ def settled(
     left = max(round(_SHARE * before), _LEAST_ITERATIONS)
     told: Restarts | None = None
     for _ in range(ROUNDS):
-        if plan.point is None or polisher is None:
+        # A perturbed start would explode.
+        if plan.point is None or polisher is None or plan.ends is not None:
             return Settled(plan, False, told)
         bent = curvature(plan.point)
         if bent is Curvature.POSITIVE:
@@ -209,6 +212,7 @@ def settled(
             evaluations=evaluations,
             polish_status=better.status,
             point=better.point,
+            ends=better.ends,
             starts=plan.starts,
         )
     return Settled(plan, False, told)
@@ -225,7 +229,7 @@ def _counted(told: Restarts | None, found: "_Descended", seconds: float) -> Rest
     )
 
 
-def _descended(  # noqa: PLR0913 - a plan, where it is from, and what is left
+def _descended(  # noqa: PLR0913 - a plan, its start, and what is left
     fitness: Fitness,
     polisher: Polisher,
     plan: Plan,
@@ -568,6 +572,7 @@ def _judged_by(
         evaluations=plan.evaluations + (before.plan.evaluations if before else 0),
         polish_status=plan.polish_status,
         point=point,
+        ends=plan.ends,
         relaxed_cost=before.plan.relaxed_cost if before else plan.relaxed_cost,
         starts=before.plan.starts if before else plan.starts,
     )

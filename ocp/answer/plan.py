@@ -141,6 +141,8 @@ class Plan:
             one.
         relaxed_cost: Cost of a local optimum without the requirement of whole numbers;
             NaN: not known.
+        ends: States between the intervals, shape (nx, N + 1), of a plan that is judged
+            interval by interval (`Polished.ends`); None: by its roll-out.
         start: Initial state of a plan whose states are not kept; None if they are kept.
         starts: Account of all starts; None if there was only one.
         duals: Multipliers of a plan whose point is not kept; None if it is kept or
@@ -159,6 +161,7 @@ class Plan:
     start_excess: float = 0.0
     point: NlpPoint | None = None
     relaxed_cost: float = np.nan
+    ends: Array | None = None
     start: Array | None = None
     starts: StartsAccount | None = None
     duals: Duals | None = None
@@ -203,6 +206,7 @@ class Account(TypedDict, total=False):
     evaluations: int
     polish_status: PolishStatus | None
     point: NlpPoint | None
+    ends: Array | None
     relaxed_cost: float
     starts: StartsAccount | None
 

@@ -53,6 +53,7 @@ from swarmstart.ocp.rollout.fitness import (
     Fitness,
     Known,
     core_known,
+    replay,
     shared_arguments,
 )
 from swarmstart.ocp.rollout.path import Tracer
@@ -455,6 +456,7 @@ class Planner:
             evaluations=plan.evaluations + evaluations,
             polish_status=polished.status,
             point=polished.point,
+            ends=polished.ends,
             relaxed_cost=relaxed_cost,
             starts=account,
         )
@@ -528,6 +530,7 @@ class Planner:
             evaluations=evaluations + answered.evaluations,
             polish_status=polished.status,
             point=polished.point,
+            ends=polished.ends,
             starts=account,
         )
 
@@ -614,8 +617,14 @@ class Planner:
         Returns:
             The plan.
         """
-        cost, violation = value or self.fitness.value(controls, x0, known)
         states, outside = self.fitness.followed(controls, x0, known)
+        ends = account.get("ends")
+        if ends is not None:
+            states, *value_there = replay(
+                self.fitness.shooting, controls, x0, known, ends=ends
+            )
+            value = value or (value_there[0], value_there[1])
+        cost, violation = value or self.fitness.value(controls, x0, known)
         return Plan(
             controls=controls,
             states=states,

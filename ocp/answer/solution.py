@@ -7,7 +7,8 @@ a step ten times finer, and
     cost        may differ by `tolerance` of the integral of |stage cost| plus
                 |terminal cost|
     end state   each may differ by `tolerance` of its scale: the larger one of its range
-                along the path and the width of its bounds, and by rounding
+                along the path and the width of its bounds, and by rounding; of an
+                answer that is judged interval by interval, the sum of what all miss
     constraints may be broken by `path_tolerance` of their scale, anywhere on the path
 
 or the answer is not confirmed. A confirmed answer is called a local optimum if an NLP
@@ -43,6 +44,7 @@ from swarmstart.ocp.rollout.fitness import (
     shared_arguments,
     stated_known,
 )
+from swarmstart.ocp.rollout.growth import Growth, growth_along
 from swarmstart.ocp.rollout.member_costs import member_costs
 from swarmstart.ocp.rollout.path import Path, Tracer, first_not_finite
 from swarmstart.ocp.rollout.scaling import Sizes
@@ -443,7 +445,7 @@ def verified(  # noqa: PLR0913 - a plan and how it is judged
     )
     signals = at_nodes(problem, flat)
     sizes = trace.shooting.sizing(state, parameters, signals, plan.controls)
-    path = trace(plan.controls, state, parameters, signals, sizes)
+    path = trace(plan.controls, state, parameters, signals, sizes, ends=plan.ends)
     found = _judged(trace.shooting, plan, path, sizes, tolerance=tolerance)
     # Away from kinks and jumps, neighbours have nearly the same value.
     if found.status is SolutionStatus.FEASIBLE and path.kinks:
@@ -460,19 +462,22 @@ def verified(  # noqa: PLR0913 - a plan and how it is judged
             )
         )
     status, reason = found.status, found.reason
+    fast, here = None, Known(parameters, signals)
+    grown = _growth(trace.shooting, plan, path, here, sizes, status)
+    if plan.ends is not None:
+        reason = f"{reason}; judged interval by interval, since {grown}"
     if path.outside:
         reason = f"the start is outside: {path.outside[0]}; {reason}"
-    fast = None
     failed = plan.polish_status is PolishStatus.NUMERICAL_FAILURE
     if advised and (failed or not status.is_confirmed):
-        fast = fastest_mode(trace.shooting, path, state, Known(parameters, signals))
+        fast = fastest_mode(trace.shooting, path, state, here)
     every = (path.times.size - 1) // (problem.nodes - 1)  # Fine steps between nodes.
     stated = trace.shooting.stated
     sense = stated.sense
     return Solution(
         status=status,
         reason=reason,
-        advice=advice_for(problem, found, fast),
+        advice=advice_for(problem, found, fast, grown),
         problem=stated,
         times=path.times[::every],
         # Further states of the core are none of the user's.
@@ -491,6 +496,24 @@ def verified(  # noqa: PLR0913 - a plan and how it is judged
         ),
         member_costs=sense
         * member_costs(trace.shooting, plan.controls, state, parameters, signals),
+    )
+
+
+def _growth(
+    shooting: Shooting,
+    plan: Plan,
+    path: Path,
+    known: Known,
+    sizes: Sizes,
+    status: SolutionStatus,
+) -> Growth | None:
+    """Return the growth of deviations; None if it is not the reason for a status."""
+    if plan.ends is None and status.is_confirmed:
+        return None
+    begins = (path.states if plan.ends is None else plan.states)[:, :-1]
+    every = begins.shape[1] // shooting.problem.intervals
+    return growth_along(
+        shooting, begins[:, ::every], plan.controls, known, sizes.states
     )
 
 
@@ -642,6 +665,8 @@ def _differences(
     width = np.where(np.isfinite(upper - lower), upper - lower, 0.0)
     scale = np.maximum(path.reach, width)
     off = np.abs(path.states[:, -1] - plan.states[:, -1])
+    if path.missed is not None:
+        off = np.abs(path.missed).sum(axis=1)
     rounding = _ROUNDINGS * np.abs(path.states[:, [0, -1]]).max(axis=1)
     beyond = off - (tolerance * scale + _NOTHING_MOVES * sizes.states + rounding)
     if (beyond > 0).any():

@@ -344,7 +344,7 @@ def corrected(
     if guess is None or layout is None:
         return None
     nx, N = problem.model.nx, problem.intervals
-    ends = _ends(point) * sizes.states[:, None]
+    ends = ends_of(point) * sizes.states[:, None]
     controls, _ = program.split(point.w, sizes)
     pieces = guess.followed(controls, ends[:, :-1], (parameters, signals), sizes)
     if not np.isfinite(pieces).all():
@@ -362,7 +362,7 @@ def corrected(
     return w, point.limits._replace(lbg=lbg, ubg=ubg)
 
 
-def _ends(point: NlpPoint) -> Array:
+def ends_of(point: NlpPoint) -> Array:
     """Return the scaled states between the intervals, shape (nx, N + 1)."""
     problem = point.program.problem
     free = decided_states(problem)

@@ -38,6 +38,7 @@ from swarmstart.ocp.nlp.nlp_solvers import (
     Solvers,
     StepChoice,
     corrected,
+    ends_of,
 )
 from swarmstart.ocp.nlp.nlp_sources import last_line
 from swarmstart.ocp.nlp.optimality import NlpPoint, is_stationary
@@ -62,8 +63,10 @@ from swarmstart.ocp.rollout.fitness import (
     Fitness,
     Known,
     at_nodes,
+    replay,
     shared_arguments,
 )
+from swarmstart.ocp.rollout.growth import growth_along
 from swarmstart.ocp.rollout.scaling import Sizes
 from swarmstart.ocp.statement.lowering import bounded_controls
 from swarmstart.ocp.statement.problem import OptimalControlProblem
@@ -76,6 +79,8 @@ _STEPS_OF_ERROR = 10
 """Number of allowed step errors by which costs may differ."""
 _NO_COST = 1e-9
 """Difference of costs, relative to the cost's size, below what a solver resolves."""
+_WILD = 1e4
+"""Way of a state in a roll-out, relative to its size, that is no start for an NLP."""
 _STEEP = 1e3
 """Value of the NLP's cost when the cost has its natural size."""
 
@@ -162,6 +167,9 @@ class Polished:
         iterations: The solver's iterations.
         evaluations: Evaluations of the objective by the solver.
         point: The solver's answer in the NLP's units; None if it did not converge.
+        ends: States between the intervals, shape (nx, N + 1), of an answer that is
+            judged interval by interval, since deviations grow so much over the horizon
+            that no roll-out confirms it; None: it is judged by its roll-out.
         rollouts: Cost of the polish in rollouts, derivatives included; see watching.py.
     """
 
@@ -174,6 +182,7 @@ class Polished:
     iterations: int
     evaluations: int
     point: NlpPoint | None = None
+    ends: Array | None = None
     rollouts: float = 0.0
 
     def __repr__(self) -> str:
@@ -298,6 +307,12 @@ class Polisher:
                 else better_of(found, begun, tolerance=problem.tolerance)
             )
         ended = found.status is PolishStatus.CONVERGED or self.watch.is_over
+        if not ended and self._explodes(states, x0, known):
+            # A roll-out that explodes is no start for the states.
+            still = np.repeat(states[:, :1], states.shape[1], axis=1)
+            again = self._tried(controls, still, x0, known, before, how)
+            found = better_of(found, again, tolerance=problem.tolerance)
+            ended = found.status is PolishStatus.CONVERGED
         if near and not ended and self._can_start_afresh:
             how = how._replace(near=False)
             again = self._tried(controls, states, x0, known, before, how)
@@ -306,6 +321,14 @@ class Polisher:
             found = self._with_finer_steps(found, steps, known, held)
         self.watch.answered((found.controls, found.x0), found.cost, found.violation)
         return found
+
+    def _explodes(self, states: Array, x0: ArrayLike, known: Known) -> bool:
+        """Return whether states at the nodes leave all natural sizes far behind."""
+        if not np.isfinite(states).all():
+            return bool(np.isfinite(states[:, 0]).all())
+        sizes = self._fitness.arguments.sizes(x0, known).states
+        way = np.abs(states - states[:, :1]).max(axis=1)
+        return bool((way > _WILD * sizes).any())
 
     def _steps(
         self, controls: Array, states: Array, x0: ArrayLike, known: Known
@@ -383,8 +406,10 @@ class Polisher:
             iterations += answer.effort[0]
             evaluations += answer.effort[1]
             rollouts += answer.rollouts
-        point = answer.point
+        point, ends = answer.point, None
         ended = status is PolishStatus.CONVERGED
+        if ended and not answer.agrees(after, problem):
+            ends, after = self._by_intervals(answer, better, start, known, after)
         improved = is_better(after, before, tolerance=problem.tolerance) or (
             ended and _pays_for_violation(point, before, after, problem.tolerance)
         )
@@ -402,6 +427,7 @@ class Polisher:
             iterations=iterations,
             evaluations=evaluations,
             point=point if status is PolishStatus.CONVERGED else None,
+            ends=ends if improved else None,
             rollouts=rollouts,
         )
 
@@ -421,6 +447,28 @@ class Polisher:
         if not (np.isfinite(better).all() and np.isfinite(start).all()):
             return better, start, (np.inf, np.inf)
         return better, start, self._fitness.value(better, start, known)
+
+    def _by_intervals(
+        self,
+        answer: "_Answer",
+        controls: Array,
+        start: Array,
+        known: Known,
+        value: tuple[float, float],
+    ) -> tuple[Array | None, tuple[float, float]]:
+        """Return an answer's states between intervals, and its value by intervals.
+
+        None and its value by the roll-out, unless no roll-out can confirm it.
+        """
+        shooting, sizes = self._fitness.shooting, answer.sizes.states
+        if shooting.problem.model.jumps:
+            return None, value
+        ends = ends_of(answer.point) * sizes[:, None]
+        ends[:, 0] = start
+        if not growth_along(shooting, ends[:, :-1], controls, known, sizes).is_large:
+            return None, value
+        _, cost, violation = replay(shooting, controls, start, known, ends=ends)
+        return ends, (cost, violation)
 
     def _judged(self, answer: "_Answer") -> PolishStatus:
         """Return the status of an answer; of others than IPOPT, from its point."""

@@ -487,6 +487,8 @@ def replay(
     controls: Array,
     x0: ArrayLike,
     known: Known = NOTHING,
+    *,
+    ends: Array | None = None,
 ) -> tuple[Array, float, float]:
     """Return states (nx, nodes), cost and violation of one control sequence.
 
@@ -498,6 +500,9 @@ def replay(
         controls: Shape (nu, N).
         x0: Initial state, shape (nx,).
         known: Parameters and signals.
+        ends: States between the intervals, shape (nx, N + 1), from which each interval
+            begins anew; how far they are missed, relative to the states' sizes, counts
+            in the violation. None: each interval begins where the last one ends.
     """
     shooting = shooting_of(problem)
     problem = shooting.problem
@@ -505,9 +510,14 @@ def replay(
     signals, checks = at_nodes(problem, flat), problem.checks
     interval, states = shooting.stage, [x[:, None]]
     cost, violation = map(float, shooting.begin(x, p, signals[:, 0]))
+    sizes = None if ends is None else Arguments(shooting).sizes(x0, known).states
     for k in range(problem.intervals):
         nodes = signals[:, k * checks : (k + 1) * checks + 1]
-        after, spent, broken = interval(states[-1][:, -1], controls[:, k], p, nodes)
+        begin = states[-1][:, -1]
+        if ends is not None and sizes is not None:
+            violation += float((np.abs(begin - ends[:, k]) / sizes).sum())
+            begin = ends[:, k]
+        after, spent, broken = interval(begin, controls[:, k], p, nodes)
         states.append(np.array(after))
         cost, violation = cost + float(spent), violation + float(broken)
     end = shooting.terminal(states[-1][:, -1], p, signals[:, -1])

@@ -11,6 +11,7 @@ at a tolerance ten times smaller.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -60,6 +61,8 @@ class Path:
             a state that an interval's end writes, that of what is written.
         not_finite: (time, name of the state) of the first state that is not finite;
             None: all are finite.
+        missed: By how much each interval misses the state from which the next one
+            begins, shape (nx, N), if each begins anew; None: they are one path.
     """
 
     times: Array
@@ -73,6 +76,7 @@ class Path:
     kinks: tuple[str, ...]
     reach: Array
     not_finite: tuple[float, str] | None
+    missed: Array | None = None
 
     def __repr__(self) -> str:
         """Return the cost and the broken constraints in a few lines."""
@@ -107,7 +111,8 @@ class Tracer:
         if not problem.model.jumps:
             self._at_once *= problem.intervals  # The whole path is one call.
         fine = _adaptive_step if problem.is_adaptive else _fine_step
-        self._fine = fine(shooting).mapaccum("path", self._at_once)
+        self._step = fine(shooting)
+        self._fine = self._step.mapaccum("path", self._at_once)
         self._lengths = problem.dt * uneven_lengths(problem.checks, self._steps)
         names = [*problem.symbols().values()]
         outputs = ca.vertcat(ca.SX(0, 1), *problem.model.outputs.values())
@@ -122,7 +127,14 @@ class Tracer:
         self._moved = with_a_state_alone(costs, problem)
 
     def __call__(
-        self, controls: Array, x0: Array, p: Array, signals: Array, sizes: Sizes
+        self,
+        controls: Array,
+        x0: Array,
+        p: Array,
+        signals: Array,
+        sizes: Sizes,
+        *,
+        ends: Array | None = None,
     ) -> Path:
         """Return the path of controls.
 
@@ -132,6 +144,8 @@ class Tracer:
             p: Parameters, shape (np,).
             signals: At the nodes, shape (ns, nodes).
             sizes: The natural sizes.
+            ends: States between the intervals, shape (nx, N + 1), from which each
+                interval begins anew; None: the path is one.
         """
         problem, m = self.problem, self._steps
         u = np.repeat(controls, m, axis=1)
@@ -139,7 +153,7 @@ class Tracer:
         s = signals_between(problem, signals, times)
         # With a free end time the core's horizon is 1, and its rates are per horizon.
         times = times * (self.shooting.lowered.end_time(x0) / problem.length)
-        states, before, sums = self._followed(x0, u, self._shared(p, sizes), s)
+        states, before, sums = self._followed(x0, u, self._shared(p, sizes), s, ends)
         if problem.clock:
             times = states[problem.model.state_names.index(problem.clock)]
         at = [states[:, ::m], s[:, ::m]]
@@ -190,7 +204,13 @@ class Tracer:
             reach=self._reach(states, before, controls, p, s[:, m::m]),
             broken=tuple(sorted(broken, key=lambda e: -e.relative)),
             not_finite=first_not_finite(problem, times, states),
+            missed=None if ends is None else before - ends[:, 1:],
         )
+
+    @cached_property
+    def _fine_interval(self) -> ca.Function:
+        """The fine integration of one interval."""
+        return self._step.mapaccum("interval", self._steps)
 
     def _times(self) -> Array:
         """Return the times of the fine steps, the problem's nodes among them."""
@@ -207,7 +227,7 @@ class Tracer:
         return np.concatenate([p, sizes.states, [sizes.cost, sizes.cost, 1.0]])
 
     def _followed(
-        self, x0: Array, u: Array, p: Array, s: Array
+        self, x0: Array, u: Array, p: Array, s: Array, ends: Array | None
     ) -> tuple[Array, Array, Array]:
         """Return the states, those before each interval's end changes them, and sums.
 
@@ -218,12 +238,15 @@ class Tracer:
             u: Controls of each fine step.
             p: As `_shared` returns it.
             s: Signals along the path.
+            ends: States between the intervals; see `__call__`.
         """
         m, nx = self._steps, x0.size
         y, found, before = np.append(x0, [0.0, 0.0]), [x0[:, None]], []
         if self.problem.is_adaptive:
             y = np.concatenate([y, np.abs(y), [0.0, 1.0]])
-        at_once = self._at_once
+        at_once, fine = self._at_once, self._fine
+        if ends is not None and at_once != m:
+            at_once, fine = m, self._fine_interval
         lengths = np.tile(self._lengths, at_once // m)[None, :]
         for first in range(0, u.shape[1], at_once):
             part = slice(first, first + at_once)
@@ -232,7 +255,7 @@ class Tracer:
                 many[-1, ::m] = FIRST  # The controls jump.
             after = slice(first + 1, first + at_once + 1)
             known = (u[:, part], many, s[:, part], s[:, after], lengths)
-            both = np.array(self._fine(y, *known))
+            both = np.array(fine(y, *known))
             y = both[:, -1]
             # A copy, since the state after the jump is written into the same array
             # below.
@@ -242,6 +265,8 @@ class Tracer:
                 own = p[: self.problem.model.np]
                 jumped = self.shooting.jump(y[:nx], u[:, first], own, there)
                 y[:nx] = both[:nx, -1] = np.array(jumped).ravel()
+            if ends is not None:
+                y[:nx] = both[:nx, -1] = ends[:, first // m + 1]
             found.append(both[:nx])
         return np.hstack(found), np.hstack(before), y[nx : nx + 2]
 

@@ -17,7 +17,6 @@ Source: Hairer and Wanner (1996), Solving Ordinary Differential Equations II, IV
 from dataclasses import dataclass, replace
 from enum import Enum
 
-import casadi as ca
 import numpy as np
 from numpy.polynomial.polynomial import polyval
 from numpy.typing import NDArray
@@ -27,6 +26,7 @@ from swarmstart.ocp.integration.integrators import INTEGRATORS
 from swarmstart.ocp.integration.rodas import MOST_TICKS
 from swarmstart.ocp.rollout.checking import Excess
 from swarmstart.ocp.rollout.fitness import Known, at_nodes, replay, shared_arguments
+from swarmstart.ocp.rollout.growth import Growth, slopes_of
 from swarmstart.ocp.rollout.path import Path, signals_between
 from swarmstart.ocp.rollout.shooting import Shooting
 from swarmstart.ocp.statement.problem import OptimalControlProblem
@@ -100,7 +100,10 @@ class FastMode:
 
 
 def advice_for(
-    problem: OptimalControlProblem, found: Found, fast: FastMode | None
+    problem: OptimalControlProblem,
+    found: Found,
+    fast: FastMode | None,
+    grown: Growth | None = None,
 ) -> str:
     """Return advice on what to change for a status; empty if there is none.
 
@@ -108,9 +111,12 @@ def advice_for(
         problem: The problem.
         found: Its status, with the reason.
         fast: A mode that is too fast for the step; None without one.
+        grown: Growth of deviations, if it may be the reason.
     """
     if fast is not None:
         return _shorter_or_implicit(problem, fast)
+    if grown is not None and grown.is_large:
+        return _unstable(problem, grown, found.status.is_confirmed)
     told = {
         SolutionStatus.BROKEN: _between_checks(problem, found.excess),
         SolutionStatus.MISMATCH: _finer(problem),
@@ -120,6 +126,17 @@ def advice_for(
     if found.unpolished:
         return "polish='ipopt' would make it a local optimum"
     return told.get(found.status, "")
+
+
+def _unstable(problem: OptimalControlProblem, grown: Growth, is_confirmed: bool) -> str:
+    """Return the advice for a model whose deviations grow too much for a roll-out."""
+    if is_confirmed:
+        return "controls alone do not hold this path; it needs feedback"
+    return (
+        f"the model is unstable: {grown}, so that no roll-out confirms an answer; "
+        "polish='ipopt' solves it interval by interval, with more intervals "
+        f"({2 * problem.intervals}) or a guess of the states if it does not converge"
+    )
 
 
 _DEFINED = (
@@ -251,13 +268,9 @@ def _slopes(
     shooting: Shooting, times: Array, states: Array, controls: Array, known: Known
 ) -> list[Array]:
     """Return the Jacobian of the dynamics at each point."""
-    problem, f = shooting.problem, shooting.dynamics
+    problem, slopes = shooting.problem, slopes_of(shooting)
     _, parameters, flat = shared_arguments(problem, states[:, 0], known)
     signals = signals_between(problem, at_nodes(problem, flat), times)
-    arguments = [ca.SX.sym(f.name_in(i), *f.size_in(i)) for i in range(f.n_in())]
-    slopes = ca.Function(
-        "slopes", arguments, [ca.jacobian(f(*arguments), arguments[0])]
-    )
     return [
         np.array(slopes(x, u, parameters, s[: problem.model.ns]))
         for x, u, s in zip(states.T, controls.T, signals.T, strict=True)

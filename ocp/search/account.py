@@ -141,7 +141,7 @@ class Repair:
 
     @property
     def tried(self) -> str:
-        """What was tried, as part of a sentence."""
+        """All attempts, as part of a sentence."""
         times = "once" if self.attempts == 1 else f"{self.attempts} times"
         how = f"up to {self.checks} times the checks" if self.checks > 1 else ""
         if self.margins:

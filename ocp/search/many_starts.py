@@ -154,10 +154,12 @@ class ManyStarts:
         try:
             for one in cold:
                 tries.polish(one)
-            over = self._polisher.watch.is_over
+            # Where roll-outs say nothing, all that searches by them is skipped.
+            over = self._polisher.watch.is_over or tries.is_beyond_rollouts
             found = [Origined("the search", one) for one in ([] if over else search())]
-            starts = [one.start for one in (*cold, *found)]
-            lanes, optima = self._in_lanes(starts, x0, known, rng)
+            starts, optima = [one.start for one in (*cold, *found)], list[Start]()
+            if not tries.is_beyond_rollouts:
+                lanes, optima = self._in_lanes(starts, x0, known, rng)
             guesses = state_guesses(fitness, x0, known, _GUESSES, rng)
             self._several(tries, [Origined("the lanes", one) for one in optima])
             self._several(tries, found)
@@ -166,7 +168,7 @@ class ManyStarts:
             )
             if not fitness.problem.model.nu:
                 self._several(tries, self._drawn(x0, known, rng))
-            if not self._polisher.watch.is_over:
+            if not (self._polisher.watch.is_over or tries.is_beyond_rollouts):
                 tries.polish_again()
         except KeyboardInterrupt:
             if not tries.answers:
@@ -191,13 +193,15 @@ class ManyStarts:
             won=tries.tried[best].origin,
             tried=tuple(tries.tried),
             lanes=lanes,
-            without_lanes="" if lanes else self._refused or self._stopped(),
+            without_lanes="" if lanes else self._refused or self._stopped(tries),
         )
         evaluations = sum(one.evaluations for one in tries.answers)
         return Answered(tries.answers[best], evaluations, account)
 
-    def _stopped(self) -> str:
+    def _stopped(self, tries: "_Tries") -> str:
         """Return why there were no lanes although there could have been."""
+        if tries.is_beyond_rollouts:
+            return "the model is so unstable that roll-outs say nothing"
         spent = self._polisher.watch.is_over
         return "the budget was spent before" if spent else "interrupted"
 
@@ -326,6 +330,11 @@ class _Tries:
         if origin in _NEAR and np.isfinite(answer.cost + answer.violation):
             start = Start(answer.controls, x0=answer.x0)
             self.polish(Origined(origin, start), near=False)
+
+    @property
+    def is_beyond_rollouts(self) -> bool:
+        """True if the best answer is judged interval by interval."""
+        return self.answers[self.best].ends is not None
 
     @property
     def best(self) -> int:

@@ -161,7 +161,7 @@ def problem_of(case: Case) -> OptimalControlProblem:
 def _from_origin(
     values: tuple[ca.SX, ca.SX], limits: Rows, x: ca.SX, origin: Array
 ) -> tuple[ca.SX, Array, Array]:
-    """Return rows with limits as somebody would write them who counts from there.
+    """Return rows with the limits of a user who counts from that origin.
 
     A linear row is one of x~, and its limits move; others contain x~ - o.
 

@@ -1,4 +1,4 @@
-"""Optima that lanes list are optima: a polish leaves them where they are."""
+"""Optima that lanes list are optima: a polish moves none of them."""
 
 import casadi as ca
 import numpy as np
@@ -23,7 +23,7 @@ def moved_by_a_polish(found: ss.Solution) -> list[float]:
     changes = []
     for one in found.optima:
         polished = one.solution()
-        # On a finer grid it may be none, as two of lynx_and_hares.
+        # The finer grid may contradict it, as two of lynx_and_hares.
         assert polished.plan.feasible
         changes.append(abs(one.cost - polished.cost) / size)
     return changes
