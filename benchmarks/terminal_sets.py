@@ -102,7 +102,7 @@ def certified(system: System, seconds: float) -> TerminalSet:
     options = ProofOptions(
         substeps=system.substeps,
         growth=False,
-        max_seconds=seconds,
+        work=seconds,
     )
     f, reference = system.dynamics, system.reference
     if system.given is not None:

@@ -9,6 +9,16 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # Loaded when first used: kernels need Numba, the clock does not.
+    from swarmstart.machine_code.clocks import (
+        Stopwatch as Stopwatch,
+        WorkClock as WorkClock,
+        compiling as compiling,
+        done as done,
+        held_while_compiling as held_while_compiling,
+        now as now,
+        stopwatch as stopwatch,
+        working as working,
+    )
     from swarmstart.machine_code.code_cache import (
         LIMIT_BYTES as LIMIT_BYTES,
         cache_refusal as cache_refusal,
@@ -16,12 +26,6 @@ if TYPE_CHECKING:  # Loaded when first used: kernels need Numba, the clock does 
         clear_cache as clear_cache,
         load_code as load_code,
         store_code as store_code,
-    )
-    from swarmstart.machine_code.compile_time import (
-        Stopwatch as Stopwatch,
-        compiling as compiling,
-        held_while_compiling as held_while_compiling,
-        stopwatch as stopwatch,
     )
     from swarmstart.machine_code.fingerprints import (
         source as source,
@@ -42,7 +46,9 @@ _NAMES = {
     "code_cache": """
         LIMIT_BYTES cache_refusal cache_usage clear_cache load_code store_code
     """,
-    "compile_time": "Stopwatch compiling held_while_compiling stopwatch",
+    "clocks": """
+        Stopwatch WorkClock compiling done held_while_compiling now stopwatch working
+    """,
     "fingerprints": "source sources",
     "numba_kernels": """
         Count address_of call_at free_kernel ieee_kernel is_kept kernel prepare

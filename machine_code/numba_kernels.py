@@ -36,8 +36,8 @@ from numba.core.types import unliteral
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
+from swarmstart.machine_code.clocks import announce, compiling
 from swarmstart.machine_code.code_cache import cache_refusal, load_code, store_code
-from swarmstart.machine_code.compile_time import announce, compiling
 from swarmstart.machine_code.fingerprints import (
     CALLED_FROM_PYTHON,
     UnknownValueError,

@@ -103,7 +103,7 @@ def bounded(case: Case, *, seconds: float, seed: int = 0) -> Bounded:
     problem, x0 = problem_of(case), case.start
     begin = time.process_time()
     answer = solve(problem, x0, seed=seed)
-    bound = lower_bound(problem, x0, answer=answer, seconds=seconds)
+    bound = lower_bound(problem, x0, answer=answer, work=seconds)
     return Bounded(case, answer.cost, bound, time.process_time() - begin)
 
 

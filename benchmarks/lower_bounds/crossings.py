@@ -92,7 +92,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for answer in options.answers:
             bound = lower_bound(
                 known.problem, known.x0, known=known.known,
-                answer=ANSWERS[answer](known), seconds=options.seconds,
+                answer=ANSWERS[answer](known), work=options.seconds,
             )  # fmt: skip
             crossed += has_crossed(known, bound)
             kinds[bound.kind.value] += 1

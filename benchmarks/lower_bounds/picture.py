@@ -47,9 +47,7 @@ def main() -> None:
     options = parser.parse_args()
     named = NAMED["van_der_pol"]()
     solution = solve(named.problem, named.x0, known=named.known, seed=0)
-    bound = lower_bound(
-        named.problem, named.x0, answer=solution, seconds=options.seconds
-    )
+    bound = lower_bound(named.problem, named.x0, answer=solution, work=options.seconds)
     if bound.evidence is None:
         raise SystemExit(f"expected a proven bound, found none: {bound.reason}")
     path = solution.path

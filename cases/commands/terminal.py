@@ -179,7 +179,7 @@ def first_sign(*, quiet: bool) -> Iterator[None]:
         yield
         return
     logger, handler = (
-        logging.getLogger("swarmstart.machine_code.compile_time"),
+        logging.getLogger("swarmstart.machine_code.clocks"),
         _Saying(),
     )
     # The library logs what it compiles at INFO, which no handler prints by itself.

@@ -121,8 +121,8 @@ def solve(  # noqa: PLR0913 - the whole way in one call
         backend: Backend that evaluates populations: "llvm" (machine code), "casadi" or
             "auto"; None asks SWARMSTART_BACKEND, then auto (docs/evaluator.md, "Choose
             the evaluator").
-        bound: Time [s] to compute a lower bound of the optimal cost with `lower_bound`,
-            after the answer is found; None: no bound.
+        bound: Work to prove a lower bound of the optimal cost with `lower_bound`, after
+            the answer is found, in units of about a second; None: no bound.
         rng: Source of all randomness; either this or a seed.
         seed: Seed of a new generator.
         progress: Called with (evaluations, all, "searching") now and then, and at the
@@ -196,7 +196,7 @@ def solve(  # noqa: PLR0913 - the whole way in one call
     solution = replace(solution, compile_seconds=watch.compile_seconds)
     if bound is None:
         return solution
-    return _with_bound(solution, *given, seconds=bound, progress=progress)
+    return _with_bound(solution, *given, work=bound, progress=progress)
 
 
 def bounded(
@@ -205,7 +205,7 @@ def bounded(
     x0: ArrayLike,
     known: Known = NOTHING,
     *,
-    seconds: float,
+    work: float,
     progress: ProgressCallback = tell_nothing,
 ) -> LowerBound:
     """Return a lower bound of the optimal cost; of kind NONE if there is none.
@@ -216,7 +216,7 @@ def bounded(
         problem: The problem as it was given.
         x0: Initial state, as it was given.
         known: Parameters and signals as they were given.
-        seconds: Time limit [s].
+        work: Budget, in units of about a second.
         progress: Callback, as in `solve`.
 
     Raises:
@@ -231,7 +231,7 @@ def bounded(
                 x0,
                 known=known,
                 answer=answer,
-                seconds=float(seconds),
+                work=float(work),
                 progress=progress,
             )
     except KeyboardInterrupt:
@@ -249,13 +249,13 @@ def _with_bound(
     x0: ArrayLike,
     known: Known,
     *,
-    seconds: float,
+    work: float,
     progress: ProgressCallback,
 ) -> Solution:
     """Return an answer with its bound; on Ctrl-C the answer is kept."""
     try:
         found = bounded(
-            solution, solution.problem, x0, known, seconds=seconds, progress=progress
+            solution, solution.problem, x0, known, work=work, progress=progress
         )
     except BoundInterrupted as stopped:
         raise SolveInterrupted(replace(solution, bound=stopped.partial)) from None

@@ -7,13 +7,13 @@ as that pays, then a polynomial that is high at the start.
 from __future__ import annotations
 
 import math
-import time as clock
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from swarmstart.arrays import Array
+from swarmstart.machine_code import now
 from swarmstart.ocp.lower_bound.basis import values_of
 from swarmstart.ocp.lower_bound.hamiltonian import Forms, Setting, Stage
 from swarmstart.ocp.lower_bound.region import Region
@@ -145,7 +145,7 @@ class Ascent:
                     best = max(best, bound.value)
                 if found.converged or self._settled(found, best, number):
                     break
-            if clock.perf_counter() > self.until:
+            if not now() < self.until:
                 return
 
     def _kept(self, aim: Aim) -> Cuts | None:
@@ -214,8 +214,8 @@ class Ascent:
         if not math.isfinite(self._known):
             return
         for _ in range(MOST_PRUNINGS):
-            left = self.until - clock.perf_counter()
-            limit = clock.perf_counter() + PRUNING_TIME * left
+            left = self.until - now()
+            limit = now() + PRUNING_TIME * left
             go = self._rough(forms, "go", self._needed(None), limit)
             if go is None:
                 return
@@ -259,9 +259,9 @@ class Ascent:
     ) -> Step | None:
         """Return a step that prunes, proven with a small slack."""
         search = self._search(forms, aim, ROUGH_SHARE)
-        now = clock.perf_counter()
-        # Half of the time: `come`, which follows `go`, has the same limit.
-        search = replace(search, until=now + 0.5 * max(0.0, limit - now), needed=needed)
+        at = now()
+        # Half of the work: `come`, which follows `go`, has the same limit.
+        search = replace(search, until=at + 0.5 * max(0.0, limit - at), needed=needed)
         best, quality = None, (-1.0, -math.inf)
         latest = self.statement.horizon[1]
         enough = 3 * ROUGH_SHARE * self._setting.size

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from threadpoolctl import threadpool_limits
 
+from swarmstart.machine_code import working
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.common.expressions import shortened
 from swarmstart.ocp.common.limits import require_number
@@ -65,7 +66,8 @@ def lower_bound(  # noqa: PLR0913 - everything but the problem has a default
     *,
     known: Known = NOTHING,
     answer: Answered | float | None = None,
-    seconds: float = 60.0,
+    work: float = 60.0,
+    seconds: float | None = None,
     seed: int = 0,
     progress: ProgressCallback = tell_nothing,
 ) -> LowerBound:
@@ -79,10 +81,13 @@ def lower_bound(  # noqa: PLR0913 - everything but the problem has a default
             trajectories that cost more. The bound is valid even if the cost is wrong,
             but it is never above that cost. None means that the problem is solved to
             get one.
-        seconds: Wall time, approximate [s].
+        work: Budget of work, in units of about a second. It proves the same bound on
+            every machine.
+        seconds: Wall time [s] after which the proof ends even if work is left; the
+            reason of the bound then says so. None: no limit.
         seed: Seed of the samples. They influence how high the bound is, not whether it
             is valid.
-        progress: Called now and then with (elapsed whole seconds, total seconds,
+        progress: Called now and then with (whole units of work done, the budget,
             "bounding").
 
     Returns:
@@ -90,8 +95,8 @@ def lower_bound(  # noqa: PLR0913 - everything but the problem has a default
         Ctrl-C ends the search as the end of the time does.
 
     Raises:
-        InvalidProblemError: If a shape does not fit the problem, or seconds is not
-            positive.
+        InvalidProblemError: If a shape does not fit the problem, or work or seconds is
+            not positive.
 
     Example:
         x' = u from x(0) = 1, with the integral of x^2 + u^2 over 1 s as cost. The
@@ -107,7 +112,7 @@ def lower_bound(  # noqa: PLR0913 - everything but the problem has a default
         ...     stage_cost=x**2 + u**2,
         ...     bounds=ss.Bounds(controls=(-5, 5)),
         ... )
-        >>> bound = ss.lower_bound(problem, [1.0], answer=0.77, seconds=0.2)
+        >>> bound = ss.lower_bound(problem, [1.0], answer=0.77, work=0.2)
         >>> bound.kind.is_bound, bool(bound.value <= 0.7616)
         (True, True)
     """
@@ -115,14 +120,13 @@ def lower_bound(  # noqa: PLR0913 - everything but the problem has a default
         raise InvalidProblemError(
             f"lower_bound takes an OptimalControlProblem, got {shortened(problem)}"
         )
-    if not (isinstance(seconds, int | float) and 0 < seconds < math.inf):
-        raise InvalidProblemError(
-            f"seconds must be a number above 0, got {shortened(seconds)}"
-        )
-    began, cpu = clock.perf_counter(), clock.process_time()
-
-    def tell() -> None:
-        progress(int(clock.perf_counter() - began), math.ceil(seconds), "bounding")
+    for role, given in (("work", work), ("seconds", seconds)):
+        is_number = isinstance(given, int | float) and 0 < given < math.inf
+        if not is_number and not (role == "seconds" and given is None):
+            raise InvalidProblemError(
+                f"{role} must be a number above 0, got {shortened(given)}"
+            )
+    cpu = clock.process_time()
 
     try:
         statement = statement_of(problem, x0, known)
@@ -130,10 +134,18 @@ def lower_bound(  # noqa: PLR0913 - everything but the problem has a default
         return _none(str(error), problem.sense)
     cost = _cost_of(problem, x0, known, answer, seed)
     # The matrices are small: threads of BLAS would only wait for each other.
-    with threadpool_limits(limits=1, user_api="blas"):
-        found = _bounded(
-            statement, cost, began + seconds, np.random.default_rng(seed), tell
-        )
+    with (
+        threadpool_limits(limits=1, user_api="blas"),
+        working(seconds=seconds) as spent,
+    ):
+
+        def tell() -> None:
+            progress(min(int(spent.work), math.ceil(work)), math.ceil(work), "bounding")
+
+        found = _bounded(statement, cost, work, np.random.default_rng(seed), tell)
+    if spent.was_late:
+        late = f"{found.reason}; stopped by the limit of {seconds:g} s"
+        found = replace(found, reason=late)
     return replace(found, cpu_seconds=clock.process_time() - cpu)
 
 
@@ -176,7 +188,7 @@ def _bounded(
     rng: np.random.Generator,
     tell: Callable[[], None],
 ) -> LowerBound:
-    """Return the best bound that can be proven until a time."""
+    """Return the best bound that can be proven until a reading of the clock of work."""
     best = _trivial(statement, None)
     try:
         tube = tube_of(statement)
@@ -222,7 +234,9 @@ def _trivial(statement: Statement, tube: Tube | None) -> Best:
     costs = ca.Function(
         "costs", [at], [ca.densify(ca.vertcat(statement.stage, statement.end))]
     )
-    none = Best(statement, math.nan, BoundKind.NONE, "no bound was proven in the time")
+    none = Best(
+        statement, math.nan, BoundKind.NONE, "no bound was proven with this work"
+    )
     try:
         evaluate = interval_function(costs)
     except UnknownIntervalOperationError as error:

@@ -19,9 +19,12 @@ import numpy as np
 import scipy.linalg
 
 from swarmstart.arrays import Array
+from swarmstart.machine_code import done
 
 RIDGE = 1e-14
 LARGEST_RIDGE = 1e-4
+_PER_ITERATION, _PER_ENTRY = 5e5, 0.25
+"""Work of an iteration, in operations, and for each row and pair of unknowns."""
 STEP = 0.995
 FEASIBLE = 1e-8
 DIVERGED = 1e100
@@ -68,6 +71,7 @@ def maximised(
     z = np.full(rows, 10.0 / rows)
     gap, solved = np.inf, False
     for _ in range(iterations):
+        done(_PER_ITERATION + _PER_ENTRY * rows * m * m)
         short, dual = A @ w + b - s, c + A.T @ z
         gap = float(s @ z)
         solved = bool(

@@ -7,7 +7,6 @@ points it met show at which points the polynomial must become better.
 
 from __future__ import annotations
 
-import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -15,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.arrays import Array
+from swarmstart.machine_code import done, now
 from swarmstart.ocp.lower_bound.hamiltonian import Bounds
 
 Mask = NDArray[np.bool_]
@@ -50,7 +50,7 @@ class Limits:
     """Limits at which a search ends.
 
     Attributes:
-        until: Time of `time.perf_counter` at which it ends [s].
+        until: Reading of the clock of work at which it ends.
         useless: Slack at which the outcome would be useless.
         max_boxes: Largest number of boxes.
     """
@@ -58,6 +58,10 @@ class Limits:
     until: float
     useless: float = np.inf
     max_boxes: int = 20_000_000
+
+
+_PER_PASS, _PER_BOX = 1e6, 2000.0
+"""Work of a pass over boxes, in operations, and of each box, without its bounds."""
 
 
 def proven_floor(
@@ -87,6 +91,7 @@ def proven_floor(
         lower, upper = _next(stack)
         lower, upper = _left(outside, lower, upper)
         boxes += lower.shape[1]
+        done(_PER_PASS + _PER_BOX * lower.shape[1])
         if not lower.size:
             continue
         found = bounds(lower, upper)
@@ -108,7 +113,7 @@ def proven_floor(
         if slack >= limits.useless and useless_since < 0:
             useless_since = boxes
         given_up = useless_since >= 0 and boxes > useless_since + FEW
-        too_long = boxes > limits.max_boxes or clock.perf_counter() > limits.until
+        too_long = boxes > limits.max_boxes or not now() < limits.until
         # If a box has no spread, no cut makes its bound better.
         if given_up or too_long or (spread.max(axis=0) <= 0).any():
             break

@@ -11,7 +11,6 @@ new ones would displace binding ones, and the value would oscillate.
 
 from __future__ import annotations
 
-import time as clock
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Literal
@@ -19,6 +18,7 @@ from typing import Literal
 import numpy as np
 
 from swarmstart.arrays import Array
+from swarmstart.machine_code import done, now
 from swarmstart.ocp.lower_bound.basis import Box, packed
 from swarmstart.ocp.lower_bound.hamiltonian import (
     Forms,
@@ -35,6 +35,8 @@ Aim = Literal["start", "come", "go"]
 MOST_ROWS = 15_000
 LARGEST = 1e4
 """Largest coefficient, in units of the cost's size."""
+_PER_CALL, _PER_POINT = 8e5, 5.0
+"""Work of an evaluation, in operations, and at a point for each coefficient."""
 SAMPLES = 15_000
 WORST = 400
 RADII = (0.05, 0.015, 0.005, 0.0015)
@@ -100,7 +102,7 @@ class Search:
         aim: Objective.
         hoped: Target of the slack [cost / s].
         rng: Source of randomness of the samples.
-        until: Time of `time.perf_counter` at which it ends [s].
+        until: Reading of the clock of work at which it ends.
         needed: For a pruning step: points (1 + n, N) -> value that cuts a point off.
     """
 
@@ -191,7 +193,7 @@ class Search:
         best = useless
         # The first proof is tried in the second round at the latest.
         last_proof, number = -3, 0
-        while clock.perf_counter() < self.until:
+        while now() < self.until:
             objective = self._objective()
             w = rows.solved(objective)
             value = float(objective @ w)
@@ -269,6 +271,7 @@ class Search:
         return np.hstack(tracks)
 
     def _h(self, w: Array, points: Array) -> tuple[Array, Array]:
+        done(_PER_CALL + _PER_POINT * points.shape[1] * self.forms.basis.size)
         slopes = self.forms.basis.slopes(self.box, points) @ w
         h, u = self.setting.stage.hamiltonian(slopes, points)
         return np.where(np.isfinite(h), h, np.inf), u
@@ -349,9 +352,9 @@ class Search:
         )
 
     def _soon(self) -> float:
-        """Return the time at which a proof must end, to leave time for others."""
-        now = clock.perf_counter()
-        return now + max(1.0, PROOF_TIME * (self.until - now))
+        """Return the reading at which a proof must end, to leave work for others."""
+        at = now()
+        return at + max(1.0, PROOF_TIME * (self.until - at))
 
     def _thinned(self, points: Array, w: Array) -> Array:
         """Return the lowest and some other counterexamples, with worst controls."""

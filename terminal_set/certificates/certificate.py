@@ -44,6 +44,8 @@ class Proof:
         seconds: Wall time [s].
         counterexample: A deviation at which c >= 0 or c is not a number, shape (nx,);
             None if none was met.
+        was_late: Whether a limit of seconds was met before the budget of work was
+            spent: a faster machine may prove more.
     """
 
     proven: bool
@@ -51,6 +53,7 @@ class Proof:
     boxes: int
     seconds: float
     counterexample: Array | None = None
+    was_late: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -79,19 +82,19 @@ class UnprovenSetError(SwarmstartError, ArithmeticError):
     Attributes:
         smallest: The smallest level that was tried.
         refuted: The refuted level; None if none was refuted.
-        seconds: The allowed time [s].
+        work: The budget of work, in units of about a second.
     """
 
     smallest: float
     refuted: float | None
-    seconds: float
+    work: float
 
     def __str__(self) -> str:
         """Return a message with the levels that were tried."""
         refuted = "none" if self.refuted is None else f"{self.refuted:.6g}"
         return (
-            f"no level could be proven within {self.seconds:g} s: the smallest tried "
-            f"was {self.smallest:.6g}, the refuted one is {refuted}"
+            f"no level could be proven within {self.work:g} units of work: the "
+            f"smallest tried was {self.smallest:.6g}, the refuted one is {refuted}"
         )
 
 

@@ -24,6 +24,7 @@ import numpy as np
 
 from swarmstart.arrays import Array
 from swarmstart.errors import SwarmstartError
+from swarmstart.machine_code import done
 from swarmstart.tape import (
     Node,
     Tape,
@@ -44,6 +45,8 @@ JUMPS = frozenset(
     "".split()
 )
 """Operations whose value jumps, which their derivatives do not show."""
+_PER_CALL, _PER_INTERVAL = 2e5, 4.0
+"""Work of an evaluation, in operations of floats, and of an operation of intervals."""
 _JUMPS_REASON = (
     "jumps: a proof needs a continuous function (fmin, fmax and fabs are continuous)"
 )
@@ -171,6 +174,7 @@ def interval_program(tape: Tape, name: str) -> IntervalEvaluation:
         values = np.empty((2, len(program.outputs), lower.shape[1]))
         work = np.empty((program.registers, 2, BLOCK))
         work[program.constants] = program.values[:, :, None]
+        done(_PER_CALL + _PER_INTERVAL * len(program.instructions) * lower.shape[1])
         boxes = np.stack([lower, upper])
         with np.errstate(all="ignore"):  # Of the kernel when it is plain Python.
             interpret(

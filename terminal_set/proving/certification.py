@@ -17,7 +17,6 @@ by this factor.
 from __future__ import annotations
 
 import operator
-import time as clock
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -26,6 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from swarmstart.arrays import Array
+from swarmstart.machine_code import WorkClock, now, working
 from swarmstart.terminal_set.certificates.certificate import (
     Certificate,
     HeldMargins,
@@ -86,11 +86,14 @@ class ProofOptions:
         substeps: Number of Runge-Kutta steps in a hold, at least 1.
         growth: Whether the growth between samples is proven too; if False it is only
             measured, which takes less time.
-        max_seconds: Time for the proofs of the decrease [s], and the same again for the
-            proof of the integrator's error and for that of the growth.
+        work: Budget of work for the proofs of the decrease, in units of about a second,
+            and the same again for the proof of the integrator's error and for that of
+            the growth. It proves the same on every machine.
+        max_seconds: Wall time for all proofs together [s], on top of the budget; a
+            proof that it ended says so (`Proof.was_late`). None: no limit.
 
     Raises:
-        NotPositiveError: If substeps is below 1, or max_seconds not above 0.
+        NotPositiveError: If substeps is below 1, or work or max_seconds not above 0.
         TypeError: If substeps is not an integer.
 
     Example:
@@ -98,7 +101,7 @@ class ProofOptions:
 
         >>> import numpy as np
         >>> import swarmstart as ss
-        >>> options = ss.ProofOptions(Q_m=0.1 * np.eye(2), max_seconds=10)
+        >>> options = ss.ProofOptions(Q_m=0.1 * np.eye(2), work=10)
         >>> options.substeps
         1
     """
@@ -106,7 +109,8 @@ class ProofOptions:
     Q_m: ArrayLike | None = None
     substeps: int = 1
     growth: bool = True
-    max_seconds: float = 60.0
+    work: float = 60.0
+    max_seconds: float | None = None
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -114,7 +118,9 @@ class ProofOptions:
         object.__setattr__(self, "substeps", operator.index(self.substeps))
         if self.substeps < 1:
             raise NotPositiveError("substeps", self.substeps)
-        if not self.max_seconds > 0:
+        if not self.work > 0:
+            raise NotPositiveError("work", self.work)
+        if self.max_seconds is not None and not self.max_seconds > 0:
             raise NotPositiveError("max_seconds", self.max_seconds)
 
 
@@ -213,6 +219,23 @@ def certify(
         True
     """
     options = options or ProofOptions()
+    with working(seconds=options.max_seconds) as clock:
+        return _certified(
+            dynamics, reference, design, rng=rng, dt=dt, options=options, clock=clock
+        )
+
+
+def _certified(  # noqa: PLR0913 - what certify was given, and its clock
+    dynamics: ca.Function,
+    reference: Reference,
+    design: TerminalSet,
+    *,
+    rng: np.random.Generator,
+    dt: float | None,
+    options: ProofOptions,
+    clock: WorkClock,
+) -> TerminalSet:
+    """Certify a law and a P, within the work and the time of the options."""
     _require_smooth(dynamics, reference)
     A, B = linearise(dynamics, reference.x_ref, reference.u_ref)
     reference_motion = ReferenceMotion(dynamics, reference)
@@ -230,19 +253,19 @@ def certify(
         require_stable_hold(A, B, design.K, dt)
         require_enough_substeps(A, B, design, dt=dt, substeps=options.substeps)
         motion = HeldMotion(dynamics, design, dt=dt, substeps=options.substeps)
-        until = clock.perf_counter() + options.max_seconds
+        until = now() + options.work
         asked = _asked_of_held_input(
             motion, reference_motion, Q_m, bounds, rng=rng, until=until
         )
     change, top, drift, hold = asked
-    level = proven_level(change, top, rng=rng, max_seconds=options.max_seconds)
+    level = proven_level(change, top, rng=rng, work=options.work)
     refutation = level.refutation
     if refutation is None and hold is not None:
         # Found without the integrator's margin, so also a counterexample with it.
         refutation = hold.refutation
     if not level.alpha > 0:
         known = None if refutation is None else refutation.alpha
-        raise UnprovenSetError(level.proof.alpha, known, options.max_seconds)
+        raise UnprovenSetError(level.proof.alpha, known, options.work)
     certificate = Certificate(
         dynamics=dynamics,
         reference=reference,
@@ -254,7 +277,7 @@ def certify(
         dt=dt,
         Q_m=Q_m,
         held=None if hold is None else _margins(hold, level.alpha, options),
-        proof=level.proof,
+        proof=replace(level.proof, was_late=clock.was_late),
         refutation=refutation,
         design=design.design,
         weights=None,
@@ -334,4 +357,4 @@ def _margins(hold: ProvableHold, alpha: float, options: ProofOptions) -> HeldMar
     """Return the margins; the growth is proven if that is requested and succeeds."""
     if not options.growth:
         return hold.margins
-    return with_proven_growth(hold, alpha, max_seconds=options.max_seconds)
+    return with_proven_growth(hold, alpha, work=options.work)

@@ -89,7 +89,7 @@ def prove_flow_error(
         alpha: Level of the ellipsoid, > 0.
         enough: A bound c that is tight enough, > 0.
         useless: A bound that is too large to be useful: the proof then stops.
-        until: Time of `time.perf_counter` at which the proof stops [s].
+        until: Reading of the clock of work at which the proof stops.
     """
     search = ErrorSearch(residual, alpha, until)
     with np.errstate(all="ignore"):

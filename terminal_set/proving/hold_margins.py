@@ -30,6 +30,7 @@ import casadi as ca
 import numpy as np
 
 from swarmstart.arrays import Array
+from swarmstart.machine_code import now
 from swarmstart.terminal_set.certificates.certificate import (
     CoarseHoldError,
     HeldMargins,
@@ -219,8 +220,8 @@ def provable_hold(
         change: c of its map, without the margins of integrator and drift.
         bounds: Levels of the bounds.
         rng: Source of randomness of samples and rays.
-        until: Time of `time.perf_counter` at which proofs of the integrator's error
-            stop [s].
+        until: Reading of the clock of work at which proofs of the integrator's error
+            stop.
 
     Raises:
         UnprovenSetError: If no level can be proven.
@@ -259,17 +260,15 @@ def provable_hold(
     )
 
 
-def with_proven_growth(
-    hold: ProvableHold, alpha: float, *, max_seconds: float
-) -> HeldMargins:
+def with_proven_growth(hold: ProvableHold, alpha: float, *, work: float) -> HeldMargins:
     """Return the margins of a hold, with its growth proven if that succeeds in time.
 
     The level `alpha` is at most the one up to which the hold's error is proven.
     """
-    until = clock.perf_counter() + max_seconds
+    until = now() + work
     for one in hold.motion.holds:
-        left = until - clock.perf_counter()
-        proof = prove_growth(one, alpha, hold.margins.growth, max_seconds=left)
+        left = until - now()
+        proof = prove_growth(one, alpha, hold.margins.growth, work=left)
         if not proof.proven:
             return hold.margins
     return replace(hold.margins, growth_is_proven=True)
@@ -288,32 +287,31 @@ def _affordable_error(
         CoarseHoldError: If the error is not affordable at any level that was tried.
     """
     if not decrease > 0:
-        raise UnprovenSetError(top, None, until - clock.perf_counter())
+        raise UnprovenSetError(top, None, until - now())
 
     def error_at(alpha: float) -> tuple[FlowError, bool]:
-        now = clock.perf_counter()
+        at = now()
         error = prove_flow_error(
             motion.residual,
             alpha,
             enough=ENOUGH * decrease / 2,
             useless=AFFORDABLE * decrease / 2,
-            until=now + SHARE * (until - now),
+            until=at + SHARE * (until - at),
         )
         c = error.relative
         return error, bool(2 * c + c**2 <= AFFORDABLE * decrease)
 
-    low, began = top, clock.perf_counter()
+    low, began = top, now()
     error, is_affordable = error_at(low)
     for _ in range(HALVINGS):
-        if is_affordable or clock.perf_counter() > until:
+        if is_affordable or not now() < until:
             break
         low /= 2
         error, is_affordable = error_at(low)
     if not is_affordable:
-        seconds = clock.perf_counter() - began
-        raise CoarseHoldError(low, None, seconds, len(motion.holds))
+        raise CoarseHoldError(low, None, now() - began, len(motion.holds))
     high = min(2 * low, top)
-    while high > CLOSE * low and clock.perf_counter() < until:
+    while high > CLOSE * low and now() < until:
         middle = (low * high) ** 0.5  # Levels matter by their ratios.
         found, is_affordable = error_at(middle)
         if is_affordable:
@@ -328,7 +326,7 @@ def prove_growth(
     alpha: float,
     growth: float,
     *,
-    max_seconds: float = 60.0,
+    work: float = 60.0,
 ) -> Proof:
     """Try to prove that e'Pe stays below g times itself during a hold.
 
@@ -336,7 +334,7 @@ def prove_growth(
         hold: The motion.
         alpha: Level of the ellipsoid, > 0.
         growth: g, above 1.
-        max_seconds: Time limit [s].
+        work: Budget, in units of the clock of work; outside of `working`, in seconds.
 
     Raises:
         UnknownIntervalOperationError: If the motion has an operation without interval
@@ -350,7 +348,7 @@ def prove_growth(
     change = ca.bilin(ca.DM(P), after, after) - growth * ca.bilin(ca.DM(P), e, e)
     form = TaylorForm(ca.Function("growth", [v], [change]), np.eye(nx + 1))
     pieces = list(pairwise(np.linspace(0.0, hold.dt, hold.pieces + 1).tolist()))
-    until = began + max_seconds
+    until = now() + work
     centre = np.zeros((nx + 1, 1))
     at_end = centre.copy()
     at_end[-1] = hold.dt
@@ -372,7 +370,7 @@ def prove_growth(
         boxes += search.boxes
         if search.finished:
             continue
-        proven = not shortest and clock.perf_counter() < until
+        proven = not shortest and now() < until
         middle = (low + high) / 2
         pieces += [(low, middle), (middle, high)]
     seconds = clock.perf_counter() - began

@@ -19,7 +19,6 @@ The usual size is the volume.
 
 from __future__ import annotations
 
-import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -27,6 +26,7 @@ import numpy as np
 
 from swarmstart.arrays import Array
 from swarmstart.errors import SwarmstartError
+from swarmstart.machine_code import now, working
 from swarmstart.terminal_set.certificates.certificate import Proof, Refutation
 from swarmstart.terminal_set.certificates.design import TerminalSet
 from swarmstart.terminal_set.linear.ellipsoid import Ellipsoid
@@ -78,7 +78,7 @@ def proven_level(
     alpha_max: float,
     *,
     rng: np.random.Generator,
-    max_seconds: float = 60.0,
+    work: float = 60.0,
 ) -> ProvenLevel:
     """Prove the largest possible level up to a given one.
 
@@ -86,7 +86,8 @@ def proven_level(
         change: Change from `continuous_change` or `held_change`.
         alpha_max: The requested level, > 0: that of the bounds.
         rng: Source of randomness of the rays that look for a counterexample.
-        max_seconds: Time for all proofs together [s].
+        work: Budget for all proofs together, in units of the clock of work; outside of
+            `working`, in seconds.
 
     Returns:
         The requested level if it is proven, else the largest one that was; unproven if
@@ -95,7 +96,7 @@ def proven_level(
     Raises:
         SwarmstartError: As `refuted_level` and `prove_level` say.
     """
-    search = _LevelSearch(change, alpha_max, clock.perf_counter() + max_seconds)
+    search = _LevelSearch(change, alpha_max, now() + work)
     # For a level that cannot be proven, a counterexample is usually found at once.
     if not search.proves(alpha_max, 0.25):
         search.refute(refuted_level(change, alpha_max=alpha_max, rng=rng))
@@ -126,9 +127,9 @@ class _LevelSearch:
         return ProvenLevel(proof=self._proof, refutation=self._refutation)
 
     def proves(self, alpha: float, share: float, boxes: int = MOST_BOXES) -> bool:
-        """Try to prove a level, in a fraction of the remaining time."""
-        left = (self._until - clock.perf_counter()) * share
-        proof = prove_level(self._change, alpha, max_boxes=boxes, max_seconds=left)
+        """Try to prove a level, in a fraction of the remaining work."""
+        left = (self._until - now()) * share
+        proof = prove_level(self._change, alpha, max_boxes=boxes, work=left)
         # A failure does not replace a proof.
         if proof.proven or self._proof is None or not self._proof.proven:
             self._proof = proof
@@ -172,7 +173,7 @@ class _LevelSearch:
 
     @property
     def _is_late(self) -> bool:
-        return clock.perf_counter() > self._until
+        return not now() < self._until
 
     def _break(self, e: Array) -> None:
         """Take a state into account at which c is not below 0, or not a number."""
@@ -234,7 +235,7 @@ def largest_proven_set(
     *,
     rng: np.random.Generator,
     size: Callable[[Ellipsoid], float] = log_volume,
-    max_seconds: float = 60.0,
+    work: float = 60.0,
 ) -> tuple[Candidate, ...]:
     """Rank the designs of a family by the size of their proven sets.
 
@@ -244,7 +245,7 @@ def largest_proven_set(
         scales: The scales to try.
         rng: Source of randomness of the rays that look for counterexamples.
         size: Proven ellipsoid -> its size.
-        max_seconds: Time for the proofs of one design [s].
+        work: Budget of work for the proofs of one design, in units of about a second.
 
     Returns:
         All candidates, the largest first; those without a proof last, in their order.
@@ -256,9 +257,8 @@ def largest_proven_set(
     found = []
     for scale in scales:
         designed = design(scale)
-        level = proven_level(
-            change(designed), designed.alpha, rng=rng, max_seconds=max_seconds
-        )
+        with working():
+            level = proven_level(change(designed), designed.alpha, rng=rng, work=work)
         measured = -np.inf
         if level.alpha > 0:
             designed = replace(designed, alpha=level.alpha)

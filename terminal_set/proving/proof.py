@@ -34,6 +34,7 @@ import casadi as ca
 import numpy as np
 
 from swarmstart.arrays import Array
+from swarmstart.machine_code import now
 from swarmstart.terminal_set.certificates.certificate import Proof, Refutation
 from swarmstart.terminal_set.linear.arrays import NotPositiveError
 from swarmstart.terminal_set.proving.decrease import Change
@@ -64,7 +65,7 @@ def prove_level(
     alpha: float,
     *,
     max_boxes: int = 2_000_000,
-    max_seconds: float = 60.0,
+    work: float = 60.0,
 ) -> Proof:
     """Try to prove that e'Pe decreases in a whole ellipsoid.
 
@@ -72,7 +73,7 @@ def prove_level(
         change: Change from `continuous_change` or `held_change`.
         alpha: Level of the ellipsoid, > 0.
         max_boxes: Largest number of boxes.
-        max_seconds: Time limit [s].
+        work: Budget, in units of the clock of work; outside of `working`, in seconds.
 
     Returns:
         The outcome. If it is not proven and has no counterexample, the level is open.
@@ -93,7 +94,7 @@ def prove_level(
     def broken(left: Undecided) -> Array | None:
         return _counterexample(change.function, bounds.T, left)
 
-    limits = Limits(max_boxes=max_boxes, until=began + max_seconds)
+    limits = Limits(max_boxes=max_boxes, until=now() + work)
     search = search_ball(bounds, len(change.P), radius, limits=limits, broken=broken)
     return Proof(
         proven=search.finished,
@@ -131,7 +132,7 @@ class Limits:
 
     Attributes:
         max_boxes: Largest number of boxes.
-        until: Time of `time.perf_counter` at which it stops [s].
+        until: Reading of the clock of work at which it stops.
     """
 
     max_boxes: int
@@ -183,7 +184,7 @@ def search_ball(
         found = broken(left)
         # The sides of such a box are single numbers: it cannot be cut.
         is_cut_out = bool((left.spread.max(axis=0) <= 0).any())
-        too_long = boxes > limits.max_boxes or clock.perf_counter() > limits.until
+        too_long = boxes > limits.max_boxes or not now() < limits.until
         if found is not None or is_cut_out or too_long:
             return Search(finished=False, boxes=boxes, counterexample=found)
         stack.append(_halves(left))

@@ -58,7 +58,7 @@ def test_the_bound_is_in_the_report_in_run_json_and_its_certificate_beside_it(
     line = "Bound: 11.75 proven; the optimum is at most 2.4 % below the answer"
     assert line in said.out.splitlines()
     assert f"Proof: {tmp_path / 'a' / 'bound_certificate.json'}" in said.out
-    assert [call["seconds"] for call in found.calls] == [120.0]
+    assert [call["work"] for call in found.calls] == [120.0]
     bound = kept(tmp_path / "a")["bound"]
     cost = 12 * 400 / 399
     assert bound["answer"] == pytest.approx(cost, rel=1e-6)

@@ -12,7 +12,7 @@ import pytest
 
 from swarmstart.cases.commands import terminal
 from swarmstart.heuristics.running.ahead import _IN_HELPER
-from swarmstart.machine_code.compile_time import announce
+from swarmstart.machine_code.clocks import announce
 from swarmstart.tests.processes import python
 
 if TYPE_CHECKING:

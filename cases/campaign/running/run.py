@@ -277,7 +277,7 @@ def _bounded(finished: Run, seconds: float | None, progress: ProgressCallback) -
     try:
         one = _planned_once(flight.posed, scenario.steps)
         bound: LowerBound | None = bounded(
-            answer, one.problem, one.x0, one.known, seconds=seconds, progress=progress
+            answer, one.problem, one.x0, one.known, work=seconds, progress=progress
         )
     except BoundInterrupted as stopped:
         bound, is_interrupted = stopped.partial, True

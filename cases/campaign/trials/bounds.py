@@ -43,9 +43,7 @@ def bound_cell(
     """
     resolved = resolved_again(job["settings"], job["variant"], python_in=python_in)
     one = first_problem(resolved.posed())
-    bound = bounded(
-        job["known"], one.problem, one.x0, one.known, seconds=job["seconds"]
-    )
+    bound = bounded(job["known"], one.problem, one.x0, one.known, work=job["seconds"])
     certificate = write_certificate(folder, bound)
     return {
         "value": bound.value,

@@ -20,7 +20,7 @@ from swarmstart.cases.campaign.engine.wall_limit import hard_limit
 from swarmstart.cases.record.files import to_json
 from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics import Budget
-from swarmstart.machine_code.compile_time import compiling
+from swarmstart.machine_code.clocks import compiling
 
 
 def square(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from swarmstart.ocp.lower_bound.certificate import certificate_content
 from swarmstart.ocp.lower_bound.check import main
 from swarmstart.ocp.lower_bound.hamiltonian import Forms, Setting, Stage
 from swarmstart.ocp.lower_bound.region import Region
-from swarmstart.ocp.lower_bound.stated.answer import BoundKind
+from swarmstart.ocp.lower_bound.stated.answer import BoundKind, LowerBound
 from swarmstart.ocp.lower_bound.stated.statement import affine_form, statement_of
 from swarmstart.ocp.lower_bound.subsolution import Search, worth
 from swarmstart.ocp.lower_bound.tubes.tube import tube_of
@@ -36,7 +36,7 @@ def test_a_regulator_s_bound_is_near_its_optimum_and_checked(tmp_path: Path) -> 
         known.problem,
         known.x0,
         answer=1.02 * OPTIMUM,
-        seconds=60.0,
+        work=60.0,
         progress=stop_after(6),
     )
     assert bound.kind is BoundKind.PROVEN
@@ -57,7 +57,7 @@ def test_a_maximised_worth_is_bounded_from_above() -> None:
     )
     optimum = 3 - OPTIMUM
     bound = lower_bound(
-        problem, [1.0], answer=0.95 * optimum, seconds=60.0, progress=stop_after(2)
+        problem, [1.0], answer=0.95 * optimum, work=60.0, progress=stop_after(2)
     )
     assert bound.kind is BoundKind.PROVEN and bound.sense == -1
     assert optimum <= bound.value <= 1.1 * optimum
@@ -76,7 +76,7 @@ def test_the_trivial_bound_counts_the_horizon_that_is_least(rate: float) -> None
 def test_a_cost_that_is_too_low_makes_no_bound_above_it() -> None:
     known = regulator()
     low = 0.5 * OPTIMUM
-    bound = lower_bound(known.problem, known.x0, answer=low, seconds=60.0)
+    bound = lower_bound(known.problem, known.x0, answer=low, work=60.0)
     assert bound.kind is BoundKind.PROVEN
     assert 0.9 * low <= bound.value <= low * (1 + 1e-5)
 
@@ -89,23 +89,48 @@ def test_ctrl_c_returns_the_best_so_far() -> None:
         raise KeyboardInterrupt
 
     bound = lower_bound(
-        known.problem, known.x0, answer=1.1 * OPTIMUM, seconds=60.0, progress=tell
+        known.problem, known.x0, answer=1.1 * OPTIMUM, work=60.0, progress=tell
     )
     assert told == [(told[0][0], 60, "bounding")]
     assert "interrupted" in bound.reason
     assert bound.kind.is_bound and bound.value <= OPTIMUM
 
 
-def test_the_time_is_kept() -> None:
+def test_limit_of_seconds_ends_a_proof_and_is_named() -> None:
+    """A round or a proof that has begun is ended, on a busy machine too."""
     s = Symbols(2)
     problem = stated(
         s, [s.x[1], s.u - s.x[0] ** 3], horizon=3.0, controls=(-1, 1),
         stage=s.x[0] ** 2 + s.u**2,
     )  # fmt: skip
     begin = time.perf_counter()
-    lower_bound(problem, [1.0, 0.0], answer=100.0, seconds=0.5)
-    # A round or a proof that has begun is ended, on a busy machine too.
+    bound = lower_bound(problem, [1.0, 0.0], answer=100.0, work=1e6, seconds=0.5)
     assert time.perf_counter() - begin < 60.0
+    assert bound.reason.endswith("stopped by the limit of 0.5 s")
+
+
+def test_work_decides_a_bound_and_the_time_that_it_takes_does_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """On a machine whose clock is a thousand times faster, the same bits."""
+    known = regulator()
+
+    def bounded() -> LowerBound:
+        return lower_bound(known.problem, known.x0, answer=1.01 * OPTIMUM, work=1.0)
+
+    one, real = bounded(), time.perf_counter
+    monkeypatch.setattr(
+        "swarmstart.machine_code.clocks.time.perf_counter", lambda: 1e3 * real()
+    )
+    other = bounded()
+    assert one.kind is BoundKind.PROVEN
+    assert (one.value, one.boxes, one.degree) == (
+        other.value,
+        other.boxes,
+        other.degree,
+    )
+    more = lower_bound(known.problem, known.x0, answer=1.01 * OPTIMUM, work=0.05)
+    assert more.boxes < one.boxes
 
 
 def test_a_margin_of_the_nlp_does_not_lift_a_bound() -> None:
@@ -135,7 +160,7 @@ def test_a_start_outside_lifts_no_bound_above_a_confirmed_answer() -> None:
         start="may violate",
     )  # fmt: skip
     assert answer.status.is_confirmed
-    bound = lower_bound(problem, [1.5], answer=1e3, seconds=1.0)
+    bound = lower_bound(problem, [1.5], answer=1e3, work=1.0)
     assert not bound.kind.is_bound or bound.value <= answer.verified_cost
 
 
@@ -151,8 +176,8 @@ def test_every_proven_step_is_below_the_cost_to_go(
     region = Region(statement, tube_of(statement))
     setting = Setting(statement, affine, stage, 1.0)
     rng = np.random.default_rng(0)
-    until = time.perf_counter() + 30.0
-    search = Search(setting, region, Forms(setting, 4), "start", 1e-3, rng, until)
+    # Rounds, not seconds, end it.
+    search = Search(setting, region, Forms(setting, 4), "start", 1e-3, rng, np.inf)
     points = region.sampled(rng, 2000)
     x = points[1] * statement.sizes[0]
     least = np.tanh(1 - points[0]) * x**2

@@ -51,11 +51,11 @@ def solved(known: KnownOptimum, lanes: int) -> float:
 
 
 def bounded(
-    known: KnownOptimum, *, seconds: float, answer: float | None = None
+    known: KnownOptimum, *, work: float, answer: float | None = None
 ) -> LowerBound:
     """Return the bound of a known problem."""
     return lower_bound(
-        known.problem, known.x0, known=known.known, answer=answer, seconds=seconds
+        known.problem, known.x0, known=known.known, answer=answer, work=work
     )
 
 
@@ -124,7 +124,7 @@ def test_a_bound_does_not_cross_a_known_optimum(name: str) -> None:
     # With the optimum as the answer a bound that is too high would be cut to that.
     bound = lower_bound(
         known.problem, known.x0, known=known.known, answer=a_little_worse(known),
-        seconds=60.0, progress=stop_after(2),
+        work=60.0, progress=stop_after(2),
     )  # fmt: skip
     assert not crossing(known, bound)
 
@@ -132,7 +132,7 @@ def test_a_bound_does_not_cross_a_known_optimum(name: str) -> None:
 @pytest.mark.parametrize("part", range(PARTS))
 def test_no_bound_crosses_any_known_optimum(part: int) -> None:
     found = [
-        crossing(known, bounded(known, seconds=1.0, answer=answer))
+        crossing(known, bounded(known, work=1.0, answer=answer))
         for known in part_of_all(part)
         for answer in (None, known.optimum, a_little_worse(known))
     ]
@@ -145,7 +145,7 @@ def test_no_answer_and_a_wrong_one_make_no_bound_cross(
 ) -> None:
     known = by_name()["regulator"]
     cost = None if answer is None else answer(known)
-    assert not crossing(known, bounded(known, seconds=0.5, answer=cost))
+    assert not crossing(known, bounded(known, work=0.5, answer=cost))
 
 
 def test_a_crossing_is_seen_in_both_senses() -> None:

@@ -242,9 +242,7 @@ def test_computed_prunings_keep_what_is_cheaper() -> None:
         s, s.u, horizon=1.0, controls=(-2, 2), stage=s.x**2 + s.u**2, end=0
     )
     known = 1.1 * np.tanh(1.0)
-    bound = lower_bound(
-        problem, [1.0], answer=known, seconds=60.0, progress=stop_after(6)
-    )
+    bound = lower_bound(problem, [1.0], answer=known, work=60.0, progress=stop_after(6))
     evidence = bound.evidence
     assert evidence is not None and evidence.prunings
     region = Region(evidence.statement, evidence.tube)

@@ -123,7 +123,7 @@ def test_the_checker_proves_a_set_of_a_model_with_such_operations(
         Reference(x_ref=zero, u_ref=zero, u_lower=zero - 5, u_upper=zero + 5),
         Weights(Q=np.eye(1), R=np.eye(1)),
         rng=np.random.default_rng(0),
-        options=ProofOptions(max_seconds=10),
+        options=ProofOptions(work=10),
     )
     file = tmp_path / "certificate.json"
     assert found.certificate is not None

@@ -47,7 +47,7 @@ def test_of_a_linear_loop_it_is_what_the_eigenvalues_say() -> None:
     hold = hold_of(dynamics, found, dt)
     for alpha in (1e-3, 1e3):
         assert prove_growth(hold, alpha, 1.01 * largest).proven
-        below = prove_growth(hold, alpha, 0.99 * largest, max_seconds=2)
+        below = prove_growth(hold, alpha, 0.99 * largest, work=2)
         assert not below.proven
 
 
@@ -106,7 +106,7 @@ def test_less_than_what_is_measured_is_never_proven(
     found = sampled_terminal_set(formation, leader, dt=1.0, Q=np.eye(4), R=np.eye(2))
     hold = hold_of(formation, found, 1.0)
     for growth in (1.0, 1.5, 1.95):
-        proof = prove_growth(hold, found.alpha, growth, max_seconds=1)
+        proof = prove_growth(hold, found.alpha, growth, work=1)
         assert not proof.proven
 
 
@@ -121,7 +121,7 @@ def test_growth_beyond_a_kink_is_proven_and_no_less() -> None:
     """At e = 2 the state is 2.1 after a second; up to e = 1 it does not move."""
     hold = of_one(lambda e, t: e + 0.1 * t * ca.fmax(e - 1, 0))
     assert prove_growth(hold, 4.0, 1.01 * 1.05**2).proven
-    assert not prove_growth(hold, 4.0, 0.99 * 1.05**2, max_seconds=1).proven
+    assert not prove_growth(hold, 4.0, 0.99 * 1.05**2, work=1).proven
 
 
 def test_of_a_kink_at_the_centre_nothing_is_proven_and_nothing_tried() -> None:
@@ -144,4 +144,4 @@ def test_the_growth_over_an_interval_of_times_counts_and_not_that_in_its_middle(
     hold = replace(hold_of(dynamics, found, 1.0), pieces=1)
     largest = np.exp(0.4)
     assert prove_growth(hold, 1.0, 1.01 * largest).proven
-    assert not prove_growth(hold, 1.0, 0.9 * largest, max_seconds=1).proven
+    assert not prove_growth(hold, 1.0, 0.9 * largest, work=1).proven

@@ -124,9 +124,9 @@ def test_stated_growth_is_more_than_any_hold_shows_and_roomy_where_it_can_be() -
 
 
 def test_a_growth_is_proven_or_is_said_not_to_be(hold: ProvableHold) -> None:
-    proven = with_proven_growth(hold, hold.top, max_seconds=60)
+    proven = with_proven_growth(hold, hold.top, work=60)
     assert proven.growth_is_proven and proven.growth == hold.margins.growth
-    assert not with_proven_growth(hold, hold.top, max_seconds=0).growth_is_proven
+    assert not with_proven_growth(hold, hold.top, work=0).growth_is_proven
 
 
 def test_a_level_is_lowered_until_its_error_is_affordable() -> None:

@@ -112,10 +112,10 @@ def test_the_time_is_kept_in_whatever_the_search_is_doing(
         "swarmstart.terminal_set.proving.level_search.prove_level", counted
     )
     monkeypatch.setattr(
-        "swarmstart.terminal_set.proving.level_search.clock.perf_counter",
+        "swarmstart.terminal_set.proving.level_search.now",
         lambda: 100.0 * (tried >= 4),
     )
-    stopped = proven_level(change, top, rng=np.random.default_rng(0), max_seconds=50.0)
+    stopped = proven_level(change, top, rng=np.random.default_rng(0), work=50.0)
     assert tried == 4
     assert stopped.alpha < found.alpha
 

@@ -150,7 +150,7 @@ def test_a_cell_asks_with_the_scenario_s_own_problem(
     ((cell,), _) = sought([one], solved(one, [13.0, 12.0, 12.5]), outcome(None, "-"))
     told = bound_cell(cell.job, tmp_path)
     (call,) = found.calls
-    assert (call["answer"], call["seconds"]) == (12.0, 60.0)
+    assert (call["answer"], call["work"]) == (12.0, 60.0)
     assert call["problem"].model.state_names == ("position", "speed")
     assert (told["kind"], told["sense"]) == (bound.kind.value, -1)
     assert told["set"] == bound.set_name and told["certificate"] is None

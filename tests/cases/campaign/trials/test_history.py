@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from swarmstart.cases.campaign.trials.history import PER_DECADE, Meter, Relay
-from swarmstart.machine_code.compile_time import stopwatch
+from swarmstart.machine_code.clocks import stopwatch
 from swarmstart.ocp.nlp.watching import UNWATCHED, Ratios, Work
 
 NOWHERE = np.zeros((1, 1)), np.zeros(1)

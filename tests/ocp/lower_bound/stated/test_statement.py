@@ -347,7 +347,7 @@ def test_what_no_bound_is_known_of_is_said_at_once(reason: str) -> None:
     x0 = np.full(problem.model.nx, 0.5)
     with pytest.raises(NoBoundError, match=reason):
         statement_of(problem, x0, NOTHING)
-    bound = lower_bound(problem, x0, seconds=60.0)
+    bound = lower_bound(problem, x0, work=60.0)
     assert not bound.kind.is_bound and reason in bound.reason
 
 

@@ -1,11 +1,20 @@
 """Time spent on machine code counts apart, and once."""
 
 import logging
+import math
+import time
 
 import pytest
 
-from swarmstart.machine_code import compile_time
-from swarmstart.machine_code.compile_time import announce, compiling, stopwatch
+from swarmstart.machine_code import clocks
+from swarmstart.machine_code.clocks import (
+    announce,
+    compiling,
+    done,
+    now,
+    stopwatch,
+    working,
+)
 
 
 class Clock:
@@ -21,7 +30,7 @@ class Clock:
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     by_hand = Clock()
-    monkeypatch.setattr(compile_time, "time", by_hand)
+    monkeypatch.setattr(clocks, "time", by_hand)
     return by_hand
 
 
@@ -83,3 +92,31 @@ def test_nothing_is_promised_once_that_is_done_in_each_process(
         announce("the search", "about 10 s", is_kept=False)
     (message,) = caplog.messages
     assert "once" not in message and "no cache can be used" in message
+
+
+def test_work_is_counted_in_its_block_and_in_the_one_around_it() -> None:
+    done(1e12)  # Outside of a block it counts nowhere.
+    with working() as outer:
+        done(2e9)
+        assert now() == 2.0
+        with working() as inner:
+            assert now() == 0.0
+            done(5e8)
+            assert (inner.now(), inner.was_late) == (0.5, False)
+        assert now() == outer.work == 2.5
+    assert not outer.was_late
+    # Outside of a block the time is that of a clock.
+    assert abs(now() - time.perf_counter()) < 60.0
+
+
+def test_after_the_limit_no_work_is_left() -> None:
+    with working(seconds=0.0) as clock:
+        while time.perf_counter() <= clock.limit:
+            pass
+        assert now() == math.inf
+    assert clock.was_late
+    with working(seconds=1e9) as outer, working(seconds=0.0) as inner:
+        while time.perf_counter() <= inner.limit:
+            pass
+        assert not now() < 1.0
+    assert outer.was_late

@@ -1,14 +1,26 @@
-"""Wall time, apart from the time spent on loading and compiling machine code.
+"""Clocks: of the wall time without that spent on machine code, and of work.
 
 Code that loads or compiles runs within `compiling`; time is measured by a `stopwatch`,
 which keeps the two apart.
+
+A proof that ends when its time is over proves less on a busy machine; with a budget of
+work it proves the same everywhere. A unit of work is a number of operations that takes
+about a second on one core; the code that computes tells how many operations it did:
+
+    with working(seconds=600.0) as clock:        # a limit on top, in seconds
+        until = now() + 60.0                     # a budget of 60 units of work
+        while now() < until:
+            done(operations)
+    clock.was_late                               # True if the limit was met first
 """
 
 import contextlib
 import logging
+import math
 import time
 from collections.abc import Callable, Iterator
 from contextvars import ContextVar
+from dataclasses import dataclass, field
 from functools import cache
 
 log = logging.getLogger(__name__)
@@ -106,3 +118,65 @@ def announce(what: str, duration: str, *, is_kept: bool = True) -> None:
     """
     how_often = "once" if is_kept else "as in each process, since no cache can be used"
     log.info("compiling %s for this machine, %s, %s", what, how_often, duration)
+
+
+OPERATIONS = 1e9
+"""Operations in a unit of work."""
+
+
+@dataclass(eq=False)
+class WorkClock:
+    """Work of one task.
+
+    Attributes:
+        limit: Time of `time.perf_counter` at which it must end [s]; infinity for none.
+        work: Units of work done so far.
+        was_late: Whether the work was read after the limit.
+    """
+
+    limit: float
+    work: float = 0.0
+    was_late: bool = field(default=False)
+
+    def now(self) -> float:
+        """Return the work so far; infinity after the limit."""
+        if time.perf_counter() > self.limit:
+            self.was_late = True
+            return math.inf
+        return self.work
+
+
+_CURRENT: ContextVar[WorkClock | None] = ContextVar("work", default=None)
+
+
+@contextlib.contextmanager
+def working(*, seconds: float | None = None) -> Iterator[WorkClock]:
+    """Count the work of a block; within another one, work counts there as well.
+
+    Args:
+        seconds: Wall time after which no budget is left [s]; None: no limit.
+    """
+    outer, began = _CURRENT.get(), time.perf_counter()
+    limit = math.inf if seconds is None else began + seconds
+    clock = WorkClock(limit if outer is None else min(limit, outer.limit))
+    token = _CURRENT.set(clock)
+    try:
+        yield clock
+    finally:
+        _CURRENT.reset(token)
+        if outer is not None:
+            outer.work += clock.work
+            outer.was_late = outer.was_late or clock.was_late
+
+
+def now() -> float:
+    """Return the work of the current block; outside of one, the time [s]."""
+    clock = _CURRENT.get()
+    return time.perf_counter() if clock is None else clock.now()
+
+
+def done(operations: float) -> None:
+    """Count operations, such as additions and multiplications of floats."""
+    clock = _CURRENT.get()
+    if clock is not None:
+        clock.work += operations / OPERATIONS
