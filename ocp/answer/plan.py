@@ -66,6 +66,8 @@ class Source(Enum):
     """Origin of a plan."""
 
     GUESS = "the guess itself"
+    COLD = "the start itself"
+    LANES = "the lanes"
     SEARCH = "the search"
     POLISH = "the polish"
     SHIFTED = "the last plan, shifted, since no feasible one was found"

@@ -36,7 +36,7 @@ from swarmstart.ocp.answer.plan import (
 )
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.common.presentation import ProgressCallback, of_budget, tell_nothing
-from swarmstart.ocp.nlp.integer_polish import IntegerPolisher
+from swarmstart.ocp.nlp.integer_polish import IntegerPolisher, WholePolished
 from swarmstart.ocp.nlp.polish import (
     Polished,
     Polisher,
@@ -58,7 +58,7 @@ from swarmstart.ocp.rollout.fitness import (
 )
 from swarmstart.ocp.rollout.path import Tracer
 from swarmstart.ocp.rollout.shooting import Shooting
-from swarmstart.ocp.search.account import Effort, Origin, StartsAccount
+from swarmstart.ocp.search.account import Effort, Origin, StartsAccount, Tried
 from swarmstart.ocp.search.lane_search import LaneSearch, searched
 from swarmstart.ocp.search.lane_starts import Task, ToldBest
 from swarmstart.ocp.search.many_starts import (
@@ -90,6 +90,12 @@ from swarmstart.ocp.statement.lowering import (
 )
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 
+_SOURCES = {
+    "the search": Source.SEARCH,
+    "the lanes": Source.LANES,
+    "the guess": Source.GUESS,
+}
+"""Origins of starts that are no cold ones."""
 _BASINS = 3
 """Number of basins to polish if there are decisions besides the controls."""
 
@@ -438,12 +444,14 @@ class Planner:
                         self.polisher, starts, x0, known, near=near
                     )
                 else:
-                    account = None if near else self._whole_account()
                     # A search's points are answers, too.
-                    near = near or self.search is not None
-                    rounded = self._rounding(starts, x0, known, near=near)
+                    near_it = near or self.search is not None
+                    with stopwatch() as watch:
+                        rounded = self._rounding(starts, x0, known, near=near_it)
                     polished, evaluations = rounded.polished, rounded.evaluations
                     relaxed_cost = rounded.relaxed_cost
+                    if not near:
+                        account = self._whole_account(rounded, watch.seconds)
         except KeyboardInterrupt:
             raise PlanningInterrupted(plan) from None
         return self.evaluated(
@@ -461,13 +469,26 @@ class Planner:
             starts=account,
         )
 
-    def _whole_account(self) -> StartsAccount | None:
+    def _whole_account(
+        self, rounded: WholePolished, seconds: float
+    ) -> StartsAccount | None:
         """Return the account of starts for controls that take whole numbers."""
         if not self._lanes:
             return None
         origin: Origin = "zero controls" if self.search is None else "the search"
-        reason = "controls take whole numbers"
-        return StartsAccount(won=origin, tried=(), lanes=None, without_lanes=reason)
+        polished, reason = rounded.polished, "controls take whole numbers"
+        tried = Tried(
+            origin=origin,
+            cost=polished.cost,
+            violation=polished.violation,
+            feasible=bool(polished.violation <= self.problem.tolerance),
+            iterations=polished.iterations,
+            evaluations=rounded.evaluations,
+            seconds=seconds,
+        )
+        return StartsAccount(
+            won=origin, tried=(tried,), lanes=None, without_lanes=reason
+        )
 
     def _from_many(self, request: _Request, many_starts: ManyStarts) -> Plan:
         """Return the best plan from many starts."""
@@ -514,7 +535,7 @@ class Planner:
             known: Parameters and signals.
         """
         polished, account = answered.polished, answered.account
-        source = Source.SEARCH if account.won == "the search" else Source.GUESS
+        source = _SOURCES.get(account.won, Source.COLD)
         report, evaluations = NO_SEARCH, 0
         for plan, seconds in searched:
             report, evaluations = plan.search, plan.evaluations
@@ -646,7 +667,8 @@ class Planner:
         search, space = self.search, self._space
         if search is None or space is None:
             cold = cold_controls(self.problem) if guess is None else [guess]
-            plan = self.evaluated(cold[0], x0, known=known, source=Source.GUESS)
+            source = Source.COLD if guess is None else Source.GUESS
+            plan = self.evaluated(cold[0], x0, known=known, source=source)
             return plan, [Start(controls) for controls in cold]
         objective = space.objective(x0, known)
         order = search.order or default_order(self.problem.tolerance)

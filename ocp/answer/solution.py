@@ -55,7 +55,7 @@ from swarmstart.ocp.rollout.status import (
     advice_for,
     fastest_mode,
 )
-from swarmstart.ocp.search.account import Repair, Restarts
+from swarmstart.ocp.search.account import Repair, Restarts, StartsAccount
 from swarmstart.ocp.statement.control_shape import piece_at, rows_at
 from swarmstart.ocp.statement.lowering import lowered
 from swarmstart.ocp.statement.problem import OptimalControlProblem
@@ -374,12 +374,24 @@ class Solution(Presented):
             lines.insert(4, f"  bound       {self.gap.words}")
         return "\n".join([*lines, *self._account()])
 
+    def _afterwards(self, starts: StartsAccount) -> list[str]:
+        """Return the line of a cost that is not that of any start."""
+        costs = [one.cost for one in starts.tried]
+        cost = self.plan.cost
+        if not costs or np.isclose(cost, costs, rtol=SAME_COST, atol=0.0).any():
+            return []
+        by = "repair" if self.repair is not None else "rounding kinks"
+        if self.restarts is not None and self.restarts.better:
+            by = "restarts"
+        return [f"  afterwards  {self.cost:.7g}, by {by}"]
+
     def _account(self) -> list[str]:
         """Return what search, starts, repair and restarts did, in lines."""
         plan = self.plan
         lines = plan.search.lines(self.problem.sense)
         if plan.starts is not None:
             lines += plan.starts.lines(self.problem.sense)
+            lines += self._afterwards(plan.starts)
         if self.repair is not None:
             lines.append(f"  repair      {self.repair.line}")
         if self.restarts is not None:

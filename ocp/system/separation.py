@@ -280,8 +280,15 @@ def known_scales(constraint: Constraint) -> Array:
 
 
 def label(constraint: Constraint) -> str:
-    """Return the name of a constraint, or its shortened expression."""
-    return constraint.name or shortened(constraint.expression)
+    """Return the name of a constraint, or its shortened expression.
+
+    CasADi writes the parts of a long expression apart, as @1; its symbols say more.
+    """
+    text = constraint.name or shortened(constraint.expression)
+    if not text.startswith("@"):
+        return text
+    names = sorted({str(s) for s in ca.symvar(constraint.expression)})
+    return f"a constraint of {', '.join(names)}"
 
 
 def as_path(constraint: object) -> Constraint:

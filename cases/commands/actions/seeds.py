@@ -305,6 +305,8 @@ def _times(measures: Mapping[str, list[Any]]) -> str:
     if not middle or not most:
         return "No times were measured."
     typical = duration(statistics.median(middle))
+    if plan:
+        return f"Time of a plan: median {typical}, worst {duration(max(most))}."
     return f"Time per step: median {typical}, worst of all runs {duration(max(most))}."
 
 

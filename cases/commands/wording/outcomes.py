@@ -168,7 +168,11 @@ def _constraints(finished: Run) -> str:
         parts.append(f"{_amount(at_end)} at the end")
     listed = f"largest excess {' and '.join(parts)}, in the unit of the constraint"
     if is_plan:
-        return f"All constraints are kept within the tolerance ({listed})."
+        tolerance = finished.flight.posed.agents[0].problem.path_tolerance
+        return (
+            f"All constraints are kept within the tolerance, {tolerance:g} of their "
+            f"scales ({listed})."
+        )
     return f"Constraints are broken: {listed}."
 
 

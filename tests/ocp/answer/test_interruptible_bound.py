@@ -52,7 +52,7 @@ def test_the_bound_is_sought_of_the_problem_as_it_was_given(
     assert call["problem"] is solution.problem
     np.testing.assert_array_equal(call["x0"], [1.5])
     np.testing.assert_array_equal(call["known"].parameters, [1.0])
-    assert call["seconds"] == 12.5
+    assert call["work"] == 12.5
     assert call["answer"].verified_cost == solution.verified_cost
     assert solution.bound is PROVEN
     assert solution.gap is not None
@@ -162,4 +162,4 @@ def test_numbers_of_numpy_are_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
     found = Found().instead(monkeypatch)
     answered(np.float64(3.0))
     answered(np.int64(3))  # type: ignore[arg-type]
-    assert [call["seconds"] for call in found.calls] == [3.0, 3.0]
+    assert [call["work"] for call in found.calls] == [3.0, 3.0]

@@ -57,12 +57,13 @@ def test_without_search_and_polish_the_guess_is_the_plan(crossing: Posed) -> Non
     planner = Planner(problem, search=None)
     plan = planner.plan(x0, known=known, rng=rng())
     np.testing.assert_array_equal(plan.controls, np.zeros((2, 3)))
-    assert plan.source is Source.GUESS
+    assert plan.source is Source.COLD
     assert (plan.evaluations, plan.polish_status) == (0, None)
     assert np.isnan(plan.search.cost)
     guess = rng(1).uniform(-1, 1, (2, 3))
     plan = planner.plan(x0, known=known, guess=guess, rng=rng())
     np.testing.assert_array_equal(plan.controls, guess)
+    assert plan.source is Source.GUESS
 
 
 @pytest.mark.parametrize("seed", range(5))

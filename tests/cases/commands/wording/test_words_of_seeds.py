@@ -58,7 +58,7 @@ def test_kept_constraints_and_runs_that_never_settle_are_told_in_words() -> None
     assert told[0].endswith(": 1 run, seed 0; search ga, no polish.")
     assert told[1].endswith(" Not settled in any run.")
     assert told[2] == "All constraints are kept along the simulated paths."
-    assert told[3] == "Time per step: median 2 s, worst of all runs 2 s."
+    assert told[3] == "Time of a plan: median 2 s, worst 2 s."
 
 
 def test_runs_without_a_feasible_plan_break_constraints() -> None:
