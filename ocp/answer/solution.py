@@ -57,7 +57,7 @@ from swarmstart.ocp.rollout.status import (
 )
 from swarmstart.ocp.search.account import Repair, Restarts, StartsAccount
 from swarmstart.ocp.statement.control_shape import piece_at, rows_at
-from swarmstart.ocp.statement.lowering import lowered
+from swarmstart.ocp.statement.lowering import Lowered, lowered
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 
 if TYPE_CHECKING:
@@ -95,10 +95,10 @@ class LocalOptimum:
     _answer: Solution = field(repr=False)
 
     @staticmethod
-    def of(one: Optimum, answer: Solution) -> LocalOptimum:
+    def of(one: Optimum, answer: Solution, core: Lowered) -> LocalOptimum:
         """Return an optimum of the core as the problem of an answer states it."""
         problem = answer.problem
-        controls = lowered(problem).knots(one.controls, one.states[:, 0])
+        controls = core.knots(one.controls, one.states[:, 0])
         return LocalOptimum(
             cost=problem.sense * one.cost,
             count=one.count,
@@ -207,7 +207,8 @@ class Solution(Presented):
         starts = self.plan.starts
         if starts is None or starts.lanes is None:
             return ()
-        return tuple(LocalOptimum.of(one, self) for one in starts.lanes.optima)
+        core = lowered(self.problem)
+        return tuple(LocalOptimum.of(one, self, core) for one in starts.lanes.optima)
 
     @property
     def gap(self) -> OptimalityGap | None:
@@ -475,13 +476,15 @@ def verified(  # noqa: PLR0913 - a plan and how it is judged
         )
     status, reason = found.status, found.reason
     fast, here = None, Known(parameters, signals)
-    grown = _growth(trace.shooting, plan, path, here, sizes, status)
+    asked = advised and not status.is_confirmed
+    grown = _growth(trace.shooting, plan, path, here, sizes) if asked else None
     if plan.ends is not None:
+        grown = _growth(trace.shooting, plan, path, here, sizes)
         reason = f"{reason}; judged interval by interval, since {grown}"
     if path.outside:
         reason = f"the start is outside: {path.outside[0]}; {reason}"
     failed = plan.polish_status is PolishStatus.NUMERICAL_FAILURE
-    if advised and (failed or not status.is_confirmed):
+    if asked or (advised and failed):
         fast = fastest_mode(trace.shooting, path, state, here)
     every = (path.times.size - 1) // (problem.nodes - 1)  # Fine steps between nodes.
     stated = trace.shooting.stated
@@ -517,11 +520,8 @@ def _growth(
     path: Path,
     known: Known,
     sizes: Sizes,
-    status: SolutionStatus,
-) -> Growth | None:
-    """Return the growth of deviations; None if it is not the reason for a status."""
-    if plan.ends is None and status.is_confirmed:
-        return None
+) -> Growth:
+    """Return the growth of deviations along the path, or along a plan's intervals."""
     begins = (path.states if plan.ends is None else plan.states)[:, :-1]
     every = begins.shape[1] // shooting.problem.intervals
     return growth_along(

@@ -123,9 +123,10 @@ class _Asked:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Answer:
-    """A solver's answer in the NLP's units, and its statistics."""
+    """A solver's answer in the NLP's units, with its cost in the problem's."""
 
     point: NlpPoint
+    cost: float
     stats: Mapping[str, Any]
     sizes: Sizes
     rollouts: float
@@ -141,9 +142,7 @@ class _Answer:
         self, value: tuple[float, float], problem: OptimalControlProblem
     ) -> bool:
         """Return whether the evaluator finds the same cost and no broken limit."""
-        point = self.point
-        slope = point.program.derivatives["grad_f"](point.w, point.q)
-        differs = abs(float(slope[0]) * point.cost_size - value[0])
+        differs = abs(self.cost - value[0])
         same = differs <= SAME_COST * self.natural_cost
         return same and value[1] <= problem.tolerance
 
@@ -552,7 +551,9 @@ class Polisher:
         stats = solver.stats()
         work = work_of(stats)
         self.watch.solved(work, solvers.ratios)
-        return _Answer(point, stats, asked.sizes, work.evaluations(solvers.ratios))
+        cost = float(answer["f"]) * asked.sizes.cost
+        effort = work.evaluations(solvers.ratios)
+        return _Answer(point, cost, stats, asked.sizes, effort)
 
     def _told(self, asked: "_Asked", solvers: Solvers) -> Callable[[Array], bool]:
         """Return the callback for the iterates of a solve, which informs the watch."""
