@@ -44,16 +44,17 @@ from swarmstart.ocp.rollout.fitness import (
     shared_arguments,
     stated_known,
 )
-from swarmstart.ocp.rollout.growth import Growth, growth_along
 from swarmstart.ocp.rollout.member_costs import member_costs
 from swarmstart.ocp.rollout.path import Path, Tracer, first_not_finite
 from swarmstart.ocp.rollout.scaling import Sizes
 from swarmstart.ocp.rollout.shooting import Shooting
 from swarmstart.ocp.rollout.status import (
     Found,
+    Growth,
     SolutionStatus,
     advice_for,
     fastest_mode,
+    growth_along,
 )
 from swarmstart.ocp.search.account import Repair, Restarts, StartsAccount
 from swarmstart.ocp.statement.control_shape import piece_at, rows_at

@@ -66,8 +66,8 @@ from swarmstart.ocp.rollout.fitness import (
     replay,
     shared_arguments,
 )
-from swarmstart.ocp.rollout.growth import growth_along
 from swarmstart.ocp.rollout.scaling import Sizes
+from swarmstart.ocp.rollout.status import growth_along
 from swarmstart.ocp.statement.lowering import bounded_controls
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 

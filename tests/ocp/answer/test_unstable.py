@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 
 import swarmstart as ss
 from swarmstart.arrays import Array
-from swarmstart.ocp.rollout.growth import growth_along
+from swarmstart.ocp.rollout.status import growth_along
 
 
 class Posed(NamedTuple):
