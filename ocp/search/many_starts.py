@@ -223,8 +223,8 @@ class ManyStarts:
         none = np.empty((0, problem.intervals))
         _, decided = random_starts(problem, self._random, rng)
         drawn = [started(problem, x0, one) for one in decided.T]
-        values = [fitness.value(none, one, known)[::-1] for one in drawn]
-        order = sorted(range(len(drawn)), key=lambda number: values[number])
+        values = np.array([fitness.value(none, one, known) for one in drawn])
+        order = np.lexsort(np.where(np.isfinite(values), values, np.inf).T)
         best = [Start(none, x0=drawn[number]) for number in order[:POLISHED]]
         return [Origined("random starts", one) for one in best]
 
