@@ -1,6 +1,7 @@
 """Models whose deviations grow so much that no roll-out confirms an answer."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple
 
 import casadi as ca
@@ -10,6 +11,7 @@ from scipy.integrate import solve_ivp
 
 import swarmstart as ss
 from swarmstart.arrays import Array
+from swarmstart.ocp.answer.solution import verified
 from swarmstart.ocp.rollout.status import growth_along
 
 
@@ -172,6 +174,23 @@ def test_intervals_that_a_coarse_method_gets_wrong_are_not_confirmed() -> None:
     )  # fmt: skip
     found = ss.solve(coarse, x0, known=known, seed=0)
     assert found.status is ss.SolutionStatus.MISMATCH
+
+
+def test_what_intervals_miss_adds_up() -> None:
+    """Each of 50 intervals by 1e-4 of the range: five thousandths are too much."""
+    problem, x0, known, _ = scalar()
+    found = ss.solve(problem, x0, known=known, seed=0)
+    plan, ends = found.plan, found.plan.ends
+    assert ends is not None
+    reach = float(np.ptp(found.path.states[0]))
+    for part, agrees in ((1e-6, True), (1e-4, False)):
+        moved = ends.copy()
+        # Every second state: each of two intervals misses by as much.
+        moved[0, 1:-1:2] += part * reach * np.exp(-40 * 0.02)
+        other = replace(plan, ends=moved)
+        again = verified(problem, other, x0)
+        assert again.status.is_confirmed is agrees
+        assert again.reason.startswith("state x ends") is not agrees
 
 
 def test_stable_model_is_judged_by_its_roll_out() -> None:

@@ -239,3 +239,18 @@ def test_a_failed_start_near_a_guess_is_tried_again_if_there_is_another_way(
     braking[0, :5] = -3
     polish(braking, x0, known, near=True)
     assert ways == [True, False][:solves]
+
+
+def test_start_whose_roll_out_is_no_number_is_held_where_it_begins() -> None:
+    """A tank is empty before the end without inflow, where its root is undefined."""
+    h, u = ca.SX.sym("h"), ca.SX.sym("u")
+    tank = OptimalControlProblem(
+        Model(states=h, controls=u, ode=u - 0.5 * ca.sqrt(h)), horizon=6.0,
+        intervals=20, stage_cost=u**2, bounds=Bounds(controls=(0.0, 1.0)),
+        terminal=[(h, 0.5)],
+    )  # fmt: skip
+    fitness = Fitness(tank, backend="casadi")
+    assert not np.isfinite(fitness.states(np.zeros((1, 20)), [1.0])).all()
+    polished = Polisher(fitness)(np.zeros((1, 20)), [1.0])
+    assert polished.status is PolishStatus.CONVERGED
+    assert polished.cost == pytest.approx(0.455183, abs=1e-6)

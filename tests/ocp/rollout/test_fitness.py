@@ -17,7 +17,13 @@ from swarmstart.ocp import (
     OptimalControlProblem,
 )
 from swarmstart.ocp.compiled.backend import CasadiMap
-from swarmstart.ocp.rollout.fitness import NOTHING, Arguments, flatten, unflatten
+from swarmstart.ocp.rollout.fitness import (
+    NOTHING,
+    Arguments,
+    flatten,
+    replay,
+    unflatten,
+)
 from swarmstart.ocp.rollout.shooting import Shooting
 
 Posed = tuple[OptimalControlProblem, Array, Known]
@@ -201,3 +207,18 @@ def test_cost_of_a_stiff_problem_is_sized_by_the_states_that_it_reaches() -> Non
     assert (states[2, -1] - 0.4) ** 2 == pytest.approx(own, rel=1e-2)
     along = fitness.arguments.sizes_along(controls, states, x0, Known())
     assert own < along.cost < 1e3 * own
+
+
+def test_intervals_that_begin_anew_count_what_they_miss() -> None:
+    """x' = u from 0 to 1 and 2: the second begins 0.3 too far, half a size of 0.6."""
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    problem = OptimalControlProblem(
+        Model(states=x, controls=u, ode=u), horizon=2.0, intervals=2,
+        stage_cost=x, scales={"x": 0.6},
+    )  # fmt: skip
+    ends = np.array([[0.0, 1.3, 2.3]])
+    states, cost, violation = replay(problem, np.ones((1, 2)), [0.0], ends=ends)
+    np.testing.assert_allclose(states, [[0.0, 1.0, 2.3]])
+    assert violation == pytest.approx(0.3 / 0.6)
+    assert cost == pytest.approx(0.5 + 1.8)
+    assert replay(problem, np.ones((1, 2)), [0.0])[2] == 0.0
