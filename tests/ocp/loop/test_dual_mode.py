@@ -109,7 +109,7 @@ def test_one_agent_outside_makes_the_whole_team_plan(
         state = np.concatenate([moving(0.0) + e for e in errors])
         decision = dual.decide(0.0, state, None, rng=rng())
         assert decision.mode is Mode.PLANNED
-        assert {plan.source for plan in decision.plans} == {Source.GUESS}
+        assert {plan.source for plan in decision.plans} == {Source.COLD}
     inside = np.concatenate([moving(0.0) + 0.98 * outside, moving(0.0)])
     assert dual.inside(0.0, inside)
     assert not dual.inside(1.0, inside)  # the targets have moved on
