@@ -95,7 +95,7 @@ def test_a_state_at_which_the_model_is_not_defined_is_no_refutation() -> None:
 
 
 @pytest.mark.parametrize("name", ["thin jump", "pole of the damping"])
-def test_limit_of_seconds_ends_a_proof_and_is_named_in_whatever_the_search_is_doing(
+def test_the_time_is_kept_in_whatever_the_search_is_doing(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """After so many proofs time is up: what was proven till then is the answer."""
