@@ -13,8 +13,8 @@ from swarmstart.ocp.lanes.solver import FINISHED, LaneSolver
 from swarmstart.ocp.lanes.stages import LaneOptions
 from swarmstart.ocp.nlp.optimality import unmet
 from swarmstart.ocp.nlp.transcription import multiple_shooting
-from swarmstart.tests.adversary.case import problem_of
-from swarmstart.tests.adversary.problems import multimodal
+from swarmstart.tests.adversary.case import Case, problem_of
+from swarmstart.tests.adversary.problems import multimodal, path_constrained
 
 
 def moved_by_a_polish(found: ss.Solution) -> list[float]:
@@ -40,9 +40,11 @@ def test_optima_of_shipped_problems_stay_where_they_are(name: str) -> None:
     assert max(moved_by_a_polish(found), default=0.0) < 1e-3
 
 
-@pytest.mark.parametrize("number", range(0, 30, 3))
-def test_optima_of_problems_with_many_stay_where_they_are(number: int) -> None:
-    case = multimodal.cases()[number]
+OTHERS = [*multimodal.cases()[::3], *path_constrained.cases()[::4][:10]]
+
+
+@pytest.mark.parametrize("case", OTHERS, ids=lambda case: case.name)
+def test_optima_of_problems_with_known_ones_stay_where_they_are(case: Case) -> None:
     found = ss.solve(problem_of(case), case.start, search=None, repair=False, seed=0)
     assert max(moved_by_a_polish(found), default=0.0) < 1e-3
 
