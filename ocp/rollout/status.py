@@ -358,7 +358,8 @@ def growth_along(
     fastest = (0.0, 0.0)
     for k in range(count):
         given = states[:, k], controls[:, k], parameters, signals[: problem.model.ns, k]
-        A = np.array(slopes(*given)) * sizes / sizes[:, None]
+        with np.errstate(over="ignore", invalid="ignore"):  # No number: see below.
+            A = np.array(slopes(*given)) * sizes / sizes[:, None]
         if not np.isfinite(A).all():
             break
         time = float(times[k]) * whole
