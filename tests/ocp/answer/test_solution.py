@@ -480,3 +480,13 @@ def test_infeasible_plan_tells_its_worst_row_and_one_without_numbers_which() -> 
     lost = verified(problem, planned(planner, [1, 1]), [0])
     assert lost.status is SolutionStatus.NOT_FINITE
     assert lost.reason.startswith("'root' is not a finite number at 0.5")
+
+
+def test_ends_may_differ_by_rounding_far_from_the_origin() -> None:
+    problem, planner = drift()
+    plan = planned(planner, [0, 0], 1e9)
+    for miss, agrees in ((1e-6, True), (1e-3, False)):
+        told = plan.states.copy()
+        told[0, -1] += miss
+        found = verified(problem, replace(plan, states=told), [1e9])
+        assert (found.status is SolutionStatus.FEASIBLE) is agrees

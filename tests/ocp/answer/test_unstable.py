@@ -116,6 +116,10 @@ def test_unstable_model_is_solved_and_confirmed_interval_by_interval(
     assert found.status is ss.SolutionStatus.CONVERGED
     assert "interval by interval, since a deviation grows" in found.reason
     assert "feedback" in found.advice
+    if pose is scalar:  # Known from the first start on: no search, no lanes.
+        assert not found.plan.is_searched
+        assert found.plan.starts is not None
+        assert "unstable" in found.plan.starts.without_lanes
     assert found.plan.violation < 1e-6
     reach = np.ptp(found.path.states, axis=1)
     assert (largest_miss(problem, found) < 1e-4 * reach + 1e-7).all()

@@ -455,3 +455,24 @@ def test_members_and_phases_have_the_sizes_of_their_problems() -> None:
     assert apart.scales == {"x_0": 3.0, "x_1": 3.0, "u_0": 4.0, "u_1": 4.0}
     both = phases([one, replace(one, scales={"x": 5.0})]).problem
     assert both.scales == {"x": 5.0, "u": 4.0}
+
+
+def test_start_outside_a_limit_is_not_the_size_of_its_row(
+    double_integrator: Model,
+) -> None:
+    """A way of 0.5 back inside says nothing of a path of 9 m."""
+    x = double_integrator.states
+    problem = pushed(double_integrator, constraints=[x[0] <= 1])
+    assert sizes_of(problem, [1.5, 0]).rows[0] == pytest.approx(9)
+    assert sizes_of(problem, [0.5, 0]).rows[0] == pytest.approx(0.5)
+
+
+def test_points_around_the_start_keep_the_bounds_of_the_states() -> None:
+    """Below the ground the air of this model would be as dense as e^200."""
+    h, u = ca.SX.sym("h"), ca.SX.sym("u")
+    problem = OptimalControlProblem(
+        Model(states=h, controls=u, ode=u), horizon=1.0, intervals=2,
+        stage_cost=ca.exp(-500 * h),
+        bounds=Bounds(controls=(-1, 1), states=(0, np.inf)),
+    )  # fmt: skip
+    assert sizes_of(problem, [0.0]).cost == 1.0

@@ -13,6 +13,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from swarmstart.arrays import Array
+from swarmstart.machine_code import WorkClock
 from swarmstart.terminal_set import (
     ForeignCertificateError,
     HeldTooLongError,
@@ -414,3 +415,27 @@ def test_the_page_says_what_its_example_prints(
     capsys.readouterr()
     exec(compile(of_a_problem, "terminal_sets.md", "exec"), {})
     assert capsys.readouterr().out.strip() == printed[1]
+
+
+def test_proof_that_a_limit_of_seconds_ended_says_so(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Here the limit is met, but work is left."""
+    dynamics, reference = pendulum(), bounded(np.zeros(2), np.array([50.0]))
+    design = continuous_terminal_set(dynamics, reference, Q=np.eye(2), R=np.eye(1))
+    options = ProofOptions(max_seconds=1e6)
+
+    def certified() -> TerminalSet:
+        return certify(dynamics, reference, design, dt=None, options=options, rng=rng())
+
+    plain = certified()
+    assert plain.certificate is not None and not plain.certificate.proof.was_late
+
+    def late(self: WorkClock) -> float:
+        self.was_late = True
+        return self.work
+
+    monkeypatch.setattr(WorkClock, "now", late)
+    found = certified()
+    assert found.certificate is not None and found.certificate.proof.was_late
+    assert found.alpha == plain.alpha
