@@ -20,7 +20,7 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from contextvars import ContextVar
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
 
 log = logging.getLogger(__name__)
@@ -136,7 +136,7 @@ class WorkClock:
 
     limit: float
     work: float = 0.0
-    was_late: bool = field(default=False)
+    was_late: bool = False
 
     def now(self) -> float:
         """Return the work so far; infinity after the limit."""

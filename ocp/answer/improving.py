@@ -200,8 +200,7 @@ def settled(
         better, evaluations = found.better, found.evaluations + plan.evaluations
         if better is None:
             plan = replace(plan, evaluations=evaluations)
-            decides = found.starts >= ENOUGH and bent is not Curvature.NEGATIVE
-            return Settled(plan, decides, told)
+            return Settled(plan, found.decides and bent is not Curvature.NEGATIVE, told)
         plan = planner.evaluated(
             better.controls,
             better.x0,
@@ -245,11 +244,12 @@ def _descended(  # noqa: PLR0913 - a plan, its start, and what is left
     """
     x0 = start_of(fitness.problem, plan, x0)
     sizes = fitness.arguments.sizes_along(plan.controls, plan.states, x0, known)
-    evaluations, iterations, starts = 0, 0, 0
+    evaluations, iterations, starts, decides = 0, 0, 0, True
     rows = 0 if plan.point is None else plan.point.lam_g.size
     while starts < STARTS and iterations < left:
         if iterations * rows > _MOST_WORK:
-            return _Descended(None, evaluations, iterations, 0)
+            decides = False
+            break
         part = np.exp(rng.uniform(np.log(_SMALLEST), np.log(_LARGEST)))
         move = part * sizes.controls[:, None] * rng.standard_normal(plan.controls.shape)
         found = polisher(plan.controls + move, x0, known, near=True)
@@ -260,8 +260,9 @@ def _descended(  # noqa: PLR0913 - a plan, its start, and what is left
         falls = plan.cost - found.cost > SAME_COST * max(abs(plan.cost), sizes.cost)
         feasible = found.violation <= fitness.problem.tolerance
         if feasible and falls and found.status is PolishStatus.CONVERGED:
-            return _Descended(found, evaluations, iterations, starts)
-    return _Descended(None, evaluations, iterations, starts)
+            return _Descended(found, evaluations, iterations, starts, False)
+    decides = decides and starts >= ENOUGH
+    return _Descended(None, evaluations, iterations, starts, decides)
 
 
 class _Descended(NamedTuple):
@@ -271,13 +272,15 @@ class _Descended(NamedTuple):
         better: The first answer that is better; None without one.
         evaluations: Evaluations of the solver.
         iterations: Its iterations.
-        starts: Number of starts; 0: stopped, so that they decide nothing.
+        starts: Number of starts.
+        decides: Whether they show that nothing near is better.
     """
 
     better: Polished | None
     evaluations: int
     iterations: int
     starts: int
+    decides: bool
 
 
 def followed_down(

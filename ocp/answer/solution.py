@@ -463,30 +463,22 @@ def verified(  # noqa: PLR0913 - a plan and how it is judged
     found = _judged(trace.shooting, plan, path, sizes, tolerance=tolerance)
     # Away from kinks and jumps, neighbours have nearly the same value.
     if found.status is SolutionStatus.FEASIBLE and path.kinks:
-        for controls, start in _beside(problem, plan.controls, state, sizes):
-            moved = trace(controls, start, parameters, signals, sizes)
-            if found.status is SolutionStatus.FEASIBLE:
-                found = _same_beside(trace.shooting, path, moved, sizes, tolerance)
+        here = state, parameters, signals
+        found = _same_beside(trace, plan, path, here, sizes, tolerance)
     if found.status is SolutionStatus.FEASIBLE:
-        found = (
-            _ranked(plan, path, settled)
-            if not problem.integer
-            else Found(
-                SolutionStatus.FEASIBLE, _whole(plan, trace.shooting.stated.sense)
-            )
-        )
+        found = _ranked(trace.shooting, plan, path, settled)
     status, reason = found.status, found.reason
-    fast, here = None, Known(parameters, signals)
+    fast, grown, data = None, None, Known(parameters, signals)
     asked = advised and not status.is_confirmed
-    grown = _growth(trace.shooting, plan, path, here, sizes) if asked else None
+    if asked or plan.ends is not None:
+        grown = _growth(trace.shooting, plan, path, data, sizes)
     if plan.ends is not None:
-        grown = _growth(trace.shooting, plan, path, here, sizes)
         reason = f"{reason}; judged interval by interval, since {grown}"
     if path.outside:
         reason = f"the start is outside: {path.outside[0]}; {reason}"
     failed = plan.polish_status is PolishStatus.NUMERICAL_FAILURE
     if asked or (advised and failed):
-        fast = fastest_mode(trace.shooting, path, state, here)
+        fast = fastest_mode(trace.shooting, path, state, data)
     every = (path.times.size - 1) // (problem.nodes - 1)  # Fine steps between nodes.
     stated = trace.shooting.stated
     sense = stated.sense
@@ -609,6 +601,33 @@ def _beside(
 
 
 def _same_beside(
+    trace: Tracer,
+    plan: Plan,
+    path: Path,
+    here: tuple[Array, Array, Array],
+    sizes: Sizes,
+    tolerance: float,
+) -> Found:
+    """Return MISMATCH if a neighbour's path has another value, else FEASIBLE.
+
+    Args:
+        trace: The tracer of the paths.
+        plan: The plan.
+        path: Its path.
+        here: Initial state, parameters and signals.
+        sizes: The natural sizes.
+        tolerance: Tolerance of the comparison.
+    """
+    start, parameters, signals = here
+    for controls, begin in _beside(trace.problem, plan.controls, start, sizes):
+        moved = trace(controls, begin, parameters, signals, sizes, ends=plan.ends)
+        found = _same_value(trace.shooting, path, moved, sizes, tolerance)
+        if found.status is not SolutionStatus.FEASIBLE:
+            return found
+    return Found(SolutionStatus.FEASIBLE, "")
+
+
+def _same_value(
     shooting: Shooting,
     path: Path,
     moved: Path,
@@ -715,8 +734,10 @@ def _whole(plan: Plan, sense: float) -> str:
     return f"{told}: {100 * apart / size:.2g} % apart" if size else told
 
 
-def _ranked(plan: Plan, path: Path, settled: bool) -> Found:
+def _ranked(shooting: Shooting, plan: Plan, path: Path, settled: bool) -> Found:
     """Return whether a confirmed answer is a local optimum, with the reason."""
+    if shooting.problem.integer:
+        return Found(SolutionStatus.FEASIBLE, _whole(plan, shooting.stated.sense))
     touched = path.kinks
     if touched and plan.polish_status is not None:
         return Found(
@@ -738,15 +759,11 @@ def _ranked(plan: Plan, path: Path, settled: bool) -> Found:
             else "the polish ended at a point that is not stationary",
         )  # fmt: skip
     bent = curvature(point)
-    if bent is Curvature.POSITIVE:
-        return Found(
-            SolutionStatus.CONVERGED, "stationary, with positive second derivatives"
-        )
-    if settled:
-        return Found(
-            SolutionStatus.CONVERGED,
-            "stationary, and no perturbed start led to anything better",
-        )
+    if bent is Curvature.POSITIVE or settled:
+        shown = "and no perturbed start led to anything better"
+        if bent is Curvature.POSITIVE:
+            shown = "with positive second derivatives"
+        return Found(SolutionStatus.CONVERGED, f"stationary, {shown}")
     return Found(
         SolutionStatus.FEASIBLE, f"the polish ended at a point that is {bent.value}"
     )

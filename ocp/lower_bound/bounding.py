@@ -24,7 +24,7 @@ from threadpoolctl import threadpool_limits
 from swarmstart.machine_code import working
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.common.expressions import shortened
-from swarmstart.ocp.common.limits import require_number
+from swarmstart.ocp.common.limits import require_number, require_seconds
 from swarmstart.ocp.common.presentation import ProgressCallback, tell_nothing
 from swarmstart.ocp.lower_bound.ascent import Ascent, Best
 from swarmstart.ocp.lower_bound.region import Region
@@ -120,14 +120,12 @@ def lower_bound(  # noqa: PLR0913 - everything but the problem has a default
         raise InvalidProblemError(
             f"lower_bound takes an OptimalControlProblem, got {shortened(problem)}"
         )
-    for role, given in (("work", work), ("seconds", seconds)):
-        is_number = isinstance(given, int | float) and 0 < given < math.inf
-        if not is_number and not (role == "seconds" and given is None):
-            raise InvalidProblemError(
-                f"{role} must be a number above 0, got {shortened(given)}"
-            )
+    if not (isinstance(work, int | float) and 0 < work < math.inf):
+        raise InvalidProblemError(
+            f"work must be a number above 0, got {shortened(work)}"
+        )
+    require_seconds("seconds", seconds)
     cpu = clock.process_time()
-
     try:
         statement = statement_of(problem, x0, known)
     except NoBoundError as error:

@@ -97,6 +97,12 @@ class Shooting:
         return self.jump.factory("slopes", self.jump.name_in(), ["jac:o0:i0"])
 
     @cached_property
+    def rate_slopes(self) -> ca.Function:
+        """(x, u, p, s) -> the derivative of the rates by the state."""
+        f = self.dynamics
+        return f.factory("slopes", f.name_in(), ["jac:o0:i0"])
+
+    @cached_property
     def costs(self) -> tuple[float, Costs]:
         """(unit, costs / unit)."""
         return self.problem.costs()

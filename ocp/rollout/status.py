@@ -25,7 +25,6 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import NamedTuple
 
-import casadi as ca
 import numpy as np
 from numpy.polynomial.polynomial import polyval
 from numpy.typing import NDArray
@@ -317,7 +316,7 @@ def _slopes(
     shooting: Shooting, times: Array, states: Array, controls: Array, known: Known
 ) -> list[Array]:
     """Return the Jacobian of the dynamics at each point."""
-    problem, slopes = shooting.problem, slopes_of(shooting)
+    problem, slopes = shooting.problem, shooting.rate_slopes
     _, parameters, flat = shared_arguments(problem, states[:, 0], known)
     signals = signals_between(problem, at_nodes(problem, flat), times)
     return [
@@ -351,7 +350,7 @@ def growth_along(
         return nothing
     _, parameters, flat = shared_arguments(problem, states[:, 0], known)
     signals = signals_between(problem, at_nodes(problem, flat), times)
-    slopes = slopes_of(shooting)
+    slopes = shooting.rate_slopes
     # With a free end time the core's horizon is 1: its rates are per horizon.
     whole = shooting.lowered.end_time(states[:, 0]) / problem.length
     best, deviation, log, begin = nothing, np.eye(sizes.size), 0.0, 0.0
@@ -376,13 +375,6 @@ def growth_along(
         if log < 0.0:  # A later deviation grows more.
             log, deviation, begin = 0.0, np.eye(sizes.size), time + problem.dt * whole
     return best._replace(rate=fastest[0], time=fastest[1])
-
-
-def slopes_of(shooting: Shooting) -> ca.Function:
-    """Return (x, u, p, s) -> df/dx."""
-    f = shooting.dynamics
-    arguments = [ca.SX.sym(f.name_in(i), *f.size_in(i)) for i in range(f.n_in())]
-    return ca.Function("slopes", arguments, [ca.jacobian(f(*arguments), arguments[0])])
 
 
 def _too_fast(

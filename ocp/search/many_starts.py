@@ -257,10 +257,7 @@ class ManyStarts:
             infeasible, lost = unreached(found)
             unfinished = sum(e.count for e in ends) - sum(o.count for o in optima)
             best = [
-                Start(
-                    found.controls[:, :, one.lane],
-                    x0=started(problem, state, found.starts[:, one.lane]),
-                )
+                Start(one.controls, x0=started(problem, state, one.decided))
                 for one in ends[:POLISHED]
             ]
             lanes = Lanes(

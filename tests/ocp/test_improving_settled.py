@@ -121,6 +121,9 @@ def test_flat_minimum_of_a_large_problem_is_left_undecided(
     plan, after, is_settled = looked_at(scalar(ca.SX(0), X**4))
     assert not is_settled
     assert after.cost == plan.cost
+    planner, plan = planned(scalar(ca.SX(0), X**4))
+    told = settled(planner, plan, [0.0], NOTHING, rng=np.random.default_rng(0))
+    assert told.restarts is not None and told.restarts.starts > 0
 
 
 def test_flat_point_that_is_no_minimum_is_left() -> None:

@@ -102,8 +102,9 @@ def run(
         seed: The seed of all randomness.
         recording: Folder and options of the record; None means no record and no
             figures.
-        bound_s: Time for a lower bound of the one plan, after all other work [s]; None
-            means no bound. It changes no other result and no key.
+        bound_s: Work for a lower bound of the one plan, after all other work, in units
+            of about a second; None means no bound. It changes no other result and no
+            key.
         progress: Callback after each step.
 
     Raises:

@@ -94,8 +94,8 @@ class ComparisonPlan:
         repair: Whether answers that break a constraint between the checks are solved
             again.
         known: Best known costs by scenario, in the user's sense.
-        bound_s: Time for a lower bound of each scenario that makes one plan [s]; None
-            means that no bound is sought.
+        bound_s: Work for a lower bound of each scenario that makes one plan, in units
+            of about a second; None means that no bound is sought.
     """
 
     scenarios: tuple[Chosen, ...]

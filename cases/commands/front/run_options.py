@@ -41,8 +41,9 @@ def add_run(run: argparse.ArgumentParser) -> None:
     _add_workers(run, "number of processes for --seeds")
     run.add_argument(
         "--bound", metavar="TIME",
-        help="after the run, search this long for a proven bound of the cost, such as "
-        "120s or 2m; for scenarios that make one plan (default: no bound)",
+        help="after the run, search for a proven bound of the cost, with the work of "
+        "about so long, such as 120s or 2m; the same work proves the same everywhere; "
+        "for scenarios that make one plan (default: no bound)",
     )  # fmt: skip
     run.add_argument(
         "--out", metavar="DIR",
@@ -148,8 +149,9 @@ def add_compare(compare: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     compare.add_argument(
         "--bound", metavar="TIME",
-        help="then search this long for a proven bound of the cost, such as 60s; for "
-        "each scenario that is compared by single plans (default: no bound)",
+        help="then search for a proven bound of the cost, with the work of about so "
+        "long, such as 60s; for each scenario that is compared by single plans "
+        "(default: no bound)",
     )  # fmt: skip
     _add_dry_run(compare)
     compare.add_argument(

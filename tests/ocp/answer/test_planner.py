@@ -4,7 +4,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, get_args
 
-import casadi as ca
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike
@@ -22,12 +21,10 @@ from swarmstart.heuristics import (
 )
 from swarmstart.heuristics.laws.initial import sample
 from swarmstart.ocp import (
-    Bounds,
     Fitness,
     InvalidProblemError,
     IpoptOptions,
     Known,
-    Model,
     OptimalControlProblem,
     Planner,
     PolishStatus,
@@ -36,6 +33,7 @@ from swarmstart.ocp import (
 )
 from swarmstart.ocp.nlp.polish import is_better
 from swarmstart.ocp.search.settings import WarmStart
+from swarmstart.tests.ocp.two_valleys import two_valleys
 
 Posed = tuple[OptimalControlProblem, Array, Known]
 
@@ -230,14 +228,10 @@ def test_refuses_a_guess_that_is_none(
 
 
 def test_a_polish_alone_starts_at_the_middle_of_the_bounds_too() -> None:
-    """(u - 2)^2 (u + 1)^2 - 0.1 u: from zero the valley at -1, from 2.5 that at 2."""
-    x, u = ca.SX.sym("x"), ca.SX.sym("u")
-    problem = OptimalControlProblem(
-        Model(states=x, controls=u, ode=u), horizon=1.0, intervals=2,
-        stage_cost=(u - 2) ** 2 * (u + 1) ** 2 - 0.1 * u,
-        bounds=Bounds(controls=(-1.5, 6)),
-    )  # fmt: skip
-    planner = Planner(problem, search=None, polish=IpoptOptions(), backend="casadi")
+    """From zero the valley at -1, from 2.5 that at 2."""
+    planner = Planner(
+        two_valleys(), search=None, polish=IpoptOptions(), backend="casadi"
+    )
     plan = planner.plan([0.0], rng=rng())
     alone = planner.plan([0.0], guess=np.zeros((1, 2)), rng=rng())
     np.testing.assert_allclose(alone.controls, -1, atol=0.05)

@@ -197,6 +197,17 @@ def test_what_intervals_miss_adds_up() -> None:
         assert again.reason.startswith("state x ends") is not agrees
 
 
+def test_neighbours_at_a_kink_are_judged_by_intervals_too() -> None:
+    """A roll-out of controls moved by 1e-8 would end at 1e9."""
+    problem, x0, known, _ = scalar()
+    kinked = replace(
+        problem, stage_cost=problem.stage_cost + ca.fabs(problem.model.states - 0.3)
+    )
+    found = ss.solve(kinked, x0, known=known, seed=0)
+    assert found.path.kinks
+    assert found.status is ss.SolutionStatus.FEASIBLE
+
+
 def test_stable_model_is_judged_by_its_roll_out() -> None:
     x, u = ca.SX.sym("x"), ca.SX.sym("u")
     problem = ss.OptimalControlProblem(

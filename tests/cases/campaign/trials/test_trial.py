@@ -31,6 +31,7 @@ from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.heuristics import Budget
 from swarmstart.ocp import Bounds, Known, Model, OptimalControlProblem
 from swarmstart.ocp.search.settings import search_settings
+from swarmstart.tests.ocp.two_valleys import two_valleys
 
 KEYS = {
     "of", "sense", "claimed_cost", "claimed_violation", "claimed_feasible",
@@ -249,13 +250,7 @@ def test_whole_numbers_stop_with_the_budget_too(tmp_path: Path) -> None:
 
 def test_an_nlp_solver_alone_is_compared_from_zero_controls_only() -> None:
     """Two valleys: from the middle of the bounds it would find the better one."""
-    x, u = ca.SX.sym("x"), ca.SX.sym("u")
-    problem = OptimalControlProblem(
-        Model(states=x, controls=u, ode=u), horizon=1.0, intervals=2,
-        stage_cost=(u - 2) ** 2 * (u + 1) ** 2 - 0.1 * u,
-        bounds=Bounds(controls=(-1.5, 6)),
-    )  # fmt: skip
-    posed = PlanningProblem(problem=problem, x0=np.zeros(1), known=Known())
+    posed = PlanningProblem(problem=two_valleys(), x0=np.zeros(1), known=Known())
     trial = Trial(
         solver=solver_of("ipopt"), budget={"evaluations": 2000}, seed=0, search=None
     )
