@@ -120,10 +120,8 @@ def lower_bound(  # noqa: PLR0913 - everything but the problem has a default
         raise InvalidProblemError(
             f"lower_bound takes an OptimalControlProblem, got {shortened(problem)}"
         )
-    if not (isinstance(work, int | float) and 0 < work < math.inf):
-        raise InvalidProblemError(
-            f"work must be a number above 0, got {shortened(work)}"
-        )
+    if not 0 < require_number("work", work) < math.inf:
+        raise InvalidProblemError(f"work must be a number above 0, got {work}")
     require_seconds("seconds", seconds)
     cpu = clock.process_time()
     try:

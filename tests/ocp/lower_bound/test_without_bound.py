@@ -130,8 +130,8 @@ def test_an_initial_state_that_is_no_number_has_no_bound(start: float) -> None:
 
 
 @pytest.mark.parametrize("role", ["seconds", "work"])
-@pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf])
-def test_budget_that_is_none_is_refused(role: str, value: float) -> None:
+@pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf, True, "3"])
+def test_budget_that_is_none_is_refused(role: str, value: object) -> None:
     with pytest.raises(InvalidProblemError, match=f"{role} must be"):
         lower_bound(regulator().problem, [1.0], **{role: value})  # type: ignore[arg-type]
 
