@@ -48,7 +48,7 @@ FILES = {
     ),
     "statuses": tuple(f"ocp/*/{name}.py" for name in (
         "status", "solution", "checking", "constraints", "separation", "optimality",
-        "dual_mode", "improving", "repair", "path", "kinks",
+        "dual_mode", "improving", "repair", "path", "kinks", "scaling",
     )),
     "verdicts": tuple(f"cases/{name}.py" for name in (
         "campaign/running/claims", "campaign/studies/verdicts",
