@@ -147,7 +147,7 @@ def at_the_optimum(rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
 
 DRAWS = (lognormal, with_basins, often_infeasible, heavy_tailed, at_the_optimum)
 Draw = Callable[[np.random.Generator, tuple[int, ...]], Array]
-TWO, SIX = ("de", "ga"), ("de", "ga", "pso", "cpso", "lshade", "multistart-ipopt")
+TWO, SIX = ("de", "ga"), ("de", "ga", "pso", "cpso", "lshade", "repeated-ipopt")
 
 
 def false_claims(  # noqa: PLR0913 - each is varied

@@ -17,7 +17,7 @@ from typing import Any
 from swarmstart.benchmarks.tables import head, row
 from swarmstart.cases.format.scenario import shipped
 
-COLD, MANY = "ipopt", "multistart-ipopt"
+COLD, MANY = "ipopt", "repeated-ipopt"
 OWN = ("multistart+ipopt", "lshade+ipopt")
 WORDS = {
     COLD: "IPOPT once",

@@ -248,12 +248,17 @@ class PlanningProblem:
         known: Its parameters and signals.
         family: Family of trajectories that a search looks in; None means control
             sequences.
+        guess: Controls (nu, N), or a Start, from which a run plans; None: unknown.
+        candidates: Controls (nu, N, k) that the search of a run tries besides; None:
+            none.
     """
 
     problem: OptimalControlProblem
     x0: Array
     known: Known
     family: TrajectoryFamily | None = None
+    guess: Array | Start | None = None
+    candidates: Array | None = None
 
 
 class CodeNotAllowedError(SwarmstartError):

@@ -96,7 +96,12 @@ def first_problem(posed: Posed) -> PlanningProblem:
         states, _, _ = replay(agent.problem, agent.given, x0, known)
         shown[number] = states[list(agent.shows)]
     return PlanningProblem(
-        problem=agent.problem, x0=x0, known=known, family=agent.family
+        problem=agent.problem,
+        x0=x0,
+        known=known,
+        family=agent.family,
+        guess=agent.first,
+        candidates=None if agent.candidates is None else agent.candidates(0.0),
     )
 
 

@@ -14,6 +14,7 @@ from swarmstart.ocp.statement.core_problem import (
 from swarmstart.ocp.statement.lowering import (
     Appended,
     Lowered,
+    has_decisions,
     lowered,
 )
 from swarmstart.ocp.statement.phases import (
@@ -39,6 +40,7 @@ __all__ = [
     "Phases",
     "Profile",
     "Quadrature",
+    "has_decisions",
     "lowered",
     "piece_at",
 ]

@@ -37,7 +37,7 @@ def test_the_table_and_the_runs_are_there(folder: Path, command: Command) -> Non
     assert tuple(rows[0]) == tuple(COLUMNS)
     assert [(row["solver"], row["seed"]) for row in rows] == [
         ("lshade+ipopt", "0"), ("lshade+ipopt", "1"), ("de", "0"), ("de", "1"),
-        ("ipopt", "0"), ("multistart-ipopt", "0"), ("multistart-ipopt", "1"),
+        ("ipopt", "0"), ("repeated-ipopt", "0"), ("repeated-ipopt", "1"),
     ]  # fmt: skip
     for row in rows:
         assert row["failure"] == ""
@@ -86,7 +86,10 @@ def test_json_is_one_object(folder: Path, command: Command) -> None:
             "expected --baseline with --fail-on regression",
         ),
         (["passing_side", "--engine", "dask"], "expected --engine dask and --sched"),
-        (["passing_side", "--solvers", "snopt"], "expected a solver: one of default"),
+        (
+            ["passing_side", "--solvers", "snopt"],
+            "expected a solver: one of solve",
+        ),
         (
             ["passing_side", "--solvers", "lshade[sizes=4]"],
             "did you mean 'size'?",
@@ -207,5 +210,5 @@ def test_a_page_of_a_comparison_is_written_beside_it(
     assert said.code == 0
     for name in ("report.html", "report.md", "report.tex"):
         text = (folder / name).read_text(encoding="utf-8")
-        assert "multistart-ipopt" in text
+        assert "repeated-ipopt" in text
     assert command("report", folder / "cells").code == 5

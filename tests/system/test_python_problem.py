@@ -140,7 +140,7 @@ def test_workers_of_compare_have_the_permission_and_keep_none(
     assert said.err.count("as --allow-python allows") == 1
     [entry] = json.loads(said.out)["scenarios"]
     rows = {row["solver"]: row for row in entry["rows"]}
-    assert set(rows) == {"ipopt", "lshade", "multistart-ipopt"}
+    assert set(rows) == {"ipopt", "lshade", "repeated-ipopt"}
     assert rows["ipopt"]["costs"] == [pytest.approx(36.7126, abs=1e-3)]
     runs = project.runs
     assert runs >= 4  # In this process, and once in a worker for each cell.

@@ -38,6 +38,7 @@ from swarmstart.cases.campaign.judging.statistics import (
     resampled,
     scenario_ranks,
 )
+from swarmstart.cases.campaign.trials.solver_names import renamed
 from swarmstart.cases.record.files import RecordError, said
 
 SCHEMA = 2
@@ -84,7 +85,7 @@ _SCENARIO = {
     "name": TEXT, "title": TEXT, "kind": TEXT, "variant": TEXT, "of": TEXT,
     "sense": NUMBER, "best_cost": (NUMBER,), "best_by": (TEXT,),
     "bests": (_CURVE,),
-    "known_cost": (NUMBER,), "rows": [_ROW],
+    "known_cost": (NUMBER,), "known_from": TEXT, "rows": [_ROW],
     "bound": ({"value": (NUMBER,), "kind": TEXT, "gap": (NUMBER,), "words": TEXT},),
     "pairs": [_PAIR], "answer": ({"solver": TEXT, "seed": COUNT, "plan": {}},),
 }  # fmt: skip
@@ -338,7 +339,8 @@ def read_comparison(path: Path) -> dict[str, Any]:
         if file.stat().st_size > MOST_BYTES:
             raise _foreign(file, f"more than {MOST_BYTES >> 20} MiB")
         # Python would also read NaN and Infinity, which are not JSON.
-        content = json.loads(file.read_text(encoding="utf-8"), parse_constant=_refuse)
+        text = renamed(file.read_text(encoding="utf-8"))
+        content = json.loads(text, parse_constant=_refuse)
     except OSError as error:
         raise RecordError(f"{file}: expected a comparison: {said(error)}") from error
     except (ValueError, RecursionError) as error:  # JSON, UTF-8, a NUL, huge numbers
@@ -347,9 +349,18 @@ def read_comparison(path: Path) -> dict[str, Any]:
         raise _foreign(file, "other JSON")
     if content.get("schema") != SCHEMA:
         raise _foreign(file, f"schema {_short(content.get('schema'))}")
-    fault = fault_of(content)
+    fault = fault_of(_completed(content))
     if fault:
         raise _foreign(file, fault)
+    return content
+
+
+def _completed(content: dict[str, Any]) -> dict[str, Any]:
+    """Return a comparison of an earlier version with the keys that are new."""
+    scenarios = content.get("scenarios")
+    for one in scenarios if isinstance(scenarios, list) else ():
+        if isinstance(one, dict):
+            one.setdefault("known_from", "")
     return content
 
 

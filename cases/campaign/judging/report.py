@@ -6,6 +6,7 @@ import statistics
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from swarmstart.cases.campaign.trials.solver_names import SOLVE
 from swarmstart.ocp import BoundKind
 
 FEW_SEEDS = 15
@@ -15,10 +16,32 @@ _BOUNDS = tuple(kind.value for kind in BoundKind if kind.is_bound)
 
 Content = Mapping[str, Any]
 
+OWN_BUDGET = (
+    "does what run does, with the evaluations of the scenario: those of the comparison "
+    "do not limit it"
+)
 HEAD = (
     *("solver", "feasible", "near the best", "95 %", "best", "median", "worst"),
     *("evals", "false"),
 )
+
+
+def found_by(scenario: Content) -> str:
+    """Return who has found the best known cost of a scenario, in words."""
+    if scenario["best_by"]:
+        return f"found by {scenario['best_by']}"
+    return f"from {scenario['known_from'] or 'elsewhere'}"
+
+
+def _is_solve(name: str) -> bool:
+    return name.partition("[")[0] == SOLVE
+
+
+def _own_budget(content: Content) -> str:
+    named = [one["name"] for one in content["solvers"] if _is_solve(one["name"])]
+    if not named or content["budget"].get("evaluations") is None:
+        return ""
+    return f"{listed(named)} {OWN_BUDGET}."
 
 
 def limits_of(content: Content) -> list[str]:
@@ -63,7 +86,7 @@ def _best_known(content: Content) -> str:
         s["name"]
         for s in content["scenarios"]
         if s["best_cost"] is not None
-        and s["known_cost"] is None
+        and (s["known_cost"] is None or s["known_from"])
         and not _is_near_bound(content, s)
     ]
     if not unknown:
@@ -200,7 +223,16 @@ def _percent(content: Content) -> str:
 
 _LIMITS: tuple[Callable[[Content], str], ...] = (
     *(_unsolved, _few_seeds, _best_known, _seeded, _not_reached, _below_bound),
-    *(_seconds, _missing, _machines, _deterministic, _failed, _false, _problems),
+    *(
+        _own_budget,
+        _seconds,
+        _missing,
+        _machines,
+        _deterministic,
+        _failed,
+        _false,
+        _problems,
+    ),
 )
 
 
@@ -274,9 +306,9 @@ def _notes(scenario: Content, times: bool) -> list[str]:
     if len(rows) > 1:
         first = rows[0]["solver"]
         notes.append(f"  the last column compares each with {first}, seed by seed")
-    if scenario["best_cost"] is not None and scenario["best_by"] is None:
+    if scenario["best_cost"] is not None:
         best = scenario["sense"] * scenario["best_cost"]
-        notes.append(f"  the best known, {best:.6g}, is from elsewhere")
+        notes.append(f"  best known: {best:.6g}, {found_by(scenario)}")
     if scenario["bound"] is not None:
         notes.append(f"  bound: {scenario['bound']['words']}")
     for row in rows:

@@ -120,6 +120,7 @@ class About:
         of: "plan" or "flight"; empty means that the results decide.
         known_cost: A feasible cost known from elsewhere, of a cost that is minimised;
             None if there is none.
+        known_from: Where that cost is from.
         bound: {"value", "kind", "reason"} and its effort: no cost is below the value,
             if its kind is that of a bound; None if no bound was sought.
         is_seeded: Whether each seed is a problem of its own, for example with other
@@ -131,6 +132,7 @@ class About:
     variant: str = ""
     of: str = ""
     known_cost: float | None = None
+    known_from: str = ""
     bound: Mapping[str, Any] | None = None
     is_seeded: bool = False
 

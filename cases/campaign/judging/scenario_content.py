@@ -186,6 +186,7 @@ def scenario_content(
         "bests": plain(found.bests) if found.is_seeded else None,
         "best_by": winner[0].name if winner else None,
         "known_cost": about.known_cost,
+        "known_from": about.known_from,
         "bound": _bound(about.bound, best, asked, sense_of(found.runs)),
         "rows": [
             _row(runs, found, asked, curves, against_first.get(runs.name))

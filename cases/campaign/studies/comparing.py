@@ -11,24 +11,28 @@ scenarios that are compared by whole runs have none.
 
 from __future__ import annotations
 
+import contextlib
+import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
 from swarmstart.cases.campaign.engine.cells import Cell, Outcome
 from swarmstart.cases.campaign.judging.runs import Entry, entry_of
 from swarmstart.cases.campaign.studies.comparison_plan import Chosen, ComparisonPlan, Of
 from swarmstart.cases.campaign.trials.flight_trial import flight_cell, seed_keys
-from swarmstart.cases.campaign.trials.solver_names import IPOPT, MULTISTART, Solver
+from swarmstart.cases.campaign.trials.solver_names import IPOPT, Solver
 from swarmstart.cases.campaign.trials.solvers import search_share
 from swarmstart.cases.format.document import Document
 from swarmstart.cases.format.kind import SeveralPlansError
-from swarmstart.cases.format.scenario import Resolved, resolve
+from swarmstart.cases.format.scenario import Resolved, read_document, resolve
 from swarmstart.cases.kinds.flight import first_problem
 from swarmstart.cases.record.files import to_json
+from swarmstart.cases.record.record import MARK, SCENARIO
+from swarmstart.errors import SwarmstartError
 from swarmstart.ocp import BoundKind
-from swarmstart.ocp.search import LANES
 
 Allow = Callable[[Resolved], Resolved]
 
@@ -106,10 +110,8 @@ def contest_of(
     if of == "plan":
         entries = []
         for solver in solvers:
-            share = [f"budget={to_json(search_share(solver, budget))}"]
-            # "none" has no budget that can be set.
-            searched = share if solver.search != "none" else []
-            one = resolved(searched, search=solver.search, polish=_polish(solver))
+            search, assignments = _planned_by(solver, budget)
+            one = resolved(assignments, search=search, polish=_polish(solver))
             entries.append(_planned(one, solver, plan, budget))
         return Contest(
             name=base.scenario.name, resolved=base, of=of, entries=tuple(entries)
@@ -117,7 +119,7 @@ def contest_of(
     flying = [solver for solver in solvers if _flies(solver)]
     entries = []
     for solver in flying:
-        search, assignments = _flown_by(solver, budget)
+        search, assignments = _flown_by(solver, budget, base.settings["budget"])
         one = resolved(assignments, search=search, polish=_polish(solver))
         entries.append(_flown(one, solver, plan))
     left_out = tuple(solver.name for solver in solvers if not _flies(solver))
@@ -167,26 +169,52 @@ def _flies(solver: Solver) -> bool:
     return not solver.peer and solver.plugin in ("", IPOPT)
 
 
-def _polish(solver: Solver) -> str:
+def _polish(solver: Solver) -> str | None:
+    """Return the polish of a solver; None: the scenario's own."""
+    if solver.family == "solve":
+        return None
     return "ipopt" if solver.polished else "none"
 
 
-def _flown_by(
+def _own(solver: Solver) -> tuple[str | None, list[str]]:
+    """Return search and settings that `solve` changes of a scenario; None: its own."""
+    lanes = dict(solver.options).get("lanes")
+    return solver.search or None, [] if lanes is None else [f"lanes={lanes}"]
+
+
+def _planned_by(
     solver: Solver, budget: Mapping[str, float | int]
-) -> tuple[str, list[str]]:
-    """Return the search of a run's plans, and its settings as texts for --set."""
+) -> tuple[str | None, list[str]]:
+    """Return the search of a plan, and its settings as texts for --set."""
+    if solver.family == "solve":
+        return _own(solver)
+    # "none" has no budget that can be set.
+    has_budget = solver.search != "none"
+    share = [f"budget={to_json(search_share(solver, budget))}"] if has_budget else []
+    # Lanes belong to `solve`: another solver would get a second search by them.
+    return solver.search, ["lanes=0", *share]
+
+
+def _flown_by(
+    solver: Solver, budget: Mapping[str, float | int], own: Mapping[str, Any]
+) -> tuple[str | None, list[str]]:
+    """Return the search of a run's plans, and its settings as texts for --set.
+
+    `own` is the budget of the scenario, which `solve` keeps.
+    """
+    if solver.family == "solve":
+        search, changes = _own(solver)
+        limits = [s for s in (budget.get("seconds"), own["seconds"]) if s is not None]
+        kept = {**own, "seconds": min(limits, default=None)}
+        return search, [*changes, f"budget={to_json(kept)}"]
     share = [f"budget={to_json(search_share(solver, budget))}"]
     polish = [f"ipopt.{key}={to_json(value)}" for key, value in solver.polish_options]
-    # Lanes belong to `solve`: another solver would get a second search by them.
-    lanes = [f"lanes={LANES if solver.family == 'solve' else 0}"]
-    if solver.family == "solve":
-        return "default", [*lanes, *share]
-    if solver.name == MULTISTART or solver.family == "multistart":
-        return "multistart", ["search.lanes=false", *lanes, *share, *polish]
+    if solver.family == "repeated":
+        return "multistart", ["search.lanes=false", "lanes=0", *share, *polish]
     if solver.family == "nlp":
-        return "none", [*lanes, *polish]
-    own = [f"search.{key}={to_json(value)}" for key, value in solver.options]
-    return solver.search, [*own, *lanes, *share, *polish]
+        return "none", ["lanes=0", *polish]
+    given = [f"search.{key}={to_json(value)}" for key, value in solver.options]
+    return solver.search, [*given, "lanes=0", *share, *polish]
 
 
 def _flown(resolved: Resolved, solver: Solver, plan: ComparisonPlan) -> Entry:
@@ -231,6 +259,67 @@ def with_distinct_names(contests: Sequence[Contest]) -> list[Contest]:
         entries = tuple(replace(entry, scenario=name) for entry in contest.entries)
         named.append(replace(contest, name=name, entries=entries))
     return named
+
+
+class Earlier(NamedTuple):
+    """Best answer of earlier runs of the same problem.
+
+    Attributes:
+        cost: Its verified cost, as the problem states it.
+        folder: Record of the run.
+    """
+
+    cost: float
+    folder: Path
+
+
+_OF_METHOD = ("search", "budget", "order", "polish", "ipopt", "basins", "lanes")
+_TOLD = ("name", "title", "source", "claims", "measures", "backend")
+_UNREADABLE = (
+    *(SwarmstartError, OSError, ValueError, LookupError, TypeError),
+    *(OverflowError, RecursionError),
+)
+"""Errors of a file that is no record."""
+MOST_RECORDS = 200
+"""Number of records that are looked at, the newest first."""
+
+
+def earlier_best(contest: Contest, root: Path) -> Earlier | None:
+    """Return the best confirmed answer in records of runs of the same problem.
+
+    Runs may differ by their method, and by what does not change the problem. Records
+    that cannot be read are passed over.
+
+    Args:
+        contest: A scenario that is compared by one plan.
+        root: Folder of the runs: root/<scenario>/<key>.
+
+    Returns:
+        The answer; None if there is none.
+    """
+    wanted = _problem(contest.resolved.settings)
+    marks = sorted(
+        (root / contest.resolved.scenario.name).glob(f"*/{MARK}"),
+        key=lambda file: file.stat().st_mtime,
+        reverse=True,
+    )
+    found = []
+    for mark in marks[:MOST_RECORDS]:
+        with contextlib.suppress(*_UNREADABLE):
+            measures = json.loads(mark.read_text(encoding="utf-8"))["measures"]
+            cost = measures["verified_cost"]
+            if measures["confirmed"] != 1 or not math.isfinite(cost):
+                continue
+            stated = resolve(read_document(str(mark.with_name(SCENARIO))))
+            if _problem(stated.settings) == wanted:
+                found.append(Earlier(float(cost), mark.parent))
+    sense = contest.resolved.posed().agents[0].problem.sense
+    return min(found, key=lambda one: sense * one.cost, default=None)
+
+
+def _problem(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the settings that state the problem."""
+    return {k: v for k, v in settings.items() if k not in (*_OF_METHOD, *_TOLD)}
 
 
 def bounds_of(

@@ -3,7 +3,7 @@
     schema: 1
     compare:
       scenarios: [van_der_pol, {scenario: formation_v, of: flight}, own/problem.yaml]
-      solvers: ["lshade[size=60]+ipopt", multistart-ipopt, ipopt]
+      solvers: ["lshade[size=60]+ipopt", repeated-ipopt, ipopt]
       seeds: 30
       budget: 20000evals|1s
       known: {van_der_pol: 2.86726}

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import statistics
 import tempfile
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
@@ -51,9 +52,10 @@ from swarmstart.cases.record.files import to_json
 from swarmstart.cases.record.record import PNG, Recording
 from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics import Budget
-from swarmstart.ocp import Known, OptimalControlProblem
+from swarmstart.ocp import IpoptOptions, Known, OptimalControlProblem
 from swarmstart.ocp.common import ProgressCallback, tell_nothing
-from swarmstart.ocp.search import search_settings
+from swarmstart.ocp.search import LANES, search_settings
+from swarmstart.ocp.statement import has_decisions
 
 Scenario = str | Path
 Compared = Scenario | tuple[OptimalControlProblem, ArrayLike, *tuple[Known, ...]]
@@ -218,7 +220,7 @@ def compare(  # noqa: PLR0913 - the options of a command
         problems: Scenarios, (problem, x0) or (problem, x0, known): one, a list, or a
             mapping from names.
         solvers: Names as for `swarmstart compare --solvers`, such as
-            "lshade[size=60]+ipopt", "multistart-ipopt", "solve" or "scipy-de"; one text
+            "lshade[size=60]+ipopt", "repeated-ipopt", "solve" or "scipy-de"; one text
             can hold several with commas between. The first is what the others are
             compared with.
         seeds: Number of seeds: 0, 1, ...
@@ -250,6 +252,8 @@ def compare(  # noqa: PLR0913 - the options of a command
     given = [solvers] if isinstance(solvers, str) else solvers
     listed = [one for text in given for one in solvers_of(text)]
     chosen = list({solver.name: solver for solver in listed}.values())
+    for hint in filter(None, (solver.hint for solver in chosen)):
+        warnings.warn(hint, FutureWarning, stacklevel=2)
     share = budget_of(f"{budget}evals" if isinstance(budget, int) else budget)
     plan = ComparisonPlan(
         scenarios=(), solvers=(), seeds=seeds, timeout_s=NEVER_S, repair=repair
@@ -385,6 +389,18 @@ def _trial(
         x0=np.asarray(x0, dtype=np.float64),
         known=known[0] if known else Known(),
     )
+    if solver.family == "solve":
+        search = search_settings(solver.search or "default")
+        lanes = dict(solver.options).get("lanes", LANES)
+        return posed, Trial(
+            solver=solver,
+            budget=budget,
+            seed=0,
+            search=search if has_decisions(ocp) else None,
+            polish=IpoptOptions(),
+            lanes=lanes,
+            repair=repair,
+        )
     share, search = Budget(**search_share(solver, budget)), None
     if solver.search != "none":
         search = search_settings(solver.search, share)

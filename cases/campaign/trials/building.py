@@ -22,9 +22,15 @@ from swarmstart.cases.format.foreign_solvers import silenced
 from swarmstart.cases.format.kind import PlanningProblem
 from swarmstart.heuristics import Budget, Order, default_order, minimize
 from swarmstart.machine_code import stopwatch
-from swarmstart.ocp import IpoptOptions, Planner, SearchSettings, population_of
+from swarmstart.ocp import (
+    IpoptOptions,
+    NlpOptions,
+    Planner,
+    SearchSettings,
+    population_of,
+)
 from swarmstart.ocp.nlp import PolishOptions, Work
-from swarmstart.ocp.search import LANES, SearchSpace, search_settings, space_of
+from swarmstart.ocp.search import SearchSpace, space_of
 
 SEARCH_SHARE, LEAST_SHARE = 0.9, 0.5
 """Part of the budget that a search has if an NLP solver follows."""
@@ -45,7 +51,9 @@ class Trial:
         budget: Budget of one planning problem, as arguments of `heuristics.Budget`.
         seed: Seed of all random numbers.
         search: The search that the solver names, with the scenario's settings; its own
-            budget is not used. None if the solver has no search.
+            budget counts for `solve` only. None if the solver has no search.
+        polish: The NLP solver of `solve`; others name their own.
+        lanes: Number of random starts of `solve`.
         repair: Whether an answer that breaks a constraint between the checks is solved
             again with a margin, for every solver.
         backend: Evaluator of populations.
@@ -56,6 +64,8 @@ class Trial:
     budget: Mapping[str, Any]
     seed: int
     search: SearchSettings | None
+    polish: PolishOptions | None = None
+    lanes: int = 0
     repair: bool = False
     backend: str | None = None
     order: Order | None = None
@@ -94,14 +104,15 @@ def built(posed: PlanningProblem, trial: Trial) -> Built:
     """
     solver, relay = trial.solver, Relay()
     space = None
-    quiet = silenced(is_needed=solver.plugin not in ("", IPOPT))
+    quiet = silenced(is_needed=is_loud(trial))
     with quiet, stopwatch() as watch:
         planner = _planner(posed, trial, relay, _polish_of(trial))
         # The costs of derivatives are known only after the planner is built.
         fewer = _limited(planner, trial)
         if fewer is not None:
             planner = _planner(posed, trial, relay, fewer)
-        planner = planner.with_budget(Budget(**share_of(planner, trial)))
+        if solver.family != "solve":
+            planner = planner.with_budget(Budget(**share_of(planner, trial)))
         if solver.family == "peer":
             space = space_of(planner.fitness, posed.family)
         _warm_up(planner, posed, trial)
@@ -124,7 +135,7 @@ def _planner(
         polish=polish,
         family=posed.family,
         backend=trial.backend,
-        lanes=LANES if trial.solver.family == "solve" else 0,
+        lanes=trial.lanes,
         watch=relay,
     )
 
@@ -151,13 +162,13 @@ def _limited(planner: Planner, trial: Trial) -> PolishOptions | None:
 def _search_of(trial: Trial) -> SearchSettings | None:
     """Return the search of a trial with the solver's own options."""
     solver, given = trial.solver, Budget(**trial.budget)
+    if trial.search is None:
+        return None
     if solver.family == "solve":
-        settings = search_settings("default")
-        if settings is None:
-            raise TypeError("expected a default search")
-        budget = replace(settings.budget, seconds=given.seconds)
-        return replace(settings, budget=budget)
-    if solver.family != "search" or trial.search is None:
+        limits = [s for s in (trial.search.budget.seconds, given.seconds) if s]
+        own = replace(trial.search.budget, seconds=min(limits, default=None))
+        return replace(trial.search, budget=own)
+    if solver.family != "search":
         return None
     options = dict(solver.options)
     sampling = options.pop("sampling", trial.search.sampling)
@@ -172,21 +183,24 @@ def _search_of(trial: Trial) -> SearchSettings | None:
 
 def _polish_of(trial: Trial) -> PolishOptions | None:
     """Return the NLP solver of a trial."""
-    solver = trial.solver
-    if not solver.plugin:
-        return None
-    options: PolishOptions = polish_of(solver.plugin, dict(solver.polish_options))
-    if isinstance(options, IpoptOptions):
-        options = replace(options, max_seconds=trial.budget.get("seconds"))
+    solver, options = trial.solver, trial.polish
+    if solver.plugin:
+        options = polish_of(solver.plugin, dict(solver.polish_options))
+    seconds = trial.budget.get("seconds")
+    if isinstance(options, IpoptOptions) and seconds is not None:
+        options = replace(options, max_seconds=seconds)
     return options
+
+
+def is_loud(trial: Trial) -> bool:
+    """Return whether a solver of a trial may print; IPOPT is quiet by its options."""
+    own = isinstance(trial.polish, NlpOptions)
+    return own or trial.solver.plugin not in ("", IPOPT) or bool(trial.solver.peer)
 
 
 def share_of(planner: Planner, trial: Trial) -> dict[str, Any]:
     """Return the part of a trial's budget for the search or the peer."""
     solver, budget = trial.solver, dict(trial.budget)
-    if planner.search is not None and solver.family == "solve":
-        limits = planner.search.budget
-        return {"evaluations": limits.evaluations, "seconds": limits.seconds}
     if not solver.plugin:
         return budget
     if budget.get("seconds") is not None:
@@ -207,10 +221,7 @@ def _most_searched(planner: Planner, evaluations: int) -> int:
 
 def _warm_up(planner: Planner, posed: PlanningProblem, trial: Trial) -> None:
     """Compile and load machine code now, and not while the clock runs."""
-    if planner.polisher is not None and trial.solver.family not in (
-        "nlp",
-        "multistart",
-    ):
+    if planner.polisher is not None and trial.solver.family not in ("nlp", "repeated"):
         planner.polisher.prepare()
     if trial.solver.peer:
         # Not the solver's work, so not on its clock.

@@ -5,13 +5,15 @@
     lshade[size=60]+ipopt[max_iterations=50]
                                   the same with a part of the budget, then IPOPT from
                                   there, with its own options
-    multistart-ipopt              IPOPT from random starts until the budget is spent;
+    solve                         what `swarmstart run` does with a scenario, and
+                                  `swarmstart.solve` with a problem; with search= and
+                                  lanes= what these do with another search or number
+    repeated-ipopt                  IPOPT from random starts until the budget is spent;
                                   the best: the null hypothesis
     multistart+ipopt              local solves in lanes from random starts, then IPOPT
     memetic+ipopt                 L-SHADE with local solves in lanes, then IPOPT
     ipopt, fatrop, sqpmethod      an NLP solver once, from zero controls; any that this
                                   CasADi has, after a + too
-    solve                         `swarmstart.solve` with its defaults
     scipy-de, pygmo-de, cmaes     searches of other packages (PEERS), each with options
     python-control                its solve_ocp on the same grid, from zero controls
 
@@ -25,7 +27,7 @@ import importlib.util
 import json
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pkgutil import resolve_name
 from typing import Any, Literal
 
@@ -35,14 +37,19 @@ from swarmstart.cases.format.foreign_solvers import reaches_beyond
 from swarmstart.cases.format.registry import SEARCHES
 from swarmstart.errors import SwarmstartError
 
-IPOPT, SOLVE, MULTISTART = "ipopt", "solve", "multistart-ipopt"
-NULL_HYPOTHESIS = MULTISTART
+IPOPT, SOLVE, REPEATED = "ipopt", "solve", "repeated-ipopt"
+NULL_HYPOTHESIS = REPEATED
 """Solver that a global search has to beat."""
 SEARCHED = tuple(name for name in SEARCHES if name != "none")
-Family = Literal["search", "peer", "control", "nlp", "multistart", "solve"]
-_MANY = "multistart-"
+Family = Literal["search", "peer", "control", "nlp", "repeated", "solve"]
+_MANY = "repeated-"
 _NAME = re.compile(r"[A-Za-z0-9_-]+")
 _OPTION = re.compile(r"[A-Za-z][A-Za-z0-9_.-]*")
+_PLUGINS = ("ipopt", "fatrop", "sqpmethod", "feasiblesqpmethod", "qrsqp", "blocksqp",
+            "uno", "alpaqa", "bonmin", "snopt", "knitro", "worhp", "madnlp",
+            "sleqp")  # fmt: skip
+_BEFORE = re.compile(rf"\bmultistart-(?=(?:{'|'.join(_PLUGINS)})\b)")
+"""How names began that begin with "repeated-" now."""
 _OF_PART = frozenset({"name", "warm_start", "when"})
 """Keys of a scenario's search that do not concern a single plan."""
 LONGEST = 1000
@@ -65,13 +72,15 @@ class Solver:
         name: Canonical: options sorted, values as JSON.
         title: Description in a few words.
         family: Key of the function that runs it.
-        search: A key of SEARCHES, as in a scenario; "none" without a search.
+        search: A key of SEARCHES, as in a scenario; "none" without a search; "" for the
+            scenario's own.
         polished: Whether an NLP solver continues from the search's answer, or works
             alone.
         peer: A key of PEERS; empty without one.
         plugin: The NLP solver, by its name in CasADi; empty without one.
         options: Options of the search or the peer, sorted; values as JSON.
         polish_options: Options of the NLP solver.
+        hint: Sentence on a name that has changed; empty if it has not.
     """
 
     name: str
@@ -83,6 +92,7 @@ class Solver:
     plugin: str = ""
     options: tuple[tuple[str, Any], ...] = ()
     polish_options: tuple[tuple[str, Any], ...] = ()
+    hint: str = field(default="", compare=False)
 
     @property
     def is_deterministic(self) -> bool:
@@ -114,7 +124,11 @@ def solver_of(text: str) -> Solver:
             f"expected a search, and an NLP solver after one +; found {_quoted(text)}"
         )
     (name, options), polish = heads[0], heads[1] if len(heads) > 1 else None
-    solver = _first(name, options, text)
+    now = renamed(name)
+    solver = _first(now, options, text)
+    if now != name:
+        told = f"the solver {name} is called {now} now"
+        solver = replace(solver, hint=told)
     if polish is not None:
         solver = _with_polish(solver, *polish, text)
     return solver
@@ -136,10 +150,7 @@ def solvers_of(text: str) -> list[Solver]:
 
 def plugins() -> list[str]:
     """Return the known NLP solvers that this CasADi has."""
-    known = ("ipopt", "fatrop", "sqpmethod", "feasiblesqpmethod", "qrsqp", "blocksqp",
-             "uno", "alpaqa", "bonmin", "snopt", "knitro", "worhp", "madnlp",
-             "sleqp")  # fmt: skip
-    return [name for name in known if _is_plugin(name)]
+    return [name for name in _PLUGINS if _is_plugin(name)]
 
 
 def _is_plugin(name: str) -> bool:
@@ -205,12 +216,14 @@ def _first(name: str, options: Mapping[str, str], text: str) -> Solver:
             options=given,
         )
     if name == SOLVE:
-        if options:
-            raise UnknownSolverError(
-                f"expected {SOLVE} without options, found {_quoted(text)}"
-            )
-        title = "swarmstart.solve with its defaults: many starts, lanes, IPOPT"
-        return Solver(name=SOLVE, title=title, family="solve", plugin=IPOPT)
+        given = _solve_options(options, text)
+        return Solver(
+            name=_canonical(SOLVE, given),
+            title="what run does with a scenario, and ss.solve with a problem",
+            family="solve",
+            search=dict(given).get("search", ""),
+            options=given,
+        )
     plugin = name.removeprefix(_MANY)
     if plugin == "none" or not _is_plugin(plugin):
         raise UnknownSolverError(
@@ -224,7 +237,7 @@ def _first(name: str, options: Mapping[str, str], text: str) -> Solver:
         title=f"{plugin} from random starts, again and again"
         if is_many
         else f"{plugin} once, from zero controls",
-        family="multistart" if is_many else "nlp",
+        family="repeated" if is_many else "nlp",
         plugin=plugin,
         polish_options=given,
     )
@@ -254,7 +267,41 @@ def _with_polish(
     )
 
 
+def renamed(text: str) -> str:
+    """Return a text, such as an earlier comparison, with the present names of solvers.
+
+    Example:
+        >>> renamed("multistart-ipopt, multistart+ipopt")
+        'repeated-ipopt, multistart+ipopt'
+    """
+    return _BEFORE.sub(_MANY, text)
+
+
 Options = tuple[tuple[str, Any], ...]
+
+
+def _solve_options(options: Mapping[str, str], text: str) -> Options:
+    """Return another search and number of lanes than the scenario's own."""
+    if not options:
+        return ()
+    from swarmstart.cases.format.settings import MOST_LANES
+
+    _require_known(options, {"search", "lanes"}, text)
+    values = {key: _value(value) for key, value in options.items()}
+    search, lanes = values.get("search", "none"), values.get("lanes", 0)
+    if search not in SEARCHES:
+        known = [*SEARCHES]
+        raise UnknownSolverError(
+            f"expected the name of a search, found {json.dumps(search)} in "
+            f"{_quoted(text)}{_hint(str(search), known)}"
+        )
+    is_count = isinstance(lanes, int) and not isinstance(lanes, bool)
+    if not (is_count and 0 <= lanes <= MOST_LANES):
+        raise UnknownSolverError(
+            f"expected lanes to be an integer from 0 to {MOST_LANES}, found "
+            f"{json.dumps(lanes)} in {_quoted(text)}"
+        )
+    return _sorted(values)
 
 
 def _search_options(name: str, options: Mapping[str, str], text: str) -> Options:
@@ -391,7 +438,7 @@ def _written(value: Any) -> str:
 
 
 def _known() -> list[str]:
-    return [*SEARCHED, *plugins(), MULTISTART, SOLVE, *PEERS]
+    return [SOLVE, *SEARCHED, *plugins(), REPEATED, *PEERS]
 
 
 def _hint(name: str, known: list[str]) -> str:

@@ -12,6 +12,7 @@ import json
 import math
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any
@@ -20,8 +21,8 @@ from swarmstart.cases.campaign.trials.building import SEARCH_SHARE, Built, Trial
 from swarmstart.cases.campaign.trials.peer_names import PEERS
 from swarmstart.cases.campaign.trials.solver_names import (
     IPOPT,
-    MULTISTART,
     NULL_HYPOTHESIS,
+    REPEATED,
     SEARCHED,
     MissingPackageError,
     Solver,
@@ -42,8 +43,8 @@ from swarmstart.errors import SwarmstartError
 
 __all__ = [
     "IPOPT",
-    "MULTISTART",
     "NULL_HYPOTHESIS",
+    "REPEATED",
     "SEARCHED",
     "InvalidBudgetTextError",
     "MissingPackageError",
@@ -182,7 +183,8 @@ def modules_of(job: Mapping[str, Any]) -> tuple[str, ...]:
     if solver.peer:
         named.append(PEERS[solver.peer].minimize)
     modules = [name.partition(":")[0] for name in named]
-    settings = SEARCHES[solver.search].settings
+    search = job["settings"]["search"]["name"]
+    settings = SEARCHES[search].settings if search in SEARCHES else ""
     if settings:
         modules.append(resolve_name(settings).__module__)
     return tuple(sorted(set(modules)))
@@ -199,15 +201,7 @@ def _common(job: Mapping[str, Any]) -> str:
 
 def _trial(text: str, python_in: str | None, job: Mapping[str, Any]) -> Trial:
     _, first = _posed(text, python_in)
-    return Trial(
-        solver=first.solver,
-        budget=first.budget,
-        seed=job["seed"],
-        search=first.search,
-        repair=job["repair"],
-        backend=first.backend,
-        order=first.order,
-    )
+    return replace(first, seed=job["seed"], repair=job["repair"])
 
 
 # Keyed by JSON text, since a mapping cannot be a key.
@@ -216,12 +210,15 @@ def _posed(text: str, python_in: str | None) -> tuple[PlanningProblem, Trial]:
     """Return the planning problem of jobs, and the trial with seed 0."""
     job = json.loads(text)
     resolved = resolved_again(job["settings"], job["variant"], python_in=python_in)
-    scenario = resolved.scenario
+    scenario, solver = resolved.scenario, solver_of(job["solver"])
+    is_own = solver.family == "solve"
     trial = Trial(
-        solver=solver_of(job["solver"]),
+        solver=solver,
         budget=job["budget"],
         seed=0,
         search=scenario.search_settings(),
+        polish=scenario.polish_options() if is_own else None,
+        lanes=scenario.random_starts() if is_own else 0,
         backend=scenario.backend,
         order=None if scenario.order is None else scenario.order.order(),
     )

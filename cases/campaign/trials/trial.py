@@ -5,8 +5,8 @@ from the end of building and compiling to its answer; then one reference judges 
 answer. The solver's family decides how it runs (`ROUTES`):
 
 search, nlp   the planner's search, its NLP solver, or one after the other
-multistart    the NLP solver from random points until the meter stops it
-solve         all steps of `swarmstart.solve`
+repeated      the NLP solver from random points until the meter stops it
+solve         all steps of `swarmstart run` and `swarmstart.solve`, bit for bit
 peer          a search of another package, and the NLP solver after it if asked for
 control       python-control's solver of optimal-control problems
 
@@ -19,14 +19,14 @@ by the system (wall_limit.py), and its last checkpoint is judged (`judged_checkp
 The answer is simulated again ten times finer: "claimed" values are those of the solver,
 "verified" ones those of this simulation. The repair of an answer that breaks a
 constraint between the checks is not part of the solver: its seconds and evaluations are
-given separately.
+given separately, with what `solve` does after it.
 """
 
 from __future__ import annotations
 
 import json
 import time as clock
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any, NamedTuple
@@ -40,6 +40,7 @@ from swarmstart.cases.campaign.trials.building import (
     Built,
     Trial,
     built,
+    is_loud,
     share_of,
 )
 from swarmstart.cases.campaign.trials.history import Meter
@@ -52,7 +53,6 @@ from swarmstart.cases.campaign.trials.peers import (
     penalised,
 )
 from swarmstart.cases.campaign.trials.result import PlanResult
-from swarmstart.cases.campaign.trials.solver_names import IPOPT
 from swarmstart.cases.format.foreign_solvers import silenced
 from swarmstart.cases.format.kind import PlanningProblem
 from swarmstart.cases.record.files import replacing, to_json
@@ -60,7 +60,14 @@ from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics import Budget
 from swarmstart.heuristics.laws import STATIC_PENALTY
 from swarmstart.machine_code import stopwatch
-from swarmstart.ocp import Planner, Solution, multistart, verified, zero_controls
+from swarmstart.ocp import (
+    Planner,
+    Solution,
+    SolutionStatus,
+    multistart,
+    verified,
+    zero_controls,
+)
 from swarmstart.ocp.answer import Plan, Source, improved, repaired
 from swarmstart.ocp.nlp import Answer, Start
 from swarmstart.ocp.rollout import Known, Objective
@@ -81,11 +88,14 @@ class Found(NamedTuple):
         plan: The plan.
         solution: The verified plan, if the solver has verified it itself.
         has_ended: Whether it ended by itself.
+        rest: What is left to do of `solve` for an answer that needs repair; None: a
+            repair is all.
     """
 
     plan: Plan
     solution: Solution | None = None
     has_ended: bool = True
+    rest: Iterator[Solution] | None = None
 
 
 def answered(
@@ -112,10 +122,9 @@ def answer_of(made: Built, trial: Trial, folder: Path | None = None) -> PlanResu
     limit = None
     if budget.get("seconds") is not None:
         limit = LATE * budget["seconds"] + MOMENT_S
-    is_loud = trial.solver.plugin not in ("", IPOPT) or bool(trial.solver.peer)
     # `solve` keeps its own number of evaluations; only its seconds are limited.
     counts = trial.solver.family != "solve"
-    with silenced(is_needed=is_loud), hard_limit(limit), stopwatch() as watch:
+    with silenced(is_needed=is_loud(trial)), hard_limit(limit), stopwatch() as watch:
         meter = Meter(
             watch,
             value_of=lambda u, x: planner.fitness.value(u, x, known),
@@ -136,7 +145,9 @@ def answer_of(made: Built, trial: Trial, folder: Path | None = None) -> PlanResu
         )
     with stopwatch() as repairing:
         final = solution
-        if trial.repair:
+        if found.rest is not None:
+            *_, final = found.rest
+        elif trial.repair and trial.solver.family != "solve":
             final = repaired(planner, solution, x0, known, rng=rng).solution
     own = found.plan.cost, found.plan.violation
     stopped = meter.stopped or ("itself" if found.has_ended else meter.ended)
@@ -301,13 +312,16 @@ def _many_starts(
 
 
 def _solved(made: Built, trial: Trial, meter: Meter, rng: np.random.Generator) -> Found:
-    """Return the answer of `swarmstart.solve`."""
-    del trial
+    """Return the answer of `swarmstart.solve`, or of a run that plans once."""
     planner, posed = made.planner, made.posed
-    x0, known, _ = planner.posed(posed.x0, posed.known)
-    plan = planner.plan(x0, known=known, rng=rng)
-    answers = improved(planner, plan, x0, known, repair=False, rng=rng)
+    x0, known, guess = planner.posed(posed.x0, posed.known, posed.guess)
+    plan = planner.plan(
+        x0, known=known, guess=guess, candidates=posed.candidates, rng=rng
+    )
+    answers = improved(planner, plan, x0, known, repair=trial.repair, rng=rng)
     solution = next(answers)
+    if trial.repair and solution.status is SolutionStatus.BROKEN:
+        return Found(plan, solution, rest=answers)
     while not meter.is_over:
         better = next(answers, None)
         if better is None:
@@ -419,7 +433,7 @@ def _controlled(
 ROUTES: Mapping[str, Callable[..., Found]] = {
     "search": _searched,
     "nlp": _searched,
-    "multistart": _many_starts,
+    "repeated": _many_starts,
     "solve": _solved,
     "peer": _peered,
     "control": _controlled,

@@ -12,7 +12,7 @@ import shlex
 import statistics
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from swarmstart.cases.campaign.engine.cells import (
     LOCAL,
@@ -38,6 +38,7 @@ from swarmstart.cases.campaign.studies.comparing import (
     Contest,
     bounds_of,
     contest_of,
+    earlier_best,
     interleaved,
     with_distinct_names,
 )
@@ -66,7 +67,7 @@ from swarmstart.cases.commands.terminal import (
     table_lines,
 )
 from swarmstart.cases.drawing.wording import counted
-from swarmstart.cases.format.document import Document
+from swarmstart.cases.format.document import Document, printable
 from swarmstart.cases.format.scenario import read_document
 from swarmstart.cases.record.files import (
     is_record,
@@ -77,7 +78,8 @@ from swarmstart.cases.record.files import (
 )
 from swarmstart.errors import SwarmstartError
 
-RESULTS = Path("results") / "compare"
+RUNS = Path("results")
+RESULTS = RUNS / "compare"
 TABLE, CONTENT, CELLS = "results.csv", "comparison.json", "cells"
 TYPICAL_S = 2.5
 """Estimated time of a cell that has never been run, without a time budget [s]."""
@@ -102,6 +104,8 @@ def compare_command(options: argparse.Namespace) -> int:
     plan, documents = _asked(options)
     baseline = _baseline(options)
     solvers = with_null_hypothesis(solvers_of(",".join(plan.solvers)))
+    for hint in filter(None, (solver.hint for solver in solvers)):
+        say(f"hint: {hint}")
     budget = budget_of(plan.budget)
     # Several scenarios can name the same file: one message is enough.
     said_once = functools.cache(say)
@@ -143,7 +147,7 @@ def compare_command(options: argparse.Namespace) -> int:
         outcomes = work(cells)
         by_key = {cell.key: one for cell, one in zip(cells, outcomes, strict=True)}
         bounds = bounds_of(contests, by_key, plan.bound_s, work)
-    content = _content(contests, by_key, bounds, plan, budget, options)
+    content = _content(contests, by_key, bounds, plan, options)
     if baseline is not None:
         old, path = baseline
         content["regression"] = regression(
@@ -281,27 +285,15 @@ def _content(
     outcomes: Mapping[str, Outcome],
     bounds: Mapping[str, Mapping[str, Any]],
     plan: ComparisonPlan,
-    budget: Mapping[str, float | int],
     options: argparse.Namespace,
 ) -> dict[str, Any]:
     asked = Asked(
         seeds=tuple(range(plan.seeds)),
-        budget=budget,
+        budget=budget_of(plan.budget),
         budget_text=plan.budget,
         command=shlex.join(["swarmstart", *options.words]),
     )
-    about = {
-        contest.name: About(
-            title=contest.resolved.scenario.title,
-            kind=contest.resolved.scenario.kind,
-            variant=contest.resolved.variant,
-            of=contest.of,
-            known_cost=_known(contest, plan, outcomes),
-            bound=bounds.get(contest.name),
-            is_seeded=contest.is_seeded,
-        )
-        for contest in contests
-    }
+    about = {one.name: _about(one, outcomes, bounds, plan) for one in contests}
     content = content_of([c.entries for c in contests], outcomes, asked, about)
     content["limits"] += [
         f"{contest.name}: {', '.join(contest.left_out)} solve single planning problems "
@@ -313,6 +305,26 @@ def _content(
     return content
 
 
+def _about(
+    contest: Contest,
+    outcomes: Mapping[str, Outcome],
+    bounds: Mapping[str, Mapping[str, Any]],
+    plan: ComparisonPlan,
+) -> About:
+    """Return what is known about a scenario besides the runs of its solvers."""
+    known = _known(contest, plan, outcomes)
+    return About(
+        title=contest.resolved.scenario.title,
+        kind=contest.resolved.scenario.kind,
+        variant=contest.resolved.variant,
+        of=contest.of,
+        known_cost=None if known is None else known.cost,
+        known_from="" if known is None else known.where,
+        bound=bounds.get(contest.name),
+        is_seeded=contest.is_seeded,
+    )
+
+
 def _unbounded(contests: Sequence[Contest], plan: ComparisonPlan) -> list[str]:
     """Return a sentence for scenarios that get no bound although one was asked for."""
     flown = [one.name for one in contests if one.of == "flight"]
@@ -321,17 +333,29 @@ def _unbounded(contests: Sequence[Contest], plan: ComparisonPlan) -> list[str]:
     return [f"A lower bound is of one plan; whole flights have none: {listed(flown)}."]
 
 
+class Known(NamedTuple):
+    """A cost that is known besides the comparison, minimised."""
+
+    cost: float
+    where: str = ""
+
+
 def _known(
     contest: Contest, plan: ComparisonPlan, outcomes: Mapping[str, Outcome]
-) -> float | None:
-    """Return the known cost of the plan, with the sign of a cost to be minimised."""
-    known = plan.known.get(contest.name)
-    if known is None:
-        return None
+) -> Known | None:
+    """Return the least cost that is known from the plan and from earlier runs."""
     results = [outcomes[c.key].result for e in contest.entries for c in e.cells]
     sense = next((one["sense"] for one in results if one is not None), 1)
-    # A plan states it as the user sees it, also if the user maximises.
-    return float(sense * known)
+    found = []
+    # Both state it as the user sees it, also if the user maximises.
+    stated = plan.known.get(contest.name)
+    if stated is not None:
+        found.append(Known(float(sense * stated)))
+    earlier = None if contest.of == "flight" else earlier_best(contest, RUNS)
+    if earlier is not None:
+        where = f"an earlier run, {printable(str(earlier.folder))}"
+        found.append(Known(float(sense * earlier.cost), where))
+    return min(found, key=lambda one: one.cost, default=None)
 
 
 def _write(

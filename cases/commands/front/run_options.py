@@ -7,7 +7,7 @@ from swarmstart.cases.commands.front.parsing import count, seed, share
 from swarmstart.cases.format.registry import POLISHES, SEARCHES
 from swarmstart.cases.record.record import FIGURE_FORMATS
 
-SOLVERS = "cpso,de,ga,lshade+ipopt,multistart-ipopt,ipopt"
+SOLVERS = "solve,cpso,de,ga,lshade+ipopt,repeated-ipopt,ipopt"
 """Solvers that are compared by default."""
 
 
@@ -119,7 +119,7 @@ def add_compare(compare: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     compare.add_argument(
         "--solvers", metavar="NAME,...",
-        help="solvers, such as lshade[size=60]+ipopt; multistart-ipopt is always "
+        help="solvers, such as lshade[size=60]+ipopt; repeated-ipopt is always "
         f"added (default: {SOLVERS})",
     )  # fmt: skip
     # No default values here: those of a plan come before those of the help.

@@ -169,7 +169,8 @@ def best_words(scenario: Mapping[str, Any]) -> str:
         told += f", found by {shortened(scenario['best_by'])}"
     known = scenario["known_cost"]
     if is_number(known):
-        told += f"; known from elsewhere: {number(stated_cost(known, sense), digits=6)}"
+        where = shortened(scenario["known_from"] or "elsewhere")
+        told += f"; known from {where}: {number(stated_cost(known, sense), digits=6)}"
     if scenario["bound"] is not None:
         told += f"; bound: {shortened(scenario['bound']['words'], _SENTENCE)}"
     return told + (". The value is maximised." if sense == -1 else ".")

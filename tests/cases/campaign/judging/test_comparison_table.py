@@ -28,6 +28,7 @@ s
   ga      5 of 8    0 of 8         0.00 to 0.32  23    25      27     4000   0      GA
   ipopt   1 of 1    0 of 1         one run       12    12      12     4000   0      X
   the last column compares each with de, seed by seed
+  best known: 10, found by de
   ga: it died (2 times)"""
 
 

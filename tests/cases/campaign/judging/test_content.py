@@ -21,7 +21,7 @@ from swarmstart.cases.record.files import write_json
 INF, NAN = np.inf, np.nan
 TWELVE = (
     *("de", "ga", "pso", "cpso", "lshade", "cma", "de+ipopt", "ga+ipopt"),
-    *("pso+ipopt", "lshade+ipopt", "multistart-ipopt", "ipopt"),
+    *("pso+ipopt", "lshade+ipopt", "repeated-ipopt", "ipopt"),
 )
 
 
@@ -130,7 +130,7 @@ def test_round_off_of_what_was_summed_up_is_no_difference() -> None:
     rng = np.random.default_rng(0)
     own = {
         "de": list(1e-29 * rng.random(30)),
-        "multistart-ipopt": list(1e-19 * (1 + rng.random(30))),
+        "repeated-ipopt": list(1e-19 * (1 + rng.random(30))),
     }
     (scenario,) = made_up({"s": own}, more=with_history)["scenarios"]
     assert [row["near"] for row in scenario["rows"]] == [[30, 30]] * 2

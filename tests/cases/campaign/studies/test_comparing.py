@@ -1,21 +1,42 @@
 """Cells of comparisons: plans or runs, their solvers and their order."""
 
+import json
 from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
 import pytest
 
+from swarmstart.cases.campaign.running.run import run
 from swarmstart.cases.campaign.studies.comparing import (
     Contest,
     contest_of,
+    earlier_best,
     interleaved,
     with_distinct_names,
 )
 from swarmstart.cases.campaign.studies.comparison_plan import Chosen, ComparisonPlan, Of
 from swarmstart.cases.campaign.trials.solver_names import solvers_of
+from swarmstart.cases.campaign.trials.solvers import solve_cell
 from swarmstart.cases.format.kind import SeveralPlansError
-from swarmstart.cases.format.scenario import read_document
+from swarmstart.cases.format.scenario import read_document, resolve
+from swarmstart.cases.record.record import MARK, SCENARIO, Recording
 
-SOLVERS = "de,multistart-ipopt,ipopt,scipy-de"
+TRAM = """\
+kind: problem
+states:
+  s: {start: 0, rate: v}
+  v: {start: 0, rate: f - 0.02*v, bounds: [0, 20]}
+controls: {f: {bounds: [-1.5, 1.5]}}
+stage_cost: max(f*v, 0) + 0.5*f**2
+path: [{expression: "max(f*v, 0)", upper: 12}]
+terminal: [{expression: s, equals: 300}, {expression: v, equals: 0}]
+prediction: {horizon_s: 40, intervals: 12}
+budget: {evaluations: 600}
+lanes: 8
+"""
+"""A tram between two stops: power has a kink, and breaks its limit between checks."""
+SOLVERS = "de,repeated-ipopt,ipopt,scipy-de"
 GUSTY = "plant={gusts: {sigma_ft_s: 3, length_ft: 600, seed: 7}}"
 
 
@@ -36,7 +57,7 @@ def test_what_plans_once_is_compared_by_its_plan_and_what_flies_by_flights() -> 
     assert (pendulum.of, flight.of) == ("plan", "flight")
     assert names(pendulum) == SOLVERS.split(",")
     # The search of another package cannot plan in closed loop.
-    assert names(flight) == ["de", "multistart-ipopt", "ipopt"]
+    assert names(flight) == ["de", "repeated-ipopt", "ipopt"]
     assert flight.left_out == ("scipy-de",)
     assert contest("stirred_tank").of == "flight"
     assert contest("stirred_tank", of="plan").of == "plan"
@@ -66,7 +87,7 @@ def test_solvers_of_a_scenario_take_turns_seed_by_seed() -> None:
     one, two = contest("pendulum"), contest("van_der_pol", seeds=2)
     labels = [cell.label for cell in interleaved([one, two])]
     assert labels[:5] == [
-        *("pendulum, de, seed 0", "pendulum, multistart-ipopt, seed 0"),
+        *("pendulum, de, seed 0", "pendulum, repeated-ipopt, seed 0"),
         *("pendulum, ipopt, seed 0", "pendulum, scipy-de, seed 0"),
         "pendulum, de, seed 1",
     ]
@@ -78,3 +99,96 @@ def test_two_scenarios_of_one_name_are_told_apart() -> None:
     first, second = with_distinct_names([contest("pendulum"), contest("pendulum")])
     assert (first.name, second.name) == ("pendulum", "pendulum (2)")
     assert {entry.scenario for entry in second.entries} == {"pendulum (2)"}
+
+
+@pytest.fixture
+def tram(tmp_path: Path) -> str:
+    file = tmp_path / "tram.yaml"
+    file.write_text(TRAM)
+    return str(file)
+
+
+@pytest.mark.parametrize("name", ["tram", "van_der_pol"])
+def test_solve_is_what_run_does_bit_for_bit(
+    name: str, tram: str, tmp_path: Path
+) -> None:
+    name = tram if name == "tram" else name
+    plan = ComparisonPlan(scenarios=(), solvers=(), seeds=1)
+    (entry,) = contest_of(
+        Chosen(source=name),
+        read_document(name),
+        solvers_of("solve"),
+        plan,
+        {"evaluations": 50},  # Which does not limit it.
+        lambda given: given,
+    ).entries
+    found = solve_cell(dict(entry.cells[0].job), tmp_path)
+    measures = run(resolve(read_document(name)), seed=0).measures
+    assert found["verified_cost"] == measures["verified_cost"]
+    assert found["feasible"] == measures["confirmed"] == 1
+
+
+def test_solve_keeps_the_scenarios_own_settings_but_for_those_it_names() -> None:
+    def settings(solver: str, name: str, of: Of) -> dict[str, Any]:
+        plan = ComparisonPlan(scenarios=(), solvers=(), seeds=1)
+        chosen, given = Chosen(source=name, of=of), read_document(name)
+        budget = {"evaluations": 50, "seconds": 3}
+        made = contest_of(
+            chosen, given, solvers_of(solver), plan, budget, lambda given: given
+        )
+        return dict(made.entries[0].cells[0].job["settings"])
+
+    own = resolve(read_document("stirred_tank")).settings
+    planned = settings("solve", "stirred_tank", "plan")
+    assert all(planned[key] == own[key] for key in ("search", "budget", "polish"))
+    flown = settings("solve", "stirred_tank", "flight")
+    assert flown["budget"] == {**own["budget"], "seconds": 3}
+    assert flown["search"] == own["search"] and flown["lanes"] == own["lanes"]
+    other = settings("solve[search=de,lanes=3]", "van_der_pol", "plan")
+    assert (other["search"]["name"], other["lanes"]) == ("de", 3)
+
+
+@pytest.fixture
+def recorded(tram: str, tmp_path: Path) -> Path:
+    """Return the folder of a run's record."""
+    folder = tmp_path / "results" / "tram" / "one"
+    resolved = resolve(read_document(tram), search="none", polish="ipopt")
+    run(resolved, seed=0, recording=Recording(folder=folder, figures=False))
+    return folder
+
+
+def test_a_comparison_knows_earlier_runs_of_the_same_problem(
+    tram: str, recorded: Path
+) -> None:
+    runs = recorded.parents[1]
+    mark = json.loads((recorded / MARK).read_text())
+    found = earlier_best(contest(tram), runs)
+    assert found is not None and found.folder == recorded
+    assert found.cost == mark["measures"]["verified_cost"]
+    # Another method does not matter, another problem does.
+    assert earlier_best(contest(tram, "lanes=3", "basins=1"), runs) == found
+    assert earlier_best(contest(tram, "prediction.intervals=13"), runs) is None
+    assert earlier_best(contest(tram), runs.parent) is None
+    mark["measures"]["verified_cost"] = 1.0
+    (recorded / MARK).write_text(json.dumps(mark))
+    assert earlier_best(contest(tram), runs) == (1.0, recorded)
+
+
+@pytest.mark.parametrize(
+    ("file", "forged"),
+    [
+        (MARK, {"measures": {"verified_cost": 1.0, "confirmed": 0}}),
+        (MARK, {"measures": {"verified_cost": "1", "confirmed": 1}}),
+        (MARK, {"measures": {"verified_cost": None, "confirmed": 1}}),
+        (MARK, {"measures": {"verified_cost": float("nan"), "confirmed": 1}}),
+        (MARK, {"measures": {"verified_cost": 10**400, "confirmed": 1}}),
+        (MARK, {"measures": []}),
+        (MARK, []),
+        (SCENARIO, {"kind": "problem"}),
+    ],
+)
+def test_records_that_tell_of_no_confirmed_answer_are_passed_over(
+    file: str, forged: object, tram: str, recorded: Path
+) -> None:
+    (recorded / file).write_text(json.dumps(forged))
+    assert earlier_best(contest(tram), recorded.parents[1]) is None

@@ -143,7 +143,7 @@ def decided() -> tuple[ss.OptimalControlProblem, list[float]]:
 def test_solvers_are_compared_where_more_than_controls_is_decided() -> None:
     problem, x0 = decided()
     answer = ss.solve(problem, x0, search=None, seed=0)
-    solvers = ["lshade+ipopt", "multistart-ipopt", "ipopt", "de"]
+    solvers = ["lshade+ipopt", "repeated-ipopt", "ipopt", "de"]
     *polished, searched = ss.compare((problem, x0), solvers, seeds=2, budget=1500)
     for row in polished:
         assert row.successes == len(row.outcomes)
@@ -169,7 +169,7 @@ prediction: {horizon_s: {free: [0.1, 5], guess: 1}, intervals: 20}
 def test_scenario_that_decides_its_end_time_is_compared(tmp_path: Path) -> None:
     file = tmp_path / "bead.yaml"
     file.write_text(BEAD)
-    rows = ss.compare(file, ["lshade+ipopt", "multistart-ipopt", "ipopt"], seeds=2)
+    rows = ss.compare(file, ["lshade+ipopt", "repeated-ipopt", "ipopt"], seeds=2)
     for row in rows:
         assert row.feasible == len(row.outcomes)
         assert row.costs == pytest.approx([0.824884] * len(row.costs), rel=1e-5)

@@ -12,6 +12,7 @@ from swarmstart.cases.campaign.trials.solver_names import (
     NULL_HYPOTHESIS,
     MissingPackageError,
     UnknownSolverError,
+    plugins,
     solver_of,
     solvers_of,
 )
@@ -57,7 +58,11 @@ def test_names_are_split_at_commas_outside_of_brackets() -> None:
         ("lshade+ipop", "did you mean 'ipopt'"),
         ("lshade+ipopt+ipopt", "an NLP solver after one"),
         ("ipopt+de", "expected a search with an NLP solver after it"),
-        ("solve[lanes=3]", "expected solve without options"),
+        ("solve[lane=3]", "did you mean 'lanes'"),
+        ("solve[lanes=abc]", 'lanes to be an integer from 0 to 100000, found "abc"'),
+        ("solve[lanes=-1]", "lanes to be an integer from 0"),
+        ("solve[search=des]", "did you mean 'de'"),
+        ("solve+ipopt", "expected a search with an NLP solver after it"),
         ("ipopt[max_iterations=0]", "must be an integer of at least 1, got 0"),
         ("ipopt[nonsense=1]", "No such IPOPT option: nonsense"),
         ("sqpmethod[max_ite=1]", "did you mean 'max_iter'"),
@@ -66,7 +71,7 @@ def test_names_are_split_at_commas_outside_of_brackets() -> None:
         ("pygmo-pso[omega=NaN]", "omega to be a number of at least 0"),
         ("ipopt[hsllib=x.so]", "neither name files nor run programs"),
         ("sqpmethod[jit=true]", "neither name files nor run programs"),
-        ("multistart-none", "expected a solver: one of"),
+        ("repeated-none", "expected a solver: one of"),
         ("x" * 2000, "at most 1000 characters"),
     ],
 )
@@ -94,8 +99,24 @@ def test_forged_values_are_errors_of_this_package(text: str) -> None:
         solver_of(text)
 
 
+def test_an_old_name_is_read_as_the_new_one_with_a_hint() -> None:
+    old, new = solver_of("multistart-fatrop"), solver_of("repeated-fatrop")
+    assert old == new and not new.hint
+    assert old.hint == "the solver multistart-fatrop is called repeated-fatrop now"
+
+
+def test_no_two_names_differ_by_a_hyphen_and_a_plus() -> None:
+    """Such as multistart-ipopt and multistart+ipopt did."""
+    with pytest.raises(UnknownSolverError) as error:
+        solver_of("?")
+    listed = str(error.value).partition("one of ")[2].partition(", or")[0].split(", ")
+    polished = [f"{name}+{plugin}" for name in listed for plugin in plugins()]
+    bare = [name.replace("-", "+") for name in (*listed, *polished)]
+    assert len(listed) > 20 and len({*bare}) == len(bare)
+
+
 def test_the_null_hypothesis_is_a_solver() -> None:
-    assert solver_of(NULL_HYPOTHESIS).family == "multistart"
+    assert solver_of(NULL_HYPOTHESIS).family == "repeated"
     assert not solver_of(NULL_HYPOTHESIS).is_deterministic
     assert solver_of("fatrop").is_deterministic
     assert not solver_of("solve").is_deterministic

@@ -53,7 +53,7 @@ def test_what_is_no_budget_is_refused(text: str) -> None:
         budget_of(text)
 
 
-@pytest.mark.parametrize("name", [*SEARCHED, "ipopt", "multistart-ipopt", "de+ipopt"])
+@pytest.mark.parametrize("name", [*SEARCHED, "ipopt", "repeated-ipopt", "de+ipopt"])
 def test_solvers_have_names(name: str) -> None:
     assert solver_of(name).name == name
     assert solver_of(name).is_deterministic == (name == "ipopt")
@@ -91,7 +91,7 @@ def test_ipopt_from_zero_controls_passes_on_the_dear_side() -> None:
     assert found["verified_cost"] == pytest.approx(1810.2, abs=0.1)
 
 
-@pytest.mark.parametrize("solver", ["lshade+ipopt", "multistart-ipopt"])
+@pytest.mark.parametrize("solver", ["lshade+ipopt", "repeated-ipopt"])
 def test_searching_for_the_side_finds_the_cheap_one(solver: str) -> None:
     found = solved("passing_side", solver)
     assert found["verified_cost"] == pytest.approx(446.7, abs=0.1)
@@ -116,7 +116,7 @@ def test_evaluations_are_within_the_budget(solver: str) -> None:
 
 
 def test_many_starts_stop_after_the_one_that_spends_the_budget() -> None:
-    spent = solved("passing_side", "multistart-ipopt", evaluations=300)["evaluations"]
+    spent = solved("passing_side", "repeated-ipopt", evaluations=300)["evaluations"]
     assert 300 <= spent <= 320  # An iteration counts as 13.
 
 

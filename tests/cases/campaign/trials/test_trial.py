@@ -41,7 +41,7 @@ KEYS = {
 }  # fmt: skip
 TIMED = {"seconds", "build_seconds", "compile_seconds", "judge_seconds"}
 EVERY = (
-    "de[size=20]", "lshade+ipopt", "ipopt", "sqpmethod", "multistart-ipopt",
+    "de[size=20]", "lshade+ipopt", "ipopt", "sqpmethod", "repeated-ipopt",
     "multistart+ipopt", "memetic+ipopt", "solve", "scipy-de[popsize=2]",
     "pygmo-de1220+ipopt", "pygmo-cmaes",
 )  # fmt: skip
@@ -51,8 +51,12 @@ def job_of(
     name: str, solver: str, seed: int = 0, *, repair: bool = False, **budget: float
 ) -> dict[str, Any]:
     how = solver_of(solver)
-    polish = "ipopt" if how.polished else "none"
-    resolved = resolve(read_document(name), search=how.search, polish=polish)
+    is_own = how.family == "solve"
+    resolved = resolve(
+        read_document(name),
+        search=None if is_own else how.search,
+        polish=None if is_own else "ipopt" if how.polished else "none",
+    )
     return {
         "settings": resolved.anonymous_settings(),
         "variant": resolved.variant,
@@ -141,7 +145,7 @@ def test_banners_of_libraries_do_not_reach_the_output(
 
 
 def test_a_budget_of_seconds_is_kept_by_every_kind_of_solver(tmp_path: Path) -> None:
-    for solver in ("lshade+ipopt", "multistart-ipopt", "scipy-de", "solve"):
+    for solver in ("lshade+ipopt", "repeated-ipopt", "scipy-de", "solve"):
         found = solve_cell(job_of("passing_side", solver, seconds=0.1), tmp_path)
         assert found["seconds"] <= 1.0, solver  # Far more than it takes, for busy days.
         assert found["stopped_by"] in ("itself", "seconds"), solver

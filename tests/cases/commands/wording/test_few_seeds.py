@@ -19,7 +19,7 @@ def contest(solvers: str, seeds: int) -> Contest:
 
 
 def test_too_few_seeds_are_told_with_the_number_that_is_needed() -> None:
-    named = "lshade,cpso,multistart-ipopt"  # Three pairs are compared.
+    named = "lshade,cpso,repeated-ipopt"  # Three pairs are compared.
     needed = fewest_seeds(3)
     assert too_few_seeds([contest(named, 5)], 5) == (
         f"5 seeds: {needed} are needed before solvers are compared; this run shows "

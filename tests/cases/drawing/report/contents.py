@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 NAMES = (
-    "multistart-ipopt", "lshade+ipopt", "lshade", "de", "cpso", "ga", "pso", "jde",
+    "repeated-ipopt", "lshade+ipopt", "lshade", "de", "cpso", "ga", "pso", "jde",
     "memetic+ipopt", "ipopt", "cma[sigma=0.3]+ipopt", "random-search",
 )  # fmt: skip
 HOSTILE = (
@@ -147,6 +147,7 @@ def _scenario(  # noqa: PLR0913
         "best_cost": best if is_any and not nulls else None,
         "best_by": names[0] if is_any and not nulls else None,
         "known_cost": None if nulls else best,
+        "known_from": "" if nulls else "an earlier run, results/x",
         "bound": None if nulls else _bound(best, sense),
         "rows": rows,
         "pairs": []

@@ -60,13 +60,13 @@ def test_sampling_has_no_meaning_for_a_multistart() -> None:
 
 
 def test_rival_of_compare_remains_ipopt_alone() -> None:
-    """`multistart-ipopt` is the null hypothesis; `multistart` has lanes."""
-    rival, own = solver_of("multistart-ipopt"), solver_of("multistart+ipopt")
+    """`repeated-ipopt` is the null hypothesis; `multistart` has lanes."""
+    rival, own = solver_of("repeated-ipopt"), solver_of("multistart+ipopt")
     assert (rival.search, rival.family) == ("none", "multistart")
     assert (own.search, own.family) == ("multistart", "search")
     rows = compare(
         {"cart": (cart(), [0.0, 1.0])},
-        solvers=["multistart-ipopt", "multistart+ipopt", "memetic+ipopt"],
+        solvers=["repeated-ipopt", "multistart+ipopt", "memetic+ipopt"],
         budget="300evals", seeds=1,
     )  # fmt: skip
     assert [row.costs[0] for row in rows] == pytest.approx([2.0] * 3)

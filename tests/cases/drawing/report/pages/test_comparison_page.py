@@ -159,7 +159,7 @@ def test_values_of_a_curve_are_read_with_the_keys(opened: Any) -> None:
     page.keyboard.press("ArrowRight")
     row = page.locator("#convergence-1 tbody tr").nth(1)
     told = page.locator("#tip").inner_text()
-    assert row.locator("th").text_content() in told and "multistart-ipopt" in told
+    assert row.locator("th").text_content() in told and "repeated-ipopt" in told
     page.keyboard.press("Escape")
     assert not page.locator("#tip").is_visible()
 
