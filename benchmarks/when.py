@@ -15,16 +15,14 @@ from pathlib import Path
 from typing import Any
 
 from swarmstart.benchmarks.tables import head, row
+from swarmstart.cases.campaign.trials.solvers import seconds_of
 from swarmstart.cases.format.scenario import shipped
 
 COLD, MANY = "ipopt", "repeated-ipopt"
-OWN = ("multistart+ipopt", "lshade+ipopt")
-WORDS = {
-    COLD: "IPOPT once",
-    MANY: "IPOPT, random starts",
-    "multistart+ipopt": "lanes + IPOPT",
-    "lshade+ipopt": "L-SHADE + IPOPT",
-}
+OWN = ("solve", "multistart+ipopt", "lshade+ipopt")
+COLUMNS = ("solve", COLD, MANY, "multistart+ipopt", "lshade+ipopt")
+NEAR_BUDGET = 3.0
+"""A time within this factor of the budget depends on the machine, and is marked."""
 Scenario = Mapping[str, Any]
 
 
@@ -50,8 +48,8 @@ GROUPS = {
     "known (within 1 %), and no search finds more. Take `polish: ipopt` and no search.",
     "IPOPT from random starts is enough": "Once is not enough, random starts are: "
     "their success rate is not shown to be below that of lanes or search.",
-    "Lanes or a search find more": "Their success rate is above that of IPOPT from "
-    "random starts: the intervals of the two do not overlap.",
+    "Lanes, a search or `solve` find more": "Their success rate is above that of IPOPT "
+    "from random starts: the intervals of the two do not overlap.",
     "No solver comes near the best in more than half of its runs": "More time is "
     "needed, or another start.",
 }
@@ -85,10 +83,11 @@ def _interval(one: Mapping[str, Any]) -> tuple[float, float]:
 
 
 def _table(found: Sequence[tuple[Scenario, str]]) -> list[str]:
-    lines = head("scenario", "budget", *[WORDS[name] for name in (COLD, MANY, *OWN)])
+    lines = head("scenario", "budget", *(f"`{name}`" for name in COLUMNS))
     for scenario, budget in sorted(found, key=lambda one: one[0]["name"]):
         rows = {one["solver"]: one for one in scenario["rows"]}
-        cells = [_cell(rows.get(name)) for name in (COLD, MANY, *OWN)]
+        seconds = seconds_of(budget)
+        cells = [cell_of(rows.get(name), seconds) for name in COLUMNS]
         kind = "flight" if scenario["of"] == "flight" else "plan"
         lines.append(row(f"{scenario['name']} ({kind})", budget, *cells))
     return [*lines, ""]
@@ -101,7 +100,7 @@ NOTES = {
     "lotka_volterra_whole": "has controls of whole numbers: IPOPT relaxes and rounds "
     "them, but not from random starts",
     "swap_5": "and `swap_8` search smooth paths to the goals, for which there are no "
-    "lanes; these columns show IPOPT from random paths",
+    "lanes; `multistart+ipopt` shows IPOPT from random paths there",
     "bifunctional_catalyst": "is stiff: it has no lanes, and hundreds of local optima",
 }
 """Notes that explain a row."""
@@ -113,14 +112,28 @@ def _notes(found: Sequence[tuple[Scenario, str]]) -> list[str]:
     return [*lines, ""] if lines else []
 
 
-def _cell(one: Mapping[str, Any] | None) -> str:
-    """Return success and seconds to the first one, as expected with restarts."""
+def cell_of(one: Mapping[str, Any] | None, budget: float) -> str:
+    """Return success and seconds to the first one, as expected with restarts.
+
+    Times that lie near the budget are marked with ~, since another machine may end on
+    its other side. Without success "none in 1 s" is said of runs that took so long, and
+    "none" of those that ended long before: more time would not have helped them.
+
+    Args:
+        one: Row of a solver; None: it was not run.
+        budget: Budget of a run [s].
+    """
     if one is None:
         return "-"
-    seconds = one["ert_seconds"][0]
-    if seconds is None and one["near"][0] and one["seconds_p50"] is not None:
-        seconds = one["seconds_p50"] * one["runs"] / one["near"][0]
-    said = "never" if seconds is None else f"{seconds:.2g} s"
+    seconds, usual = one["ert_seconds"][0], one["seconds_p50"]
+    if seconds is None and one["near"][0] and usual is not None:
+        seconds = usual * one["runs"] / one["near"][0]
+    if seconds is None:
+        has_waited = usual is None or usual >= budget / NEAR_BUDGET
+        said = f"none in {budget:g} s" if has_waited else "none"
+    else:
+        is_near = budget / NEAR_BUDGET <= seconds <= budget * NEAR_BUDGET
+        said = f"{'~' if is_near else ''}{seconds:.2g} s"
     return f"{one['near'][0]} of {one['runs']}, {said}"
 
 
@@ -136,15 +149,20 @@ def _preface(
         "# When does a swarm help?",
         "",
         f"Of {names} shipped problems and flights, IPOPT alone is the better choice on "
-        f"{counts[0]}, IPOPT from random starts is enough on {counts[1]}, and lanes or "
-        f"a search find more on {counts[2]}"
+        f"{counts[0]}, IPOPT from random starts is enough on {counts[1]}, and lanes, a "
+        f"search or `solve` find more on {counts[2]}"
         + (f"; no solver is reliable on {counts[3]}." if counts[3] else "."),
         "",
         "Each cell has the number of runs that end within 1 % of the best known cost, "
         "verified along the whole path, and the expected seconds until the first such "
         "answer with restarts (failed runs count with all their time; building and "
-        "compiling do not count). IPOPT once starts at zero controls. It is run once, "
-        "since nothing is random. The budget of a flight is that of each plan; "
+        "compiling do not count). A time marked ~ is within a factor of "
+        f"{NEAR_BUDGET:g} of the budget, so another machine may solve more or fewer; "
+        "'none in 1 s' says no more than that, and 'none' that the runs ended long "
+        "before. `solve` is what `swarmstart run` does with the scenario as it is "
+        "shipped; the [other columns](compare.md#solvers) are solvers of `compare`. "
+        "`ipopt` starts at zero controls. It is run once, since nothing is random. The "
+        "budget of a flight is that of each plan; "
         f"{_seeds(contents)}, {' and '.join(map(str, sorted(cores)))} cores"
         + (", with other work: seconds are rough." if noisy else "."),
         "",

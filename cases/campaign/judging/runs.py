@@ -120,7 +120,7 @@ class About:
         of: "plan" or "flight"; empty means that the results decide.
         known_cost: A feasible cost known from elsewhere, of a cost that is minimised;
             None if there is none.
-        known_from: Where that cost is from.
+        known_from: Source of that cost, in words.
         bound: {"value", "kind", "reason"} and its effort: no cost is below the value,
             if its kind is that of a bound; None if no bound was sought.
         is_seeded: Whether each seed is a problem of its own, for example with other

@@ -49,7 +49,7 @@ _PLUGINS = ("ipopt", "fatrop", "sqpmethod", "feasiblesqpmethod", "qrsqp", "block
             "uno", "alpaqa", "bonmin", "snopt", "knitro", "worhp", "madnlp",
             "sleqp")  # fmt: skip
 _BEFORE = re.compile(rf"\bmultistart-(?=(?:{'|'.join(_PLUGINS)})\b)")
-"""How names began that begin with "repeated-" now."""
+"""Beginning of names that begin with "repeated-" now."""
 _OF_PART = frozenset({"name", "warm_start", "when"})
 """Keys of a scenario's search that do not concern a single plan."""
 LONGEST = 1000
