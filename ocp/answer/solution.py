@@ -44,6 +44,7 @@ from swarmstart.ocp.rollout.fitness import (
     shared_arguments,
     stated_known,
 )
+from swarmstart.ocp.rollout.kinks import without_kink
 from swarmstart.ocp.rollout.member_costs import member_costs
 from swarmstart.ocp.rollout.path import Path, Tracer, first_not_finite
 from swarmstart.ocp.rollout.scaling import Sizes
@@ -69,6 +70,7 @@ _BESIDE = 1e-8
 """Distance to neighbours, relative to the sizes."""
 _STEADY = 100
 """Largest change of a cost without a jump, relative to size and distance."""
+_AGAIN = "try another seed, a guess, or more iterations (max_iterations) of the polish"
 _ROUNDINGS = 1e3 * float(np.finfo(np.float64).eps)
 """Rounding of a path, relative to its values."""
 _NOTHING_COSTS = 1e-8
@@ -744,6 +746,7 @@ def _ranked(shooting: Shooting, plan: Plan, path: Path, settled: bool) -> Found:
             SolutionStatus.FEASIBLE,
             f"the path touches a kink or jump of {touched[0]}, where the conditions of "
             "a smooth optimum say nothing",
+            advice=without_kink(touched[0]),
         )
     point = plan.point
     # By the project's own test, whatever the solver reports.
@@ -752,11 +755,12 @@ def _ranked(shooting: Shooting, plan: Plan, path: Path, settled: bool) -> Found:
     if point is None or plan.polish_status is not PolishStatus.CONVERGED:
         if plan.polish_status is None:
             why = "it was searched, not polished"
-            return Found(SolutionStatus.FEASIBLE, why, unpolished=True)
+            advice = "polish='ipopt' would make it a local optimum"
+            return Found(SolutionStatus.FEASIBLE, why, advice=advice)
         return Found(
             SolutionStatus.FEASIBLE, f"the polish {plan.polish_status.value}"
             if plan.polish_status is not PolishStatus.CONVERGED
-            else "the polish ended at a point that is not stationary",
+            else "the polish ended at a point that is not stationary", advice=_AGAIN,
         )  # fmt: skip
     bent = curvature(point)
     if bent is Curvature.POSITIVE or settled:
@@ -765,5 +769,7 @@ def _ranked(shooting: Shooting, plan: Plan, path: Path, settled: bool) -> Found:
             shown = "with positive second derivatives"
         return Found(SolutionStatus.CONVERGED, f"stationary, {shown}")
     return Found(
-        SolutionStatus.FEASIBLE, f"the polish ended at a point that is {bent.value}"
+        SolutionStatus.FEASIBLE,
+        f"the polish ended at a point that is {bent.value}",
+        advice=_AGAIN if bent is Curvature.NEGATIVE else "",
     )

@@ -19,6 +19,7 @@ same bits.
 """
 
 import math
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any, TypeVar, cast
@@ -29,17 +30,45 @@ from swarmstart.ocp.common.errors import InvalidProblemError
 
 LONGEST_SHOWN = 60
 """Largest number of characters of a value in a message."""
+_APART = re.compile(r"(?P<name>@\d+)=(?P<part>.*?), (?P<rest>.*)")
+"""A part that CasADi writes apart, and what follows it; no part has ", " in it."""
+_LONGEST_FOLDED = 20 * LONGEST_SHOWN
 T = TypeVar("T")
 _WEIGHTS = ("weight", "quadratic_weight")
 _TABLES = ("LinearInterpolant", "BSplineInterpolant")
 
 
 def shortened(value: object) -> str:
-    """Return the text of a value for a message: shortened, with its type."""
+    """Return the text of a value for a message: shortened, with its type.
+
+    Of an expression the parts that CasADi writes apart stand at their places.
+
+    Example:
+        >>> half = ca.SX.sym("x") / 2
+        >>> print(half * ca.sin(half))
+        @1=(x/2), (@1*sin(@1))
+        >>> print(shortened(half * ca.sin(half)))
+        ((x/2)*sin((x/2)))
+    """
     text = " ".join(str(value).split())
+    if isinstance(value, ca.SX | ca.MX):
+        text = _folded(text)
     if len(text) > LONGEST_SHOWN:
         text = f"{text[: LONGEST_SHOWN - 3]}..."
     return text if isinstance(value, ca.SX) else f"{text} ({type(value).__name__})"
+
+
+def _folded(text: str) -> str:
+    """Return CasADi's "@1=part, expression of @1" as one expression."""
+    parts: dict[str, str] = {}
+    while found := _APART.fullmatch(text):
+        parts[found["name"]], text = found["part"], found["rest"]
+    # A part may hold those before it, so the last one is replaced first.
+    for name, part in reversed(parts.items()):
+        text = re.sub(rf"{name}(?!\d)", part.replace("\\", r"\\"), text)
+        # Parts of parts can double the length again and again.
+        text = text[:_LONGEST_FOLDED]
+    return text
 
 
 def as_symbolic_column(role: str, expression: ca.SX) -> ca.SX:

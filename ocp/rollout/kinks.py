@@ -52,6 +52,20 @@ _TOUCHES = 1e-6
 PARTS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5)
 """Decreasing values of delta."""
 _SMOOTHED = (ca.OP_FABS, ca.OP_FMIN, ca.OP_FMAX)
+_OF_TABLE = "; of a linear table: use method='bspline'"
+_WITHOUT_KINK = {
+    "fmax(": "write max(a, b) as a slack: a further control s with s >= a and s >= b, "
+    "if larger values cost more; and max(a, b) <= c as a <= c and b <= c" + _OF_TABLE,
+    "fmin(": "write min(a, b) as a slack: a further control s with s <= a and s <= b, "
+    "if smaller values cost more; and min(a, b) >= c as a >= c and b >= c" + _OF_TABLE,
+    "fabs(": "write abs(a) as a slack: a further control s with s >= a and s >= -a, "
+    "if larger values cost more; and abs(a) <= c as a <= c and a >= -c",
+}
+"""Beginning of a switch's name -> how to state the problem without this kink."""
+_ROUND_IT = (
+    "round the jump, such as by tanh(a/width) in place of sign(a); if its time is "
+    "known, let an interval begin there"
+)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -129,24 +143,44 @@ def kinks_of(problem: OptimalControlProblem) -> Kinks:
     nodes = _in_order(results)
     smooth = smooth_comparisons(nodes, results)
     found: dict[str, tuple[str, ca.SX, bool]] = {}
+    names: dict[str, str] = {}
     for node in nodes:
         if node.is_leaf() or node.element_hash() in smooth:
             continue
         switch = _switch(node, [node.dep(i) for i in range(node.n_dep())])
         if switch is not None:
             # By its text, since one switch may occur in several expressions.
-            found[f"{switch[0]} {switch[1]}"] = switch
+            text = f"{switch[0]} {switch[1]}"
+            found[text] = switch
+            # Of a maximum both values say more than their difference.
+            is_extreme = node.op() in (ca.OP_FMIN, ca.OP_FMAX)
+            names[text] = (
+                shortened(node)
+                if is_extreme
+                else f"{switch[0]}({shortened(switch[1])})"
+            )
     # A constant side never reaches its switch.
-    switches = [s for s in found.values() if not s[1].is_constant()]
+    found = {text: s for text, s in found.items() if not s[1].is_constant()}
+    switches = [*found.values()]
     sides = ca.vertcat(ca.SX(0, 1), *[s for _, s, _ in switches])
     moving = [ca.SX.sym("size", v.numel()) for v in symbols[:2]]
     slopes = ca.jacobian(sides, ca.vertcat(*symbols[:2]))
     reach = ca.fabs(slopes) @ ca.vertcat(*moving)
     return Kinks(
-        names=tuple(f"{name}({shortened(side)})" for name, side, _ in switches),
+        names=tuple(names[text] for text in found),
         sides=ca.Function("sides", [*symbols, *moving], [sides, ca.densify(reach)]),
         steps=np.array([step for *_, step in switches], dtype=bool),
     )
+
+
+def without_kink(name: str) -> str:
+    """Return advice on how to state a problem without one of its switches.
+
+    Args:
+        name: Name of the switch, as in `Kinks.names`.
+    """
+    return next((w for begin, w in _WITHOUT_KINK.items() if name.startswith(begin)),
+                _ROUND_IT)  # fmt: skip
 
 
 def _in_order(results: Sequence[ca.SX]) -> list[ca.SX]:

@@ -86,13 +86,13 @@ class Found:
         status: The status.
         reason: Reason, with numbers.
         excess: The worst excess, if constraints are the reason.
-        unpolished: Whether no polish was asked for.
+        advice: Advice that the reason leads to; empty if the status says enough.
     """
 
     status: SolutionStatus
     reason: str
     excess: Excess | None = None
-    unpolished: bool = False
+    advice: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,9 +171,7 @@ def advice_for(
         SolutionStatus.NOT_FINITE: _DEFINED + _too_many_ticks(problem),
         SolutionStatus.INFEASIBLE: _WEAKER,
     }
-    if found.unpolished:
-        return "polish='ipopt' would make it a local optimum"
-    return told.get(found.status, "")
+    return found.advice or told.get(found.status, "")
 
 
 def _unstable(problem: OptimalControlProblem, grown: Growth, is_confirmed: bool) -> str:

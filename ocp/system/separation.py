@@ -280,14 +280,19 @@ def known_scales(constraint: Constraint) -> Array:
 
 
 def label(constraint: Constraint) -> str:
-    """Return the name of a constraint, or its shortened expression.
+    """Return the name of a constraint, or its expression."""
+    return constraint.name or _named(constraint.expression)
 
-    CasADi writes the parts of a long expression apart, as @1; its symbols say more.
+
+def _named(expression: ca.SX) -> str:
+    """Return an expression as a name, or its symbols.
+
+    The symbols say more than the beginning of an expression that repeats its parts.
     """
-    text = constraint.name or shortened(constraint.expression)
-    if not text.startswith("@"):
+    text = shortened(expression)
+    if not (text.endswith("...") and str(expression).startswith("@")):
         return text
-    names = sorted({str(s) for s in ca.symvar(constraint.expression)})
+    names = sorted({str(s) for s in ca.symvar(expression)})
     return f"a constraint of {', '.join(names)}"
 
 
@@ -305,7 +310,7 @@ def as_path(constraint: object) -> Constraint:
     stated = limited("a path constraint", constraint)
     if stated is not None:
         expression, lower, upper = stated
-        name = shortened(constraint)
+        name = _named(cast(ca.SX, constraint))
         return PathConstraint(
             expression=expression, lower=lower, upper=upper, name=name
         )

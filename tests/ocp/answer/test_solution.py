@@ -443,6 +443,8 @@ def test_polish_that_did_not_converge_proves_nothing_whatever_its_point() -> Non
         found = ranked(strict, replace(plan, polish_status=status))
         if status is not PolishStatus.CONVERGED:
             assert found == (SolutionStatus.FEASIBLE, f"the polish {status.value}")
+            left = verified(strict, replace(plan, polish_status=status), [0])
+            assert left.advice.startswith("try another seed")
     assert plan.point is not None
     wrong = replace(plan.point, lam_x=plan.point.lam_x + 1)
     for point in (None, wrong):
@@ -462,6 +464,8 @@ def test_kinks_that_are_touched_are_told_of_a_polished_answer() -> None:
     status, reason = ranked(problem, plan)
     assert status is SolutionStatus.FEASIBLE
     assert reason.startswith("the path touches a kink or jump of fabs")
+    advice = verified(problem, plan, [0]).advice
+    assert advice.startswith("write abs(a) as a slack: a further control s with s >= a")
     searched = ranked(problem, planned(planner, [1, 1]))
     assert searched == (SolutionStatus.FEASIBLE, "it was searched, not polished")
 

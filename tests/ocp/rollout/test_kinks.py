@@ -17,7 +17,7 @@ from swarmstart.ocp import (
     TerminalConstraint,
     solve,
 )
-from swarmstart.ocp.rollout.kinks import kinks_of
+from swarmstart.ocp.rollout.kinks import kinks_of, without_kink
 
 X, U = ca.SX.sym("x", 2), ca.SX.sym("u")
 OPERATIONS: dict[str, Callable[[ca.SX], ca.SX]] = {
@@ -79,6 +79,18 @@ def test_same_switch_counts_once_and_constant_ones_do_not() -> None:
     assert kinks.names == ("fabs(x_0)",)
     two = kinks_of(stated(cost=ca.fabs(X[0]), path=ca.fabs(X[1])))
     assert set(two.names) == {"fabs(x_0)", "fabs(x_1)"}
+
+
+def test_maximum_is_named_with_both_of_its_values() -> None:
+    names = kinks_of(stated(cost=ca.fmax(X[0] * U, X[1]))).names
+    assert names == ("fmax((x_0*u),x_1)",)
+
+
+@pytest.mark.parametrize("name", OPERATIONS)
+def test_every_kink_comes_with_advice(name: str) -> None:
+    (found,) = kinks_of(stated(cost=OPERATIONS[name](X[0]))).names
+    slack = {"fabs": "s >= -a", "fmin": "s <= b", "fmax": "s >= b"}
+    assert slack.get(name, "tanh") in without_kink(found)
 
 
 def test_shared_expressions_are_looked_at_once() -> None:
