@@ -42,6 +42,8 @@ class RunStatus(NamedTuple):
             or what the one plan is.
         more: What follows those words; empty or beginning with a comma or semicolon.
         all_found: Whether every plan is feasible.
+        reason: Reason for the status of the one plan; empty for other runs.
+        advice: Advice on what to change; empty if there is none.
     """
 
     is_usable: bool
@@ -49,10 +51,14 @@ class RunStatus(NamedTuple):
     found: str
     more: str
     all_found: bool
+    reason: str = ""
+    advice: str = ""
 
     def sentence(self, remark: str = "") -> str:
         """Return one sentence on the end, with a remark on what was found."""
-        return f"simulated to the end; {self.found}{remark}{self.more}"
+        why = "; ".join(filter(None, (self.reason, self.advice)))
+        told = f"simulated to the end; {self.found}{remark}{self.more}"
+        return f"{told}: {why}" if why else told
 
 
 def _status_of(flight: Flight[Posed], trajectory: Trajectory) -> RunStatus:
@@ -90,12 +96,13 @@ def _of_one_plan(
     """Return the status of a plan followed to its end, confirmed along its path."""
     answer = flight.answer(trajectory)
     is_confirmed = answer.status.is_confirmed
-    said = f"the plan is {answer.status.value}"
+    said = answer.status.value
+    # The others are sentences themselves.
+    if is_confirmed or said.startswith("not "):
+        said = f"the plan is {said}"
     more = ""
     if flight.posed.plant.differs:
         more = ", for the model it was made with: the simulated system is another"
-    if not is_confirmed:
-        more += f": {answer.reason}; {answer.advice}"
     more += unproven
     return RunStatus(
         is_confirmed,
@@ -103,6 +110,8 @@ def _of_one_plan(
         found=said,
         more=more,
         all_found=is_confirmed,
+        reason=answer.reason,
+        advice=answer.advice,
     )
 
 
@@ -213,6 +222,8 @@ class Run:
             "search": settings["search"]["name"],
             "polish": self.resolved.scenario.polish_name,
             "status": self.status,
+            "reason": self.ended.reason or None,
+            "advice": self.ended.advice or None,
             "measures": dict(self.measures),
             "multipliers": told(self.multipliers),
             "starts": self._starts(),

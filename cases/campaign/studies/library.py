@@ -172,8 +172,8 @@ def run(  # noqa: PLR0913 - the options of a command
     Example:
         >>> import swarmstart as ss
         >>> finished = ss.run("double_integrator", seed=0, search="none")
-        >>> finished.status
-        'simulated to the end; the plan is a local optimum, confirmed on the finer grid'
+        >>> finished.ended.plan.value
+        'a local optimum, confirmed on the finer grid'
         >>> round(finished.measures["cost"], 3)
         12.03
         >>> finished.trajectory.states.shape

@@ -299,6 +299,8 @@ def _times(measures: Mapping[str, list[Any]]) -> str:
         for name in TIMES
     }
     middle, most, plan = found.values()
+    if not plan and any(is_number(one) for one in measures.get("confirmed", [])):
+        plan = most  # All steps but the first follow the plan.
     if plan:
         # One plan, solved once: its time is the median and the largest one.
         middle, most = plan, plan

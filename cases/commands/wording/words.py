@@ -28,12 +28,20 @@ _POLISHES = {"none": "no polish", "ipopt": "polish IPOPT"}
 
 
 def sentences(finished: Run) -> list[str]:
-    """Return five lines on a finished run, and one more for each collision.
+    """Return some five lines on a finished run, and one more for each collision.
+
+    The status of a single plan has its reason and advice on lines of their own.
 
     Collisions of a flight, and broken constraints of another closed loop, are told
     before the result.
     """
-    said = [*filter(None, (outcome(finished), kept_constraints(finished)))]
+    ended = finished.ended
+    why = [
+        f"{role}: {printable(text)}."
+        for role, text in (("Reason", ended.reason), ("Advice", ended.advice))
+        if text
+    ]
+    said = [*filter(None, (outcome(finished), *why, kept_constraints(finished)))]
     broken = collisions(finished)
     if not broken and breaks_constraint(finished):
         # The constraints first, since they are broken.

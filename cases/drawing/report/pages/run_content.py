@@ -106,6 +106,7 @@ class RunContent:
         title: Of the scenario.
         headline: The result in a sentence.
         verdict: "good", "mid" or "bad": of the headline's colour.
+        why: Reason for the status of a single plan, and advice, sentences.
         facts: (name, words) of the settings.
         measures: Rows of the table.
         claims: Rows of the table.
@@ -121,6 +122,7 @@ class RunContent:
     title: str
     headline: str
     verdict: str
+    why: Sequence[str]
     facts: Sequence[tuple[str, str]]
     measures: Sequence[MeasureRow]
     claims: Sequence[ClaimRow]
@@ -164,7 +166,12 @@ def _content(record: Record, summary: Mapping[str, Any], tracks: Tracks) -> RunC
         headline=_headline(summary, kind, measures, tracks, scenario),
         verdict="bad"
         if broken_words(measures, scenario)
-        else _quality(_words(summary["status"])),
+        else _quality(_ended(summary)),
+        why=[
+            f"{role.capitalize()}: {_words(summary[role])}."
+            for role in ("reason", "advice")
+            if summary.get(role)
+        ],
         facts=_facts(summary, tracks, scenario),
         measures=_measure_rows(kind, measures, scenario),
         claims=[_claim_row(claim) for claim in list(summary["claims"])[:MOST_ROWS]],
@@ -194,7 +201,7 @@ def _headline(
     plural = "" if steps == 1 else "s"
     parts = [f"Simulated for {shown(end)} s in {steps} step{plural}"]
     settled = _settled(measures)
-    status = _words(summary["status"]).removeprefix("simulated to the end; ")
+    status = _ended(summary).removeprefix("simulated to the end; ")
     parts.append(settled or status.partition(";")[0])
     cost = next((n for n in words_of(kind).costs if is_number(measures.get(n))), None)
     if cost is not None:
@@ -212,6 +219,14 @@ def _headline(
     parts.append(_solver_words(tracks))
     first = [f"{words}. " for words in broken_words(measures, scenario)]
     return "".join(first) + "; ".join(parts) + "."
+
+
+def _ended(summary: Mapping[str, Any]) -> str:
+    """Return how a run ended, without the reason, which has a line of its own."""
+    status = str(summary["status"])
+    if summary.get("reason"):
+        status = status.partition(f": {summary['reason']}")[0]
+    return _words(status)
 
 
 def _settled(measures: Mapping[str, Any]) -> str:
@@ -240,7 +255,8 @@ def _solver_words(tracks: Tracks) -> str:
 
 
 def _quality(status: str) -> str:
-    if "no step found" in status or "not confirmed" in status:
+    bad = ("no step found", "not confirmed", "no feasible solution", "no answer")
+    if any(words in status for words in bad):
         return "bad"
     doubtful = ("found no feasible plan", "not certified", "infeasible", "limit")
     return "mid" if any(words in status for words in doubtful) else "good"
@@ -270,7 +286,7 @@ def _facts(
             if is_number(horizon)
             else "",
         ),
-        ("how it ended", _words(summary["status"])),
+        ("how it ended", _ended(summary)),
         ("bound", _bound_words(_mapping(summary.get("bound") or {}))),
         ("evaluations", shown(summary.get("evaluations"))),
         (

@@ -72,6 +72,7 @@ def run_markdown(folder: Path) -> str:
     parts = [
         f"# {markdown_text(content.title)}",
         markdown_text(content.headline),
+        *map(markdown_text, content.why),
         "## Measures",
         markdown_table(MEASURE_HEADS, measure_cells(content)),
     ]
@@ -90,7 +91,7 @@ def run_latex(folder: Path) -> str:
     content = run_content(folder)
     parts = [
         r"% Needs \usepackage[T1]{fontenc}, \usepackage{booktabs,longtable,textcomp}.",
-        latex_text(content.headline),
+        latex_text(" ".join([content.headline, *content.why])),
         latex_table(
             MEASURE_HEADS, measure_cells(content), columns="lrlp{6cm}",
             title=f"{content.title}: measures",

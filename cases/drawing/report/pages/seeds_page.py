@@ -28,12 +28,21 @@ from swarmstart.cases.drawing.report.text_reports import (
     markdown_text,
 )
 from swarmstart.cases.drawing.vehicles import band_name
-from swarmstart.cases.drawing.wording import is_number, shown, unit_of_measure
+from swarmstart.cases.drawing.wording import (
+    counted,
+    is_number,
+    shortened,
+    shown,
+    unit_of_measure,
+)
 from swarmstart.cases.format.registry import words_of
 from swarmstart.cases.record.files import RecordError
 
 HEADS = ("measure", "lowest", "median", "highest", "unit", "not defined", "meaning")
 MOST_BANDS = 24
+MOST_ENDS = 10
+"""Ways in which runs ended that a page tells; further ones are counted."""
+_SIMULATED = "simulated to the end; "
 _RUN = 3
 """Seeds, one after another, from which on the first and the last are told."""
 
@@ -89,6 +98,7 @@ def seeds_page(content: Mapping[str, Any]) -> str:
             "rows": [
                 (row, [shown(v) for v in row.ends], strip(row.values)) for row in rows
             ],
+            "ends": _ends(content),
             "bands": bands,
             "seeds": [str(seed) for seed in content["seeds"]],
             "command": str(content.get("command") or ""),
@@ -107,6 +117,7 @@ def seeds_markdown(content: Mapping[str, Any]) -> str:
                 f"# {markdown_text(title)}",
                 markdown_text(_headline(content, rows)),
                 markdown_table(HEADS, [_cells(row) for row in rows]),
+                *[f"- {markdown_text(line)}" for line in _ends(content)],
                 f"    {content.get('command', '')}",
             ]
         )
@@ -187,7 +198,8 @@ def _bands(content: Mapping[str, Any]) -> list[BandDrawn]:
 def _headline(content: Mapping[str, Any], rows: Sequence[SpreadRow]) -> str:
     """Return how many runs, and the spread of the measure that matters most."""
     count = len(content["seeds"])
-    said = [f"{count} run{'' if count == 1 else 's'} with the seeds {_seeds(content)}"]
+    of = "seed" if count == 1 else "seeds"
+    said = [f"{counted(count, 'run')} with the {of} {_seeds(content)}"]
     said += broken_seeds(content)
     # A verified cost says more than a simulated one, and that more than a planned one.
     first = ("verified_cost", "closed_loop_cost", "flown_cost", "cost", "cost_max",
@@ -205,6 +217,23 @@ def _headline(content: Mapping[str, Any], rows: Sequence[SpreadRow]) -> str:
         low, median, high = (shown(value) for value in chosen.ends)
         said.append(f"{chosen.name}: lowest {low}, median {median}, highest {high}")
     return "; ".join(said) + "."
+
+
+def _ends(content: Mapping[str, Any]) -> list[str]:
+    """Return how the runs ended, with reason and advice, each with its seeds."""
+    found: dict[str, list[str]] = {}
+    for seed, status in zip(
+        content["seeds"], content.get("status") or (), strict=False
+    ):
+        if status is not None:
+            text = shortened(str(status).removeprefix(_SIMULATED), 600)
+            found.setdefault(text, []).append(str(seed))
+    lines = [
+        f"{'seed' if len(seeds) == 1 else 'seeds'} {', '.join(seeds)}: {text}"
+        for text, seeds in [*found.items()][:MOST_ENDS]
+    ]
+    more = len(found) - MOST_ENDS
+    return [*lines, f"and {more} more"] if more > 0 else lines
 
 
 def _seeds(content: Mapping[str, Any]) -> str:

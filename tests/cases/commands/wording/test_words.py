@@ -67,7 +67,7 @@ def finished(tmp_path: Path, text: str, *assignments: str) -> Run:
 
 def test_one_plan_is_told_with_its_cost_and_what_that_is_worth(tmp_path: Path) -> None:
     done = finished(tmp_path, PLAN)
-    what, result, kept, time, figures = sentences(done)
+    what, result, why, kept, time, figures = sentences(done)
     assert what == (
         "Move a point (tiny): one plan of 1 s in 8 intervals; no search, polish IPOPT, "
         "seed 3."
@@ -76,19 +76,37 @@ def test_one_plan_is_told_with_its_cost_and_what_that_is_worth(tmp_path: Path) -
     assert isinstance(cost, float)
     worth = "a local optimum, confirmed by a finer integration"
     assert result == f"Cost {cost:.6g}: {worth}."
+    assert why == "Reason: stationary, with positive second derivatives."
     assert kept.startswith("All constraints are kept")
     assert time.startswith("Solved in ") and time.endswith("s.")
     assert figures == "No figures were drawn."
     assert extras(done) == []
 
 
+def test_a_plan_at_a_kink_says_why_it_is_no_optimum_and_what_would_help(
+    tmp_path: Path,
+) -> None:
+    done = finished(tmp_path, PLAN, "stage_cost=u**2 + 50*abs(v - 1)")
+    _, result, reason, advice, *_ = sentences(done)
+    assert result.endswith("but not shown to be a local optimum.")
+    assert reason.startswith("Reason: the path touches a kink or jump of fabs(")
+    assert advice.startswith("Advice: write abs(a) as a slack: ")
+    summary = done.summary()
+    assert f"Reason: {summary['reason']}." == reason
+    assert f"Advice: {summary['advice']}." == advice
+    assert summary["status"].endswith(f": {summary['reason']}; {summary['advice']}")
+
+
 def test_a_plan_that_is_not_feasible_says_what_is_broken_and_when(
     tmp_path: Path,
 ) -> None:
     done = finished(tmp_path, PLAN, CENTIMETRES)  # 1 m in 1 s needs 1.5 m/s.
-    _, result, kept, *_ = sentences(done)
-    begin = SolutionStatus.INFEASIBLE.value
-    assert result.startswith(f"{begin.capitalize()}: ")
+    _, result, reason, advice, kept, *_ = sentences(done)
+    assert result == f"{SolutionStatus.INFEASIBLE.value.capitalize()}."
+    assert reason.startswith("Reason: the best point found breaks constraints by ")
+    assert advice.startswith("Advice: try a larger budget, ")
+    ended = done.summary()["status"]
+    assert ended.startswith("simulated to the end; no feasible solution was found: ")
     assert kept.startswith("A constraint is broken: ")
     assert " is broken by " in kept and kept.endswith(" s.")
 

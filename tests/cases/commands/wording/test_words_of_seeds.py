@@ -61,6 +61,15 @@ def test_kept_constraints_and_runs_that_never_settle_are_told_in_words() -> None
     assert told[3] == "Time of a plan: median 2 s, worst 2 s."
 
 
+def test_time_of_a_single_plan_is_not_that_of_the_median_step() -> None:
+    """All steps but the first follow the plan, and take no time."""
+    times = {"step_seconds_median": [1e-6, 1e-6], "step_seconds_max": [1.0, 3.0]}
+    told = sentences_of_seeds(content(confirmed=[1, 0], **times), FOLDER)
+    assert "Time of a plan: median 2 s, worst 3 s." in told
+    told = sentences_of_seeds(content(confirmed=[None, None], **times), FOLDER)
+    assert any(line.startswith("Time per step: ") for line in told)
+
+
 def test_runs_without_a_feasible_plan_break_constraints() -> None:
     found = content(constraint_excess=[0.0, 0.0], terminal_excess=[3.0, 0.0])
     told = sentences_of_seeds(found | {"feasible": [False, True]}, FOLDER)

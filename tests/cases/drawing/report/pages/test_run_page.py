@@ -293,6 +293,19 @@ def test_a_record_without_a_word_on_bounds_is_an_older_one(copied: Path) -> None
     assert "bound</" not in run_page(changed(copied, lambda s: s.pop("bound", None)))
 
 
+def test_a_page_gives_reason_and_advice_below_the_headline(copied: Path) -> None:
+    def touch(summary: dict[str, Any]) -> None:
+        summary.update(reason="it touches abs(u)", advice="write a < b")
+        summary["status"] = "simulated to the end; fine: it touches abs(u); write a < b"
+
+    html = run_page(changed(copied, touch))
+    assert "<p>Reason: it touches abs(u).</p><p>Advice: write a &lt; b.</p>" in html
+    assert "<dd>simulated to the end; fine</dd>" in html
+    text = run_markdown(copied)
+    assert "\n\nReason: it touches abs(u).\n\nAdvice: write a \\< b.\n" in text
+    assert "Advice: write a " in run_latex(copied)
+
+
 def test_a_flight_that_leaves_the_finite_numbers_is_drawn_until_then(
     copied: Path,
 ) -> None:
@@ -471,6 +484,20 @@ def test_a_page_of_seeds_says_what_went_wrong_and_in_which_seeds() -> None:
     html = seeds_page(wrong)
     assert "1 of 4 failed (seed 2)" in html and "no feasible plan (seed 1)" in html
     assert '<p class="bad">4 runs' in html
+
+
+def test_a_page_of_seeds_says_how_the_runs_ended() -> None:
+    good = "simulated to the end; the plan is fine: stationary"
+    status = [good, "simulated to the end; no answer", None, good]
+    for text in (
+        seeds_page(seeds(status=status)),
+        seeds_markdown(seeds(status=status)),
+    ):
+        assert "seeds 0, 3: the plan is fine: stationary" in text
+        assert "seed 1: no answer" in text
+    many = seeds_markdown(seeds(seeds=[*range(15)], status=[*"abcdefghijklmno"],
+                                measures={}))  # fmt: skip
+    assert "seed 9: j" in many and "- and 5 more" in many
 
 
 @pytest.mark.parametrize("wrong", [
