@@ -308,13 +308,20 @@ def deciding(claim: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     """Return the parts that decide a claim's verdict, for its row in a table.
 
     That is the first of the parts that are farthest from holding. If a claim holds in
-    part, the first part that holds follows.
+    part, the first part that holds follows, or else, after one that does not hold, the
+    first that holds in part.
     """
     judged = [p for p in claim["parts"] if p["verdict"] != str(Verdict.BESIDE)]
     # min returns the first of equals, as promised.
     told = [min(judged, key=lambda part: WORST_FIRST.index(part["verdict"]))]
     if claim["verdict"] == str(Verdict.IN_PART):
-        told += [p for p in judged if p["verdict"] == str(Verdict.HOLDS)][:1]
+        better = [
+            part
+            for verdict in (Verdict.HOLDS, Verdict.IN_PART)
+            for part in judged
+            if part["verdict"] == str(verdict) != told[0]["verdict"]
+        ]
+        told += better[:1]
     return told
 
 

@@ -28,6 +28,7 @@ from swarmstart.ocp import Mode, Trajectory, interpolate
 from swarmstart.terminal_set import held_spectral_radius, input_excess, linearise
 
 SETTLED_M = 1.0  # Largest deviation in x or y of a UAV in its slot.
+SHAPE = 0.1  # The same, by the smallest distance of two slots, in a recognised shape.
 TAIL_S = 10.0  # Length of the end of a flight for the tail errors.
 # Smaller values of e'Pe are rounding errors: it stalls at about 1e-25.
 SMALLEST_LYAPUNOV = 1e-12
@@ -109,11 +110,15 @@ def _tracking(
     times = trajectory.times
     deviations = errors(flight.posed, times, trajectory.states)
     offset = np.abs(deviations[:, list(POSITION)]).max(axis=1)  # (uavs, T + 1)
+    slots = flight.posed.slots(times).reshape(-1, times.size)
+    # One UAV has no shape: its limit is that of settling.
+    near = smallest(pair_distances(slots, flight.agents)) or SETTLED_M / SHAPE
     late = times >= times[-1] - TAIL_S - 1e-9  # Rounding only.
     tails = offset[:, late].max(axis=1)
     failing = np.flatnonzero(tails > SETTLED_M)
     return {
-        "settle_time_s": _settle_time(times, offset.max(axis=0)),
+        "settle_time_s": _settle_time(times, offset.max(axis=0), SETTLED_M),
+        "shape_time_s": _settle_time(times, offset.max(axis=0), SHAPE * near),
         "tail_error_m": float(tails.max()),
         "tail_error_by_uav_m": [float(tail) for tail in tails],
         "lone_failure": scenario.numbers[failing[0]] if failing.size == 1 else 0,
@@ -130,9 +135,9 @@ def _plan_cost(scenario: FormationScenario, trajectory: Trajectory) -> float | N
     return trajectory.decisions[0].plans[scenario.planning[0]].cost
 
 
-def _settle_time(times: Array, offset: Array) -> float | None:
-    """Return the first time from which on the offset stays within SETTLED_M."""
-    outside = np.flatnonzero(offset > SETTLED_M)
+def _settle_time(times: Array, offset: Array, limit: float) -> float | None:
+    """Return the first time from which on the offset stays within the limit."""
+    outside = np.flatnonzero(offset > limit)
     if outside.size == 0:
         return float(times[0])
     return float(times[outside[-1] + 1]) if outside[-1] + 1 < times.size else None

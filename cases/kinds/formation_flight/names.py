@@ -9,6 +9,8 @@ from swarmstart.cases.format.registry import DRAWN_PLANNING, KindWords
 MEASURES = {
     "settle_time_s": "Time after which every UAV stays within 1 m of its slot in x and "
     "in y until the end; null if never [s]",
+    "shape_time_s": "The same, within a tenth of the smallest distance of two slots; "
+    "within 1 m with one UAV [s]",
     "tail_error_m": "Largest deviation of any UAV from its slot, in x or in y, during "
     "the last 10 s [m]",
     "tail_error_by_uav_m": "List of the same deviation for each UAV [m]",
@@ -49,6 +51,7 @@ MEASURES = {
 
 UNDEFINED = {
     "settle_time_s": "never",
+    "shape_time_s": "never",
     "plan_cost": "there is more than one plan",
     "min_distance_m": "there is only one UAV",
     "min_distance_sampled_m": "there is only one UAV",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -41,10 +42,9 @@ def claim(number: int) -> ChapterClaim:
 
 
 def outcome(value: float | None) -> Outcome:
+    names = ("settle_time_s", "shape_time_s", "closed_loop_cost")
     return Outcome(
-        result={
-            "measures": dict.fromkeys(("settle_time_s", "closed_loop_cost"), value)
-        },
+        result={"measures": dict.fromkeys(names, value)},
         failure="",
         seconds=1.0,
         folder=Path(),
@@ -114,7 +114,7 @@ def test_the_commands_are_those_of_the_cells() -> None:
 def test_measures_make_the_verdict(
     values: list[float | None], verdict: Verdict, expected: bool
 ) -> None:
-    """Claim 1 is expected to hold in part: here both parts have equal flights."""
+    """Claim 1 is expected to hold in part: here all parts have equal flights."""
     parts = planned(WHOLE, claim(1), seeds=None)
     outcomes = {
         cell.key: outcome(v)
@@ -123,7 +123,7 @@ def test_measures_make_the_verdict(
     }
     found = judged(claim(1), parts, outcomes)
     assert (found.verdict, found.is_expected) == (verdict, expected)
-    assert [part.values for part in found.parts] == [tuple(values)] * 2
+    assert [part.values for part in found.parts] == [tuple(values)] * 4
 
 
 def test_a_pair_is_the_run_by_the_one_it_is_compared_with() -> None:
@@ -236,7 +236,8 @@ def test_one_part_that_failed_is_as_unexpected_as_all() -> None:
     (last, *_) = cells_of(parts[1:])
     lost = Outcome(result=None, failure="it died", seconds=0.0, folder=Path())
     found = judged(claim(1), parts, {**outcomes, last.key: lost})
-    assert [bool(part.failures) for part in found.parts] == [False, True]
+    # Both limits are measured on the same flights.
+    assert [bool(part.failures) for part in found.parts] == [True, True, False, False]
     assert not found.is_expected
 
 
@@ -333,3 +334,48 @@ def test_the_noted_verdicts_follow_from_the_noted_measures() -> None:
         verdict = of_assumption(verdict) if one.assumption else verdict
         assert (one.id, verdict) == (one.id, told["verdict"])
         assert verdict is one.expected, one.id
+
+
+def test_what_converges_is_judged_at_both_limits_which_are_ours() -> None:
+    """1 m, and a tenth of the smallest distance of two slots, in every reading."""
+    readings = (" as printed", " shifted"), (" as printed", " shifted"), ("",)
+    for number, read in zip((1, 2, 3), readings, strict=True):
+        parts = planned(WHOLE, claim(number), seeds=1)
+        for measure, limit in (("settle_time_s", "1 m"), ("shape_time_s", "2.12 m")):
+            limited = [p.part for p in parts if p.claim.measure == measure]
+            assert len(limited) == len(read)
+            for part, words in zip(limited, read, strict=True):
+                assert part.basis == "ours" and not part.beside
+                assert part.reading.endswith(f"to {limit}")
+                assert words.split(" ")[-1] in part.reading
+
+
+def test_the_page_shows_claims_one_to_three_at_both_limits_as_noted() -> None:
+    noted = json.loads(NOTED.read_text(encoding="utf-8"))["claims"][:3]
+    page = NOTED.with_name("index.md").read_text(encoding="utf-8")
+    for one in noted:
+        for near, far in zip(one["parts"][::2], one["parts"][1::2], strict=True):
+            cells = " | ".join(
+                f"{part['measured']}: {part['verdict']}" for part in (near, far)
+            )
+            assert re.search(
+                rf"^\| {one['id']}\b.* \| {re.escape(cells)} \|$", page, re.M
+            )
+
+
+def test_the_reason_of_claim_23_names_the_seconds_that_were_measured() -> None:
+    (noted,) = (
+        one
+        for one in json.loads(NOTED.read_text(encoding="utf-8"))["claims"]
+        if one["id"] == 23
+    )
+    said = [
+        float(text) for text in re.findall(r"(0\.\d+) s in section", noted["because"])
+    ]
+    measured = [
+        part["values"][0]
+        for part in noted["parts"]
+        if part["measure"] == "step_seconds_median"
+    ]
+    assert noted["because"] == claim(23).because
+    assert said == pytest.approx(measured, rel=0.5)

@@ -27,6 +27,8 @@ def claim(verdict: str, *parts: dict[str, Any]) -> dict[str, Any]:
         ("holds", [("a", "holds"), ("b", "holds")], ["a"]),
         ("in part", [("a", "holds"), ("b", "does not hold")], ["b", "a"]),
         ("in part", [("a", "in part")], ["a"]),
+        ("in part", [("a", "in part"), ("b", "does not hold")], ["b", "a"]),
+        ("in part", [("a", "in part"), ("b", "in part")], ["a"]),
         (
             "in part",
             [("a", "no difference shown"), ("b", "does not hold"), ("c", "holds")],

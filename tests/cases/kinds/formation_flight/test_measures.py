@@ -55,6 +55,20 @@ def test_settling_is_the_first_instant_after_the_last_excursion(measured: Any) -
     assert measured(offsets)["settle_time_s"] == 8.0
 
 
+def test_a_shape_is_there_at_a_tenth_of_the_smallest_distance_of_two_slots(
+    measured: Any,
+) -> None:
+    """Slots of the V are 15 m apart in x and in y."""
+    limit = 15 * math.sqrt(2) / 10
+    offsets = still()
+    offsets[1, X, : 3 * SUBSTEPS + 1] = limit + 0.01  # until 3 s
+    offsets[4, Y, 7 * SUBSTEPS] = 0.01 - limit
+    found = measured(offsets)
+    assert (found["shape_time_s"], found["settle_time_s"]) == (4.0, 8.0)
+    offsets[0, Y, -1] = -limit - 0.01
+    assert measured(offsets)["shape_time_s"] is None
+
+
 def test_never_settled_is_null(measured: Any) -> None:
     offsets = still()
     offsets[0, Y, -1] = -1.5
