@@ -85,6 +85,8 @@ SEARCHES = {
 SEARCHES |= {
     name: entry for name, entry in installed_searches().items() if name not in SEARCHES
 }
+SOLVE = "solve"
+"""Name of the way from problem to answer that a run takes, in runs and comparisons."""
 POLISHES = {
     "ipopt": "IPOPT on multiple shooting, from the search's answer",
     "none": "no polish",

@@ -267,10 +267,15 @@ class StartsAccount:
         if self.lanes is not None:
             lanes = self.lanes.line(sense)
         return [
-            f"  won         {self.won}{self._not_needed()}; {self._seconds()}",
+            f"  won         {self.origin}; {self._seconds()}",
             f"  polished    {'; '.join(gave) or 'nothing'}",
             f"  lanes       {lanes}",
         ]
+
+    @property
+    def origin(self) -> str:
+        """The start that the answer comes from, with what it did not need."""
+        return f"{self.won}{self._not_needed()}"
 
     def _not_needed(self) -> str:
         """Return a note on parts that the answer did not need; empty if all were."""

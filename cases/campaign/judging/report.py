@@ -6,7 +6,7 @@ import statistics
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from swarmstart.cases.campaign.trials.solver_names import SOLVE
+from swarmstart.cases.format.registry import SOLVE
 from swarmstart.ocp import BoundKind
 
 FEW_SEEDS = 15

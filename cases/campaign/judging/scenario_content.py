@@ -222,15 +222,17 @@ def _first(found: Judged, key: str) -> Any:
 
 
 def _winner(found: Judged) -> tuple[Runs, int] | None:
-    """Return solver and run of the best known cost; None if it is from elsewhere."""
+    """Return solver and run of the best known cost; None if it is from elsewhere.
+
+    Of solvers whose costs agree to 1e-6 the first one counts.
+    """
     if not math.isfinite(found.best):
         return None
-    runs = min(found.runs, key=lambda one: float(one.costs.min(initial=math.inf)))
-    least = float(runs.costs.min(initial=math.inf))
-    # The best known is from elsewhere, and no run here comes up to it.
-    if least > found.best + SAME * abs(found.best):
-        return None
-    return runs, int(runs.costs.argmin())
+    enough = found.best + SAME * abs(found.best)
+    for runs in found.runs:
+        if float(runs.costs.min(initial=math.inf)) <= enough:
+            return runs, int(runs.costs.argmin())
+    return None
 
 
 def _answer(winner: tuple[Runs, int] | None) -> dict[str, Any] | None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from swarmstart.cases.campaign.running.claims import judged
 from swarmstart.cases.format.kind import Flight, Measure, Posed
+from swarmstart.cases.format.registry import SOLVE
 from swarmstart.cases.format.scenario import Resolved
 from swarmstart.cases.record.bound_content import CERTIFICATE
 from swarmstart.cases.record.multiplier_arrays import told
@@ -219,7 +220,9 @@ class Run:
             "variant": self.resolved.variant,
             "seed": self.seed,
             "key": key_of(self.resolved, self.seed),
+            "solver": SOLVE,
             "search": settings["search"]["name"],
+            "lanes": self.resolved.scenario.random_starts(),
             "polish": self.resolved.scenario.polish_name,
             "status": self.status,
             "reason": self.ended.reason or None,

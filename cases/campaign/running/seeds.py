@@ -39,6 +39,7 @@ def seeds_content(
         "variant": resolved.variant,
         "vehicles": _uavs(settings.get("uavs") or []),
         "search": settings["search"]["name"],
+        "lanes": resolved.scenario.random_starts(),
         "polish": resolved.scenario.polish_name,
         "command": command,
         "seeds": list(range(len(outcomes))),

@@ -34,10 +34,10 @@ from typing import Any, Literal
 from swarmstart.cases.campaign.trials.peer_names import PEERS
 from swarmstart.cases.format.document import meant, printable
 from swarmstart.cases.format.foreign_solvers import reaches_beyond
-from swarmstart.cases.format.registry import SEARCHES
+from swarmstart.cases.format.registry import SEARCHES, SOLVE
 from swarmstart.errors import SwarmstartError
 
-IPOPT, SOLVE, REPEATED = "ipopt", "solve", "repeated-ipopt"
+IPOPT, REPEATED = "ipopt", "repeated-ipopt"
 NULL_HYPOTHESIS = REPEATED
 """Solver that a global search has to beat."""
 SEARCHED = tuple(name for name in SEARCHES if name != "none")

@@ -224,7 +224,7 @@ def sentences_of_seeds(content: Mapping[str, Any], figures: Path) -> list[str]:
 def _task(content: Mapping[str, Any]) -> str:
     runs = len(content["seeds"])
     head = heading(content["title"], content["scenario"])
-    how = method(content["search"], content["polish"], content["variant"])
+    how = method(*(content[key] for key in ("search", "lanes", "polish", "variant")))
     seeds = f"seeds 0 to {runs - 1}" if runs > 1 else "seed 0"
     return f"{head}: {counted(runs, 'run')}, {seeds}; {how}."
 

@@ -19,7 +19,7 @@ from swarmstart.cases.commands.wording.outcomes import (
 )
 from swarmstart.cases.drawing.wording import counted, duration, quantity
 from swarmstart.cases.format.document import printable
-from swarmstart.cases.format.registry import words_of
+from swarmstart.cases.format.registry import SOLVE, words_of
 
 SHEET = "a_sheet"
 """Stem of the figure that shows a run on one sheet."""
@@ -63,21 +63,27 @@ def heading(title: str, name: str) -> str:
     return f"{shown} ({printable(name)})"
 
 
-def method(search: str, polish: str, variant: str) -> str:
-    """Return how plans are made, in words."""
+def method(search: str, lanes: int, polish: str, variant: str) -> str:
+    """Return how plans are made, in words: by `solve`, as comparisons call it."""
     parts = ["no search" if search == "none" else f"search {search}"]
+    if lanes:
+        parts.append(f"{counted(lanes, 'random start')} in lanes")
     parts.append(_POLISHES.get(polish, f"polish {polish}"))
     if variant:
         parts.append(f"variant {printable(variant)}")
-    return ", ".join(parts)
+    return f"by {SOLVE}: {', '.join(parts)}"
 
 
 def _task(finished: Run) -> str:
     """Return what was run, with which solver and seed."""
     resolved, settings = finished.resolved, finished.resolved.settings
     head = heading(resolved.scenario.title, resolved.scenario.name)
+    scenario = resolved.scenario
     how = method(
-        settings["search"]["name"], resolved.scenario.polish_name, resolved.variant
+        settings["search"]["name"],
+        scenario.random_starts(),
+        scenario.polish_name,
+        resolved.variant,
     )
     return f"{head}: {_what(finished)}; {how}, seed {finished.seed}."
 
@@ -126,7 +132,9 @@ def _times(finished: Run) -> str:
     """Return how long the solver took, and whether that is fast enough."""
     seconds = np.asarray(finished.trajectory.step_seconds)
     if finished.flight.posed.open_loop or seconds.size == 1:
-        return f"Solved in {duration(float(np.nansum(seconds)))}."
+        starts = finished.starts
+        by = "" if starts is None else f"; the answer comes from {starts.origin}"
+        return f"Solved in {duration(float(np.nansum(seconds)))}{by}."
     lengths = np.diff(finished.trajectory.times)
     late = int((seconds > lengths).sum())
     middle, most = float(np.median(seconds)), float(seconds.max())

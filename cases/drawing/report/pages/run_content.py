@@ -272,7 +272,9 @@ def _facts(
         ("scenario", f"{summary['scenario']} ({summary['kind']})"),
         ("variant", str(summary["variant"] or "")),
         ("source", str(scenario.get("source") or "")),
+        ("solver", str(summary.get("solver") or "")),
         ("search", str(summary["search"])),
+        ("random starts", str(summary.get("lanes") or "")),
         ("polish", str(summary["polish"])),
         ("seed", str(summary["seed"])),
         (

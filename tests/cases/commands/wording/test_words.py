@@ -69,8 +69,8 @@ def test_one_plan_is_told_with_its_cost_and_what_that_is_worth(tmp_path: Path) -
     done = finished(tmp_path, PLAN)
     what, result, why, kept, time, figures = sentences(done)
     assert what == (
-        "Move a point (tiny): one plan of 1 s in 8 intervals; no search, polish IPOPT, "
-        "seed 3."
+        "Move a point (tiny): one plan of 1 s in 8 intervals; by solve: no search, "
+        "polish IPOPT, seed 3."
     )
     cost = done.measures["cost"]
     assert isinstance(cost, float)
@@ -221,8 +221,10 @@ def test_titles_are_shortened_and_escaped() -> None:
     assert heading("\x1b[1m", "a") == "\\x1b[1m (a)"
     assert len(heading("x" * 5000, "a")) < 120
     assert heading("", "a") == "a (a)"
-    assert method("none", "ipopt", "") == "no search, polish IPOPT"
-    assert method("ga", "none", "literal") == "search ga, no polish, variant literal"
+    assert method("none", 0, "ipopt", "") == "by solve: no search, polish IPOPT"
+    assert method("ga", 1, "none", "literal") == (
+        "by solve: search ga, 1 random start in lanes, no polish, variant literal"
+    )
 
 
 def test_a_continued_run_and_a_bound_are_told(flight: Run) -> None:

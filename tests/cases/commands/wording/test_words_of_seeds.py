@@ -13,7 +13,7 @@ FOLDER = Path("f")
 def content(**measures: list[Any]) -> dict[str, Any]:
     runs = max(map(len, measures.values()))
     return {
-        **{"title": "T", "scenario": "s", "variant": "", "search": "ga"},
+        **{"title": "T", "scenario": "s", "variant": "", "lanes": 0, "search": "ga"},
         **{"polish": "none", "seeds": [*range(runs)], "feasible": [True] * runs},
         **{"measures": measures, "figures": ["a.png", "b.png"]},
     }
@@ -30,7 +30,7 @@ def test_medians_ranges_and_undefined_runs_are_told() -> None:
         FOLDER,
     )
     assert told == [
-        "T (s): 3 runs, seeds 0 to 2; search ga, no polish.",
+        "T (s): 3 runs, seeds 0 to 2; by solve: search ga, no polish.",
         "3 of 3 runs found feasible plans. Settled: median 22 s, from 20 to 24 s; not "
         "settled in 1 run.",
         "Closest distance of two UAVs: lowest 2 m (seed 1), median 3 m.",
@@ -55,7 +55,7 @@ def test_kept_constraints_and_runs_that_never_settle_are_told_in_words() -> None
         content(settle_time_s=[None], constraint_excess=[1e-9], plan_seconds=[2.0]),
         FOLDER,
     )
-    assert told[0].endswith(": 1 run, seed 0; search ga, no polish.")
+    assert told[0].endswith(": 1 run, seed 0; by solve: search ga, no polish.")
     assert told[1].endswith(" Not settled in any run.")
     assert told[2] == "All constraints are kept along the simulated paths."
     assert told[3] == "Time of a plan: median 2 s, worst 2 s."
