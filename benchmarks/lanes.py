@@ -64,6 +64,9 @@ with the end of its interval ([The share of optima not seen](unseen_share.md)). 
 threads" is the speed of two threads relative to one, by the clock, with the same
 answers; it is lower if all lanes together take few milliseconds.
 
+Made again elsewhere, `ratio` differs by 80 % or 0 at most, `feasible` by 0 % or 0.05,
+`best cost` by 0.01 % or 0, `best` by 0 % or 0.1 and `optima` by 20 % or 2.
+
 """
 
 
