@@ -135,3 +135,39 @@ def test_a_page_made_again_shows_the_same_numbers(name: str, tmp_path: Path) -> 
     main([*only, "--write", str(written)])
     again = written.read_text(encoding="utf-8")
     assert not differences(page, again, PAGES[name])
+
+
+def in_one_line(text: str) -> str:
+    return " ".join(text.split())
+
+
+def test_the_index_repeats_what_each_page_finds() -> None:
+    index = (MEASURED / "index.md").read_text(encoding="utf-8")
+    lines = re.findall(r"^\| \[[^\]]*\]\((\w+)\.md\) \| (.*) \|$", index, re.MULTILINE)
+    assert {name for name, _ in lines} >= {*PAGES}
+    for name, finding in lines:
+        page = (MEASURED / f"{name}.md").read_text(encoding="utf-8")
+        assert in_one_line(page).count(finding) == 1, name
+
+
+def test_what_is_said_of_warm_starts_stands_in_the_table() -> None:
+    """In the page's finding, and on the page that quotes it."""
+    page = (MEASURED / "warm_starts.md").read_text(encoding="utf-8")
+    polished, whole = (
+        [
+            [float(number) for cell in cells[1:] for number in NUMBER.findall(cell)]
+            for _, cells in rows(part)
+            if cells[0] in ("the same", "twice as many intervals")
+        ]
+        for part in page.split("\n## ")[1:]
+    )
+    same, twice = ((row[0], row[-1]) for row in polished)
+    quoted = (MEASURED.parent / "answers.md").read_text(encoding="utf-8")
+    pairs = r"(\d+) iterations (?:of IPOPT )?in place of (\d+)"
+    for text in (page, quoted):
+        (found,) = re.findall(pairs, in_one_line(text))
+        assert tuple(map(float, found)) == same
+    (found,) = re.findall(r"in (\d+) in place of (\d+)\b", in_one_line(page))
+    assert tuple(map(float, found)) == twice
+    (count, of) = re.findall(r"saves nothing in (\d+) of (\d+)", page)[0]
+    assert int(of) - int(count) == whole[0][1]

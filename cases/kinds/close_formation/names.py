@@ -30,8 +30,8 @@ MEASURES = {
     "samples [deg/s]",
     "steady_altitude_command_ft": "Mean altitude command during the last 5 s [ft]",
     "cost_max": "Largest cost J of a plan [-]",
-    "cost_rises": "Number of steps, from the manoeuvre on, whose cost J is more than "
-    "1e-6 above that of the step before",
+    "cost_rises": "Number of steps whose cost J is more than 1e-6 above that of the "
+    "step before, both from the manoeuvre on",
     "cost_rises_early": "Number of these rises within the first 10 s of the manoeuvre",
     "cost_rises_late": "Number of these rises after the first 10 s of the manoeuvre",
     "candidate_losses": "Number of plans that cost more than the last plan shifted by "

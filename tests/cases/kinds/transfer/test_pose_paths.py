@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import get_args
 
 import numpy as np
@@ -83,3 +84,8 @@ def test_no_path_to_the_goal_bends_less_in_the_mean_than_the_one_without_bumps()
     least = effort(np.zeros(3))
     rng = np.random.default_rng(0)
     assert all(effort(0.1 * rng.uniform(-1, 1, 3)) > least for _ in range(5))
+
+
+def test_the_page_says_which_gravity_is_used() -> None:
+    page = Path(__file__).parents[4] / "docs" / "transfer.md"
+    assert f"with g = {GRAVITY_M_S2} m/s^2" in page.read_text(encoding="utf-8")
