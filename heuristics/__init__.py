@@ -65,6 +65,7 @@ if TYPE_CHECKING:  # Loaded when first used: searches need Numba, their names do
         default_algorithm as default_algorithm,
         default_order as default_order,
         generator_of as generator_of,
+        is_algorithm as is_algorithm,
     )
     from swarmstart.heuristics.searches.chaotic_pso import (
         ChaoticPSO as ChaoticPSO,
@@ -115,6 +116,7 @@ _NAMES = {
     """,
     "searches.arguments": """
         ALGORITHMS algorithm_of box_of default_algorithm default_order generator_of
+        is_algorithm
     """,
     "searches.chaotic_pso": "ChaoticPSO",
     "searches.cma": "CMAES",

@@ -63,7 +63,7 @@ def algorithm_of(
         return default_algorithm(evaluations)
     if isinstance(given, str):
         given = _named(given)
-    if not _is_algorithm(given):
+    if not is_algorithm(given):
         raise _unknown(given)
     return given() if isinstance(given, type) else given
 
@@ -85,7 +85,7 @@ def _unknown(given: object) -> InvalidSettingsError:
     return InvalidSettingsError("algorithm", given, allowed)
 
 
-def _is_algorithm(given: object) -> bool:
+def is_algorithm(given: object) -> bool:
     """Return whether a class or an object has what a search calls."""
     needed = ("kernels", "first_size", "kernel_settings", "start")
     return all(hasattr(given, name) for name in needed)

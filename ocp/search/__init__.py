@@ -14,11 +14,13 @@ from swarmstart.ocp.search.search_space import (
     space_of,
 )
 from swarmstart.ocp.search.settings import (
+    SearchGiven,
     search_settings,
 )
 
 __all__ = [
     "LANES",
+    "SearchGiven",
     "SearchSpace",
     "StartsAccount",
     "search_settings",

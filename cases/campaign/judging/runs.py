@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from swarmstart.arrays import Array
 from swarmstart.cases.campaign.engine.cells import Cell, Outcome
 from swarmstart.cases.campaign.judging.running_time import FEASIBLE, Courses, courses_of
-from swarmstart.cases.campaign.trials.peer_names import PEERS
+from swarmstart.cases.campaign.trials.peer_names import PEERS, installed_solvers
 from swarmstart.cases.campaign.trials.solver_names import Solver
 from swarmstart.cases.format.scenario import Resolved
 from swarmstart.cases.record.record import package_version
@@ -102,7 +102,11 @@ def entry_of(
 
 
 def _package(solver: Solver) -> dict[str, str]:
-    """Return the version of the package of a peer."""
+    """Return the version of the package of a peer, or of a user's own solver."""
+    if solver.family == "own" and solver.name in installed_solvers():
+        made_by = installed_solvers()[solver.name].dist
+        told = "unknown" if made_by is None else f"{made_by.name} {made_by.version}"
+        return {"package": told}
     if not solver.peer:
         return {}
     name = PEERS[solver.peer].pip

@@ -166,12 +166,13 @@ def _planned(
 
 def _flies(solver: Solver) -> bool:
     """Return whether a controller can plan with a solver."""
-    return not solver.peer and solver.plugin in ("", IPOPT)
+    is_foreign = solver.peer or solver.family == "own"
+    return not is_foreign and solver.plugin in ("", IPOPT)
 
 
 def _polish(solver: Solver) -> str | None:
     """Return the polish of a solver; None: the scenario's own."""
-    if solver.family == "solve":
+    if solver.family in ("solve", "own"):
         return None
     return "ipopt" if solver.polished else "none"
 
@@ -179,14 +180,15 @@ def _polish(solver: Solver) -> str | None:
 def _own(solver: Solver) -> tuple[str | None, list[str]]:
     """Return search and settings that `solve` changes of a scenario; None: its own."""
     lanes = dict(solver.options).get("lanes")
-    return solver.search or None, [] if lanes is None else [f"lanes={lanes}"]
+    search = solver.search if solver.family == "solve" else ""
+    return search or None, [] if lanes is None else [f"lanes={lanes}"]
 
 
 def _planned_by(
     solver: Solver, budget: Mapping[str, float | int]
 ) -> tuple[str | None, list[str]]:
     """Return the search of a plan, and its settings as texts for --set."""
-    if solver.family == "solve":
+    if solver.family in ("solve", "own"):
         return _own(solver)
     # "none" has no budget that can be set.
     has_budget = solver.search != "none"

@@ -39,25 +39,35 @@ from swarmstart.cases.campaign.running.run import run as run_resolved
 from swarmstart.cases.campaign.studies.comparing import Contest, contest_of
 from swarmstart.cases.campaign.studies.comparison_plan import Chosen, ComparisonPlan
 from swarmstart.cases.campaign.trials.building import Trial, built
-from swarmstart.cases.campaign.trials.solvers import (
+from swarmstart.cases.campaign.trials.own_solver import (
+    OwnSolver,
+    installed_solver,
+    required_solver,
+)
+from swarmstart.cases.campaign.trials.solver_names import (
     Solver,
-    budget_of,
-    search_share,
+    UnknownSolverError,
+    own_solver,
     solvers_of,
 )
+from swarmstart.cases.campaign.trials.solvers import budget_of, search_share
 from swarmstart.cases.campaign.trials.trial import answer_of
 from swarmstart.cases.format.kind import PlanningProblem
 from swarmstart.cases.format.scenario import Resolved, read_document, resolve
+from swarmstart.cases.kinds.flight import first_problem
 from swarmstart.cases.record.files import to_json
 from swarmstart.cases.record.record import PNG, Recording
 from swarmstart.errors import SwarmstartError
-from swarmstart.heuristics import Budget
+from swarmstart.heuristics import Algorithm, Budget, is_algorithm
 from swarmstart.ocp import IpoptOptions, Known, OptimalControlProblem
 from swarmstart.ocp.common import ProgressCallback, tell_nothing
-from swarmstart.ocp.search import LANES, search_settings
+from swarmstart.ocp.search import LANES, SearchGiven, search_settings
 from swarmstart.ocp.statement import has_decisions
 
 Scenario = str | Path
+Own = OwnSolver | Algorithm | type[Algorithm]
+"""A solver of the user's own: a function, or a search, its settings or their class."""
+GivenSolver = str | Own
 Compared = Scenario | tuple[OptimalControlProblem, ArrayLike, *tuple[Known, ...]]
 """A scenario; or a problem, its initial state and, if it has any, what is known."""
 NEVER_S = 10**9
@@ -198,7 +208,7 @@ def run(  # noqa: PLR0913 - the options of a command
 
 def compare(  # noqa: PLR0913 - the options of a command
     problems: Compared | Sequence[Compared] | Mapping[str, Compared],
-    solvers: str | Sequence[str],
+    solvers: GivenSolver | Sequence[GivenSolver] | Mapping[str, GivenSolver],
     *,
     seeds: int = 10,
     budget: str | int = "4000evals",
@@ -221,8 +231,10 @@ def compare(  # noqa: PLR0913 - the options of a command
             mapping from names.
         solvers: Names as for `swarmstart compare --solvers`, such as
             "lshade[size=60]+ipopt", "repeated-ipopt", "solve" or "scipy-de"; one text
-            can hold several with commas between. The first is what the others are
-            compared with.
+            can hold several with commas between. Or solvers of your own: a function
+            (problem, x0, budget, rng) -> controls, the settings of a search or their
+            class (docs/own_solver.md), which a mapping can name. The first is what the
+            others are compared with.
         seeds: Number of seeds: 0, 1, ...
         budget: Budget of one planning problem: "4000evals", "5s" or a number of
             evaluations.
@@ -236,10 +248,13 @@ def compare(  # noqa: PLR0913 - the options of a command
         A row for each problem and solver, in this order.
 
     Raises:
-        UnknownSolverError: If a solver is unknown.
+        UnknownSolverError: If a solver is unknown, or two have one name.
+        OwnSolverError: If a function does not take a solver's arguments.
         InvalidBudgetTextError: If the budget is invalid.
         CodeNotAllowedError: If a scenario runs a file and `allow_python` is false.
         UserCodeError: If that file does not return a problem.
+        SeveralPlansError: If a solver of your own is to solve a scenario in closed
+            loop, or with several agents that plan.
 
     Example:
         >>> import swarmstart as ss
@@ -249,9 +264,8 @@ def compare(  # noqa: PLR0913 - the options of a command
         ipopt 1 12.0301
         solve 1 12.0301
     """
-    given = [solvers] if isinstance(solvers, str) else solvers
-    listed = [one for text in given for one in solvers_of(text)]
-    chosen = list({solver.name: solver for solver in listed}.values())
+    own: dict[str, Own] = {}
+    chosen = _chosen_solvers(solvers, own)
     for hint in filter(None, (solver.hint for solver in chosen)):
         warnings.warn(hint, FutureWarning, stacklevel=2)
     share = budget_of(f"{budget}evals" if isinstance(budget, int) else budget)
@@ -260,15 +274,23 @@ def compare(  # noqa: PLR0913 - the options of a command
     )
     entries, work = [], {}  # Invalid input is refused here, before anything is solved.
     for name, problem in _named(problems).items():
+        each: list[Entry] = []
+        is_scenario = not isinstance(problem, tuple)
         if isinstance(problem, tuple):
-            each = [_entry(name, solver, seeds) for solver in chosen]
-            for entry in each:
-                first = _trial(problem, entry.solver, share, repair=repair)
-                work[name, entry.solver.name] = _solving(*first)
+            stated: PlanningProblem | None = _stated(problem)
         else:
-            contest = _contest(problem, chosen, plan, share, settings, allow_python)
+            known = [solver for solver in chosen if solver.name not in own]
+            contest = _contest(problem, known, plan, share, settings, allow_python)
             each = [replace(entry, scenario=name) for entry in contest.entries]
-        entries.append(each)
+            stated = first_problem(contest.resolved.posed()) if own else None
+        for solver in chosen:
+            if stated is None or (is_scenario and solver.name not in own):
+                continue
+            first = _trial(stated, solver, share, own, repair=repair)
+            each.append(_entry(name, solver, seeds))
+            work[name, solver.name] = _solving(stated, first)
+        places = {solver.name: place for place, solver in enumerate(chosen)}
+        entries.append(sorted(each, key=lambda entry: places[entry.solver.name]))
     every = [entry for each in entries for entry in each]
     count = sum(len(entry.cells) for entry in every)
     outcomes: dict[str, Outcome] = {}
@@ -375,38 +397,79 @@ def _named(
     }
 
 
-def _trial(
-    problem: tuple[Any, ...],
-    solver: Solver,
-    budget: Mapping[str, float | int],
-    *,
-    repair: bool,
-) -> tuple[PlanningProblem, Trial]:
-    """Return the planning problem, and the solver's trial with seed 0."""
+def _chosen_solvers(
+    given: GivenSolver | Sequence[GivenSolver] | Mapping[str, GivenSolver],
+    own: dict[str, Own],
+) -> list[Solver]:
+    """Return the solvers, each once; put the user's own into `own`, by name."""
+    if isinstance(given, Mapping):
+        several = [*given.items()]
+    else:
+        is_one = isinstance(given, str) or not isinstance(given, Sequence)
+        listed = cast(Sequence[GivenSolver], [given] if is_one else given)
+        several = [(_name_of(one), one) for one in listed]
+    found: dict[str, Solver] = {}
+    for name, one in several:
+        if isinstance(one, str):
+            found |= {solver.name: solver for solver in solvers_of(one)}
+            continue
+        if name in found:
+            raise UnknownSolverError(
+                f"expected solvers of distinct names, found two of {name!r}; name them "
+                "by a mapping: {name: solver}"
+            )
+        is_search = is_algorithm(one)
+        own[name] = one if is_search else required_solver(one, name)
+        solver = own_solver(name, type(one).__module__)
+        if is_search:
+            solver = replace(solver, family="search", polished=False)
+        found[name] = solver
+    return [*found.values()]
+
+
+def _name_of(given: GivenSolver) -> str:
+    """Return the name of a solver of the user's own: of the function or the class."""
+    if isinstance(given, str):
+        return given
+    return str(getattr(given, "__name__", None) or type(given).__name__)
+
+
+def _stated(problem: tuple[Any, ...]) -> PlanningProblem:
+    """Return the planning problem of (problem, x0) or (problem, x0, known)."""
     ocp, x0, *known = problem
-    posed = PlanningProblem(
+    return PlanningProblem(
         problem=ocp,
         x0=np.asarray(x0, dtype=np.float64),
         known=known[0] if known else Known(),
     )
+
+
+def _trial(
+    posed: PlanningProblem,
+    solver: Solver,
+    budget: Mapping[str, float | int],
+    own: Mapping[str, Own],
+    *,
+    repair: bool,
+) -> Trial:
+    """Return the solver's trial with seed 0."""
+    first = Trial(solver=solver, budget=budget, seed=0, search=None, repair=repair)
+    if solver.family == "own":
+        function = own.get(solver.name) or installed_solver(solver.name)
+        return replace(first, own=cast(OwnSolver, function))
     if solver.family == "solve":
         search = search_settings(solver.search or "default")
-        lanes = dict(solver.options).get("lanes", LANES)
-        return posed, Trial(
-            solver=solver,
-            budget=budget,
-            seed=0,
-            search=search if has_decisions(ocp) else None,
+        return replace(
+            first,
+            search=search if has_decisions(posed.problem) else None,
             polish=IpoptOptions(),
-            lanes=lanes,
-            repair=repair,
+            lanes=dict(solver.options).get("lanes", LANES),
         )
-    share, search = Budget(**search_share(solver, budget)), None
-    if solver.search != "none":
-        search = search_settings(solver.search, share)
-    return posed, Trial(
-        solver=solver, budget=budget, seed=0, search=search, repair=repair
-    )
+    if solver.search == "none" and solver.name not in own:
+        return first
+    share = Budget(**search_share(solver, budget))
+    named = cast(SearchGiven, own.get(solver.name, solver.search))
+    return replace(first, search=search_settings(named, share))
 
 
 def _solving(

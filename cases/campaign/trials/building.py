@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from swarmstart.cases.campaign.trials.history import Relay
+from swarmstart.cases.campaign.trials.own_solver import OwnSolver
 from swarmstart.cases.campaign.trials.peer_names import PEERS
 from swarmstart.cases.campaign.trials.solver_names import IPOPT, Solver, polish_of
 from swarmstart.cases.format.foreign_solvers import silenced
@@ -54,6 +55,7 @@ class Trial:
             budget counts for `solve` only. None if the solver has no search.
         polish: The NLP solver of `solve`; others name their own.
         lanes: Number of random starts of `solve`.
+        own: The function of a user's own solver; None for others.
         repair: Whether an answer that breaks a constraint between the checks is solved
             again with a margin, for every solver.
         backend: Evaluator of populations.
@@ -66,6 +68,7 @@ class Trial:
     search: SearchSettings | None
     polish: PolishOptions | None = None
     lanes: int = 0
+    own: OwnSolver | None = None
     repair: bool = False
     backend: str | None = None
     order: Order | None = None

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Literal, NamedTuple
 
 
@@ -85,3 +87,11 @@ PEERS = {
     ),
 }  # fmt: skip
 """Solvers of other packages by name."""
+SOLVER_GROUP = "swarmstart.solvers"
+"""Group of entry points in which another package announces a solver of its own."""
+
+
+@cache
+def installed_solvers() -> dict[str, EntryPoint]:
+    """Return the solvers that other packages announce; none of them is imported."""
+    return {point.name: point for point in entry_points(group=SOLVER_GROUP)}

@@ -46,6 +46,7 @@ import numpy as np
 from swarmstart.arrays import Array
 from swarmstart.cases.campaign.trials.building import Built, Trial
 from swarmstart.cases.campaign.trials.history import Meter
+from swarmstart.cases.campaign.trials.own_solver import BudgetSpent
 from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics import Box
 from swarmstart.ocp import zero_controls
@@ -61,10 +62,6 @@ _ENDLESS = 10**9
 
 Numbers = Callable[[Array, Array], Any]
 """(x with k, u) -> numbers, as python-control calls its functions."""
-
-
-class BudgetSpent(Exception):  # noqa: N818 - no error
-    """The budget of a peer is spent."""
 
 
 class PeerError(SwarmstartError):

@@ -16,6 +16,8 @@
                                   CasADi has, after a + too
     scipy-de, pygmo-de, cmaes     searches of other packages (PEERS), each with options
     python-control                its solve_ocp on the same grid, from zero controls
+    NAME                          a solver that an installed package announces in the
+                                  entry points swarmstart.solvers (own_solver.py)
 
 A name is read into its canonical form, with sorted options and values as JSON, so that
 two spellings are one solver. Nothing heavy is imported before an option is read.
@@ -29,9 +31,10 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pkgutil import resolve_name
+from types import MappingProxyType
 from typing import Any, Literal
 
-from swarmstart.cases.campaign.trials.peer_names import PEERS
+from swarmstart.cases.campaign.trials.peer_names import PEERS, installed_solvers
 from swarmstart.cases.format.document import meant, printable
 from swarmstart.cases.format.foreign_solvers import reaches_beyond
 from swarmstart.cases.format.registry import SEARCHES, SOLVE
@@ -41,7 +44,7 @@ IPOPT, REPEATED = "ipopt", "repeated-ipopt"
 NULL_HYPOTHESIS = REPEATED
 """Solver that a global search has to beat."""
 SEARCHED = tuple(name for name in SEARCHES if name != "none")
-Family = Literal["search", "peer", "control", "nlp", "repeated", "solve"]
+Family = Literal["search", "peer", "control", "nlp", "repeated", "solve", "own"]
 _MANY = "repeated-"
 _NAME = re.compile(r"[A-Za-z0-9_-]+")
 _OPTION = re.compile(r"[A-Za-z][A-Za-z0-9_.-]*")
@@ -52,6 +55,7 @@ _BEFORE = re.compile(rf"\bmultistart-(?=(?:{'|'.join(_PLUGINS)})\b)")
 """Beginning of names that begin with "repeated-" now."""
 _OF_PART = frozenset({"name", "warm_start", "when"})
 """Keys of a scenario's search that do not concern a single plan."""
+NO_OPTIONS: Mapping[str, str] = MappingProxyType({})
 LONGEST = 1000
 """Largest number of characters of a name."""
 
@@ -224,6 +228,8 @@ def _first(name: str, options: Mapping[str, str], text: str) -> Solver:
             search=dict(given).get("search", ""),
             options=given,
         )
+    if name in installed_solvers():
+        return own_solver(name, installed_solvers()[name].module, options, text)
     plugin = name.removeprefix(_MANY)
     if plugin == "none" or not _is_plugin(plugin):
         raise UnknownSolverError(
@@ -241,6 +247,21 @@ def _first(name: str, options: Mapping[str, str], text: str) -> Solver:
         plugin=plugin,
         polish_options=given,
     )
+
+
+def own_solver(
+    name: str, module: str, options: Mapping[str, str] = NO_OPTIONS, text: str = ""
+) -> Solver:
+    """Return a solver of a user's own, which is a function (own_solver.py).
+
+    Raises:
+        UnknownSolverError: If options are given.
+    """
+    if options:
+        raise UnknownSolverError(
+            f"expected {name} without options: it is a function; found {_quoted(text)}"
+        )
+    return Solver(name=name, title=f"a solver of {module}", family="own")
 
 
 def _with_polish(
@@ -438,7 +459,7 @@ def _written(value: Any) -> str:
 
 
 def _known() -> list[str]:
-    return [SOLVE, *SEARCHED, *plugins(), REPEATED, *PEERS]
+    return [SOLVE, *SEARCHED, *plugins(), REPEATED, *PEERS, *installed_solvers()]
 
 
 def _hint(name: str, known: list[str]) -> str:

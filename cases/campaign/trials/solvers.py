@@ -18,7 +18,8 @@ from pkgutil import resolve_name
 from typing import Any
 
 from swarmstart.cases.campaign.trials.building import SEARCH_SHARE, Built, Trial, built
-from swarmstart.cases.campaign.trials.peer_names import PEERS
+from swarmstart.cases.campaign.trials.own_solver import installed_solver
+from swarmstart.cases.campaign.trials.peer_names import PEERS, installed_solvers
 from swarmstart.cases.campaign.trials.solver_names import (
     IPOPT,
     NULL_HYPOTHESIS,
@@ -182,6 +183,8 @@ def modules_of(job: Mapping[str, Any]) -> tuple[str, ...]:
     named = [words_of(job["settings"]["kind"]).kind]
     if solver.peer:
         named.append(PEERS[solver.peer].minimize)
+    if solver.family == "own":
+        named.append(installed_solvers()[solver.name].value)
     modules = [name.partition(":")[0] for name in named]
     search = job["settings"]["search"]["name"]
     settings = SEARCHES[search].settings if search in SEARCHES else ""
@@ -219,6 +222,7 @@ def _posed(text: str, python_in: str | None) -> tuple[PlanningProblem, Trial]:
         search=scenario.search_settings(),
         polish=scenario.polish_options() if is_own else None,
         lanes=scenario.random_starts() if is_own else 0,
+        own=installed_solver(solver.name) if solver.family == "own" else None,
         backend=scenario.backend,
         order=None if scenario.order is None else scenario.order.order(),
     )

@@ -9,6 +9,7 @@ repeated      the NLP solver from random points until the meter stops it
 solve         all steps of `swarmstart run` and `swarmstart.solve`, bit for bit
 peer          a search of another package, and the NLP solver after it if asked for
 control       python-control's solver of optimal-control problems
+own           a function of a user's own, which returns controls
 
 A budget of evaluations counts an NLP solver's work in rollouts (`ocp.nlp.Work`) and
 stops it after the iteration that spends the budget. A budget of seconds is kept by
@@ -44,10 +45,10 @@ from swarmstart.cases.campaign.trials.building import (
     share_of,
 )
 from swarmstart.cases.campaign.trials.history import Meter
+from swarmstart.cases.campaign.trials.own_solver import BudgetSpent, owned
 from swarmstart.cases.campaign.trials.peer_names import PEERS
 from swarmstart.cases.campaign.trials.peers import (
     WORTH,
-    BudgetSpent,
     PeerTask,
     peers_best,
     penalised,
@@ -362,6 +363,25 @@ def _peered(made: Built, trial: Trial, meter: Meter, rng: np.random.Generator) -
     return Found(plan)
 
 
+def _owned(made: Built, trial: Trial, meter: Meter, rng: np.random.Generator) -> Found:
+    """Return the answer of a user's own solver."""
+    if trial.own is None:
+        raise TypeError("expected a function")
+    posed, budget = made.posed, Budget(**trial.budget)
+    x0 = np.asarray(posed.x0, dtype=np.float64).ravel()
+    plan, has_ended = owned(
+        trial.own,
+        trial.solver.name,
+        planner=made.planner,
+        x0=x0,
+        known=posed.known,
+        budget=budget,
+        meter=meter,
+        rng=rng,
+    )
+    return Found(plan, has_ended=has_ended)
+
+
 def _meant(start: Start, x0: Any) -> Answer:
     state = x0 if start.x0 is None else start.x0
     return start.controls, np.asarray(state, dtype=np.float64).ravel()
@@ -437,5 +457,6 @@ ROUTES: Mapping[str, Callable[..., Found]] = {
     "solve": _solved,
     "peer": _peered,
     "control": _controlled,
+    "own": _owned,
 }
 """Family of a solver -> function that runs it: (built, trial, meter, rng) -> Found."""

@@ -9,9 +9,9 @@ import pytest
 from scipy.optimize import differential_evolution
 
 from swarmstart.arrays import Array
+from swarmstart.cases.campaign.trials.own_solver import BudgetSpent
 from swarmstart.cases.campaign.trials.peers import (
     LARGEST,
-    BudgetSpent,
     PeerError,
     PeerTask,
     cmaes_ipop,
