@@ -317,7 +317,10 @@ class _Converter:
                 return self._operation(symbol, [node.left, node.right], node, depth)
             case ast.Call() | ast.Attribute():
                 return self._call(node, depth)
-        self._refuse(node, f"found {self._source(node)!r}; allowed are {_ALLOWED}")
+        found = self._source(node)
+        point = re.sub(r"(\d),(\d)", r"\1.\2", found)
+        hint = f"write {point}" if point != found else f"allowed are {_ALLOWED}"
+        self._refuse(node, f"found {found!r}; {hint}")
 
     def _number(self, node: ast.Constant) -> Number:
         if type(node.value) not in (int, float):

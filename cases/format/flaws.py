@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import difflib
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -39,6 +40,32 @@ RENAMED = {
     "search.bounds": "search.bound_handling",
 }
 """Keys of earlier versions -> their replacements."""
+_COSTS = ("stage_cost", "terminal_cost")
+_HORIZON, _GRID = ("prediction.horizon_s",), ("prediction.intervals",)
+OTHER_WORDS = {
+    **dict.fromkeys(("constraints", "constraint"), ("path", "terminal")),
+    **dict.fromkeys(("path_constraints", "inequalities", "g"), ("path",)),
+    **dict.fromkeys(
+        ("terminal_constraints", "end", "final", "goal", "target"), ("terminal",)
+    ),
+    **dict.fromkeys(
+        ("ode", "dynamics", "f", "rhs", "xdot", "derivative"), ("states.rate",)
+    ),
+    **dict.fromkeys(("objective", "cost", "j"), _COSTS),
+    **dict.fromkeys(("lagrange", "running_cost", "integral"), _COSTS[:1]),
+    **dict.fromkeys(("mayer", "final_cost", "end_cost"), _COSTS[1:]),
+    **dict.fromkeys(("horizon", "t", "tf", "t_f", "duration", "end_time"), _HORIZON),
+    **dict.fromkeys(("n", "nodes", "num_intervals"), _GRID),
+    **dict.fromkeys(("dt", "ts", "time_step"), (*_HORIZON, *_GRID)),
+    **dict.fromkeys(("x0", "x_0", "initial", "initial_state"), ("states.start",)),
+    **dict.fromkeys(("u", "input", "inputs"), ("controls",)),
+    **dict.fromkeys(("lb", "lower", "min"), ("lower", "bounds")),
+    **dict.fromkeys(("ub", "upper", "max"), ("upper", "bounds")),
+    **dict.fromkeys(("limits", "range"), ("bounds",)),
+    **dict.fromkeys(("solver", "optimizer", "algorithm"), ("search", "polish")),
+}
+"""Words of other tools, in small letters -> the keys for it, from the top on."""
+_DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+")
 _EXPECTED = {  # pydantic's type of an error -> what was expected, with its context
     "int_type": "an integer",
     "int_from_float": "an integer",
@@ -190,8 +217,31 @@ def _misspelt(
         if missing and group[0]["type"] == "extra_forbidden":
             known = _known_keys(model, document.data, path[:-1])
             near = difflib.get_close_matches(str(path[-1]), known, n=1)
-            suggested |= {(*path[:-1], key) for key in near}
+            near = _ours(path, known, ()) or near
+            suggested |= {(*path[:-1], key.strip("'")) for key in near}
     return missing & suggested
+
+
+def _ours(
+    path: Sequence[str | int], known: Sequence[str], top: Sequence[str]
+) -> list[str]:
+    """Return the keys, in quotes, for a key that has another name in other tools.
+
+    Args:
+        path: The path of the key.
+        known: Keys that are known beside it.
+        top: Keys of the whole document, for keys that belong elsewhere.
+    """
+    found = []
+    for ours in OTHER_WORDS.get(str(path[-1]).lower(), ()):
+        part, _, key = ours.rpartition(".")
+        if key in known:
+            found.append(f"{key!r}")
+        elif part in top:
+            found.append(f"{key!r} of {part!r}")
+        elif not part and key in top:
+            found.append(f"{key!r} at the top of the file")
+    return found
 
 
 def _described(
@@ -205,29 +255,69 @@ def _described(
     details = next((d for d in group if d["type"] == "value_error"), group[0])
     kind, context = details["type"], details.get("ctx", {})
     if kind == "extra_forbidden":
-        if new := RENAMED.get(_dotted(path)):
-            what = f"expected {new}, found {path[-1]}"
-            return flaw_at(document, path, what, of_key=True)
-        known = _known_keys(model, document.data, path[:-1])
-        listed = f"known: {', '.join(known)}"
-        hint = meant(str(path[-1]), known, otherwise=listed)
-        if path[-1] in known:  # Another form of this part takes it.
-            hint = "it goes with other keys than those that are given"
-        what = f"expected a known key, found {shown_value(path[-1])}; {hint}"
+        what = _unknown_key(document, path, model)
         return flaw_at(document, path, what, of_key=True)
     if kind == "missing":
         return flaw_at(document, path[:-1], f"expected the key {path[-1]!r}")
     if kind == "value_error":
         return _refused(document, path, context["error"])
     if kind.startswith("union_tag"):
-        expected = ", ".join(SEARCHES)  # No other key is chosen by name.
-        found = shown_value(context["tag"]) if "tag" in context else "none"
-        what = f"expected name to be one of {expected}; found {found}"
-        return flaw_at(document, (*path, "name"), what)
+        return _of_no_form(document, path, details)
     dotted = _dotted(path) or "the scenario"
     expected = " or ".join(dict.fromkeys(map(_expected, group)))
     found = shown_value(details["input"])
-    return flaw_at(document, path, f"expected {dotted} to be {expected}; found {found}")
+    what = f"expected {dotted} to be {expected}; found {found}"
+    if kind == "too_long":
+        what += _with_point(document, path)
+    return flaw_at(document, path, what)
+
+
+def _with_point(document: Document, path: tuple[str | int, ...]) -> str:
+    """Return how to write the first decimal comma of a list; empty without one."""
+    place = document.places[path]
+    lines = document.sources.get(place.name, "").splitlines()
+    text = lines[place.line - 1][place.column - 1 :] if lines else ""
+    comma = _DECIMAL_COMMA.search(text.partition("]")[0])
+    if comma is None:
+        return ""
+    number = comma.group()
+    return f"; if {number} is one number, write {number.replace(',', '.')}"
+
+
+def _unknown_key(
+    document: Document, path: tuple[str | int, ...], model: type[Any]
+) -> str:
+    """Return the message for a key that is not known, with the one to write."""
+    key = str(path[-1])
+    if new := RENAMED.get(_dotted(path)):
+        return f"expected {new}, found {key}"
+    known = _known_keys(model, document.data, path[:-1])
+    hint = meant(key, known, otherwise=f"known: {', '.join(known)}")
+    if ours := _ours(path, known, _known_keys(model, document.data, ())):
+        hint = f"did you mean {' or '.join(ours)}?"
+    if key in known:  # Another form of this part takes it.
+        hint = "it goes with other keys than those that are given"
+    return f"expected a known key, found {shown_value(path[-1])}; {hint}"
+
+
+def _of_no_form(
+    document: Document,
+    path: tuple[str | int, ...],
+    details: pydantic_core.ErrorDetails,
+) -> Flaw:
+    """Return the error of a value that has none of the forms it can have."""
+    context = details.get("ctx", {})
+    # As `chosen` of the values of a problem names the forms.
+    keys = re.findall(r"'of (\w+)'", context.get("expected_tags", ""))
+    if keys:
+        what = " or ".join(map(repr, keys))
+        found = shown_value(details["input"])
+        what = f"expected {_dotted(path)} to be a mapping with the key {what}"
+        return flaw_at(document, path, f"{what}; found {found}")
+    expected = ", ".join(SEARCHES)  # No other key is chosen by name.
+    found = shown_value(context["tag"]) if "tag" in context else "none"
+    what = f"expected name to be one of {expected}; found {found}"
+    return flaw_at(document, (*path, "name"), what)
 
 
 def _expected(details: pydantic_core.ErrorDetails) -> str:

@@ -223,6 +223,7 @@ class _Reader:
         children: dict[str, Node] = {}
         while not isinstance(event := self._next(), yaml.MappingEndEvent):
             place = self._place(event)
+            self._refuse_decimal_comma(event, place, [*children.values()][-1:])
             key = self._key(event, place)
             if key in children:
                 first = children[key].key_place
@@ -230,6 +231,21 @@ class _Reader:
                 raise self._error(f"{what} (first at {first})", place, first)
             children[key] = self._node(self._next(), depth, place)
         return children
+
+    def _refuse_decimal_comma(
+        self, event: yaml.Event, place: Place, before: list[Node]
+    ) -> None:
+        """Refuse "1,5" in braces, which YAML reads as the value 1 and the key 5."""
+        if not (event.start_mark and isinstance(event, yaml.ScalarEvent) and before):
+            return
+        index, whole = event.start_mark.index, before[0].content
+        # With a blank behind the comma it is no number of a user.
+        if self._text[index - 1] != "," or not re.fullmatch(r"\d+", event.value):
+            return
+        if isinstance(whole, int) and not isinstance(whole, bool):
+            number = f"{whole},{event.value}"
+            what = f"expected a number with a point, found {shown(number)}: write"
+            raise self._error(f"{what} {whole}.{event.value}", place)
 
     def _sequence(self, depth: int) -> tuple[Node, ...]:
         children: list[Node] = []

@@ -221,6 +221,7 @@ def test_failure_of_the_parser_is_an_expression_error(
         ("  sinn(1)", 3, "unknown function 'sinn': did you mean 'sin'?"),
         ("1 + 0x10", 5, "expected an expression, found '0x10'; allowed are"),
         ("1 + x.a", 6, "expected an expression, found '.a'; allowed are"),
+        ("1,5*x", 1, "found '1,5*x'; write 1.5*x"),
         ("3*(x, y)", 3, "found '(x, y)'; allowed are numbers, names"),
         ("2*x**9", 6, "a constant from -8 to 8 as exponent, found 9.0"),
         ("1 + 1/0", 5, "expected a finite real value, found '/' of 1.0, 0.0"),

@@ -157,6 +157,8 @@ REFUSED = {
     "tag without name": ("a: ! x", 1, 4, "found the tag '!'"),
     "tag of a key": ("a:\n  !!str b: 5", 2, 3, "found the tag"),
     "merge": ("a: 1\n<<: {b: 2}", 2, 1, "merge is refused"),
+    "decimal comma": ("{a: 1,5, b: 2}", 1, 7, "a point, found '1,5': write 1.5"),
+    "two keys": ("{a: 1, 5: 2}", 1, 8, "a string as key, found '5'"),
     "integer key": ("a:\n  1: x", 2, 3, "a string as key, found '1': put it in quotes"),
     "boolean key": ("true: x", 1, 1, "a string as key, found 'true'"),
     "null key": ("a: 1\n? ~\n: x", 2, 3, "a string as key, found '~'"),
