@@ -7,6 +7,7 @@ import numpy as np
 
 from swarmstart.cases.drawing.drawing import COLOURS, Figures, escaped, new_figure
 from swarmstart.cases.drawing.vehicles import band_name
+from swarmstart.cases.drawing.wording import counted
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -52,10 +53,13 @@ def _bands(content: Mapping[str, Any]) -> "Figure":
         panel.set_title(escaped(words), fontsize="small")
         panel.tick_params(labelsize="small")
     left = len(states) - len(chosen)
-    more = f"; {left} more states are not drawn" if left else ""
+    noun = "state is" if left == 1 else "states are"
+    more = f"; {left} more {noun} not drawn" if left else ""
     runs = sum(not failure for failure in content["failures"])
     figure.supxlabel("time [s]", fontsize="small")
-    figure.suptitle(f"median and 10 to 90 % of {runs} runs{more}", fontsize="medium")
+    figure.suptitle(
+        f"median and 10 to 90 % of {counted(runs, 'run')}{more}", fontsize="medium"
+    )
     return figure
 
 
@@ -74,7 +78,7 @@ def _spread(varied: Mapping[str, list[float]], runs: int) -> "Figure":
     left = len(varied) - len(chosen)
     noun = "measure is" if left == 1 else "measures are"
     more = f"; {left} more {noun} not drawn" if left else ""
-    text = f"measures of {runs} runs, their medians as lines{more}"
+    text = f"measures of {counted(runs, 'run')}, their medians as lines{more}"
     figure.suptitle(text, fontsize="medium")
     return figure
 

@@ -83,7 +83,7 @@ def test_cache_tells_and_clears(
     told = command("cache").out.splitlines()
     assert told == [f"folder   {folder}", "files    1, 3.0 MB of at most 268 MB"]
     told = command("cache", "--clear").out.splitlines()
-    assert told[-1] == "removed  1 files"
+    assert told[-1] == "removed  1 file"
     assert not list(folder.iterdir())
 
 

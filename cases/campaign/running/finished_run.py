@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from swarmstart.cases.campaign.running.claims import judged
+from swarmstart.cases.drawing.wording import counted
 from swarmstart.cases.format.kind import Flight, Measure, Posed
 from swarmstart.cases.format.registry import SOLVE
 from swarmstart.cases.format.scenario import Resolved
@@ -74,7 +75,8 @@ def _status_of(flight: Flight[Posed], trajectory: Trajectory) -> RunStatus:
     infeasible, linear = found.count(False), len(trajectory.decisions) - len(found)
     more = _searched(trajectory) + unproven
     if not infeasible:
-        more = (f", {linear} steps under the linear law" if linear else "") + more
+        under = f", {counted(linear, 'step')} under the linear law" if linear else ""
+        more = under + more
         said = "every planned step found a feasible plan"
     elif infeasible == len(found):
         more = unproven

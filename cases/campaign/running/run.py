@@ -321,6 +321,11 @@ def _flown(
     last = kept[-1] if kept else None
     save = partial(_save, folder, key, flight, flown, multipliers)
     saved = clock.perf_counter()
+    total, what = resolved.scenario.steps, "simulating"
+    if flight.posed.open_loop:
+        # Nearly all the time goes to the one plan, before the first step is finished.
+        total, what = 0, "solving"
+        progress(0, total, what)
     try:
         with heeded() as asked_to_stop:
             for step in fly(
@@ -335,7 +340,7 @@ def _flown(
                 if asked_to_stop():
                     raise KeyboardInterrupt
                 flown.append((step, rng.bit_generator.state))
-                progress(len(flown), resolved.scenario.steps, "simulating")
+                progress(len(flown) if total else 0, total, what)
                 if clock.perf_counter() - saved > CHECKPOINT_S:
                     save()
                     saved = clock.perf_counter()

@@ -69,8 +69,8 @@ UNITS = {"s": 1, "m": 60, "h": 3600}
 """Names of units -> seconds."""
 _DURATION = re.compile(r"(?P<number>[0-9.]+(?:e[0-9]+)?) *(?P<unit>[smh]?)")
 _LONGEST_S = 1e9
-_BUDGET = re.compile(r"(?P<number>[0-9.]+(?:e[0-9]+)?) *(?P<unit>evals|s|m|h)")
-_UNITS = {"evals": 1, **UNITS}
+_BUDGET = re.compile(r"(?P<number>[0-9.]+(?:e[0-9]+)?) *(?P<unit>evals|s|m|h|)")
+_UNITS = {"evals": 1, "": 1, **UNITS}
 
 
 class InvalidDurationError(SwarmstartError, ValueError):
@@ -85,7 +85,7 @@ def budget_of(text: str) -> dict[str, float | int]:
     """Return a budget as arguments of `heuristics.Budget`.
 
     Args:
-        text: "4000evals", "5s", "2m", "1h", or two of them with "|" between.
+        text: "4000evals" or "4000", "5s", "2m", "1h", or two of them with "|" between.
 
     Raises:
         InvalidBudgetTextError: If it is not one of these.
@@ -93,7 +93,9 @@ def budget_of(text: str) -> dict[str, float | int]:
     budget: dict[str, float | int] = {}
     for part in text.split("|"):
         match = _BUDGET.fullmatch(part.strip())
-        key = "evaluations" if match and match["unit"] == "evals" else "seconds"
+        # A number alone counts evaluations, as in the library.
+        is_count = match is not None and match["unit"] in ("evals", "")
+        key = "evaluations" if is_count else "seconds"
         number = _number(match["number"]) if match else 0.0
         whole = key == "seconds" or number.is_integer()
         if match is None or not 0 < number < LARGEST or not whole or key in budget:

@@ -4,6 +4,7 @@ import argparse
 import json
 
 from swarmstart.cases.commands.terminal import answer
+from swarmstart.cases.drawing.wording import counted
 from swarmstart.cases.record.files import RecordError
 from swarmstart.machine_code import LIMIT_BYTES, cache_usage, clear_cache
 
@@ -41,6 +42,6 @@ def cache_command(options: argparse.Namespace) -> int:
     if now.refused is not None:
         lines.append(f"not used: {now.refused}; machine code is made in each process")
     if removed is not None:
-        lines.append(f"removed  {removed} files")
+        lines.append(f"removed  {counted(removed, 'file')}")
     answer("\n".join(lines))
     return 0

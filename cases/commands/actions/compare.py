@@ -134,7 +134,7 @@ def compare_command(options: argparse.Namespace) -> int:
         answer(_dry_run(cells, root / CELLS, options.workers, budget))
         if plan.bound_s is not None:
             count = sum(contest.of == "plan" for contest in contests)
-            answer(f"then {count} lower bounds, {plan.bound_s:g} s each")
+            answer(f"then {counted(count, 'lower bound')}, {plan.bound_s:g} s each")
         return DONE
     with Progress("compare", quiet=options.quiet) as progress:
         work = functools.partial(
@@ -231,8 +231,9 @@ def too_few_seeds(contests: Sequence[Contest], seeds: int) -> str:
     if seeds >= needed:
         return ""
     return (
-        f"{counted(seeds, 'seed')}: {needed} are needed before solvers are compared; "
-        "this run shows costs only"
+        f"{counted(seeds, 'seed')}: with fewer than {needed} seeds no difference "
+        "between solvers can be told from chance, so their costs are shown, but not "
+        f"compared; --seeds {needed} compares them"
     )
 
 
@@ -275,7 +276,7 @@ def _dry_run(
     each = statistics.median(seconds) if seconds else budget.get("seconds", TYPICAL_S)
     left = missing * each / workers
     time = f"{left / 60:.0f} min" if left >= 120 else f"{left:.0f} s"  # noqa: PLR2004
-    lines = [f"{len(kept)} runs: {len(seconds)} kept, {missing} to be done"]
+    lines = [f"{counted(len(kept), 'run')}: {len(seconds)} kept, {missing} to be done"]
     lines.append(f"about {time} with {workers} processes")
     return "\n".join(lines)
 

@@ -30,6 +30,7 @@ from swarmstart.cases.campaign.studies.replication import (
 from swarmstart.cases.campaign.studies.verdicts import Verdict
 from swarmstart.cases.commands.terminal import DONE, GATE, Progress, answer
 from swarmstart.cases.drawing.report.pages.replication_page import replication_page
+from swarmstart.cases.drawing.wording import counted
 from swarmstart.cases.format.kind import Measure
 from swarmstart.cases.record.files import (
     locked,
@@ -168,7 +169,8 @@ def _foreseen(cells: Sequence[Cell], folder: Path, workers: int) -> dict[str, An
 
 def _dry(foreseen: Mapping[str, Any]) -> str:
     """Return the estimate of a dry run as text."""
-    text = "{runs} runs, {kept} kept from before, {missing} to do".format(**foreseen)
+    runs = counted(foreseen["runs"], "run")
+    text = "{}, {kept} kept from before, {missing} to do".format(runs, **foreseen)
     if not foreseen["missing"]:
         return text
     time = "about {seconds:.0f} s with {workers} worker processes".format(**foreseen)
@@ -186,7 +188,7 @@ def _content(
     if options.quick:
         seeds = "one seed each"
     elif options.seeds:
-        seeds = f"{options.seeds} seeds of each run that is random"
+        seeds = f"{counted(options.seeds, 'seed')} of each run that is random"
     else:
         seeds = "1 to 10 seeds each"
     only = "".join(f" --only {number}" for number in options.only)

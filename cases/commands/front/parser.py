@@ -215,6 +215,10 @@ def _add_report(report: argparse.ArgumentParser) -> None:
         "--out", metavar="DIR",
         help="folder to write the files to (default: each record's own folder)",
     )  # fmt: skip
+    # As the commands that leave records; `cli` reads it.
+    report.add_argument(
+        "-q", "--quiet", action="store_true", help="do not show progress on stderr"
+    )
 
 
 def _add_list(listing: argparse.ArgumentParser) -> None:

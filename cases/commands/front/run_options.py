@@ -128,7 +128,7 @@ def add_compare(compare: argparse.ArgumentParser) -> None:
     )
     compare.add_argument(
         "--budget", metavar="BUDGET",
-        help="budget of each planning problem: evaluations, such as 4000evals, or "
+        help="budget of each planning problem: evaluations, such as 4000, or "
         "seconds, such as 5s (default: 4000evals)",
     )  # fmt: skip
     compare.add_argument(

@@ -8,6 +8,7 @@ from swarmstart.cases.drawing.report import svg
 from swarmstart.cases.drawing.report.figure import Figure
 from swarmstart.cases.drawing.report.svg import Axis
 from swarmstart.cases.drawing.wording import (
+    counted,
     is_number,
     listed,
     number,
@@ -56,7 +57,8 @@ def convergence(
     runs = max(row["runs"] for row in scenario["rows"])
     caption = (
         f"The best feasible answer so far, median (line), lowest and highest (band) of "
-        f"{runs} seeds at most, over evaluations worth one rollout; budget {budget}. "
+        f"{counted(runs, 'seed')} at most, over evaluations worth one rollout; budget "
+        f"{budget}. "
         + (
             f"Gaps below {FLOOR:g} are drawn there; dotted: within "
             f"{listed([percent(share) for share in near])} of the best known cost."

@@ -13,7 +13,7 @@ from typing import Any
 from swarmstart.cases.drawing.page import cleaned
 from swarmstart.cases.drawing.report import rows
 from swarmstart.cases.drawing.report.rows import Cell
-from swarmstart.cases.drawing.wording import number, percent, shortened
+from swarmstart.cases.drawing.wording import counted, number, percent, shortened
 
 Rows = Sequence[Sequence[str]]
 
@@ -114,7 +114,7 @@ def comparison_latex(content: Mapping[str, Any]) -> str:
         content: A record "comparison", schema 2: what `comparison.json` holds.
     """
     near = percent(content["near"][0]) if content["near"] else ""
-    seeds, budget = len(content["seeds"]), content["budget_text"]
+    seeds, budget = counted(len(content["seeds"]), "seed"), content["budget_text"]
     head = [
         "% Made by swarmstart. In the preamble:",
         r"% \usepackage[T1]{fontenc} \usepackage{booktabs,longtable,textcomp}",
@@ -123,7 +123,7 @@ def comparison_latex(content: Mapping[str, Any]) -> str:
         rows.SUMMARY,
         rows.summary(content),
         caption=f"Summary. Success: feasible along the whole path and within {near} "
-        f"of the best cost known, with Wilson's 95 % interval; {seeds} seeds, budget "
+        f"of the best cost known, with Wilson's 95 % interval; {seeds}, budget "
         f"{budget}.",
         label="tab:summary",
     )
@@ -133,7 +133,7 @@ def comparison_latex(content: Mapping[str, Any]) -> str:
             rows.DETAILS[:-1],
             [row[:-1] for row in rows.details(scenario)],
             caption=f"{shortened(scenario['name'], 120)}. {rows.best_words(scenario)} "
-            f"{seeds} seeds, budget {budget}.",
+            f"{seeds}, budget {budget}.",
             label=f"tab:scenario-{place}",
         )
         for place, scenario in enumerate(content["scenarios"], 1)
@@ -224,7 +224,8 @@ def comparison_markdown(content: Mapping[str, Any]) -> str:
         "## How to reproduce",
         _github_code(content["command"]),
         github_text(
-            f"Budget {content['budget_text']}, {len(content['seeds'])} seeds, begun "
+            f"Budget {content['budget_text']}, "
+            f"{counted(len(content['seeds']), 'seed')}, begun "
             f"{content['date']}, {number(content['total_seconds'], digits=4)} s in "
             f"all; {machines or 'machine not known'}."
         ),

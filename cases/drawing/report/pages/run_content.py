@@ -251,7 +251,7 @@ def _solver_words(tracks: Tracks) -> str:
         f"{typeset_duration(float(np.median(lengths)))} (median; at most "
         f"{typeset_duration(float(seconds.max()))})"
     )
-    return said + (f", too long in {late} steps" if late else "")
+    return said + (f", too long in {counted(late, 'step')}" if late else "")
 
 
 def _quality(status: str) -> str:
@@ -378,8 +378,8 @@ def _limits(
         "The terminal sets of the linear law are not certified: that it keeps within "
         "its bounds there is not proven.": "not certified" in _words(summary["status"]),
         **_without_plans(tracks),
-        f"{shown(outside)} steps start outside the bounds of the states or the path "
-        "constraints.": is_number(outside) and outside,
+        f"{shown(outside)} step{'s start' if outside != 1 else ' starts'} outside the "
+        "bounds of the states or the path constraints.": is_number(outside) and outside,
         **_linear_breaks(tracks),
         "The solver's time is not known at every step.": not np.isfinite(
             tracks.step_seconds
@@ -388,10 +388,8 @@ def _limits(
         == 0,
         f"At most {percent(unseen)} of random starts would end in optima that were not "
         "seen (95 % interval); a better one may be among them.": is_number(unseen),
-        f"{shown(resumed)} steps are from a run that was interrupted.": is_number(
-            resumed
-        )
-        and resumed,
+        f"{shown(resumed)} step{'s are' if resumed != 1 else ' is'} from a run that "
+        "was interrupted.": is_number(resumed) and resumed,
         f"{unjudged} of {counted(len(claims), 'claim')} "
         f"{'need' if unjudged > 1 else 'needs'} another run, or a second one to "
         "compare with.": unjudged,

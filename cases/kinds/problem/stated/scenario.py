@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, Tag, field_serializer, model_validator
 
+from swarmstart.cases.drawing.wording import counted
 from swarmstart.cases.format.expressions import evaluate
 from swarmstart.cases.format.parts import BudgetPart, Part
 from swarmstart.cases.format.settings import AnySearch, PolishPart, Scenario
@@ -403,8 +404,8 @@ def _guess_of(guess: dict[str, Any], controls: Any, vehicles: Any) -> dict[str, 
     times, rows = recorded_plan(guess["record"])
     if len(rows) != len(controls):
         raise ValueError(
-            f"expected guess.record with a plan of {len(controls)} controls; found "
-            f"{len(rows)}"
+            "expected guess.record with a plan of "
+            f"{counted(len(controls), 'control')}; found {len(rows)}"
         )
     return {
         "controls": {

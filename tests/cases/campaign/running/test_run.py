@@ -26,3 +26,12 @@ def test_sets_that_are_not_certified_are_named_in_the_status(
     )
     said = run(resolved, seed=0).status
     assert said.endswith("terminal sets are not certified") == is_said
+
+
+def test_progress_of_one_plan_says_solving_from_the_beginning() -> None:
+    said: list[tuple[int, int, str]] = []
+    settings = ("search={name: none}", "lanes=0")
+    resolved = resolve(read_document("double_integrator"), assignments=settings)
+    run(resolved, seed=0, progress=lambda *told: said.append(told))
+    assert (0, 0, "solving") in said
+    assert not any(what == "simulating" for _, _, what in said)

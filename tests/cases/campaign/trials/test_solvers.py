@@ -22,6 +22,8 @@ from swarmstart.cases.format.scenario import read_document, resolve
     ("text", "budget"),
     [
         ("4000evals", {"evaluations": 4000}),
+        ("5000", {"evaluations": 5000}),
+        ("5000|5s", {"evaluations": 5000, "seconds": 5}),
         ("5s", {"seconds": 5.0}),
         ("2m", {"seconds": 120.0}),
         ("1h", {"seconds": 3600.0}),
@@ -36,7 +38,6 @@ def test_a_budget_is_read(text: str, budget: dict[str, float]) -> None:
     "text",
     [
         "",
-        "5",
         "evals",
         "-5s",
         "0s",

@@ -55,6 +55,13 @@ def test_every_option_is_explained_and_says_its_default() -> None:
                 assert says, (name, action.dest)
 
 
+@pytest.mark.parametrize("words", [
+    "run a -q", "compare a -q", "replicate -q", "report a -q",
+])  # fmt: skip
+def test_commands_with_records_take_quiet(words: str) -> None:
+    assert parser().parse_args(shlex.split(words)).quiet
+
+
 def test_topics_of_the_list_are_in_its_help() -> None:
     text = subcommands()["list"].format_help()
     assert all(topic in text for topic in TOPICS)

@@ -22,8 +22,9 @@ def test_too_few_seeds_are_told_with_the_number_that_is_needed() -> None:
     named = "lshade,cpso,repeated-ipopt"  # Three pairs are compared.
     needed = fewest_seeds(3)
     assert too_few_seeds([contest(named, 5)], 5) == (
-        f"5 seeds: {needed} are needed before solvers are compared; this run shows "
-        "costs only"
+        f"5 seeds: with fewer than {needed} seeds no difference between solvers can be "
+        "told from chance, so their costs are shown, but not compared; --seeds "
+        f"{needed} compares them"
     )
     assert too_few_seeds([contest(named, needed)], needed) == ""
     assert too_few_seeds([contest("lshade", 1)], 1) == ""

@@ -186,8 +186,8 @@ def test_interrupted_run_with_a_decided_end_time_goes_on(tmp_path: Path) -> None
     stop = [0]
 
     def after_some(done: int, _: int, what: str) -> None:
-        stop[0] += what == "simulating"
-        if stop[0] == 7:
+        stop[0] += what == "solving"
+        if stop[0] == 8:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
