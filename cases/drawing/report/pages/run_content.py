@@ -278,7 +278,7 @@ def _facts(
         ("polish", str(summary["polish"])),
         ("seed", str(summary["seed"])),
         (
-            "flown",
+            "simulated",
             f"{steps} step{'' if steps == 1 else 's'}, "
             f"{shown(float(tracks.step_times[-1]))} s",
         ),
@@ -387,7 +387,11 @@ def _limits(
         "The finer integration does not confirm the plan.": measures.get("confirmed")
         == 0,
         f"At most {percent(unseen)} of random starts would end in optima that were not "
-        "seen (95 % interval); a better one may be among them.": is_number(unseen),
+        "seen (95 % interval); a better one may be among them.": _float(unseen) < 1,
+        "No random start ended in an optimum: how many there are is not known.": _float(
+            unseen
+        )
+        >= 1,
         f"{shown(resumed)} step{'s are' if resumed != 1 else ' is'} from a run that "
         "was interrupted.": is_number(resumed) and resumed,
         f"{unjudged} of {counted(len(claims), 'claim')} "

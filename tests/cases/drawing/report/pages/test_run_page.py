@@ -293,6 +293,18 @@ def test_a_record_without_a_word_on_bounds_is_an_older_one(copied: Path) -> None
     assert "bound</" not in run_page(changed(copied, lambda s: s.pop("bound", None)))
 
 
+@pytest.mark.parametrize(("most", "words"), [
+    (0.25, "At most 25 % of random starts would end in optima that were not seen"),
+    (1.0, "No random start ended in an optimum"),
+])  # fmt: skip
+def test_the_share_of_unseen_optima_is_told_if_one_was_seen(
+    most: float, words: str, copied: Path
+) -> None:
+    starts = {"lanes": {"unseen": {"most": most}}}
+    html = run_page(changed(copied, lambda s: s.update(starts=starts)))
+    assert words in html and "At most 100" not in html
+
+
 def test_a_page_gives_reason_and_advice_below_the_headline(copied: Path) -> None:
     def touch(summary: dict[str, Any]) -> None:
         summary.update(reason="it touches abs(u)", advice="write a < b")
