@@ -33,5 +33,7 @@ def test_progress_of_one_plan_says_solving_from_the_beginning() -> None:
     settings = ("search={name: none}", "lanes=0")
     resolved = resolve(read_document("double_integrator"), assignments=settings)
     run(resolved, seed=0, progress=lambda *told: said.append(told))
-    assert (0, 0, "solving") in said
+    # Once before the plan is made, then after each of its steps.
+    steps = resolved.scenario.steps
+    assert said.count((0, 0, "solving")) == steps + 1
     assert not any(what == "simulating" for _, _, what in said)
