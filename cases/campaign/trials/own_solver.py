@@ -1,4 +1,4 @@
-"""Solvers of anybody in comparisons: a function that returns controls.
+"""Solvers of users in comparisons: functions that return controls.
 
     def mine(problem, x0, budget, rng):       # -> controls, shape (nu, N)
 
@@ -53,7 +53,7 @@ class BudgetSpent(Exception):  # noqa: N818 - no error
 
 
 class OwnSolverError(SwarmstartError):
-    """A solver of a user's own fails, or its answer is none."""
+    """A solver of a user fails, or does not answer with controls."""
 
 
 def installed_solver(name: str) -> OwnSolver:
@@ -200,7 +200,7 @@ def owned(  # noqa: PLR0913 - a solver and all that it is given
         rng: Source of all randomness.
 
     Raises:
-        OwnSolverError: If it fails, or its answer is none.
+        OwnSolverError: If it fails, or does not answer with controls.
     """
     begin: ArrayLike
     start, core, _ = planner.posed(x0, known)
