@@ -58,6 +58,19 @@ FILES = {
 }  # fmt: skip
 """Patterns of the files that faults are drawn from, by what they make sound."""
 MORE_TESTS: Mapping[str, tuple[str, ...]] = {
+    "cases/campaign/judging/statistics.py": (
+        "tests/cases/campaign/judging/test_change_intervals.py",
+        "tests/cases/campaign/judging/test_ranks.py",
+    ),
+    "cases/record/trajectory_arrays.py": (
+        "tests/cases/record/test_partial.py",
+        "tests/cases/record/test_step_table.py",
+    ),
+    "ocp/rollout/kinks.py": ("tests/ocp/rollout/test_smoothing.py",),
+    "ocp/rollout/status.py": (
+        "tests/ocp/rollout/test_stiffness.py",
+        "tests/ocp/test_status_advice.py",
+    ),
     "ocp/system/constraints.py": ("tests/ocp/statement/test_problem.py",),
     "terminal_set/interval_arithmetic/interval_kernel.py": (
         "tests/terminal_set/interval_arithmetic/test_interval_functions.py",
