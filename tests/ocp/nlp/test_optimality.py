@@ -14,11 +14,13 @@ from swarmstart.arrays import Array
 from swarmstart.ocp import (
     Bounds,
     Fitness,
+    Free,
     Known,
     Model,
     OptimalControlProblem,
     PathConstraint,
     Polisher,
+    Radau,
     TerminalConstraint,
 )
 from swarmstart.ocp.nlp.optimality import (
@@ -27,6 +29,7 @@ from swarmstart.ocp.nlp.optimality import (
     curvature,
     is_stationary,
     stationarity,
+    unmet,
 )
 from swarmstart.ocp.nlp.transcription import multiple_shooting
 from swarmstart.ocp.rollout.fitness import NOTHING, shared_arguments
@@ -215,6 +218,13 @@ def test_multiplier_of_a_limit_that_does_not_exist_counts_in_full() -> None:
     assert found == pytest.approx(most / max(1, 2 * most), rel=1e-12)
 
 
+def test_multiplier_of_one_is_a_multiplier() -> None:
+    """min u over 0 <= u <= 1: in these units the slope is 1, and at 1 it is in vain."""
+    point = point_at(scalar(U, 0, limits=(0, 1), intervals=1), np.ones((1, 1)), [0.5])
+    held = replace(point, lam_x=np.array([-1.0, 0.0]))
+    assert stationarity(held) == pytest.approx(0.5, rel=1e-12)
+
+
 @pytest.mark.parametrize("room", [0.25, 0.75, 1.5, 4.0])
 def test_multiplier_of_a_far_limit_counts_by_its_distance_but_once_at_most(
     room: float,
@@ -276,16 +286,46 @@ def test_bend_has_a_sign_from_a_part_in_1e7_of_the_largest_on(
         bounds=Bounds(controls=(-1, 1)),
     )
     assert curvature(point_at(problem, np.zeros((2, 2)), [0.0])) is expected
+    # Of two decided starts, the one that bends less.
+    x = ca.SX.sym("x", 2)
+    begun = OptimalControlProblem(
+        Model(states=x, controls=U, ode=ca.vertcat(0, 0)),
+        horizon=1.0,
+        intervals=2,
+        stage_cost=U**2,
+        initial_cost=0.5 * (x[0] ** 2 + bend * x[1] ** 2),
+        bounds=Bounds(controls=(-1, 1)),
+        start={"x_0": Free(-1, 1), "x_1": Free(-1, 1)},
+    )
+    assert curvature(point_at(begun, np.zeros((1, 2)), [0.0, 0.0])) is expected
 
 
+@pytest.mark.parametrize("size", [1e-9, 1e9])
+def test_sign_of_a_bend_has_no_unit(size: float) -> None:
+    """The cost, and with it the NLP's Hessian, divided by any number."""
+    for bend, expected in (
+        (0.5, Curvature.POSITIVE), (1.0, Curvature.FLAT), (2.0, Curvature.NEGATIVE),
+    ):  # fmt: skip
+        problem = scalar(U**2, -bend * X**2)
+        fitness = Fitness(problem, backend="casadi")
+        sizes = fitness.arguments.sizes([0.0], NOTHING)
+        point = point_at(problem, np.zeros((1, 3)), [0.0])
+        other = replace(sizes, cost=sizes.cost * size)
+        q = point.program.arguments(*shared_arguments(problem, [0.0], NOTHING), other)
+        assert curvature(replace(point, q=q)) is expected
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
 @pytest.mark.parametrize("falls", [None, 0, 1, 2])
-def test_signals_of_each_interval_bend_the_cost_there(falls: int | None) -> None:
-    """s u^2, with the signal s at -1 over one interval and at 1 over the others."""
+def test_signals_of_each_interval_bend_the_cost_there(
+    falls: int | None, side: str
+) -> None:
+    """s u^2, with the signal s at -1 at one interval's end and at 1 at the others."""
     s = ca.SX.sym("s")
-    problem = scalar(s * U**2, 0, signals=s, checks=2, quadrature="left")
+    problem = scalar(s * U**2, 0, signals=s, checks=2, quadrature=side)
     signal = np.ones((1, 7))
     if falls is not None:
-        signal[0, 2 * falls] = -1
+        signal[0, 2 * (falls + (side == "right"))] = -1
     point = point_at(problem, np.zeros((1, 3)), [0.0], Known(signals=signal))
     expected = Curvature.POSITIVE if falls is None else Curvature.NEGATIVE
     assert curvature(point) is expected
@@ -392,10 +432,20 @@ def random_problem(rng: np.random.Generator) -> OptimalControlProblem:
         )
     ode = ca.mtimes(A, x) + ca.mtimes(B, u) + 0.2 * ca.sin(x) * u[0]
     bends = ca.bilin(ca.DM(Q), x, x) / 2 + ca.bilin(ca.DM(R), u, u) / 2
+    intervals = int(rng.integers(1, 5))
+    more: dict[str, object] = {}
+    if rng.random() < 0.3:
+        first = int(rng.integers(1, intervals + 1))
+        more["blocks"] = [length for length in (first, intervals - first) if length]
+    if rng.random() < 0.3:
+        more["transcription"] = Radau(points=2, elements=1)
+    if rng.random() < 0.4:
+        states = ["x_0", "x_1"] if nx == 2 else ["x"]
+        more["start"] = {name: Free(-1, 1) for name in states[: rng.integers(1, 3)]}
     return OptimalControlProblem(
         Model(states=x, controls=u, ode=ode),
         horizon=1.0,
-        intervals=int(rng.integers(1, 5)),
+        intervals=intervals,
         stage_cost=bends + shift * ca.sumsqr(u) + ca.dot(rng.normal(size=nu), u),
         terminal_cost=rng.normal() * ca.sumsqr(x),
         bounds=Bounds(controls=(-1, 1), states=(-2, 2) if rng.random() < 0.5 else None),
@@ -403,11 +453,12 @@ def random_problem(rng: np.random.Generator) -> OptimalControlProblem:
         terminal=terminal,
         checks=int(rng.integers(1, 3)),
         substeps=1,
+        **more,  # type: ignore[arg-type]
     )
 
 
 @given(seed=st.integers(0, 10**6))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=30, deadline=None)
 def test_riccati_says_what_the_dense_reduced_hessian_says(seed: int) -> None:
     """At optima that IPOPT finds, and at points with arbitrary multipliers."""
     rng = np.random.default_rng(seed)
@@ -445,3 +496,70 @@ def test_sign_changes_where_the_closed_form_says(bend: float) -> None:
     point = with_multipliers(point_at(problem, np.zeros((1, 3)), [0.0]))
     expected = Curvature.POSITIVE if bend < 1 else Curvature.NEGATIVE
     assert curvature(point) is expected
+
+
+def separate(
+    slopes: Array, place: Array, *, lower: Array, upper: Array, caps: Array
+) -> float:
+    """Return what is unmet of a cost that is linear in controls that move nothing.
+
+    Args:
+        slopes: Of the cost, shape (nu, N); natural units are those of the NLP.
+        place: The controls, shape (nu, N).
+        lower: Of each control, shape (nu,).
+        upper: Of each control, shape (nu,).
+        caps: Upper limits of path constraints on the controls, stated twice.
+    """
+    nu, intervals = place.shape
+    u, s = ca.SX.sym("u", nu), ca.SX.sym("s", nu)
+    rows = PathConstraint(expression=ca.vertcat(u, u), upper=[*caps, *caps], scale=1)
+    problem = OptimalControlProblem(
+        Model(states=X, controls=u, ode=0 * u[0]),
+        horizon=float(intervals),
+        intervals=intervals,
+        stage_cost=ca.dot(s, u),
+        signals=s,
+        quadrature="left",
+        bounds=Bounds(controls=(lower, upper)),
+        constraints=[rows],
+        scales={f"u_{k}": 1.0 for k in range(nu)},
+    )
+    known = Known(signals=np.hstack([slopes, slopes[:, -1:]]))
+    point = point_at(problem, place, [0.0], known)
+    left = unmet(point.program, point.w, point.q, point.limits)
+    return left * point.cost_size
+
+
+def test_unmet_is_the_slope_that_no_active_limit_explains() -> None:
+    """Control by control: a slope downhill into a limit within 1e-5 is explained.
+
+    Bounds and rows that coincide share their multiplier; there is one control with
+    equal bounds, which explain every slope.
+    """
+    rng = np.random.default_rng(0)
+    lower, upper = np.array([-1.0, -1.0, 0.25]), np.array([2.0, 2.0, 0.25])
+    caps = np.array([0.5, 2.0, 9.0])
+    most = np.minimum(upper, caps)[:, None]
+    for _ in range(30):
+        slopes = rng.uniform(-0.9, 0.9, (3, 4))
+        inwards = rng.choice([0.0, 0.9e-5, 1.1e-5, 0.2], (3, 4))
+        is_low = rng.random((3, 4)) < 0.5
+        inwards[2] = 0.0
+        place = np.where(is_low, lower[:, None] + inwards, most - inwards)
+        explained = (inwards < 1e-5) & np.where(is_low, slopes > 0, slopes < 0)
+        explained[2] = True
+        found = separate(slopes, place, lower=lower, upper=upper, caps=caps)
+        expected = np.abs(slopes[~explained]).sum()
+        assert found == pytest.approx(expected, rel=1e-6, abs=1e-6)
+
+
+def test_unmet_is_infinite_where_a_slope_is() -> None:
+    """The root of u has no slope at 0, and that of the cost neither."""
+    root = scalar(U, 0, constraints=[ca.sqrt(U) <= 4], limits=(0, 1))
+    for problem in (root, scalar(ca.sqrt(U), 0, limits=(0, 1))):
+        for level, is_finite in ((0.5, True), (0.0, False)):
+            controls = np.array([[0.5, level, 0.5]])
+            point = point_at(problem, controls, [0.0])
+            left = unmet(point.program, point.w, point.q, point.limits)
+            assert np.isfinite(left) == is_finite
+            assert is_finite or left == np.inf
