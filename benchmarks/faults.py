@@ -71,7 +71,11 @@ MORE_TESTS: Mapping[str, tuple[str, ...]] = {
         "tests/ocp/rollout/test_stiffness.py",
         "tests/ocp/test_status_advice.py",
     ),
-    "ocp/system/constraints.py": ("tests/ocp/statement/test_problem.py",),
+    "ocp/system/constraints.py": (
+        "tests/ocp/statement/test_problem.py",
+        "tests/ocp/system/test_moving_bounds.py",
+        "tests/ocp/rollout/test_soft.py",
+    ),
     "terminal_set/interval_arithmetic/interval_kernel.py": (
         "tests/terminal_set/interval_arithmetic/test_interval_functions.py",
     ),

@@ -1,5 +1,6 @@
 """The finer path: against an independent integrator, and cuts in closed form."""
 
+from dataclasses import replace
 from typing import Literal
 
 import casadi as ca
@@ -32,11 +33,12 @@ def traced(
     *,
     parameters: Array = NONE,
     signals: Array | None = None,
+    ends: Array | None = None,
 ) -> Path:
     start = np.array(x0, dtype=np.float64)
     known = np.empty((0, problem.nodes)) if signals is None else signals
     sizes = Sizing(problem)(start, parameters, known)
-    return Tracer(problem)(controls, start, parameters, known, sizes)
+    return Tracer(problem)(controls, start, parameters, known, sizes, ends=ends)
 
 
 @pytest.mark.parametrize("quadrature", ["integral", "left", "right"])
@@ -243,10 +245,132 @@ def test_ends_of_a_path_are_seen_on_the_side_of_each_interval() -> None:
 def test_magnitude_adds_what_the_cost_takes_off(
     quadrature: Literal["integral", "left", "right"],
 ) -> None:
-    problem = straight(stage_cost=U, terminal_cost=-5 * X[0], quadrature=quadrature)
-    path = traced(problem, np.array([[1.0, -1.0, 1.0, -1.0]]), [0, 0])
-    assert path.cost == pytest.approx(-20)
-    assert path.magnitude == pytest.approx(4 + 20)
+    """A cost in which a state stands alone counts from its value at the start."""
+    problem = straight(
+        stage_cost=U, step_cost=2 * U, initial_cost=-3 * X[0], terminal_cost=-5 * X[0],
+        quadrature=quadrature,
+    )  # fmt: skip
+    path = traced(problem, np.array([[2.0, 3.0, 1.0, -3.0]]), [7, 0])
+    assert path.cost == pytest.approx(3 + 6 - 21 - 55)
+    assert path.magnitude == pytest.approx(9 + 18 + 21 + 20)
+    # The stage cost alone moves with the origin: x goes from 7 to 11, u is held.
+    other = replace(problem, stage_cost=X[0], terminal_cost=-5 * X[0] ** 2)
+    path = traced(other, np.array([[2.0, 3.0, 1.0, -3.0]]), [7, 0])
+    moved = {"integral": 8, "left": 6, "right": 6}[quadrature]
+    assert path.magnitude == pytest.approx(moved + 18 + 21 + 5 * 11**2, rel=1e-6)
+
+
+def test_worst_constraint_of_its_size_comes_first() -> None:
+    rows = [
+        PathConstraint(expression=X[1], upper=1, scale=10.0, name="mild"),
+        PathConstraint(expression=X[1], upper=3, scale=1.0, name="hard"),
+        PathConstraint(expression=X[1], upper=2, scale=5.0, name="middle"),
+    ]
+    path = traced(straight(constraints=rows), np.ones((1, 4)), [0, 0])
+    assert [e.name.strip("'") for e in path.broken] == ["hard", "middle", "mild"]
+    assert [e.relative for e in path.broken] == pytest.approx([1.0, 0.4, 0.3])
+
+
+@pytest.mark.parametrize("checks", [1, 2])
+def test_path_of_a_model_that_jumps_at_each_intervals_end(checks: int) -> None:
+    """Between the jumps x' = p u in closed form; the jump has every argument."""
+    x, p, s, wanted = ca.SX.sym("x", 2), ca.SX.sym("p"), S, ca.SX.sym("wanted")
+    jumped = ca.vertcat(x[0] / 2 + s, x[1] / 4 + 3 * x[0] - U * p)
+    problem = OptimalControlProblem(
+        Model(
+            states=x, controls=U, parameters=p, signals=s, ode=ca.vertcat(p * U, 0),
+            next_state=jumped, outputs={"y": x[0] + 2 * U + s, "z": x[1] * p},
+        ),
+        horizon=4.0, intervals=4, checks=checks, substeps=2, signals=wanted,
+        stage_cost=x[0] + wanted, constraints=[x[1] <= 1e3],
+    )  # fmt: skip
+    rng = np.random.default_rng(0)
+    controls, signals = rng.normal(size=(1, 4)), rng.normal(size=(2, problem.nodes))
+    path = traced(
+        problem, controls, [0.5, -1.0], parameters=np.array([1.7]), signals=signals
+    )
+    m = 20 * checks
+    at, cost, before = np.array([0.5, -1.0]), 0.0, []
+    for k, u in enumerate(controls[0]):
+        since = path.times[k * m : (k + 1) * m] - k
+        np.testing.assert_allclose(
+            path.states[0, k * m : (k + 1) * m], at[0] + 1.7 * u * since, rtol=1e-12
+        )
+        np.testing.assert_allclose(path.states[1, k * m : (k + 1) * m], at[1])
+        end = np.array([at[0] + 1.7 * u, at[1]])
+        before.append(end)
+        cost += (at[0] + end[0]) / 2
+        there = signals[0, (k + 1) * checks]
+        at = np.array([end[0] / 2 + there, end[1] / 4 + 3 * end[0] - u * 1.7])
+        np.testing.assert_allclose(path.states[:, (k + 1) * m], at, rtol=1e-12)
+    cost += np.trapezoid(signals[1], problem.times)
+    assert path.cost == pytest.approx(cost, rel=1e-9)
+    # Outputs with the control held from each time on; the last one at the end.
+    known, held = (
+        np.interp(path.times, problem.times, signals[0]),
+        np.append(np.repeat(controls[0], m), controls[0, -1]),
+    )
+    np.testing.assert_allclose(
+        path.outputs, [path.states[0] + 2 * held + known, path.states[1] * 1.7]
+    )
+    # Of x_1 at least the range of what is written, of slope 3 in x_0.
+    own = np.ptp(path.states, axis=1)
+    np.testing.assert_allclose(path.reach, [own[0], max(own[1], 3 * own[0])])
+
+
+def test_reach_of_a_state_that_keeps_zero_is_that_of_what_is_written() -> None:
+    """4 |2| + 4 |2|, though it keeps 0; a slope that is not finite says nothing."""
+    x = ca.SX.sym("x", 4)
+    for kept, reach in ((4 * (x[0] - x[1]), 16.0), (ca.sqrt(x[3]), 0.0)):
+        problem = OptimalControlProblem(
+            Model(
+                states=x, controls=U, ode=ca.vertcat(U, U, 0, 0),
+                next_state=ca.vertcat(x[0], x[1], kept, x[3]),
+            ),
+            horizon=2.0, intervals=2,
+        )  # fmt: skip
+        path = traced(problem, np.ones((1, 2)), [0, 0, 0, 0])
+        np.testing.assert_allclose(path.reach, [2, 2, reach, 0], atol=1e-12)
+
+
+@pytest.mark.parametrize("jumps", [False, True])
+def test_intervals_that_begin_anew_miss_the_next_ones_begin(jumps: bool) -> None:
+    """x' = u, and x / 2 after a jump; each interval starts from a state of its own."""
+    x = ca.SX.sym("x")
+    problem = OptimalControlProblem(
+        Model(states=x, controls=U, ode=U, **({"next_state": x / 2} if jumps else {})),
+        horizon=3.0, intervals=3, substeps=1, terminal_cost=x,
+    )  # fmt: skip
+    controls, ends = np.array([[1.0, -2.0, 4.0]]), np.array([[5.0, 7.0, 11.0, 17.0]])
+    path = traced(problem, controls, [5.0], ends=ends)
+    np.testing.assert_allclose(path.states[0, ::10], ends[0])
+    np.testing.assert_allclose(path.states[0, 5::10], ends[0, :-1] + controls[0] / 2)
+    reached = ends[0, :-1] + controls[0]
+    assert path.missed is not None
+    np.testing.assert_allclose(path.missed[0], reached - ends[0, 1:])
+    assert path.cost == pytest.approx(17.0)
+    assert traced(problem, controls, [5.0]).missed is None
+
+
+def test_soft_constraint_adds_its_price_to_the_cost_of_a_path() -> None:
+    """y' = u; of each interval the largest excess of y <= s counts, s falling."""
+    p = ca.SX.sym("p")
+    soft = PathConstraint(
+        expression=X[1] * p, upper=0.5, weight=2.0 + S, quadratic_weight=3.0
+    )
+    problem = OptimalControlProblem(
+        Model(states=X, controls=U, parameters=p, ode=ca.vertcat(1, U)),
+        horizon=4.0, intervals=4, substeps=2, signals=S, constraints=[soft],
+    )  # fmt: skip
+    signals = np.array([[1.0, 5.0, 2.0, 7.0, 9.0]])
+    controls = np.array([[1.0, 1.0, -3.0, 0.25]])  # y = 0, 1, 2, -1, -0.75.
+    path = traced(
+        problem, controls, [0, 0], parameters=np.array([2.0]), signals=signals
+    )
+    e = np.array([1.5, 3.5, 3.5, 0.0])
+    expected = ((2.0 + signals[0, :-1]) * e + 3.0 * e**2).sum()
+    assert path.cost == pytest.approx(expected, rel=1e-9)
+    assert path.magnitude == pytest.approx(expected, rel=1e-9)
 
 
 def test_path_of_three_states_and_its_kinks() -> None:
@@ -288,6 +412,9 @@ def test_path_of_three_states_and_its_kinks() -> None:
 def test_states_that_are_lost_touch_nothing_that_can_be_told() -> None:
     problem = straight(stage_cost=ca.fabs(X[1]))
     assert traced(problem, np.zeros((1, 4)), [0, 0]).kinks == ("fabs(x_1)",)
+    # Beside it, a billionth of the state's size from it, and a part in 1e4.
+    near, far = (traced(problem, np.zeros((1, 4)), [0, off]) for off in (1e-9, 1e-4))
+    assert near.kinks == ("fabs(x_1)",) and far.kinks == ()
     lost = traced(problem, np.zeros((1, 4)), [np.nan, 0])
     assert lost.kinks == ()
     assert lost.not_finite == (0.0, "x_0")
