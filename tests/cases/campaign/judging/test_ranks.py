@@ -51,6 +51,15 @@ def test_a_tie_ends_at_a_millionth() -> None:
     np.testing.assert_allclose(ranks, [1.5, 1.5, 3.0])
 
 
+def test_a_tie_ends_at_a_part_of_the_larger_cost() -> None:
+    """A fifth: from 0.5 up to 0.625, from -1 up to -0.8; beside 0 there is nothing."""
+    for first, last in ((0.5, 0.625), (8.0, 10.0), (-1.0, -0.8), (-0.1, -0.08)):
+        for off, alike in ((-1e-9, True), (1e-9, False)):
+            tied = with_ties(np.array([last + off, first]), same=0.2)
+            assert (tied[0] == tied[1]) == alike
+    assert with_ties(np.array([0.0, 1e-300]), same=0.2).tolist() == [0.0, 1e-300]
+
+
 def test_infinities_stay() -> None:
     assert with_ties(np.array([INF, 1.0, INF])).tolist() == [INF, 1.0, INF]
 

@@ -166,6 +166,7 @@ def test_tests_that_can_show_nothing_cost_the_others_nothing() -> None:
     assert holm_of_those_that_can([0.02, 0.5], [30, 5]) == [0.02, 0.5]
     assert holm_of_those_that_can([0.02, 0.5], [30, 6]) == [0.04, 0.5]
     assert holm_of_those_that_can([0.02, 0.5], [30, 5], share=0.5) == [0.04, 1.0]
+    assert holm_of_those_that_can([0.9, 0.9], [30, 5], share=0.5) == [1.0, 1.0]
 
 
 @given(
@@ -197,6 +198,7 @@ def test_p99_of_thirty_is_the_largest_and_none_if_one_never_ended() -> None:
 def test_the_median_counts_what_is_infinite() -> None:
     inf = np.inf
     assert median([3.0, 1.0, inf]) == 3.0
+    assert median([4.0, 1.0, 2.0, inf]) == 3.0
     assert median([3.0, 1.0, inf, inf]) is None
     assert median([1e308, 1e308]) == 1e308
     assert median([]) is None
