@@ -66,6 +66,8 @@ MORE_TESTS: Mapping[str, tuple[str, ...]] = {
         "tests/cases/record/test_partial.py",
         "tests/cases/record/test_step_table.py",
     ),
+    "ocp/answer/improving.py": ("tests/ocp/test_improving_settled.py",),
+    "ocp/answer/solution.py": ("tests/ocp/answer/test_said.py",),
     "ocp/rollout/kinks.py": ("tests/ocp/rollout/test_smoothing.py",),
     "ocp/rollout/status.py": (
         "tests/ocp/rollout/test_stiffness.py",

@@ -21,9 +21,11 @@ from swarmstart.ocp import (
     SolutionStatus,
     Source,
     TerminalConstraint,
+    solve,
     verified,
 )
 from swarmstart.ocp.rollout.fitness import NOTHING
+from swarmstart.tests.ocp.two_valleys import two_valleys
 
 
 def test_coarse_euler_is_unmasked_by_its_final_state_alone(pendulum: Model) -> None:
@@ -494,3 +496,24 @@ def test_ends_may_differ_by_rounding_far_from_the_origin() -> None:
         told[0, -1] += miss
         found = verified(problem, replace(plan, states=told), [1e9])
         assert (found.status is SolutionStatus.FEASIBLE) is agrees
+
+
+@pytest.mark.parametrize("sense", [1, -1])
+def test_optima_of_lanes_have_the_costs_of_their_controls(sense: int) -> None:
+    """Also the sign of a gain; without lanes there are none."""
+    problem = two_valleys()
+    if sense < 0:
+        problem = replace(problem, stage_cost=-problem.stage_cost, maximize=True)
+    found = solve(problem, [0.0], search=None, seed=0)
+    costs = []
+    for one in found.optima:
+        u = one.controls.ravel()
+        costs.append(np.mean((u - 2) ** 2 * (u + 1) ** 2 - 0.1 * u))
+        assert one.cost == pytest.approx(sense * costs[-1], abs=1e-6)
+    # Each of two intervals in either valley; which of them comes first is the same.
+    assert 2 <= len(costs) <= 4 and costs == sorted(costs)
+    assert found.cost == pytest.approx(sense * costs[0], abs=1e-5)
+    assert solve(problem, [0.0], search=None, lanes=0, seed=0).optima == ()
+    planner = Planner(problem, search=None)
+    guess = planner.evaluated(np.zeros((1, 2)), [0.0], source=Source.GUESS)
+    assert verified(problem, guess, [0.0]).optima == ()

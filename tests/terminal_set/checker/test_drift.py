@@ -162,6 +162,10 @@ def test_a_state_that_may_move_along_needs_nothing_of_the_core(
     for velocity in ((0.0, 0.0), (0.0, 3.01), (0.0, -3.0), (1e-9, 3.0)):
         moved = dataclasses.replace(stated, velocity=velocity)
         assert check_drift(moved).verdict is Verdict.REFUSED, velocity
+    # Of the velocity itself, 3, a billionth may be missing.
+    for share, verdict in ((0.9e-9, Verdict.PROVED), (1.1e-9, Verdict.REFUSED)):
+        moved = dataclasses.replace(stated, velocity=(0.0, 3.0 * (1 + share)))
+        assert check_drift(moved).verdict is verdict
     bounds = stated.bounds | {"x_upper": (None, 1.0)}
     held_back = dataclasses.replace(stated, bounds=bounds)
     assert check_drift(held_back).verdict is Verdict.REFUSED

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -18,6 +20,7 @@ from swarmstart.terminal_set.checker.jets import RAY_AND_TIME, Algebra  # noqa: 
 from swarmstart.terminal_set.checker.motion import (  # noqa: E402
     Program,
     RelativeMotion,
+    _fastest,
     live_instructions,
     rate,
 )
@@ -73,6 +76,27 @@ def test_rate_is_that_of_the_tape() -> None:
     jets = [[values.constant(entry) for entry in v] for v in (x, u)]
     found = mids([jet.value for jet in rate(program, *jets)])
     np.testing.assert_allclose(found, chen_field(x, u), rtol=1e-14)
+
+
+@pytest.mark.parametrize("side", [(1, 1), (1, -1), (-1, 1), (-1, -1)])
+def test_no_point_around_the_reference_moves_faster_than_the_bound(
+    side: tuple[int, int],
+) -> None:
+    """Corner by corner, mirrored so that each of them is the fastest once."""
+    reference = np.array([0.5, -0.25]) * side
+    content = chen(reference={"x": reference.tolist(), "u": [0.125]})
+    certificate = as_read(signed(content))
+    around = np.array([0.3, 0.2])
+    program, both = Program.of(certificate), frozenset({0, 1})
+    found = _fastest(certificate, program, both, [arb(float(r)) for r in around])
+    corners = [
+        np.abs(chen_field(reference + np.array(s) * around, np.array([0.125])))
+        for s in itertools.product((-1, 1), repeat=2)
+    ]
+    bounds = np.array([float(bound) for bound in found])
+    assert (bounds >= np.max(corners, axis=0)).all()
+    np.testing.assert_allclose(bounds, np.max(corners, axis=0), rtol=1e-8)
+    assert _fastest(certificate, program, frozenset({1}), [arb(0)] * 2)[0] == 0
 
 
 @pytest.mark.parametrize(

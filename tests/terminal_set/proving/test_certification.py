@@ -396,6 +396,14 @@ def test_refuses_no_substep() -> None:
         ProofOptions(substeps=0)
 
 
+@pytest.mark.parametrize("limit", ["max_seconds", "work"])
+def test_any_time_above_zero_is_a_limit(limit: str) -> None:
+    assert getattr(ProofOptions(**{limit: 1e-3}), limit) == 1e-3  # type: ignore[arg-type]
+    for time in (0.0, -1.0, np.nan):
+        with pytest.raises(NotPositiveError, match=limit):
+            ProofOptions(**{limit: time})  # type: ignore[arg-type]
+
+
 def test_the_page_says_what_its_example_prints(
     capsys: pytest.CaptureFixture[str],
     tmp_path: Path,

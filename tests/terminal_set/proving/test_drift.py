@@ -25,6 +25,8 @@ from swarmstart.terminal_set import (
     proven_level,
 )
 from swarmstart.terminal_set.proving.drift import (
+    _EXACT,
+    _EXACT_AT,
     LEAST_CORE,
     LEAST_SHARE,
     MOST_CORE,
@@ -34,6 +36,7 @@ from swarmstart.terminal_set.proving.drift import (
     ROUNDING,
     Drift,
     ReferenceMotion,
+    _exactly,
     bearable_drift,
     exact_rates,
     linear_decrease,
@@ -347,3 +350,30 @@ def test_rates_are_exact_where_fractions_show_it_and_else_unknown() -> None:
         assert exact_rates(long, reference) == [None]
     beyond = ca.Function("f", [x, u], [u * np.inf])
     assert exact_rates(beyond, reference) == [None]
+
+
+@pytest.mark.parametrize("value", [Fraction(0), Fraction(1), Fraction(-3, 7)])
+def test_operations_on_fractions_are_those_on_numbers(value: Fraction) -> None:
+    """Known exactly only where the result is a fraction, and then it is that one."""
+    other = Fraction(5, 4)
+    by_hand = {
+        "add": value + other, "sub": value - other, "mul": value * other,
+        "div": value / other, "neg": -value, "fabs": abs(value),
+        "fmin": min(value, other), "fmax": max(value, other), "sq": value**2,
+        "twice": value + value, "inv": 1 / value if value else None,
+    }  # fmt: skip
+    assert by_hand.keys() == _EXACT.keys()
+    binary = ("add", "sub", "mul", "div", "fmin", "fmax")
+    for name, expected in by_hand.items():
+        arguments = [value, other] if name in binary else [value]
+        assert _exactly(name, list(arguments)) == expected
+        assert _exactly(name, [*arguments[1:], None]) is None
+    for name in _EXACT_AT:
+        found = _exactly(name, [value])
+        numbers = {"sin": 0, "tan": 0, "atan": 0, "tanh": 0, "sqrt": 0, "exp": 0,
+                   "cos": 0, "log": 1}  # fmt: skip
+        assert (found is not None) == (value == numbers[name])
+        if found is not None:
+            assert float(found) == getattr(np, {"atan": "arctan"}.get(name, name))(
+                float(value)
+            )

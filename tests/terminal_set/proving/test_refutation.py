@@ -20,7 +20,7 @@ from swarmstart.terminal_set.proving.decrease import (
     continuous_change,
     held_change,
 )
-from swarmstart.terminal_set.proving.proof import refuted_level
+from swarmstart.terminal_set.proving.proof import _checked, refuted_level
 
 
 def rng(seed: int = 0) -> np.random.Generator:
@@ -156,3 +156,14 @@ def test_refuses_a_level_that_is_none(
         refuted_level(
             continuous_change(dynamics, found), alpha_max=alpha_max, rng=rng()
         )
+
+
+@pytest.mark.parametrize(("change", "is_refuted"), [(0.0, True), (-1e-300, False)])
+def test_a_change_of_zero_is_no_decrease(change: float, is_refuted: bool) -> None:
+    e = ca.SX.sym("e", 2)
+    found = _checked(ca.Function("c", [e], [change]), np.eye(2), np.array([3.0, 4.0]))
+    assert (found is not None) == is_refuted
+    if found is not None:
+        assert (found.alpha, found.change) == (25.0, 0.0)
+    lost = np.array([np.nan, 1.0])
+    assert _checked(ca.Function("c", [e], [change]), np.eye(2), lost) is None

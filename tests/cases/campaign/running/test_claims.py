@@ -8,6 +8,7 @@ import pytest
 
 from swarmstart.cases.campaign.running.claims import (
     RELATIONS,
+    assignments_of,
     holds,
     judged,
     value_at,
@@ -127,3 +128,11 @@ def test_a_value_is_found_by_its_dotted_key() -> None:
     assert value_at(SETTINGS, "search.size") == 20
     assert value_at(SETTINGS, "search.size.more") is None
     assert value_at(SETTINGS, "nothing.here") is None
+
+
+def test_a_search_by_name_is_set_before_its_other_settings() -> None:
+    """`search={name: ...}` replaces what was set before it; others keep their order."""
+    settings = {"b.x": 1.5, "search.size": 20, "search.name": "cpso", "a": "y"}
+    assert assignments_of(settings) == (
+        "search={name: cpso}", "b.x=1.5", "search.size=20", 'a="y"',
+    )  # fmt: skip
