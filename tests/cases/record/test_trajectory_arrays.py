@@ -154,6 +154,12 @@ def test_a_flight_that_is_read_back_is_the_same_flight(kind: str) -> None:
         whole = random_flight(kind, count, rng)
         arrays = trajectory_arrays(whole)
         assert ("interval_s" in arrays) <= (kind != "nothing")
+        if "profile_controls" in arrays:  # Needed only where plans have others.
+            assert kind in ("held", "lines")
+            for entry, decision in zip(
+                arrays["profile_controls"], whole.decisions, strict=True
+            ):
+                assert np.isnan(entry).all() == (decision.profile is None)
         again = trajectory_of(arrays)
         for name in ("times", "states", "controls", "dense_times", "dense_states",
                      "step_seconds"):  # fmt: skip

@@ -24,6 +24,7 @@ from swarmstart.ocp import (
     solve,
     verified,
 )
+from swarmstart.ocp.answer.solution import _whole
 from swarmstart.ocp.rollout.fitness import NOTHING
 from swarmstart.tests.ocp.two_valleys import two_valleys
 
@@ -517,3 +518,27 @@ def test_optima_of_lanes_have_the_costs_of_their_controls(sense: int) -> None:
     planner = Planner(problem, search=None)
     guess = planner.evaluated(np.zeros((1, 2)), [0.0], source=Source.GUESS)
     assert verified(problem, guess, [0.0]).optima == ()
+
+
+@pytest.mark.parametrize("sense", [1, -1])
+@pytest.mark.parametrize(
+    ("cost", "relaxed", "status", "told"),
+    [
+        (5.0, 4.0, PolishStatus.CONVERGED, "cost {5}, relaxed {4}: 25 % apart"),
+        (4.0 + 1e-12, 4.0, PolishStatus.CONVERGED, "cost {4}, relaxed {4}: the same"),
+        (0.25, 0.2, PolishStatus.CONVERGED, "cost {0.25}, relaxed {0.2}: 25 % apart"),
+        (5.0, 0.0, PolishStatus.CONVERGED, "cost {5}, relaxed {0}"),
+        (5.0, np.nan, PolishStatus.CONVERGED, "cost {5}; the relaxed problem was not"),
+        (5.0, np.nan, None, "cost {5}; searched, not polished"),
+    ],
+)
+def test_whole_numbers_are_told_beside_the_relaxed_problem(
+    sense: int, cost: float, relaxed: float, status: PolishStatus | None, told: str
+) -> None:
+    """Costs are those of the core; a gain is told with its own sign."""
+    planner = Planner(two_valleys(), search=None)
+    plan = planner.evaluated(np.zeros((1, 2)), [0.0], source=Source.GUESS)
+    plan = replace(plan, cost=cost, relaxed_cost=relaxed, polish_status=status)
+    for number in ("5", "4", "0.25", "0.2", "0"):
+        told = told.replace(f"{{{number}}}", f"{sense * float(number):.6g}")
+    assert _whole(plan, sense).startswith(f"whole numbers {told}")

@@ -149,6 +149,21 @@ def test_a_millionth_of_its_size_from_a_switch_is_at_it(
     assert touched("floor", [[1 + side * off] * 2] * 2) is is_near
 
 
+def test_nearness_is_counted_in_the_sizes_of_states_and_controls() -> None:
+    """The side x_0 - 2 u of size 100 + 2 * 30: at it up to 160 millionths."""
+    kinks = kinks_of(stated(cost=ca.fabs(X[0] - 2 * U)))
+    sizes, push = np.array([[100.0], [7.0]]), np.array([[30.0]])
+    for off, is_near in ((1.5e-4, True), (1.7e-4, False)):
+        x = np.array([[off, off], [0.0, 0.0]])
+        sides, reach = kinks.sides(
+            x, np.zeros((1, 2)), np.empty((0, 2)), np.empty((0, 2)),
+            np.repeat(sizes, 2, axis=1), np.repeat(push, 2, axis=1),
+        )  # fmt: skip
+        np.testing.assert_allclose(np.array(reach), 160.0)
+        found = kinks.touched(np.array(sides), np.array(reach), 1)
+        assert bool(found) is is_near
+
+
 def test_path_near_a_switch_touches_it_however_small_its_own_numbers() -> None:
     assert touched("fabs", [[1e-9, 2e-9], [3e-9, 4e-9]])
     assert not touched("fabs", [[1e-5, 2e-5], [3e-5, 4e-5]])

@@ -353,22 +353,26 @@ def test_intervals_that_begin_anew_miss_the_next_ones_begin(jumps: bool) -> None
 
 
 def test_soft_constraint_adds_its_price_to_the_cost_of_a_path() -> None:
-    """y' = u; of each interval the largest excess of y <= s counts, s falling."""
+    """2 y - s <= 1/2 with y' = u, linear over an interval: its larger end counts.
+
+    The weights are those of the interval's beginning.
+    """
     p = ca.SX.sym("p")
     soft = PathConstraint(
-        expression=X[1] * p, upper=0.5, weight=2.0 + S, quadratic_weight=3.0
+        expression=X[1] * p - S, upper=0.5, weight=2.0 + S + X[0], quadratic_weight=3.0
     )
     problem = OptimalControlProblem(
         Model(states=X, controls=U, parameters=p, ode=ca.vertcat(1, U)),
         horizon=4.0, intervals=4, substeps=2, signals=S, constraints=[soft],
     )  # fmt: skip
-    signals = np.array([[1.0, 5.0, 2.0, 7.0, 9.0]])
-    controls = np.array([[1.0, 1.0, -3.0, 0.25]])  # y = 0, 1, 2, -1, -0.75.
+    s = np.array([0.0, 1.0, 0.5, -1.0, -4.0])
+    y = np.array([0.0, 1.0, 2.0, -1.0, -0.75])
     path = traced(
-        problem, controls, [0, 0], parameters=np.array([2.0]), signals=signals
+        problem, np.diff(y)[None], [0, 0], parameters=np.array([2.0]), signals=s[None]
     )
-    e = np.array([1.5, 3.5, 3.5, 0.0])
-    expected = ((2.0 + signals[0, :-1]) * e + 3.0 * e**2).sum()
+    beyond = np.maximum(2 * y - s - 0.5, 0.0)
+    e = np.maximum(beyond[:-1], beyond[1:])
+    expected = ((2.0 + s[:-1] + np.arange(4)) * e + 3.0 * e**2).sum()
     assert path.cost == pytest.approx(expected, rel=1e-9)
     assert path.magnitude == pytest.approx(expected, rel=1e-9)
 

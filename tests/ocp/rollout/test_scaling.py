@@ -476,3 +476,56 @@ def test_points_around_the_start_keep_the_bounds_of_the_states() -> None:
         bounds=Bounds(controls=(-1, 1), states=(0, np.inf)),
     )  # fmt: skip
     assert sizes_of(problem, [0.0]).cost == 1.0
+
+
+@pytest.mark.parametrize("factor", [10.0, 1e3])
+def test_limit_of_nearly_nothing_is_a_part_of_what_its_row_amounts_to(
+    double_integrator: Model, factor: float
+) -> None:
+    x = double_integrator.states
+    problem = pushed(double_integrator, constraints=[x[0] ** 2 <= 1e-12])
+    one, other = (sizes_of(problem, [at, 0]).rows[0] for at in (30.0, 30.0 * factor))
+    np.testing.assert_allclose(other, factor**2 * one, rtol=1e-9)
+
+
+def test_ends_that_fix_no_state_alone_are_no_target(double_integrator: Model) -> None:
+    """Of 2 x0 = p + s, x0 + x1 = 4, x1^2 = 9 and x1 <= 7 only the first fixes one."""
+    x, p, s = double_integrator.states, ca.SX.sym("p"), ca.SX.sym("s")
+    problem = OptimalControlProblem(
+        replace(double_integrator, parameters=p), horizon=3.0, intervals=2, signals=s,
+        terminal=[2 * x[0] - p - s, x[0] + x[1] - 4, x[1] ** 2 - 9, x[1] <= 7],
+    )  # fmt: skip
+    target = Sizing(problem).target(np.array([5.0]), np.array([3.0]))
+    np.testing.assert_array_equal(target, [4.0, np.nan])
+
+
+def test_signals_count_as_they_are_at_the_start_and_at_the_end() -> None:
+    """x' = s u with |u| <= 1: from the first signal; the target from the last."""
+    x, u, s = ca.SX.sym("x", 2), ca.SX.sym("u"), ca.SX.sym("s")
+    problem = OptimalControlProblem(
+        Model(states=x, controls=u, signals=s, ode=ca.vertcat(s * u, u)), horizon=2.0,
+        intervals=2, signals=(wanted := ca.SX.sym("wanted")), terminal=[x[1] - wanted],
+        bounds=Bounds(controls=(-1, 1)),
+    )  # fmt: skip
+    signals = np.array([[3.0, 50.0, 700.0], [1.0, 20.0, 9.0]])
+    found = Sizing(problem)(np.zeros(2), NONE, signals)
+    np.testing.assert_allclose(found.states, [6.0, 9.0])
+    # The ways to the least of a cost, which are curved, also of a row at the end.
+    curved = replace(
+        problem, terminal=[], stage_cost=(x[0] - s) ** 2,
+        terminal_cost=(x[1] - wanted) ** 2,
+    )  # fmt: skip
+    found = Sizing(curved)(np.zeros(2), NONE, signals)
+    np.testing.assert_allclose(found.states, [3.0, 9.0])
+
+
+def test_guess_of_states_counts_only_if_all_of_it_is_a_number() -> None:
+    problem = rocket(
+        bounds=Bounds(controls=(0, 4e5), states=([-9, -np.inf, 1], np.inf))
+    )
+    along = np.outer([2e5, -700.0, 3e4], np.linspace(0, 1, problem.nodes))
+    along[1, 3] = np.nan
+    found = Sizing(problem)(
+        np.array([0, 0, 1e4]), NONE, np.empty((0, problem.nodes)), None, along
+    )
+    np.testing.assert_array_equal(found.states, sizes_of(problem, [0, 0, 1e4]).states)

@@ -122,10 +122,13 @@ def test_the_signed_rank_test_is_that_of_all_signs(rows: list[list[int]]) -> Non
         assert found == pytest.approx(min(1.0, 2 * min(below, above)), abs=1e-12)
 
 
+@pytest.mark.parametrize("pairs", [30, 50, 51, 90])
 @pytest.mark.parametrize("ties", [False, True])
-def test_the_signed_rank_test_is_scipys_in_all_rows_at_once(ties: bool) -> None:
+def test_the_signed_rank_test_is_scipys_in_all_rows_at_once(
+    ties: bool, pairs: int
+) -> None:
     rng = np.random.default_rng(1)
-    values = rng.normal(0.3, 1.0, (12, 30))
+    values = rng.normal(0.3, 1.0, (12, pairs))
     values = np.round(values, 1) if ties else values
     for row, found in zip(values, signed_rank_ps(values), strict=True):
         assert found == pytest.approx(wilcoxon(row[row != 0]).pvalue, rel=1e-9)
