@@ -535,7 +535,7 @@ def test_optima_of_lanes_have_the_costs_of_their_controls(sense: int) -> None:
 def test_whole_numbers_are_told_beside_the_relaxed_problem(
     sense: int, cost: float, relaxed: float, status: PolishStatus | None, told: str
 ) -> None:
-    """Costs are those of the core; a gain is told with its own sign."""
+    """Costs are those of the core; a gain has its own sign."""
     planner = Planner(two_valleys(), search=None)
     plan = planner.evaluated(np.zeros((1, 2)), [0.0], source=Source.GUESS)
     plan = replace(plan, cost=cost, relaxed_cost=relaxed, polish_status=status)

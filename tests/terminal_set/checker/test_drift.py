@@ -148,6 +148,17 @@ def test_a_state_that_rests_at_first_is_moved_by_one_that_does_not() -> None:
         assert check_drift(borne).verdict is verdict
 
 
+@pytest.mark.parametrize("alpha", [0.25, 1.0, 4.0])
+def test_core_is_at_most_a_millionth_of_the_level(alpha: float) -> None:
+    x, u = ca.SX.sym("x", 1), ca.SX.sym("u")
+    dynamics = ca.Function("rounded", [x, u], [1e-12 - x + 0 * u])
+    stated = certificate_of(dynamics, [[1.0]], alpha)
+    assert stated.alpha == alpha
+    for share, verdict in ((0.99e-6, Verdict.PROVED), (1.01e-6, Verdict.REFUSED)):
+        held = dataclasses.replace(stated, core=share * alpha, drift=1.0)
+        assert check_drift(held).verdict is verdict
+
+
 @pytest.mark.parametrize("dt", [None, 0.5])
 def test_a_state_that_may_move_along_needs_nothing_of_the_core(
     dt: float | None,

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -21,10 +23,12 @@ from swarmstart.terminal_set.checker.motion import (  # noqa: E402
     Program,
     RelativeMotion,
     _fastest,
+    _over_hold,
     live_instructions,
     rate,
 )
 from swarmstart.tests.terminal_set.checker.certificates_by_hand import (  # noqa: E402
+    certificate_of,
     chen,
     formation,
     replaced,
@@ -125,6 +129,23 @@ def test_motion_is_that_of_the_field_or_of_runge_kutta(
         np.testing.assert_allclose(mids(found), expected, rtol=1e-11, atol=1e-12)
     rest = motion.at([arb(0)] * certificate.nx, None if time is None else arb(time))
     np.testing.assert_allclose(mids(rest), 0, atol=1e-14)
+
+
+@pytest.mark.parametrize("substeps", [1, 2, 8])
+def test_motion_of_the_reference_over_a_hold_stays_within_its_bounds(
+    substeps: int,
+) -> None:
+    """x' = x + r moves by r (e^t - 1); every step is of 0.6 s."""
+    x, u, hold = ca.SX.sym("x", 1), ca.SX.sym("u"), 0.6 * substeps
+    dynamics = ca.Function("away", [x, u], [1e-3 + x + 0 * u])
+    certificate = certificate_of(dynamics, [[1.0]], 1.0, dt=hold)
+    certificate = dataclasses.replace(certificate, substeps=substeps)
+    program = Program.of(certificate)
+    (bound,) = _over_hold(certificate, program, frozenset({0}))
+    most = 1e-3 * np.expm1(hold)
+    assert most <= float(bound.lower())
+    # Of each step, at most 1.5 times what is needed, 0.6 / (1 - 0.6) of the start.
+    assert float(bound.upper()) <= 1e-3 * (1 + 1.5 * 0.6 / (1 - 0.6)) ** substeps
 
 
 def test_time_that_is_a_variable_has_the_slope_of_the_motion() -> None:
