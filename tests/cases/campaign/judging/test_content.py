@@ -396,3 +396,44 @@ def test_nothing_is_claimed_about_seconds_of_a_busy_machine(
     monkeypatch.undo()
     quiet = made_up(own, seconds=clocks, budget=budget)
     assert "finds the same cost in 1 s" in quiet["headline"]
+
+
+def test_a_comparison_of_an_earlier_version_is_read_with_the_present_names(
+    tmp_path: Path,
+) -> None:
+    """It said multistart-ipopt, and not where costs are from."""
+    costs = {"de": [2.0] * 8, "repeated-ipopt": [1.0] * 8}
+    content = json.loads(json.dumps(made_up({"s": costs})))
+    old = json.loads(json.dumps(content).replace("repeated-ipopt", "multistart-ipopt"))
+    for one in old["scenarios"]:
+        del one["known_from"]
+    write_json(tmp_path / "comparison.json", old)
+    assert "multistart-ipopt" in json.dumps(old)
+    assert read_comparison(tmp_path) == content
+
+
+def test_the_best_known_is_of_the_first_solver_that_reaches_it_or_from_elsewhere() -> (
+    None
+):
+    same = {"ga": [3.0 + 1e-9] * 8, "de": [3.0] * 8, "pso": [4.0] * 8}
+    (one,) = made_up({"s": same})["scenarios"]
+    assert one["best_by"] == "ga"
+    known = About(known_cost=2.0, known_from="an earlier run, results/s/1")
+    content = made_up({"s": same}, about={"s": known})
+    (one,) = content["scenarios"]
+    assert one["best_by"] is None and one["best_cost"] == 2.0
+    told = "best known: 2, from an earlier run, results/s/1"
+    assert told in report_text(content)
+    # An earlier run is no proof that nothing is less.
+    assert any(
+        "with no proof that none is less: s" in said for said in content["limits"]
+    )
+
+
+def test_solve_is_said_to_have_a_budget_of_its_own() -> None:
+    costs = {"solve": [1.0] * 8, "de": [2.0] * 8}
+    limits = made_up({"s": costs}, budget_text="1evals")["limits"]
+    assert any(said.startswith("solve does what run does") for said in limits)
+    others = {"ga": [1.0] * 8, "de": [2.0] * 8}
+    limits = made_up({"s": others}, budget_text="1evals")["limits"]
+    assert not any("what run does" in said for said in limits)
