@@ -7,7 +7,7 @@ from swarmstart.cases.commands.front.parsing import count, seed, share
 from swarmstart.cases.format.registry import POLISHES, SEARCHES
 from swarmstart.cases.record.record import FIGURE_FORMATS
 
-SOLVERS = "solve,cpso,de,ga,lshade+ipopt,repeated-ipopt,ipopt"
+SOLVERS = "solve,cpso,de,lshade+ipopt,repeated-ipopt,ipopt"
 """Solvers that are compared by default."""
 
 
