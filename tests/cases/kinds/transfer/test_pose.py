@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from swarmstart.cases.kinds.transfer.measures import measure
+from swarmstart.cases.kinds.transfer.kind import measure
 from swarmstart.cases.kinds.transfer.pose import TransferFlight, assigned_goals
 from swarmstart.cases.kinds.transfer.scenario import TransferScenario
 from swarmstart.ocp import InvalidProblemError, Source, simulate
