@@ -14,6 +14,7 @@ import numpy as np
 
 from swarmstart.arrays import Array
 from swarmstart.cases.drawing import palette
+from swarmstart.cases.format.document import printable
 from swarmstart.cases.record.files import write_atomically
 from swarmstart.cases.record.record import PNG
 from swarmstart.ocp import Trajectory
@@ -316,5 +317,9 @@ def make_logarithmic(axes: "Axes", values: Array, *, ratio: float = 100.0) -> No
 
 
 def escaped(text: str) -> str:
-    """Return a user's text, whose dollars are no formulas."""
-    return text.replace("$", r"\$")
+    """Return a user's text: dollars are no formulas, and control characters are shown.
+
+    Matplotlib's warning of a character without a glyph would send an ESC to a terminal.
+    """
+    lines = [printable(line) for line in text.split("\n")]
+    return "\n".join(lines).replace("$", r"\$")

@@ -1,11 +1,14 @@
 """Series differ in colour and line style, and in grey print too."""
 
+import io
 import itertools
+import warnings
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
-from swarmstart.cases.drawing.drawing import COLOURS, colour, line_style
+from swarmstart.cases.drawing.drawing import COLOURS, colour, escaped, line_style
 from swarmstart.tests.cases.drawing.reading import contrast
 
 TWELVE = [(colour(number), line_style(number)) for number in range(12)]
@@ -45,3 +48,13 @@ def test_dashes_repeat_within_what_a_legend_shows(number: int) -> None:
     style = line_style(number)
     period = 0.0 if isinstance(style, str) else float(np.sum(style[1]))
     assert period < 30.0
+
+
+def test_an_escape_sequence_in_a_title_does_not_reach_the_terminal() -> None:
+    """Matplotlib's warning of a missing glyph contains the character itself."""
+    figure = Figure()
+    figure.suptitle(escaped("red \x1b[31m\nand costs in $"))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        figure.savefig(io.BytesIO(), format="png")
+    assert escaped("a\x1b[31m\nb") == "a\\x1b[31m\nb"
