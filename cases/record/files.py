@@ -14,6 +14,7 @@ import os
 import re
 import tempfile
 import time
+import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -123,9 +124,31 @@ def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
     """Return the arrays of an .npz file; nothing is unpickled.
 
     The file is closed in any case, also after an error, which np.load does not ensure.
+
+    Raises:
+        ValueError: If the file claims more numbers than it has room for.
     """
-    with path.open("rb") as file, np.load(file, allow_pickle=False) as opened:
-        return dict(opened)
+    with path.open("rb") as file, zipfile.ZipFile(file) as members:
+        claimed = sum(_claimed(members, name) for name in members.namelist())
+        room = path.stat().st_size  # Records are not compressed.
+        if claimed > room:
+            raise ValueError(f"arrays of {claimed:,} bytes in a file of {room:,} bytes")
+        file.seek(0)
+        with np.load(file, allow_pickle=False) as opened:
+            return dict(opened)
+
+
+def _claimed(members: zipfile.ZipFile, name: str) -> int:
+    """Return the bytes of an array, from its header: NumPy would allocate them."""
+    with members.open(name) as member:
+        version = np.lib.format.read_magic(member)
+        read = (
+            np.lib.format.read_array_header_1_0
+            if version == (1, 0)
+            else np.lib.format.read_array_header_2_0
+        )
+        shape, _, dtype = read(member)
+        return math.prod(shape) * int(dtype.itemsize)
 
 
 def to_json(content: Any, *, indent: int | None = None) -> str:

@@ -1,6 +1,8 @@
 """Saved results and records, read back as data."""
 
+import io
 import json
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -152,6 +154,19 @@ def test_arrays_of_python_objects_are_not_unpickled(
     np.savez(tmp_path / "trajectory.npz", times=np.array([{}], dtype=object))
     with pytest.raises(RecordError, match="allow_pickle=False"):
         load(tmp_path)
+
+
+def test_an_array_that_claims_more_numbers_than_the_file_holds_is_refused(
+    solution: Solution, tmp_path: Path
+) -> None:
+    folder = Path(solution.save(tmp_path / "new"))
+    header = io.BytesIO()
+    content = {"descr": "<f8", "fortran_order": False, "shape": (10**12,)}
+    np.lib.format.write_array_header_1_0(header, content)
+    with zipfile.ZipFile(folder / "solution.npz", "w") as members:
+        members.writestr("controls.npy", header.getvalue() + bytes(64))
+    with pytest.raises(RecordError, match="arrays of 8,000,000,000,000 bytes in a"):
+        load(folder)
 
 
 def test_arrays_that_are_missing_are_refused(
