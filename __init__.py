@@ -54,6 +54,7 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         load as load,
     )
     from swarmstart.errors import (
+        InvalidArgumentError as InvalidArgumentError,
         SwarmstartError as SwarmstartError,
     )
     from swarmstart.heuristics import (
@@ -213,7 +214,7 @@ _NAMES = {
     "swarmstart.cases.record.files": "FolderInUseError RecordError",
     "swarmstart.cases.record.record": "OccupiedFolderError",
     "swarmstart.cases.record.results": "MissingPackageError Record load",
-    "swarmstart.errors": "SwarmstartError",
+    "swarmstart.errors": "InvalidArgumentError SwarmstartError",
     "swarmstart.heuristics": """
         CMAES LSHADE AskTellError Box Budget ChaoticPSO DifferentialEvolution
         GeneticAlgorithm Initial InvalidBoxError InvalidBudgetError

@@ -5,6 +5,36 @@ attributes, the data a program needs to react, and a message that says what was
 expected, what was found and where.
 """
 
+LONGEST_SHOWN = 200
+"""Characters of a value in a message."""
+
 
 class SwarmstartError(Exception):
     """Base of all errors a caller can cause; the message says what is wrong and why."""
+
+
+class InvalidArgumentError(SwarmstartError, ValueError):
+    """An argument of a call has a type or a value that is not allowed.
+
+    Attributes:
+        name: The argument.
+        value: What was given.
+        allowed: What is allowed, in words.
+    """
+
+    def __init__(self, name: str, value: object, allowed: str) -> None:
+        """Keep the parts of the message."""
+        super().__init__(f"{name} must be {allowed}, got {brief(value)}")
+        self.name = name
+        self.value = value
+        self.allowed = allowed
+
+
+def brief(value: object) -> str:
+    """Return the text of a value for a message, on one line and cut if it is long."""
+    # Not the repr of a text of megabytes, of which the message shows the begin only.
+    shown = repr(value[:LONGEST_SHOWN] if isinstance(value, str) else value)
+    shown = " ".join(shown.split())
+    if len(shown) > LONGEST_SHOWN:
+        return f"{shown[: LONGEST_SHOWN - 3]}..."
+    return shown

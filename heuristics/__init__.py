@@ -13,6 +13,7 @@ if TYPE_CHECKING:  # Loaded when first used: searches need Numba, their names do
         InvalidSettingsError as InvalidSettingsError,
         Kernels as Kernels,
         State as State,
+        is_algorithm as is_algorithm,
     )
     from swarmstart.heuristics.laws.box import (
         Box as Box,
@@ -65,7 +66,6 @@ if TYPE_CHECKING:  # Loaded when first used: searches need Numba, their names do
         default_algorithm as default_algorithm,
         default_order as default_order,
         generator_of as generator_of,
-        is_algorithm as is_algorithm,
     )
     from swarmstart.heuristics.searches.chaotic_pso import (
         ChaoticPSO as ChaoticPSO,
@@ -100,7 +100,7 @@ if TYPE_CHECKING:  # Loaded when first used: searches need Numba, their names do
     )
 
 _NAMES = {
-    "laws.algorithm": "Algorithm InvalidSettingsError Kernels State",
+    "laws.algorithm": "Algorithm InvalidSettingsError Kernels State is_algorithm",
     "laws.box": "Box InvalidBoxError InvalidPointsError",
     "laws.initial": "Initial Sampling",
     "laws.order": """
@@ -116,7 +116,6 @@ _NAMES = {
     """,
     "searches.arguments": """
         ALGORITHMS algorithm_of box_of default_algorithm default_order generator_of
-        is_algorithm
     """,
     "searches.chaotic_pso": "ChaoticPSO",
     "searches.cma": "CMAES",

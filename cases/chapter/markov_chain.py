@@ -40,9 +40,11 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.arguments import a_count, a_number, checked, choice
 from swarmstart.arrays import Array
 from swarmstart.heuristics import F_MAX
-from swarmstart.heuristics.laws import require, require_name, require_size
+from swarmstart.heuristics.laws import require
+from swarmstart.heuristics.laws.algorithm import InvalidSettingsError
 from swarmstart.machine_code import Count
 
 Mask = NDArray[np.bool_]
@@ -53,6 +55,12 @@ MAX_STATES = 10_000
 """Largest number of populations; their transition matrix needs 800 MB."""
 
 
+@checked(
+    InvalidSettingsError,
+    size=a_count(least=4),
+    bound_handling=choice(GRID_BOUND_HANDLING),
+    immigrant=a_number(least=0, most=1),
+)
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class GridDE:
     """DE/rand/1 on the points of a grid.
@@ -86,16 +94,12 @@ class GridDE:
         ok = finite and np.unique(costs).size > 1
         allowed = "a vector of at least 2 finite numbers, not all equal"
         require("costs", costs.tolist(), ok=ok, allowed=allowed)
-        require_size(self.size, at_least=4)
         states = f"{self.points}**{self.size}"
         # First the size alone, since the power of a huge one takes for ever: from two
         # points on, 2**size is above the limit.
         ok = self.size < MAX_STATES.bit_length() and self.states <= MAX_STATES
         require("populations", states, ok=ok, allowed=f"at most {MAX_STATES}")
         require("F", self.F, ok=0.0 < self.F <= F_MAX, allowed=f"in (0, {F_MAX}]")
-        require_name("bound_handling", self.bound_handling, GRID_BOUND_HANDLING)
-        ok = 0.0 <= self.immigrant <= 1.0
-        require("immigrant", self.immigrant, ok=ok, allowed="in [0, 1]")
 
     @property
     def points(self) -> int:

@@ -7,8 +7,6 @@ terms of what is here.
 from swarmstart.heuristics.laws.algorithm import (
     first_size_of,
     require,
-    require_name,
-    require_size,
 )
 from swarmstart.heuristics.laws.box import (
     Box,
@@ -28,6 +26,4 @@ __all__ = [
     "descend",
     "first_size_of",
     "require",
-    "require_name",
-    "require_size",
 ]

@@ -23,8 +23,9 @@ from typing import NamedTuple, Protocol, Self
 
 import numpy as np
 
+from swarmstart.arguments import Check, choice
 from swarmstart.arrays import Array
-from swarmstart.errors import SwarmstartError
+from swarmstart.errors import InvalidArgumentError
 from swarmstart.heuristics.laws.box import NAMES, Box
 from swarmstart.heuristics.laws.order import (
     RunningOrder,
@@ -39,21 +40,8 @@ MOST_NUMBERS = 20_000_000
 """Of a population: 160 MB, and a search holds several of that size."""
 
 
-class InvalidSettingsError(SwarmstartError, ValueError):
-    """A setting of an algorithm or of a search has a value that is not allowed.
-
-    Attributes:
-        name: The setting.
-        value: What was given.
-        allowed: What is allowed, in words.
-    """
-
-    def __init__(self, name: str, value: object, allowed: str) -> None:
-        """Keep the parts of the message."""
-        super().__init__(f"{name} must be {allowed}, got {value!r}")
-        self.name = name
-        self.value = value
-        self.allowed = allowed
+class InvalidSettingsError(InvalidArgumentError):
+    """A setting of an algorithm or of a search has a value that is not allowed."""
 
 
 class Settings(Protocol):
@@ -240,6 +228,19 @@ def take_generation(
         state.improved[0] = state.generation[0]
 
 
+def is_algorithm(given: object) -> bool:
+    """Return whether a class or an object has what a search calls."""
+    needed = ("kernels", "first_size", "kernel_settings", "start")
+    return all(hasattr(given, name) for name in needed)
+
+
+ALGORITHM = Check(
+    lambda given: is_algorithm(given) and not isinstance(given, type),
+    "settings of an algorithm, such as LSHADE()",
+)
+"""Check of the settings of an algorithm."""
+
+
 def require(name: str, value: object, *, ok: bool, allowed: str) -> None:
     """Raise InvalidSettingsError unless a setting is ok.
 
@@ -280,22 +281,8 @@ class BoundHandled:
         return super().__new__(cls)
 
 
-def require_bound_handling(name: str) -> None:
-    """Validate the name of a rule at the bounds.
-
-    Raises:
-        InvalidSettingsError: If there is no such rule.
-    """
-    require_name("bound_handling", name, NAMES)
-
-
-def require_name(name: str, value: str, names: tuple[str, ...]) -> None:
-    """Validate a setting that must be one of several names.
-
-    Raises:
-        InvalidSettingsError: If it is another.
-    """
-    require(name, value, ok=value in names, allowed=f"one of {', '.join(names)}")
+BOUND_HANDLING = choice(NAMES)
+"""Check of the name of a rule at the bounds."""
 
 
 def first_size_of(algorithm: Algorithm, box: Box, evaluations: int | None) -> int:
@@ -310,16 +297,6 @@ def first_size_of(algorithm: Algorithm, box: Box, evaluations: int | None) -> in
     allowed = f"at most {MOST_NUMBERS // box.dim} with {box.dim} variables"
     require("size", size, ok=size * box.dim <= MOST_NUMBERS, allowed=allowed)
     return size
-
-
-def require_size(size: int, *, at_least: int) -> None:
-    """Validate a population size.
-
-    Raises:
-        InvalidSettingsError: If it is not an integer, or too small.
-    """
-    ok = isinstance(size, int) and size >= at_least
-    require("size", size, ok=ok, allowed=f"an integer of at least {at_least}")
 
 
 @kernel

@@ -24,8 +24,9 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from swarmstart.arguments import a_count, checked, optional, reals
 from swarmstart.arrays import Array
-from swarmstart.errors import SwarmstartError
+from swarmstart.errors import InvalidArgumentError, SwarmstartError
 from swarmstart.machine_code import Count, kernel
 
 BoundHandling = Literal["clip", "absorb", "reflect", "midpoint", "redraw", "none"]
@@ -62,6 +63,7 @@ class InvalidPointsError(SwarmstartError, ValueError):
         self.shape = shape
 
 
+@checked(per_step=optional(a_count(least=1)), constant=a_count())
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Box:
     """Lower and upper bounds of the variables; copied and read-only.
@@ -132,6 +134,7 @@ class Box:
         free = np.flatnonzero(self.lower < self.upper)
         return free if free.size else np.arange(self.dim)
 
+    @checked(InvalidArgumentError, points=reals())
     def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
         """Return which points lie in the box, its boundary included.
 
@@ -192,7 +195,10 @@ def _problem(lower: Array, upper: Array) -> str:
 def _numbers(name: str, given: ArrayLike) -> Array:
     """Copy bounds; refuse anything but an array of numbers."""
     try:
-        return np.array(given, dtype=np.float64)
+        numbers = np.array(given)
+        if numbers.dtype.kind not in "biuf":
+            raise TypeError("text and complex numbers are not converted")
+        return numbers.astype(np.float64)
     except (TypeError, ValueError) as error:
         problem = f"{name} must be a vector of numbers, got {given!r}"
         raise InvalidBoxError(problem, lower=given, upper=given) from error

@@ -26,8 +26,9 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
+from swarmstart.arguments import checked, optional, reals
 from swarmstart.arrays import Array
-from swarmstart.heuristics.laws.algorithm import require
+from swarmstart.heuristics.laws.algorithm import InvalidSettingsError, require
 from swarmstart.heuristics.laws.box import Box, InvalidPointsError
 from swarmstart.machine_code import kernel
 
@@ -36,6 +37,12 @@ Values = tuple[Array, Array]
 """Costs and violations, each (k,)."""
 
 
+@checked(
+    InvalidSettingsError,
+    points=optional(reals()),
+    cost=optional(reals()),
+    violation=optional(reals()),
+)
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Initial:
     """Options of an initial population.
@@ -77,7 +84,9 @@ class Initial:
     def __post_init__(self) -> None:
         """Validate all that does not depend on the box."""
         names = get_args(Sampling)
-        ok = self.sampling is None or self.sampling in names
+        ok = self.sampling is None or (
+            isinstance(self.sampling, str) and self.sampling in names
+        )
         require("sampling", self.sampling, ok=ok, allowed=f"None or one of {names}")
         ok = self.cost is None or self.points is not None
         require("cost", self.cost, ok=ok, allowed="None without points")

@@ -41,8 +41,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from swarmstart.arguments import FLAG, a_number, checked
 from swarmstart.arrays import Array
-from swarmstart.errors import SwarmstartError
+from swarmstart.errors import InvalidArgumentError
 from swarmstart.machine_code import Count, kernel
 
 STATIC_PENALTY = 0
@@ -50,21 +51,8 @@ FEASIBILITY_FIRST = 1
 EPSILON_LEVEL = 2
 
 
-class InvalidOrderError(SwarmstartError, ValueError):
-    """A parameter of an order is out of its range.
-
-    Attributes:
-        name: The parameter.
-        value: What was given.
-    """
-
-    def __init__(
-        self, name: str, value: float, allowed: str = "finite and at least 0"
-    ) -> None:
-        """Keep name and value beside the message."""
-        super().__init__(f"{name} must be {allowed}, got {value}")
-        self.name = name
-        self.value = value
+class InvalidOrderError(InvalidArgumentError):
+    """A parameter of an order is out of its range."""
 
 
 class Order(NamedTuple):
@@ -113,6 +101,7 @@ class RunningOrder(NamedTuple):
     level: Array
 
 
+@checked(InvalidOrderError, weight=a_number(least=0))
 def static_penalty(weight: float) -> Order:
     """Order by cost + weight * violation.
 
@@ -140,10 +129,10 @@ def static_penalty(weight: float) -> Order:
         >>> found.x.round(6).tolist()
         [0.5]
     """
-    _require_nonnegative("weight", weight)
     return Order(rule=STATIC_PENALTY, weight=float(weight), tolerance=0.0)
 
 
+@checked(InvalidOrderError, tolerance=a_number(least=0))
 def feasibility_first(tolerance: float = 0.0) -> Order:
     """Order feasible before infeasible, the former by cost, the latter by violation.
 
@@ -171,10 +160,17 @@ def feasibility_first(tolerance: float = 0.0) -> Order:
         >>> found.x.round(6).tolist(), found.violation
         ([1.0], 0.0)
     """
-    _require_nonnegative("tolerance", tolerance)
     return Order(rule=FEASIBILITY_FIRST, weight=0.0, tolerance=float(tolerance))
 
 
+@checked(
+    InvalidOrderError,
+    tolerance=a_number(least=0),
+    quantile=a_number(least=0, most=1),
+    control=a_number(above=0, most=1),
+    power=a_number(least=0),
+    adaptive=FLAG,
+)
 def epsilon_level(
     tolerance: float = 0.0,
     *,
@@ -223,12 +219,6 @@ def epsilon_level(
         >>> round(found.cost, 2), found.violation <= 1e-4
         (-2.0, True)
     """
-    for name, value in (("tolerance", tolerance), ("power", power)):
-        _require_nonnegative(name, value)
-    if not 0.0 <= quantile <= 1.0:
-        raise InvalidOrderError("quantile", quantile, "in [0, 1]")
-    if not 0.0 < control <= 1.0:
-        raise InvalidOrderError("control", control, "in (0, 1]")
     return Order(
         rule=EPSILON_LEVEL,
         weight=0.0,
@@ -453,8 +443,3 @@ def worst_index(order: RunningOrder, cost: Array, violation: Array) -> int:
 def is_finite(cost: float, violation: float) -> bool:
     """Return whether both numbers are finite."""
     return math.isfinite(cost) and math.isfinite(violation)
-
-
-def _require_nonnegative(name: str, value: float) -> None:
-    if not 0.0 <= value < math.inf:
-        raise InvalidOrderError(name, value)

@@ -99,7 +99,9 @@ class Budget:
         if seconds is not None and not (_is_number(seconds) and 0.0 < seconds < np.inf):
             message = f"seconds must be finite and above 0, got {seconds!r}"
             raise InvalidBudgetError(message, self)
-        if target is not None and (not _is_number(target) or np.isnan(target)):
+        if target is not None and not (
+            _is_number(target) and -np.inf <= target <= np.inf
+        ):
             message = f"target must be a number, got {target!r}"
             raise InvalidBudgetError(message, self)
 

@@ -10,8 +10,9 @@ from typing import cast
 import numpy as np
 from numpy.typing import ArrayLike
 
+from swarmstart.arguments import checked, function, optional
 from swarmstart.arrays import Array
-from swarmstart.heuristics.laws.algorithm import Algorithm, require
+from swarmstart.heuristics.laws.algorithm import Algorithm, InvalidSettingsError
 from swarmstart.heuristics.laws.box import Box
 from swarmstart.heuristics.laws.initial import Initial
 from swarmstart.heuristics.laws.order import Order
@@ -61,6 +62,12 @@ FINISHED = {
 }
 
 
+@checked(
+    InvalidSettingsError,
+    on_generation=optional(function()),
+    on_advance=optional(function()),
+    on_best=optional(function()),
+)
 def minimize(  # noqa: PLR0913
     objective: Objective,
     box: Box | ArrayLike | None = None,
@@ -125,7 +132,7 @@ def minimize(  # noqa: PLR0913
         (5000, True)
     """
     budget = budget_of(budget)
-    _require_callable(objective, on_generation)
+    _require_callable(objective)
     search = Search(
         algorithm_of(algorithm, budget.evaluations),
         box_of(box, bounds),
@@ -178,7 +185,7 @@ def run(
             be continued.
     """
     budget = budget_of(budget)
-    _require_callable(objective, on_generation)
+    _require_callable(objective)
     require_one_generation(search, budget)
     advance = Running(search, objective, budget, on_generation)
 
@@ -409,15 +416,13 @@ def values_of(
     )
 
 
-def _require_callable(objective: object, on_generation: object) -> None:
+def _require_callable(objective: object) -> None:
     if not callable(objective):
         raise InvalidEvaluationError(
             "objective must be a function: population of shape (dim, size) -> cost, "
             f"or (cost, violation), each (size,); got {type(objective).__name__}",
             name="objective",
         )
-    ok = on_generation is None or callable(on_generation)
-    require("on_generation", on_generation, ok=ok, allowed="None or a function")
 
 
 def _progress(search: Search, budget: Budget, seconds: float) -> float:

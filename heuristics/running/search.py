@@ -10,15 +10,27 @@ import copy
 import json
 from collections.abc import Callable, Mapping
 from functools import partial
-from numbers import Real
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from swarmstart.arguments import (
+    MOST_WORK,
+    RNG,
+    a_count,
+    a_number,
+    checked,
+    either,
+    mapping,
+    of_kind,
+    optional,
+    reals,
+)
 from swarmstart.arrays import Array
 from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics.laws.algorithm import (
+    ALGORITHM,
     MOST_NUMBERS,
     Algorithm,
     InvalidSettingsError,
@@ -89,6 +101,18 @@ class Individual(NamedTuple):
     violation: float
 
 
+@checked(
+    InvalidSettingsError,
+    algorithm=ALGORITHM,
+    box=of_kind(Box, "a Box"),
+    rng=RNG,
+    order=optional(of_kind(Order, "an order as feasibility_first() makes it")),
+    initial=optional(either(of_kind(Initial, "an Initial"), reals())),
+    evaluations=optional(a_count(least=1, most=MOST_WORK)),
+    basins=a_count(),
+    radius=a_number(above=0, finite=False),
+    snapshot=optional(mapping(words="a snapshot of a search")),
+)
 class Search:
     """A search, driven one generation at a time by `ask` and `tell`.
 
@@ -147,18 +171,10 @@ class Search:
                 the wrong type, or both `initial` and `snapshot` are given.
             InvalidSnapshotError: If the snapshot is of another search.
         """
-        if not isinstance(rng, np.random.Generator):
-            raise InvalidSettingsError("rng", rng, "a numpy.random.Generator")
         if initial is not None and snapshot is not None:
             allowed = "None if snapshot is given"
             raise InvalidSettingsError("initial", initial, allowed)
         _require_basins(basins, box)
-        ok = isinstance(radius, Real) and bool(radius > 0.0)
-        require("radius", radius, ok=ok, allowed="a number above 0")
-        ok = order is None or isinstance(order, Order)
-        require(
-            "order", order, ok=ok, allowed="None or as feasibility_first() makes it"
-        )
         self.algorithm = algorithm
         self.box = box
         self.order = default_order() if order is None else order
@@ -166,7 +182,7 @@ class Search:
         self._order = self.order.running()
         self._settings = algorithm.kernel_settings(box, self._order)
         self._basins = basins
-        self._archive = new_archive(box, room=ROOM * basins, radius=radius)
+        self._archive = new_archive(box, room=ROOM * basins, radius=float(radius))
         self.compile_seconds = 0.0
         self._known: Values | None = None
         self._asked: Array | None = None
@@ -248,6 +264,11 @@ class Search:
             return GOES_ON
         return finished(self._order, self._state, limits)
 
+    @checked(
+        InvalidSettingsError,
+        progress=optional(a_number(least=0, most=1)),
+        suggested=optional(reals(array=True)),
+    )
     def ask(
         self, *, progress: float | None = None, suggested: Array | None = None
     ) -> Array:
@@ -557,7 +578,10 @@ def _filled(template: Record, prefix: str, snapshot: Snapshot) -> Record:
 def _evaluations(name: str, values: ArrayLike, size: int) -> Array:
     """Copy costs or violations; raise InvalidEvaluationError unless they are `size`."""
     try:
-        array = np.array(values, dtype=np.float64)
+        array = np.array(values)
+        if array.dtype.kind not in "biuf":
+            raise TypeError("text and complex numbers are not converted")
+        array = array.astype(np.float64)
     except (TypeError, ValueError) as error:
         message = f"{name} must be an array of {size} numbers: {error}"
         raise InvalidEvaluationError(message, name=name) from error
@@ -569,8 +593,6 @@ def _evaluations(name: str, values: ArrayLike, size: int) -> Array:
 
 def _require_basins(basins: int, box: Box) -> None:
     """Refuse an invalid number of basins, or one whose archive would not fit."""
-    ok = isinstance(basins, int) and basins >= 0
-    require("basins", basins, ok=ok, allowed="an integer of at least 0")
     most = MOST_NUMBERS // (ROOM * box.dim)
     allowed = f"at most {most} with {box.dim} variables"
     require("basins", basins, ok=basins <= most, allowed=allowed)

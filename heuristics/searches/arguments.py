@@ -23,9 +23,14 @@ from pkgutil import resolve_name
 import numpy as np
 from numpy.typing import ArrayLike
 
-from swarmstart.heuristics.laws.algorithm import Algorithm, InvalidSettingsError
+from swarmstart.arguments import MOST_WORK, SEED, a_count, a_number, checked, optional
+from swarmstart.heuristics.laws.algorithm import (
+    Algorithm,
+    InvalidSettingsError,
+    is_algorithm,
+)
 from swarmstart.heuristics.laws.box import Box, InvalidBoxError
-from swarmstart.heuristics.laws.order import Order, epsilon_level
+from swarmstart.heuristics.laws.order import InvalidOrderError, Order, epsilon_level
 from swarmstart.heuristics.searches.chaotic_pso import ChaoticPSO
 from swarmstart.heuristics.searches.lshade import LSHADE
 from swarmstart.heuristics.searches.names import SEARCHES, installed_searches
@@ -85,12 +90,6 @@ def _unknown(given: object) -> InvalidSettingsError:
     return InvalidSettingsError("algorithm", given, allowed)
 
 
-def is_algorithm(given: object) -> bool:
-    """Return whether a class or an object has what a search calls."""
-    needed = ("kernels", "first_size", "kernel_settings", "start")
-    return all(hasattr(given, name) for name in needed)
-
-
 def box_of(given: Box | ArrayLike | None, bounds: Box | ArrayLike | None = None) -> Box:
     """Return the box that is given as one, or as pairs of bounds.
 
@@ -115,7 +114,9 @@ def box_of(given: Box | ArrayLike | None, bounds: Box | ArrayLike | None = None)
         allowed = "a Box, or pairs (lower, upper), one for each variable"
         raise InvalidSettingsError("bounds", None, allowed)
     try:
-        pairs = np.array(chosen, dtype=np.float64)
+        pairs = np.array(chosen)
+        if pairs.dtype.kind not in "biuf":
+            raise TypeError("text and complex numbers are not converted")
     except (TypeError, ValueError):
         pairs = np.empty(0)  # Refused below, with the message for wrong shapes.
     if pairs.ndim != len(PAIR) + 1 or pairs.shape[1:] != PAIR:
@@ -155,14 +156,15 @@ def generator_of(
         return rng
     allowed = "an integer of at least 0, or rng a numpy.random.Generator"
     # NumPy would take True for the seed 1, and None for any seed.
-    if seed is None or isinstance(seed, bool):
+    if not SEED.accepts(seed):
         raise InvalidSettingsError("seed", seed, allowed)
     try:
         return np.random.default_rng(np.random.SeedSequence(seed))
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, AttributeError) as error:
         raise InvalidSettingsError("seed", seed, allowed) from error
 
 
+@checked(InvalidSettingsError, evaluations=optional(a_count(least=1, most=MOST_WORK)))
 def default_algorithm(evaluations: int | None) -> Algorithm:
     """Return the default algorithm for a budget.
 
@@ -181,6 +183,7 @@ def default_algorithm(evaluations: int | None) -> Algorithm:
     return LSHADE()
 
 
+@checked(InvalidOrderError, tolerance=a_number(least=0))
 def default_order(tolerance: float = 0.0) -> Order:
     """Return the order of individuals: the adaptive epsilon level.
 

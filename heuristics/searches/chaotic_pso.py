@@ -27,8 +27,10 @@ from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 
+from swarmstart.arguments import a_count, a_number, checked, choice, optional, reals
 from swarmstart.arrays import Array
 from swarmstart.heuristics.laws.algorithm import (
+    BOUND_HANDLING,
     BoundHandled,
     InvalidSettingsError,
     Kernels,
@@ -36,8 +38,6 @@ from swarmstart.heuristics.laws.algorithm import (
     common_fields,
     copy_points,
     require,
-    require_bound_handling,
-    require_size,
 )
 from swarmstart.heuristics.laws.box import CODES, BoundHandling, Box, between
 from swarmstart.heuristics.laws.initial import smooth_in
@@ -45,7 +45,6 @@ from swarmstart.heuristics.laws.order import RunningOrder, better
 from swarmstart.heuristics.searches.swarm import (
     fly,
     remember,
-    require_accelerations,
     swarm_best,
 )
 from swarmstart.machine_code import Count, kernel
@@ -205,6 +204,20 @@ def number_ahead(order: RunningOrder, state: ChaoticPSOState, i: int) -> int:
     return ahead
 
 
+@checked(
+    InvalidSettingsError,
+    size=a_count(least=2),
+    inertia_max=a_number(least=0),
+    inertia_min=a_number(least=0),
+    cognitive=a_number(least=0),
+    social=a_number(least=0),
+    velocity_max=optional(reals()),
+    initial_velocity=choice(("independent", "smooth")),
+    reseed=choice(RESEED_CODES),
+    diversity_threshold=a_number(least=0, finite=False),
+    search_length=optional(a_number(above=0)),
+    bound_handling=BOUND_HANDLING,
+)
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ChaoticPSO(OfFixedSize, BoundHandled):
     """Settings of the chaotic particle swarm; the defaults are those of the text.
@@ -285,24 +298,11 @@ class ChaoticPSO(OfFixedSize, BoundHandled):
 
     def __post_init__(self) -> None:
         """Check the values."""
-        require_size(self.size, at_least=2)
-        ok = 0.0 <= self.inertia_min <= self.inertia_max < np.inf
-        allowed = f"in [0, inertia_max = {self.inertia_max}], both finite"
+        ok = self.inertia_min <= self.inertia_max
+        allowed = f"at most inertia_max = {self.inertia_max}"
         require("inertia_min", self.inertia_min, ok=ok, allowed=allowed)
-        require_accelerations(self.cognitive, self.social)
         if self.velocity_max is not None:
             self._keep_velocity_max()
-        ok = self.initial_velocity in ("independent", "smooth")
-        value = self.initial_velocity
-        require("initial_velocity", value, ok=ok, allowed="independent or smooth")
-        ok = self.reseed in RESEED_CODES
-        require("reseed", self.reseed, ok=ok, allowed=f"one of {[*RESEED_CODES]}")
-        eps = self.diversity_threshold
-        require("diversity_threshold", eps, ok=eps >= 0.0, allowed="at least 0")
-        ok = self.search_length is None or 0.0 < self.search_length < np.inf
-        allowed = "None or finite and above 0"
-        require("search_length", self.search_length, ok=ok, allowed=allowed)
-        require_bound_handling(self.bound_handling)
 
     def _keep_velocity_max(self) -> None:
         """Check the largest speed; keep a vector as a tuple."""

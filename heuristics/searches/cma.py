@@ -36,16 +36,16 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from swarmstart.arguments import FLAG, a_count, a_number, checked, optional
 from swarmstart.arrays import Array
 from swarmstart.heuristics.laws.algorithm import (
+    BOUND_HANDLING,
     BoundHandled,
+    InvalidSettingsError,
     Kernels,
     common_fields,
     copy_points,
     fill_column,
-    require,
-    require_bound_handling,
-    require_size,
     take_generation,
 )
 from swarmstart.heuristics.laws.box import (
@@ -335,6 +335,14 @@ def decompose(state: CMAESState) -> None:
     state.decomposed[0] = state.age[0]
 
 
+@checked(
+    InvalidSettingsError,
+    size=optional(a_count(least=4)),
+    sigma=a_number(above=0, most=1),
+    restarts=FLAG,
+    increase=a_count(least=1),
+    bound_handling=BOUND_HANDLING,
+)
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CMAES(BoundHandled):
     """Settings of CMA-ES with restarts.
@@ -372,19 +380,6 @@ class CMAES(BoundHandled):
     restarts: bool = True
     increase: int = 2
     bound_handling: BoundHandling = "reflect"
-
-    def __post_init__(self) -> None:
-        """Check the values."""
-        if self.size is not None:
-            require_size(self.size, at_least=4)
-        ok = 0.0 < self.sigma <= 1.0
-        require("sigma", self.sigma, ok=ok, allowed="in (0, 1]")
-        ok = isinstance(self.restarts, bool)
-        require("restarts", self.restarts, ok=ok, allowed="True or False")
-        ok = isinstance(self.increase, int) and self.increase >= 1
-        allowed = "an integer of at least 1"
-        require("increase", self.increase, ok=ok, allowed=allowed)
-        require_bound_handling(self.bound_handling)
 
     def first_size(self, box: Box, evaluations: int | None) -> int:
         """Number of individuals until the first restart."""

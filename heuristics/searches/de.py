@@ -28,17 +28,16 @@ from typing import ClassVar, Literal, NamedTuple, get_args
 
 import numpy as np
 
+from swarmstart.arguments import a_count, a_number, checked, choice
 from swarmstart.arrays import Array
 from swarmstart.heuristics.laws.algorithm import (
+    BOUND_HANDLING,
     BoundHandled,
+    InvalidSettingsError,
     Kernels,
     OfFixedSize,
     common_fields,
     copy_points,
-    require,
-    require_bound_handling,
-    require_name,
-    require_size,
     take_generation,
 )
 from swarmstart.heuristics.laws.box import CODES, BoundHandling, Box
@@ -149,6 +148,15 @@ def accept(
     take_generation(settings.order, state, asked, cost, violation)
 
 
+@checked(
+    InvalidSettingsError,
+    size=a_count(least=4),  # Each and three others.
+    F=a_number(above=0, most=F_MAX),
+    CR=a_number(least=0, most=1),
+    strategy=choice(STRATEGIES),
+    crossover=choice(CROSSOVERS),
+    bound_handling=BOUND_HANDLING,
+)
 @dataclass(frozen=True, kw_only=True, slots=True)
 class DifferentialEvolution(OfFixedSize, BoundHandled):
     """Settings of differential evolution.
@@ -186,15 +194,6 @@ class DifferentialEvolution(OfFixedSize, BoundHandled):
     strategy: Strategy = "rand/1"
     crossover: Crossover = "bin"
     bound_handling: BoundHandling = "midpoint"
-
-    def __post_init__(self) -> None:
-        """Check the values."""
-        require_size(self.size, at_least=4)  # Each and three others.
-        require("F", self.F, ok=0.0 < self.F <= F_MAX, allowed=f"in (0, {F_MAX}]")
-        require("CR", self.CR, ok=0.0 <= self.CR <= 1.0, allowed="in [0, 1]")
-        require_name("strategy", self.strategy, STRATEGIES)
-        require_name("crossover", self.crossover, CROSSOVERS)
-        require_bound_handling(self.bound_handling)
 
     def kernel_settings(
         self, box: Box, order: RunningOrder

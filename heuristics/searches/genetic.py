@@ -18,16 +18,16 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from swarmstart.arguments import FLAG, a_count, a_number, checked, optional
 from swarmstart.arrays import Array
 from swarmstart.heuristics.laws.algorithm import (
+    InvalidSettingsError,
     Kernels,
     OfFixedSize,
     common_fields,
     copy_points,
     copy_values,
     fill_column,
-    require,
-    require_size,
     take_column,
     take_generation,
 )
@@ -216,6 +216,13 @@ def spin(rng: np.random.Generator, weight: Array) -> int:
     return weight.size - 1  # Never: mark < total, summed in the same order.
 
 
+@checked(
+    InvalidSettingsError,
+    size=a_count(least=2),
+    crossover=a_number(least=0, most=1),
+    mutation=optional(a_number(least=0, most=1)),
+    elitism=FLAG,
+)
 @dataclass(frozen=True, kw_only=True, slots=True)
 class GeneticAlgorithm(OfFixedSize):
     """Settings of the genetic algorithm.
@@ -249,16 +256,6 @@ class GeneticAlgorithm(OfFixedSize):
     crossover: float = 0.8
     mutation: float | None = None
     elitism: bool = True
-
-    def __post_init__(self) -> None:
-        """Check the values."""
-        require_size(self.size, at_least=2)
-        ok = 0.0 <= self.crossover <= 1.0
-        require("crossover", self.crossover, ok=ok, allowed="in [0, 1]")
-        ok = self.mutation is None or 0.0 <= self.mutation <= 1.0
-        require("mutation", self.mutation, ok=ok, allowed="None or in [0, 1]")
-        ok = isinstance(self.elitism, bool)
-        require("elitism", self.elitism, ok=ok, allowed="True or False")
 
     def kernel_settings(
         self, box: Box, order: RunningOrder

@@ -19,15 +19,16 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from swarmstart.arguments import a_count, checked
 from swarmstart.arrays import Array
 from swarmstart.heuristics.laws.algorithm import (
+    BOUND_HANDLING,
     BoundHandled,
+    InvalidSettingsError,
     Kernels,
     OfFixedSize,
     common_fields,
     copy_points,
-    require_bound_handling,
-    require_size,
     take_generation,
 )
 from swarmstart.heuristics.laws.box import CODES, BoundHandling, Box
@@ -135,6 +136,11 @@ def accept(
     take_generation(settings.order, state, asked, cost, violation)
 
 
+@checked(
+    InvalidSettingsError,
+    size=a_count(least=4),  # Each and three others.
+    bound_handling=BOUND_HANDLING,
+)
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SelfAdaptiveDE(OfFixedSize, BoundHandled):
     """Settings of jDE.
@@ -163,11 +169,6 @@ class SelfAdaptiveDE(OfFixedSize, BoundHandled):
     kernels: ClassVar[Kernels] = Kernels(propose=propose, accept=accept)
     size: int = 50
     bound_handling: BoundHandling = "midpoint"
-
-    def __post_init__(self) -> None:
-        """Check the values."""
-        require_size(self.size, at_least=4)  # Each and three others.
-        require_bound_handling(self.bound_handling)
 
     def kernel_settings(self, box: Box, order: RunningOrder) -> SelfAdaptiveDESettings:
         """The settings as numbers and arrays."""

@@ -50,16 +50,17 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from swarmstart.arguments import a_count, a_number, checked, optional
 from swarmstart.arrays import Array
 from swarmstart.heuristics.laws.algorithm import (
+    BOUND_HANDLING,
     BoundHandled,
+    InvalidSettingsError,
     Kernels,
     common_fields,
     copy_column,
     copy_points,
     require,
-    require_bound_handling,
-    require_size,
     take_generation,
 )
 from swarmstart.heuristics.laws.box import CODES, BoundHandling, Box
@@ -269,6 +270,15 @@ def rounded(value: float) -> int:
     return math.floor(value + 0.5)
 
 
+@checked(
+    InvalidSettingsError,
+    size=optional(a_count(least=LEAST_SIZE)),
+    smallest=a_count(least=LEAST_SIZE),
+    memory=a_count(least=1),
+    archive=a_number(least=0),
+    greediness=a_number(above=0, most=1),
+    bound_handling=BOUND_HANDLING,
+)
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LSHADE(BoundHandled):
     """Settings of L-SHADE.
@@ -310,20 +320,12 @@ class LSHADE(BoundHandled):
 
     def __post_init__(self) -> None:
         """Check the values."""
-        ok = isinstance(self.smallest, int) and self.smallest >= LEAST_SIZE
-        allowed = f"an integer of at least {LEAST_SIZE}"
-        require("smallest", self.smallest, ok=ok, allowed=allowed)
-        if self.size is not None:
-            require_size(self.size, at_least=self.smallest)
-        ok = isinstance(self.memory, int) and self.memory >= 1
-        require("memory", self.memory, ok=ok, allowed="an integer of at least 1")
-        ok = 0.0 <= self.archive < math.inf
-        require("archive", self.archive, ok=ok, allowed="finite and at least 0")
-        ok = 0.0 < self.greediness <= 1.0
-        require("greediness", self.greediness, ok=ok, allowed="in (0, 1]")
-        require_bound_handling(self.bound_handling)
+        ok = self.size is None or self.size >= self.smallest
+        allowed = f"None or an integer of at least {self.smallest}"
+        require("size", self.size, ok=ok, allowed=allowed)
 
     @classmethod
+    @checked(InvalidSettingsError, dim=a_count(least=1))
     def as_published(cls, dim: int) -> "LSHADE":
         """The settings of the paper, for a box of `dim` dimensions."""
         return cls(size=PUBLISHED_SIZE * dim)

@@ -26,16 +26,17 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from swarmstart.arguments import a_count, a_number, checked, optional
 from swarmstart.arrays import Array
 from swarmstart.heuristics.laws.algorithm import (
+    BOUND_HANDLING,
     BoundHandled,
+    InvalidSettingsError,
     Kernels,
     OfFixedSize,
     common_fields,
     copy_points,
     require,
-    require_bound_handling,
-    require_size,
 )
 from swarmstart.heuristics.laws.box import CODES, BoundHandling, Box
 from swarmstart.heuristics.laws.initial import sample_uniform
@@ -43,7 +44,6 @@ from swarmstart.heuristics.laws.order import RunningOrder
 from swarmstart.heuristics.searches.swarm import (
     fly,
     remember,
-    require_accelerations,
     ring_best,
     swarm_best,
 )
@@ -103,6 +103,16 @@ def propose(
     copy_points(state.position, asked)
 
 
+@checked(
+    InvalidSettingsError,
+    size=a_count(least=1),
+    inertia=a_number(least=0, most=1),
+    cognitive=a_number(least=0),
+    social=a_number(least=0),
+    neighbours=optional(a_count(least=2)),
+    velocity_max=optional(a_number(above=0)),
+    bound_handling=BOUND_HANDLING,
+)
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ParticleSwarm(OfFixedSize, BoundHandled):
     """Settings of a particle swarm.
@@ -148,20 +158,13 @@ class ParticleSwarm(OfFixedSize, BoundHandled):
 
     def __post_init__(self) -> None:
         """Check the values."""
-        require_size(self.size, at_least=1)
-        ok = 0.0 <= self.inertia <= 1.0
-        require("inertia", self.inertia, ok=ok, allowed="in [0, 1]")
-        require_accelerations(self.cognitive, self.social)
         k = self.neighbours
-        ok = k is None or (isinstance(k, int) and k % 2 == 0 and 2 <= k < self.size)  # noqa: PLR2004
+        ok = k is None or (k % 2 == 0 and k < self.size)
         allowed = f"None or even, at least 2 and below size = {self.size}"
         require("neighbours", k, ok=ok, allowed=allowed)
-        ok = self.velocity_max is None or 0.0 < self.velocity_max < np.inf
-        allowed = "None or finite and above 0"
-        require("velocity_max", self.velocity_max, ok=ok, allowed=allowed)
-        require_bound_handling(self.bound_handling)
 
     @classmethod
+    @checked(InvalidSettingsError, phi=a_number(above=PHI_LEAST))
     def constricted(cls, phi: float = 4.1) -> "ParticleSwarm":
         """The settings whose coefficients are those of constriction.
 
@@ -177,8 +180,6 @@ class ParticleSwarm(OfFixedSize, BoundHandled):
 
         Source: Clerc and Kennedy (2002).
         """
-        ok = PHI_LEAST < phi < math.inf
-        require("phi", phi, ok=ok, allowed=f"finite and above {PHI_LEAST:g}")
         chi = 2.0 / (phi - 2.0 + math.sqrt(phi * phi - 4.0 * phi))
         each = 0.5 * chi * phi
         return cls(inertia=chi, cognitive=each, social=each)

@@ -8,13 +8,14 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from swarmstart.arguments import a_count, checked
 from swarmstart.arrays import Array
 from swarmstart.heuristics.laws.algorithm import (
+    InvalidSettingsError,
     Kernels,
     OfFixedSize,
     common_fields,
     copy_points,
-    require_size,
     take_generation,
 )
 from swarmstart.heuristics.laws.box import Box, between
@@ -78,6 +79,7 @@ def accept(
     take_generation(settings.order, state, asked, cost, violation)
 
 
+@checked(InvalidSettingsError, size=a_count(least=1))
 @dataclass(frozen=True, kw_only=True, slots=True)
 class RandomSearch(OfFixedSize):
     """Settings of random search.
@@ -103,10 +105,6 @@ class RandomSearch(OfFixedSize):
 
     kernels: ClassVar[Kernels] = Kernels(propose=propose, accept=accept)
     size: int = 20
-
-    def __post_init__(self) -> None:
-        """Check the size."""
-        require_size(self.size, at_least=1)
 
     def kernel_settings(self, box: Box, order: RunningOrder) -> RandomSearchSettings:
         """The settings as numbers and arrays."""

@@ -24,7 +24,6 @@ from swarmstart.heuristics.laws.algorithm import (
     Settings,
     State,
     copy_column,
-    require,
     take_generation,
 )
 from swarmstart.heuristics.laws.box import REDRAW, clip, repair, turned
@@ -174,14 +173,3 @@ def remember(
             state.personal_cost[i] = cost[i]
             state.personal_violation[i] = violation[i]
     take_generation(settings.order, state, asked, cost, violation)
-
-
-def require_accelerations(cognitive: float, social: float) -> None:
-    """Validate the acceleration coefficients c1 and c2.
-
-    Raises:
-        InvalidSettingsError: If one of them is negative or not finite.
-    """
-    for name, value in (("cognitive", cognitive), ("social", social)):
-        ok = 0.0 <= value < np.inf
-        require(name, value, ok=ok, allowed="finite and at least 0")

@@ -7,16 +7,27 @@ import time as clock
 import numpy as np
 from numpy.typing import ArrayLike
 
+from swarmstart.arguments import RNG, checked, function, of_kind, optional, reals
 from swarmstart.heuristics import Budget
 from swarmstart.ocp.answer.plan import Plan, PlanningInterrupted, Source
 from swarmstart.ocp.answer.planner import Planner
-from swarmstart.ocp.common.errors import InvalidProblemError
+from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.common.presentation import ProgressCallback, of_budget, tell_nothing
 from swarmstart.ocp.nlp.polish import Polished, Polisher, is_better
 from swarmstart.ocp.rollout.fitness import NOTHING, Known
 from swarmstart.ocp.search.search_space import TrajectoryFamily, space_of
 
 
+@checked(
+    refused,
+    planner=of_kind(Planner, "a Planner"),
+    x0=reals(),
+    budget=of_kind(Budget, "a Budget"),
+    known=of_kind(Known, "a Known"),
+    family=optional(of_kind(TrajectoryFamily, "a TrajectoryFamily")),
+    rng=RNG,
+    progress=function(),
+)
 def multistart(  # noqa: PLR0913 - a whole solver in one call
     planner: Planner,
     x0: ArrayLike,

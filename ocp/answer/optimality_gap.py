@@ -13,6 +13,8 @@ import math
 from dataclasses import dataclass
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 
+from swarmstart.arguments import a_number, checked, of_kind, optional, reals
+from swarmstart.ocp.common.errors import refused
 from swarmstart.ocp.lower_bound.stated.answer import BoundKind, LowerBound
 
 _DIGITS, _GAP_DIGITS = 6, 2
@@ -46,6 +48,12 @@ class OptimalityGap:
     tolerance: float = 0.0
 
     @classmethod
+    @checked(
+        refused,
+        bound=of_kind(LowerBound, "a LowerBound"),
+        cost=optional(reals(axes=0)),
+        tolerance=a_number(least=0),
+    )
     def of(
         cls, bound: LowerBound, cost: float | None, *, tolerance: float = 0.0
     ) -> OptimalityGap:

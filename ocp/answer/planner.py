@@ -14,6 +14,18 @@ from typing import NamedTuple, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
+from swarmstart.arguments import (
+    FLAG,
+    RNG,
+    a_count,
+    checked,
+    either,
+    function,
+    of_kind,
+    optional,
+    reals,
+    text,
+)
 from swarmstart.arrays import Array
 from swarmstart.heuristics import (
     Budget,
@@ -34,7 +46,7 @@ from swarmstart.ocp.answer.plan import (
     better_plan,
     is_enough,
 )
-from swarmstart.ocp.common.errors import InvalidProblemError
+from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.common.presentation import ProgressCallback, of_budget, tell_nothing
 from swarmstart.ocp.nlp.integer_polish import IntegerPolisher, WholePolished
 from swarmstart.ocp.nlp.polish import (
@@ -129,6 +141,14 @@ def _turned(search: SearchSettings) -> SearchSettings:
     return replace(search, budget=replace(search.budget, target=-search.budget.target))
 
 
+@checked(
+    refused,
+    polish=optional(of_kind(PolishOptions, "IpoptOptions or NlpOptions")),
+    problem=of_kind(OptimalControlProblem, "an OptimalControlProblem"),
+    family=optional(of_kind(TrajectoryFamily, "a TrajectoryFamily")),
+    backend=optional(text()),
+    lanes=a_count(),
+)
 class Planner:
     """Search and polish of one problem, compiled once.
 
@@ -227,6 +247,7 @@ class Planner:
                 self.fitness, self._space, search, self.polisher
             )
 
+    @checked(refused, budget=of_kind(Budget, "a Budget"))
     def with_budget(self, budget: Budget) -> Planner:
         """Return the same planner with another search budget; nothing is rebuilt.
 
@@ -323,6 +344,19 @@ class Planner:
             )
         return start, guess
 
+    @checked(
+        refused,
+        x0=reals(),
+        known=of_kind(Known, "a Known"),
+        guess=optional(either(reals(), of_kind(Start, "a Start"))),
+        candidates=optional(reals()),
+        near=FLAG,
+        last_cost=optional(reals(axes=0)),
+        in_loop=FLAG,
+        is_new=FLAG,
+        rng=RNG,
+        progress=function(),
+    )
     def plan(  # noqa: PLR0913 - each may be left out
         self,
         x0: ArrayLike,
@@ -615,6 +649,13 @@ class Planner:
             return [zero]
         return [zero, Start(first.controls, states)]
 
+    @checked(
+        refused,
+        controls=reals(),
+        x0=reals(),
+        known=of_kind(Known, "a Known"),
+        source=of_kind(Source, "a Source"),
+    )
     def evaluated(
         self,
         controls: Array,
@@ -736,6 +777,7 @@ class Planner:
 
         return lambda evaluations, best: watch.advanced(evaluations, best, answer)
 
+    @checked(refused, x0=reals(), known=of_kind(Known, "a Known"))
     def outside(self, x0: ArrayLike, known: Known = NOTHING) -> list[Excess]:
         """Return the constraints that an initial state breaks for any control.
 

@@ -26,9 +26,11 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from swarmstart.arguments import a_number, checked, of_kind, optional
 from swarmstart.arrays import Array
 from swarmstart.ocp.answer.optimality_gap import OptimalityGap
 from swarmstart.ocp.answer.plan import Plan, guess_of, start_of
+from swarmstart.ocp.common.errors import refused
 from swarmstart.ocp.common.presentation import Presented
 from swarmstart.ocp.lanes.answers import Optimum
 from swarmstart.ocp.lower_bound.stated.answer import LowerBound
@@ -221,6 +223,7 @@ class Solution(Presented):
         """
         return None if self.bound is None else self.beside(self.bound)
 
+    @checked(refused, bound=of_kind(LowerBound, "a LowerBound"))
     def beside(self, bound: LowerBound) -> OptimalityGap:
         """Return the gap between the answer and a bound.
 
@@ -243,6 +246,10 @@ class Solution(Presented):
         point = self.plan.point
         return None if point is None else multipliers_of(point, self.problem)
 
+    @checked(
+        refused,
+        problem=optional(of_kind(OptimalControlProblem, "an OptimalControlProblem")),
+    )
     def as_guess(self, problem: OptimalControlProblem | None = None) -> Start:
         """Return the answer as a start for another grid, horizon or initial state.
 
@@ -303,6 +310,7 @@ class Solution(Presented):
         """The model's names of the outputs."""
         return self.problem.model.output_names
 
+    @checked(refused, time=a_number())
     def linearised(self, time: float) -> control.StateSpace:
         """Return the linear system near the answer at a time, for python-control.
 

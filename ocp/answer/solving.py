@@ -13,6 +13,17 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from swarmstart.arguments import (
+    FLAG,
+    a_count,
+    checked,
+    either,
+    function,
+    of_kind,
+    optional,
+    reals,
+    text,
+)
 from swarmstart.arrays import Array
 from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics import Budget, Order, generator_of
@@ -22,7 +33,7 @@ from swarmstart.ocp.answer.improving import improved
 from swarmstart.ocp.answer.plan import PlanningInterrupted
 from swarmstart.ocp.answer.planner import Planner
 from swarmstart.ocp.answer.solution import Solution, verified
-from swarmstart.ocp.common.errors import InvalidProblemError
+from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.common.expressions import shortened
 from swarmstart.ocp.common.limits import require_choice, require_count, require_seconds
 from swarmstart.ocp.common.presentation import ProgressCallback, tell_nothing
@@ -71,6 +82,17 @@ class BoundInterrupted(KeyboardInterrupt):
         self.partial = partial
 
 
+@checked(
+    refused,
+    problem=of_kind(OptimalControlProblem, "an OptimalControlProblem"),
+    x0=reals(),
+    guess=optional(either(reals(), of_kind(Start, "a Start"))),
+    known=of_kind(Known, "a Known"),
+    repair=FLAG,
+    lanes=optional(a_count()),
+    backend=optional(text()),
+    progress=function(),
+)
 def solve(  # noqa: PLR0913 - the whole way in one call
     problem: OptimalControlProblem,
     x0: ArrayLike,

@@ -1,6 +1,6 @@
 """Exceptions of the optimal-control room."""
 
-from swarmstart.errors import SwarmstartError
+from swarmstart.errors import SwarmstartError, brief
 
 
 class InvalidProblemError(SwarmstartError, ValueError):
@@ -13,3 +13,8 @@ class DivergedError(SwarmstartError):
 
 class SolveError(SwarmstartError):
     """A solver could not be run; not converging is a status, not an error."""
+
+
+def refused(name: str, value: object, allowed: str) -> InvalidProblemError:
+    """Return the error of an argument that is refused; see `arguments`."""
+    return InvalidProblemError(f"{name} must be {allowed}, got {brief(value)}")

@@ -13,8 +13,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from swarmstart.arguments import FLAG, checked, of_kind, optional, text
 from swarmstart.arrays import Array
-from swarmstart.ocp.common.errors import InvalidProblemError
+from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.common.limits import require_count
 from swarmstart.ocp.compiled.backend import (
     chosen_backend,
@@ -168,6 +169,13 @@ class BatchFunction:
         )
 
 
+@checked(
+    refused,
+    function=of_kind(ca.Function, "a casadi.Function"),
+    backend=optional(text()),
+    precision=text(),
+    gradient=FLAG,
+)
 def compile_batch(
     function: ca.Function,
     *,

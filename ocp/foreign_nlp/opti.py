@@ -16,8 +16,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from swarmstart.arguments import SEED, checked, either, mapping, of_kind, optional
 from swarmstart.heuristics import Budget
-from swarmstart.ocp.common.errors import InvalidProblemError
+from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.common.expressions import shortened
 from swarmstart.ocp.foreign_nlp.elimination import read_nlp
 from swarmstart.ocp.foreign_nlp.warm_search import BASINS, RADIUS
@@ -34,6 +35,14 @@ from swarmstart.ocp.search.settings import (
 BoundsGiven = Mapping[Any, ArrayLike] | Sequence[tuple[Any, ArrayLike]]
 
 
+@checked(
+    refused,
+    bounds=either(
+        mapping(words="a mapping"), of_kind((list, tuple), "a sequence of bounds")
+    ),
+    options=optional(mapping(words="a mapping of options")),
+    seed=SEED,
+)
 def warm_start(  # noqa: PLR0913 - one added line says it all
     nlp: ca.Opti | Mapping[str, Any],
     *,

@@ -22,8 +22,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from swarmstart.arguments import checked, reals, several, text
 from swarmstart.arrays import Array
-from swarmstart.ocp.common.errors import InvalidProblemError
+from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.common.expressions import shortened
 from swarmstart.ocp.interpolation.splines import Spline
 
@@ -37,6 +38,13 @@ FEWEST = {"linear": 2, "bspline": 4}
 _MOST_INPUTS = 2
 
 
+@checked(
+    refused,
+    breakpoints=several(reals(), "a sequence of vectors"),
+    method=text(),
+    outside=text(),
+    name=text(),
+)
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Table:
     """Table of values over one or two inputs, called with expressions; see `table`.
@@ -224,6 +232,7 @@ class Table:
             )
 
 
+@checked(refused, method=text(), outside=text(), name=text())
 def table(
     x: ArrayLike | Sequence[ArrayLike],
     y: ArrayLike,

@@ -12,10 +12,21 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
+from swarmstart.arguments import (
+    NAMES,
+    RNG,
+    a_count,
+    a_number,
+    checked,
+    function,
+    of_kind,
+    optional,
+    reals,
+)
 from swarmstart.arrays import Array
 from swarmstart.heuristics import generator_of
 from swarmstart.machine_code import stopwatch
-from swarmstart.ocp.common.errors import DivergedError, InvalidProblemError
+from swarmstart.ocp.common.errors import DivergedError, InvalidProblemError, refused
 from swarmstart.ocp.common.expressions import shortened
 from swarmstart.ocp.common.limits import numbers_of
 from swarmstart.ocp.common.presentation import Presented, ProgressCallback, tell_nothing
@@ -53,6 +64,19 @@ class Step:
         return f"Step {self.number}: {mode}, decided in {self.seconds:.3g} s"
 
 
+@checked(
+    refused,
+    times=reals(array=True),
+    states=reals(array=True, axes=2),
+    controls=reals(array=True, axes=2),
+    dense_times=reals(array=True),
+    dense_states=reals(array=True, axes=2),
+    step_seconds=reals(array=True),
+    state_names=NAMES,
+    control_names=NAMES,
+    output_names=NAMES,
+    outputs=reals(array=True),
+)
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Trajectory(Presented):
     """Result of a closed-loop run.
@@ -86,6 +110,7 @@ class Trajectory(Presented):
     outputs: Array = field(default_factory=lambda: np.empty((0, 0)))
     output_names: tuple[str, ...] = ()
 
+    @checked(refused, time=a_number())
     def at(self, time: float) -> tuple[Array, Array]:
         """Return states (nx,) and controls (nu,) at a time, for `Model.linearised`.
 
@@ -125,6 +150,14 @@ class Trajectory(Presented):
         )
 
 
+@checked(
+    refused,
+    x0=reals(),
+    steps=a_count(),
+    rng=RNG,
+    done=a_count(),
+    previous=optional(of_kind(Decision, "the last Decision")),
+)
 def fly(  # noqa: PLR0913 - a closed loop and where to begin in it
     plant: AnyPlant,
     controller: Controller,
@@ -257,6 +290,7 @@ def _driven(
     return plant(state, several.mean(axis=1), time)
 
 
+@checked(refused, x0=reals(), steps=a_count(), progress=function())
 def simulate(  # noqa: PLR0913 - a closed loop in one call
     plant: AnyPlant,
     controller: Controller,

@@ -17,15 +17,28 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Protocol
+from typing import Protocol, get_args
 
 import numpy as np
 
+from swarmstart.arguments import (
+    FLAG,
+    RNG,
+    a_number,
+    checked,
+    choice,
+    either,
+    function,
+    mapping,
+    of_kind,
+    optional,
+    reals,
+)
 from swarmstart.arrays import Array
 from swarmstart.ocp.answer.improving import improved
 from swarmstart.ocp.answer.plan import Plan, Source
 from swarmstart.ocp.answer.planner import Planner
-from swarmstart.ocp.common.errors import InvalidProblemError
+from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.nlp.multipliers import duals_of
 from swarmstart.ocp.nlp.polish import is_better
 from swarmstart.ocp.nlp.start import Carried, Start
@@ -46,6 +59,9 @@ _SHOWN = 6
 """Number of controls that a summary shows."""
 
 
+SEEN = of_kind((list, tuple), "a sequence of arrays")
+
+
 class Mode(Enum):
     """Control law that made a decision."""
 
@@ -53,6 +69,14 @@ class Mode(Enum):
     LINEAR = "linear"
 
 
+@checked(
+    refused,
+    control=reals(),
+    start=optional(reals()),
+    dt=optional(a_number(above=0)),
+    is_last=FLAG,
+    decided=mapping(words="a mapping of names to numbers"),
+)
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Decision:
     """Decision of a controller at one control instant; also its memory.
@@ -135,6 +159,19 @@ def known_at(
     )
 
 
+@checked(
+    refused,
+    planner=of_kind(Planner, "a Planner"),
+    reference=optional(function()),
+    parameters=optional(function()),
+    candidates=optional(function()),
+    append=choice(get_args(Appended)),
+    shift=FLAG,
+    first=optional(either(reals(), of_kind(Start, "a Start"))),
+    period=optional(a_number(above=0)),
+    previous=optional(reals()),
+    carries=FLAG,
+)
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class RecedingHorizon:
     """Plan over the horizon, apply the first interval, plan again.
@@ -228,6 +265,13 @@ class RecedingHorizon:
             )
         return self.period or self.planner.problem.dt
 
+    @checked(
+        refused,
+        time=a_number(),
+        state=reals(),
+        previous=optional(of_kind(Decision, "the last Decision")),
+        rng=RNG,
+    )
     def decide(
         self,
         time: float,
@@ -308,6 +352,7 @@ class RecedingHorizon:
         """Return the length of a plan's horizon [s]."""
         return self.planner.lowered.end_time(plan.x0)
 
+    @checked(refused, time=a_number(), seen=SEEN, length=optional(a_number(above=0)))
     def known(
         self,
         time: float,
@@ -327,6 +372,15 @@ class RecedingHorizon:
         known = known_at(stated, time, self.reference, self.parameters, seen, length)
         return known._replace(previous=self.previous)
 
+    @checked(
+        refused,
+        seen=SEEN,
+        last=optional(of_kind(Plan, "the last Plan")),
+        time=a_number(),
+        state=reals(),
+        is_only=FLAG,
+        rng=RNG,
+    )
     def plan(
         self,
         time: float,
@@ -472,6 +526,7 @@ def fallback_of(
     )
 
 
+@checked(refused, loop=of_kind(RecedingHorizon, "a RecedingHorizon"), repair=FLAG)
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class OpenLoop:
     """A controller that plans once, as `solve` does, and then follows that plan.
@@ -521,6 +576,13 @@ class OpenLoop:
         stated = self.loop.planner.stated
         return float(stated.expected_times[-1]) / stated.intervals
 
+    @checked(
+        refused,
+        time=a_number(),
+        state=reals(),
+        previous=optional(of_kind(Decision, "the last Decision")),
+        rng=RNG,
+    )
     def decide(
         self,
         time: float,

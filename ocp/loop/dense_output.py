@@ -39,8 +39,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from swarmstart.arguments import checked, of_kind
 from swarmstart.arrays import Array
-from swarmstart.ocp.common.errors import InvalidProblemError
+from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.loop.closed_loop import Trajectory
 from swarmstart.ocp.loop.plant import Plant
 from swarmstart.ocp.system.model import Model
@@ -92,6 +93,11 @@ class DenseOutput:
         return np.asarray(np.einsum("xnk,nk->xn", self.curves[:, piece], weights))
 
 
+@checked(
+    refused,
+    plant=of_kind(Plant, "a Plant"),
+    trajectory=of_kind(Trajectory, "a Trajectory"),
+)
 def interpolate(plant: Plant, trajectory: Trajectory) -> DenseOutput:
     """Return the continuous path of a closed-loop run.
 

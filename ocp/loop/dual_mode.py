@@ -21,9 +21,21 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
+from swarmstart.arguments import (
+    FLAG,
+    RNG,
+    a_count,
+    a_number,
+    checked,
+    function,
+    of_kind,
+    optional,
+    reals,
+    several,
+)
 from swarmstart.arrays import Array
 from swarmstart.ocp.answer.plan import Plan, Source
-from swarmstart.ocp.common.errors import InvalidProblemError
+from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.integration.integrators import held_step
 from swarmstart.ocp.loop.controller import Decision, Mode, RecedingHorizon
 from swarmstart.ocp.loop.team import Agent, Team, first_controls
@@ -54,6 +66,12 @@ class UncertifiedSetError(InvalidProblemError):
     """A terminal set is not certified for the hold time of the inputs here."""
 
 
+@checked(
+    refused,
+    sets=several(of_kind(TerminalSet, "a TerminalSet"), "a sequence of terminal sets"),
+    targets=several(function(), "a sequence of functions"),
+    uncertified=FLAG,
+)
 class DualMode:
     """A team that switches to linear laws when all agents are in their terminal sets.
 
@@ -133,6 +151,7 @@ class DualMode:
         """Length of a control interval [s]."""
         return self.team.dt
 
+    @checked(refused, time=a_number(), state=reals(axes=1))
     def errors(self, time: float, state: Array) -> list[Array]:
         """Return x_i - x_ref,i of each agent, each (nx_i,).
 
@@ -143,6 +162,7 @@ class DualMode:
         own = self.team.split(state)
         return [x - target(time) for x, target in zip(own, self.targets, strict=True)]
 
+    @checked(refused, time=a_number(), state=reals(axes=1))
     def inside(self, time: float, state: Array) -> bool:
         """Return whether every agent is inside its terminal set.
 
@@ -153,6 +173,7 @@ class DualMode:
         errors = self.errors(time, state)
         return all(bool(s.contains(e)) for s, e in zip(self.sets, errors, strict=True))
 
+    @checked(refused, agent=a_count())
     def linear_law(self, agent: int = 0) -> control.StateSpace:
         """Return the linear law of an agent as a system of python-control.
 
@@ -168,6 +189,13 @@ class DualMode:
             states=model.state_names, controls=model.control_names
         )
 
+    @checked(
+        refused,
+        time=a_number(),
+        state=reals(axes=1),
+        previous=optional(of_kind(Decision, "the last Decision")),
+        rng=RNG,
+    )
     def decide(
         self,
         time: float,
@@ -209,6 +237,16 @@ class DualMode:
         return np.array(controls).T
 
 
+@checked(
+    refused,
+    problem=of_kind(OptimalControlProblem, "an OptimalControlProblem"),
+    at=reals(),
+    weights=of_kind(Weights, "Weights"),
+    velocity=optional(reals()),
+    parameters=reals(),
+    options=optional(of_kind(ProofOptions, "ProofOptions")),
+    rng=RNG,
+)
 def terminal_set_of(  # noqa: PLR0913 - what a design rests on, by name
     problem: OptimalControlProblem,
     *,

@@ -38,10 +38,23 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from swarmstart.arguments import (
+    INDICES,
+    RNG,
+    a_count,
+    a_number,
+    checked,
+    function,
+    mapping,
+    of_kind,
+    optional,
+    reals,
+    several,
+)
 from swarmstart.arrays import Array
 from swarmstart.ocp.answer.plan import Plan, Source
 from swarmstart.ocp.answer.planner import Planner
-from swarmstart.ocp.common.errors import InvalidProblemError
+from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.loop.controller import Decision, RecedingHorizon, ReferenceSignals
 from swarmstart.ocp.loop.team import first_controls
 from swarmstart.ocp.rollout.fitness import Known
@@ -52,6 +65,14 @@ FAR = 1e6
 """Position [m] given to unused neighbour slots."""
 
 
+@checked(
+    refused,
+    parameters=reals(),
+    links=INDICES,
+    reference=optional(function()),
+    candidates=optional(reals()),
+    held=optional(reals()),
+)
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class LocalAgent:
     """Member of a local team.
@@ -97,6 +118,18 @@ class LocalAgent:
             object.__setattr__(self, name, array)
 
 
+@checked(
+    refused,
+    agents=several(of_kind(LocalAgent, "a LocalAgent"), "a sequence of LocalAgents"),
+    planners=mapping(
+        values=of_kind(Planner, "a Planner"),
+        words="a mapping of numbers of agents to planners",
+    ),
+    order=INDICES,
+    range=a_number(above=0, finite=False),
+    position=INDICES,
+    links=a_count(),
+)
 class LocalTeam:
     """Controller of similar agents, each of which sees those within range.
 
@@ -220,6 +253,13 @@ class LocalTeam:
         """Length of a control interval [s]."""
         return self._controllers[0][self._rooms[0]].dt
 
+    @checked(
+        refused,
+        time=a_number(),
+        state=reals(axes=1),
+        previous=optional(of_kind(Decision, "the last Decision")),
+        rng=RNG,
+    )
     def decide(
         self,
         time: float,
@@ -280,6 +320,12 @@ class LocalTeam:
             for number, controls in expected.items()
         }
 
+    @checked(
+        refused,
+        shown=mapping(words="a mapping of numbers to states"),
+        states=reals(array=True, axes=2),
+        number=a_count(),
+    )
     def within_range(
         self, shown: Mapping[int, Array], states: Array, number: int
     ) -> list[int]:

@@ -23,10 +23,21 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from swarmstart.arguments import (
+    RNG,
+    a_count,
+    a_number,
+    checked,
+    mapping,
+    of_kind,
+    optional,
+    reals,
+    several,
+)
 from swarmstart.arrays import Array
 from swarmstart.ocp.answer.plan import Plan
 from swarmstart.ocp.answer.planner import Planner
-from swarmstart.ocp.common.errors import InvalidProblemError
+from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.common.expressions import symbol_names, symbol_of
 from swarmstart.ocp.loop.controller import Decision, fallback_of
 from swarmstart.ocp.loop.plant import Plant
@@ -94,6 +105,7 @@ class PhasedHorizon:
         """Time from one plan to the next [s]; a phase's last step may be shorter."""
         return self.period
 
+    @checked(refused, x0=reals())
     def start(self, x0: ArrayLike) -> Array:
         """Return the plant's initial state from one of the first phase.
 
@@ -116,6 +128,11 @@ class PhasedHorizon:
         values = dict(zip(names, given.tolist(), strict=True))
         return np.array([values.get(name, 0.0) for name in self.model.state_names])
 
+    @checked(
+        refused,
+        substeps=a_count(least=1),
+        parameters=mapping(words="a mapping of names to numbers"),
+    )
     def plant(
         self, *, substeps: int, parameters: Mapping[str, float] = NO_PARAMETERS
     ) -> Plant:
@@ -140,6 +157,13 @@ class PhasedHorizon:
             clock=CLOCK,
         )
 
+    @checked(
+        refused,
+        time=a_number(),
+        state=reals(axes=1),
+        previous=optional(of_kind(Decision, "the last Decision")),
+        rng=RNG,
+    )
     def decide(
         self,
         time: float,
@@ -258,6 +282,16 @@ class PhasedHorizon:
         return controls[[self.model.control_names.index(name) for name in names]]
 
 
+@checked(
+    refused,
+    polish=optional(of_kind(PolishOptions, "IpoptOptions or NlpOptions")),
+    stated=several(
+        of_kind(OptimalControlProblem, "a problem"), "a sequence of problems"
+    ),
+    period=a_number(above=0),
+    linkages=of_kind((list, tuple), "a sequence of linkages"),
+    parameters=mapping(words="a mapping of names to numbers"),
+)
 def phased_horizon(
     stated: Sequence[OptimalControlProblem],
     linkages: Sequence[Linkage] = (),
@@ -301,7 +335,7 @@ def phased_horizon(
         [0.0, 0.2, 0.4, 0.5, 0.7, 0.9, 1.0]
     """
     together = phases(stated, linkages)
-    _require(stated, period, parameters)
+    _require(stated, parameters)
     links = [dict(link) for link in linkages] or [{} for _ in stated[1:]]
     left = tuple(
         phases([_rest_of(one, period), *stated[k + 1 :]], links[k:])
@@ -321,11 +355,8 @@ def phased_horizon(
 
 def _require(
     stated: Sequence[OptimalControlProblem],
-    period: float,
     parameters: Mapping[str, float],
 ) -> None:
-    if not (isinstance(period, int | float) and np.isfinite(period) and period > 0):
-        raise InvalidProblemError(f"period must be positive, got {period!r}")
     names = {n for one in stated for n in symbol_names(one.model.parameters)}
     needed = names - {name for one in stated for name in one.decided}
     if {*parameters} != needed:

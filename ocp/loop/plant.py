@@ -18,10 +18,21 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from swarmstart.arguments import (
+    a_count,
+    a_number,
+    checked,
+    function,
+    mapping,
+    of_kind,
+    optional,
+    reals,
+    text,
+)
 from swarmstart.arrays import Array
-from swarmstart.ocp.common.errors import DivergedError, InvalidProblemError
+from swarmstart.ocp.common.errors import DivergedError, InvalidProblemError, refused
 from swarmstart.ocp.common.expressions import shortened, symbol_names
-from swarmstart.ocp.common.limits import numbers_of, require_count
+from swarmstart.ocp.common.limits import numbers_of
 from swarmstart.ocp.integration.integrators import (
     INSIDE,
     MORE_PARTS,
@@ -35,6 +46,17 @@ from swarmstart.ocp.system.model import Model, jump_of, outputs_of, unsolved_of
 NOTHING_DECIDED: Mapping[str, float] = MappingProxyType({})
 
 
+@checked(
+    refused,
+    model=of_kind(Model, "a Model"),
+    dt=a_number(above=0),
+    substeps=a_count(least=1),
+    parameters=optional(function()),
+    signals=optional(function()),
+    integrator=text(),
+    decided=mapping(words="a mapping of names to numbers"),
+    clock=text(),
+)
 class Plant:
     """A model, integrated finely over control intervals with held controls.
 
@@ -111,9 +133,6 @@ class Plant:
                 f"clock must name a state, one of {', '.join(model.state_names)}, "
                 f"got {clock!r}"
             )
-        require_count("substeps", substeps)
-        if not dt > 0:
-            raise InvalidProblemError(f"dt must be positive, got {dt}")
         model.require_step(dt)
         self.model, self.dt, self.substeps = model, dt, substeps
         # Signals that only costs and constraints use are not the model's.
@@ -144,6 +163,7 @@ class Plant:
             states, control if control.ndim == 1 else control[:, -1], time
         )
 
+    @checked(refused, state=reals(axes=1), controls=reals(axes=2), time=a_number())
     def along(self, state: Array, controls: Array, time: float = 0.0) -> Array:
         """Return the states after each step, with controls linear over each of them.
 
@@ -155,6 +175,7 @@ class Plant:
         states = self.along_until_end(state, controls, time)
         return self._ended(states, controls[:, -1], time)
 
+    @checked(refused, state=reals(axes=1), controls=reals(axes=2), time=a_number())
     def along_until_end(
         self, state: Array, controls: Array, time: float = 0.0
     ) -> Array:
@@ -165,6 +186,7 @@ class Plant:
             controls: Controls at both ends of the steps, shape (nu, substeps + 1).
             time: Time at the start of the interval [s].
         """
+        self._require_sizes(state, controls)
         if self._linear is None:
             step = linear_step(
                 self.model, self.dt / self.substeps, method=self._integrator
@@ -190,6 +212,7 @@ class Plant:
         states[:, -1] = np.array(jumped).ravel()
         return states
 
+    @checked(refused, state=reals(axes=1), control=reals(array=True), time=a_number())
     def until_end(self, state: Array, control: Array, time: float = 0.0) -> Array:
         """Return the states of a call, without the jump at the end of the interval.
 
@@ -201,10 +224,20 @@ class Plant:
         Raises:
             DivergedError: If algebraic equations of the model are not solved.
         """
+        self._require_sizes(state, control)
         held = control[:, None] if control.ndim == 1 else control
         held = np.repeat(held, self.substeps // held.shape[1], axis=1)
         states = np.array(self._interval(state, held, *self._known(time)))
         return self._solved(state, states, (held, held), time)
+
+    def _require_sizes(self, state: Array, control: Array) -> None:
+        """Refuse a state or a control of another model."""
+        sizes = np.shape(state)[0], np.shape(control)[0]
+        if sizes != (self.model.nx, self.model.nu):
+            raise InvalidProblemError(
+                f"state and control must have {self.model.nx} and {self.model.nu} "
+                f"rows, got {sizes[0]} and {sizes[1]}"
+            )
 
     def _known(self, time: float) -> list[Array]:
         """Return the parameters of each step, and the signals and time at its ends."""
@@ -277,6 +310,7 @@ class Plant:
             clock=self.clock,
         )
 
+    @checked(refused, values=mapping(words="a mapping of names to numbers"))
     def with_decided(self, values: Mapping[str, float]) -> Plant:
         """Return the same plant with the parameters that a plan decided.
 
@@ -362,6 +396,7 @@ class Steps(Protocol):
         """
 
 
+@checked(refused, dt=a_number(above=0))
 class SteppedPlant:
     """An object with `step(x, u, dt)` as a plant with one step per interval.
 

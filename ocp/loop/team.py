@@ -12,9 +12,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from swarmstart.arguments import (
+    INDICES,
+    RNG,
+    a_number,
+    checked,
+    of_kind,
+    optional,
+    reals,
+    several,
+)
 from swarmstart.arrays import Array
 from swarmstart.ocp.answer.plan import Plan
-from swarmstart.ocp.common.errors import InvalidProblemError
+from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.loop.controller import Decision, RecedingHorizon
 from swarmstart.ocp.statement.control_shape import require_held
 
@@ -22,6 +32,12 @@ MakePlan = Callable[[int, Array, tuple[Array, ...]], Plan]
 """(agent's number, its state, signal rows that it sees) -> its plan."""
 
 
+@checked(
+    refused,
+    controller=of_kind(RecedingHorizon, "a RecedingHorizon"),
+    watches=INDICES,
+    shows=INDICES,
+)
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Agent:
     """Member of a team.
@@ -53,6 +69,11 @@ class Agent:
     shows: tuple[int, ...] = ()
 
 
+@checked(
+    refused,
+    agents=several(of_kind(Agent, "an Agent"), "a sequence of Agents"),
+    order=optional(INDICES),
+)
 class Team:
     """Controller of agents whose states and controls are stacked.
 
@@ -140,10 +161,18 @@ class Team:
         """Length of a control interval [s]."""
         return self.agents[0].controller.dt
 
+    @checked(refused, state=reals(axes=1))
     def split(self, state: Array) -> list[Array]:
         """Return the state of each agent, as views of the stacked state (nx,)."""
         return np.split(state, self._splits)
 
+    @checked(
+        refused,
+        time=a_number(),
+        state=reals(axes=1),
+        previous=optional(of_kind(Decision, "the last Decision")),
+        rng=RNG,
+    )
     def decide(
         self,
         time: float,

@@ -21,8 +21,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from threadpoolctl import threadpool_limits
 
+from swarmstart.arguments import SEED, checked, function, of_kind
 from swarmstart.machine_code import working
-from swarmstart.ocp.common.errors import InvalidProblemError
+from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.common.expressions import shortened
 from swarmstart.ocp.common.limits import require_number, require_seconds
 from swarmstart.ocp.common.presentation import ProgressCallback, tell_nothing
@@ -60,6 +61,13 @@ class Answered(Protocol):
         """Its cost, accurately integrated, as the problem states it."""
 
 
+@checked(
+    refused,
+    problem=of_kind(OptimalControlProblem, "an OptimalControlProblem"),
+    known=of_kind(Known, "a Known"),
+    seed=SEED,
+    progress=function(),
+)
 def lower_bound(  # noqa: PLR0913 - everything but the problem has a default
     problem: OptimalControlProblem,
     x0: ArrayLike,

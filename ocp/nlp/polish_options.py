@@ -13,7 +13,16 @@ from typing import Any
 
 import casadi as ca
 
-from swarmstart.ocp.common.errors import InvalidProblemError
+from swarmstart.arguments import (
+    FLAG,
+    a_count,
+    a_number,
+    checked,
+    mapping,
+    optional,
+    text,
+)
+from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.common.limits import require_count
 
 _NEAR: Mapping[str, Any] = MappingProxyType(
@@ -50,6 +59,13 @@ _QUIET: Mapping[str, Mapping[str, Any]] = MappingProxyType(
 """Options that keep the other solvers of CasADi from printing."""
 
 
+@checked(
+    refused,
+    tolerance=a_number(above=0),
+    max_seconds=optional(a_number(above=0, finite=False)),
+    max_iterations=a_count(),
+    options=mapping(keys=text(), words="a mapping of options"),
+)
 @dataclass(frozen=True, kw_only=True, slots=True)
 class IpoptOptions:
     """Options of IPOPT.
@@ -94,6 +110,7 @@ class IpoptOptions:
         """Name of the solver in CasADi."""
         return "ipopt"
 
+    @checked(refused, near=FLAG, warm=FLAG)
     def settings(self, *, near: bool, warm: bool = False) -> dict[str, Any]:
         """Return the options as CasADi takes them.
 
@@ -117,6 +134,9 @@ class IpoptOptions:
         return {f"ipopt.{name}": value for name, value in told.items()}
 
 
+@checked(
+    refused, plugin=text(), options=mapping(keys=text(), words="a mapping of options")
+)
 @dataclass(frozen=True, kw_only=True, slots=True)
 class NlpOptions:
     """Options of another NLP solver of CasADi, such as sqpmethod or fatrop.

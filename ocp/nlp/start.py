@@ -27,7 +27,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from swarmstart.arguments import FLAG, checked, mapping, optional, reals
 from swarmstart.arrays import Array
+from swarmstart.ocp.common.errors import refused
 from swarmstart.ocp.nlp.collocation import inner_unknowns
 from swarmstart.ocp.nlp.multipliers import Duals, columns_of, shifted_duals, units_of
 from swarmstart.ocp.nlp.nlp_assembly import Mapped, Part, decided_states, inputs_of
@@ -39,6 +41,14 @@ from swarmstart.ocp.system.separation import label
 Key = tuple[Hashable, ...]
 
 
+@checked(
+    refused,
+    controls=reals(),
+    states=optional(reals()),
+    x0=optional(reals()),
+    is_guess=FLAG,
+    decided=mapping(words="a mapping of names to numbers"),
+)
 class Start(NamedTuple):
     """Start of a polish.
 

@@ -15,9 +15,18 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from swarmstart.arguments import (
+    a_count,
+    a_number,
+    checked,
+    of_kind,
+    optional,
+    reals,
+    text,
+)
 from swarmstart.arrays import Array
 from swarmstart.heuristics import Pointers
-from swarmstart.ocp.common.errors import InvalidProblemError
+from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.common.expressions import symbol_names
 from swarmstart.ocp.common.limits import numbers_of, require_count
 from swarmstart.ocp.compiled.backend import (
@@ -93,6 +102,7 @@ class BlockObjective(Objective):
         return None
 
 
+@checked(refused, time=a_number(), previous=optional(reals()))
 class Known(NamedTuple):
     """Known data of one planning problem besides its initial state.
 
@@ -132,6 +142,7 @@ LEAST_STATE = 1e-8
 """The same range for the natural size of a state of a stiff problem."""
 
 
+@checked(refused, backend=optional(text()), precision=text(), threads=a_count(least=1))
 class Fitness:
     """Evaluator of one problem, compiled once, for any initial state.
 
@@ -207,6 +218,7 @@ class Fitness:
         """Name of the backend that evaluates populations."""
         return self._evaluate.backend
 
+    @checked(refused, x0=reals(), known=of_kind(Known, "a Known"))
     def objective(self, x0: ArrayLike, known: Known = NOTHING) -> Objective:
         """Return population (decisions, size) -> cost (size,) and violation (size,).
 
@@ -220,6 +232,7 @@ class Fitness:
         bound = self._evaluate.bind(self.arguments(x0, known))
         return Objective(bound, self.problem.decisions)
 
+    @checked(refused, controls=reals(), x0=reals(), known=of_kind(Known, "a Known"))
     def value(
         self, controls: Array, x0: ArrayLike, known: Known = NOTHING
     ) -> tuple[float, float]:
@@ -234,6 +247,7 @@ class Fitness:
         cost, violation = objective(self.decision(controls, x0)[:, None])
         return float(cost[0]), float(violation[0])
 
+    @checked(refused, controls=reals(), x0=reals(), known=of_kind(Known, "a Known"))
     def states(self, controls: Array, x0: ArrayLike, known: Known = NOTHING) -> Array:
         """Return the states at the nodes, shape (nx, nodes).
 
@@ -244,6 +258,7 @@ class Fitness:
         """
         return self.followed(controls, x0, known)[0]
 
+    @checked(refused, controls=reals(), x0=reals(), known=of_kind(Known, "a Known"))
     def followed(
         self, controls: Array, x0: ArrayLike, known: Known = NOTHING
     ) -> tuple[Array, float]:

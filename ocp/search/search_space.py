@@ -34,6 +34,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from swarmstart.arguments import checked, of_kind
 from swarmstart.arrays import Array
 from swarmstart.heuristics import (
     Box,
@@ -41,7 +42,7 @@ from swarmstart.heuristics import (
     SearchResult,
 )
 from swarmstart.heuristics.laws import first_size_of
-from swarmstart.ocp.common.errors import InvalidProblemError
+from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.compiled.backend import CasadiMap
 from swarmstart.ocp.nlp.start import Start
 from swarmstart.ocp.rollout.fitness import (
@@ -208,6 +209,11 @@ def _searched(problem: OptimalControlProblem, one: FreeStart) -> tuple[float, fl
     return float(lower[j]), float(upper[j])
 
 
+@checked(
+    refused,
+    box=of_kind(Box, "a Box"),
+    trajectory=of_kind(ca.Function, "a casadi.Function"),
+)
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class TrajectoryFamily:
     """Family of trajectories given by a few coefficients.

@@ -9,11 +9,21 @@ runs them. All other algorithms are those of `swarmstart.heuristics`.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from numbers import Real
 from typing import Literal, get_args
 
 import numpy as np
 
+from swarmstart.arguments import (
+    FLAG,
+    MOST_WORK,
+    a_count,
+    a_number,
+    checked,
+    either,
+    of_kind,
+    optional,
+    text,
+)
 from swarmstart.arrays import Array
 from swarmstart.heuristics import (
     LSHADE,
@@ -25,8 +35,8 @@ from swarmstart.heuristics import (
     algorithm_of,
     static_penalty,
 )
-from swarmstart.heuristics.laws import require
-from swarmstart.ocp.common.errors import InvalidProblemError
+from swarmstart.heuristics.laws.algorithm import ALGORITHM, InvalidSettingsError
+from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.common.expressions import shortened
 from swarmstart.ocp.common.limits import require_choice
 
@@ -40,6 +50,12 @@ SAMPLE = 256
 """Size of the random sample that determines the weight of a violation."""
 
 
+@checked(
+    InvalidSettingsError,
+    size=a_count(least=1),
+    unseen=a_number(least=0, most=1),
+    lanes=FLAG,
+)
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Multistart:
     """Local solves from smooth random starts, until few optima are left to find.
@@ -79,15 +95,13 @@ class Multistart:
     unseen: float = 0.05
     lanes: bool = True
 
-    def __post_init__(self) -> None:
-        """Validate the values."""
-        _require_count("size", self.size)
-        ok = isinstance(self.unseen, Real) and 0.0 <= self.unseen <= 1.0
-        require("unseen", self.unseen, ok=ok, allowed="in [0, 1]")
-        ok = isinstance(self.lanes, bool)
-        require("lanes", self.lanes, ok=ok, allowed="true or false")
 
-
+@checked(
+    InvalidSettingsError,
+    size=optional(a_count(least=4)),
+    members=a_count(least=1),
+    share=a_number(above=0, below=1),
+)
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Memetic:
     """L-SHADE that improves its best distinct members by local solves in lanes.
@@ -116,13 +130,7 @@ class Memetic:
     members: int = 8
     share: float = 0.5
 
-    def __post_init__(self) -> None:
-        """Validate the values."""
-        _require_count("members", self.members)
-        ok = isinstance(self.share, Real) and 0.0 < self.share < 1.0
-        require("share", self.share, ok=ok, allowed="between 0 and 1")
-        LSHADE(size=self.size)  # Raises an error for an invalid size.
-
+    @checked(refused, evaluations=optional(a_count(least=1, most=MOST_WORK)))
     def population(self, evaluations: int | None) -> LSHADE:
         """Return the population search that is improved.
 
@@ -163,11 +171,19 @@ def population_of(
     return algorithm
 
 
-def _require_count(name: str, value: object) -> None:
-    ok = isinstance(value, int) and not isinstance(value, bool) and value >= 1
-    require(name, value, ok=ok, allowed="an integer of at least 1")
-
-
+@checked(
+    refused,
+    algorithm=either(
+        ALGORITHM, of_kind((Multistart, Memetic), "a Multistart or a Memetic")
+    ),
+    budget=of_kind(Budget, "a Budget"),
+    order=optional(of_kind(Order, "an order as feasibility_first() makes it")),
+    warm_start=text(),
+    sampling=optional(text()),
+    basins=a_count(),
+    radius=a_number(above=0, finite=False),
+    when=text(),
+)
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class SearchSettings:
     """Settings of a population search on one planning problem.
@@ -302,7 +318,8 @@ def _of_lanes(search: object) -> Multistart | Memetic | None:
     if isinstance(search, Multistart | Memetic):
         return search
     kind = NAMED.get(search) if isinstance(search, str) else search
-    return kind() if kind in NAMED.values() else None  # type: ignore[operator]
+    is_class = any(kind is known for known in NAMED.values())
+    return kind() if is_class else None  # type: ignore[operator]
 
 
 def traded_order(

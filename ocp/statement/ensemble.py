@@ -31,8 +31,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from swarmstart.arguments import RNG, a_count, checked, of_kind, optional, text
 from swarmstart.arrays import Array
-from swarmstart.ocp.common.errors import InvalidProblemError
+from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.common.expressions import shortened, symbol_names
 from swarmstart.ocp.common.limits import require_choice, require_number
 from swarmstart.ocp.statement.problem import Costs, OptimalControlProblem
@@ -45,6 +46,14 @@ Values = Mapping[str, ArrayLike] | Sequence[Mapping[str, float]] | Array
 Sampler = Callable[[np.random.Generator], Mapping[str, float]]
 
 
+@checked(
+    refused,
+    problem=of_kind(OptimalControlProblem, "an OptimalControlProblem"),
+    risk=text(),
+    samples=optional(a_count(least=1)),
+    rng=optional(RNG),
+    robust_horizon=optional(a_count()),
+)
 def ensemble(  # noqa: PLR0913 - the members, and how their costs count
     problem: OptimalControlProblem,
     parameters: Values | Sampler,

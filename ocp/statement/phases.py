@@ -24,8 +24,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from swarmstart.arguments import checked, of_kind, reals, several
 from swarmstart.arrays import Array
-from swarmstart.ocp.common.errors import InvalidProblemError
+from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.common.expressions import symbol_names, symbol_of
 from swarmstart.ocp.statement.decisions import Free
 from swarmstart.ocp.statement.problem import OptimalControlProblem
@@ -62,6 +63,7 @@ class Phases:
     problem: OptimalControlProblem
     first: tuple[str, ...]
 
+    @checked(refused, x0=reals())
     def start(self, x0: ArrayLike) -> Array:
         """Return the initial state of the joined problem from one of the first phase.
 
@@ -88,6 +90,13 @@ class Phases:
         )
 
 
+@checked(
+    refused,
+    stated=several(
+        of_kind(OptimalControlProblem, "a problem"), "a sequence of problems"
+    ),
+    linkages=of_kind((list, tuple), "a sequence of linkages"),
+)
 def phases(
     stated: Sequence[OptimalControlProblem], linkages: Sequence[Linkage] = ()
 ) -> Phases:

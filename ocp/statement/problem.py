@@ -35,8 +35,19 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.arguments import (
+    INDICES,
+    NAMES,
+    checked,
+    either,
+    mapping,
+    of_kind,
+    optional,
+    reals,
+    text,
+)
 from swarmstart.arrays import Array
-from swarmstart.ocp.common.errors import InvalidProblemError
+from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.common.expressions import (
     as_column,
     in_sx,
@@ -108,6 +119,19 @@ class Costs(NamedTuple):
     terminal: ca.SX
 
 
+@checked(
+    refused,
+    periodic=NAMES,
+    transcription=either(text(), of_kind(Radau, "Radau()")),
+    start=mapping(words="a mapping of states to Free"),
+    decided=mapping(words="a mapping of names to Free"),
+    clock=text(),
+    control_shape=text(),
+    quadrature=text(),
+    integrator=text(),
+    blocks=INDICES,
+    risk=optional(of_kind(Risk, "a Risk")),
+)
 @dataclass(frozen=True, eq=False)  # No slots: cached properties need a dict.
 class OptimalControlProblem:
     """An optimal-control problem over a horizon; the initial state is an argument.
@@ -575,6 +599,7 @@ class OptimalControlProblem:
         tied = self.risk is not None and bool(self.risk.robust_horizon)
         return bool(self.blocks) or tied
 
+    @checked(refused, controls=reals(array=True, axes=2))
     def averaged(self, controls: Array) -> Array:
         """Return controls (nu, N) with the mean of those that must be equal; a copy."""
         if self.flown_controls == self.model.nu:

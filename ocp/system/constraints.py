@@ -35,8 +35,9 @@ from typing import Literal, NamedTuple, Protocol, cast, get_args
 import casadi as ca
 import numpy as np
 
+from swarmstart.arguments import checked, text
 from swarmstart.arrays import Array
-from swarmstart.ocp.common.errors import InvalidProblemError
+from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.common.expressions import (
     as_column,
     as_symbolic_column,
@@ -157,6 +158,7 @@ class _Limited:
         return excess > 0
 
 
+@checked(refused, measure=text(), name=text())
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class PathConstraint(_Limited):
     """Path constraint lower <= expression <= upper, at both ends of every check.
@@ -221,6 +223,7 @@ class PathConstraint(_Limited):
         return cast(ca.SX, self.weight), cast(ca.SX, self.quadratic_weight)
 
 
+@checked(refused, name=text())
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class TerminalConstraint(_Limited):
     """Constraint lower <= expression <= upper at the end of the horizon.

@@ -21,7 +21,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from swarmstart.ocp.common.errors import InvalidProblemError
+from swarmstart.arguments import NAMES, a_number, checked, optional, reals, text
+from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.common.expressions import (
     SymbolMap,
     as_column,
@@ -53,6 +54,13 @@ CHANGES = ("ode", "next_state")
 """Forms in which the equations of the states may be given."""
 
 
+@checked(
+    refused,
+    state_names=NAMES,
+    control_names=NAMES,
+    signature=text(),
+    dt=optional(a_number(above=0)),
+)
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Model:
     """A differential or difference equation with inputs, as CasADi SX symbols.
@@ -242,6 +250,7 @@ class Model:
                 "an ode"
             )
 
+    @checked(refused, dt=a_number())
     def require_step(self, dt: float) -> None:
         """Raise if intervals have another length than the model's steps.
 
@@ -300,6 +309,14 @@ class Model:
             next_state=found.change if found.dt else none,
         )
 
+    @checked(
+        refused,
+        x=reals(),
+        u=reals(),
+        parameters=reals(),
+        signals=reals(),
+        time=a_number(),
+    )
     def linearised(
         self,
         x: ArrayLike,

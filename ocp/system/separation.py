@@ -28,8 +28,9 @@ from typing import Literal, cast, get_args
 import casadi as ca
 import numpy as np
 
+from swarmstart.arguments import checked, text
 from swarmstart.arrays import Array
-from swarmstart.ocp.common.errors import InvalidProblemError
+from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.common.expressions import as_symbolic_column, shortened
 from swarmstart.ocp.common.limits import (
     Limit,
@@ -53,6 +54,7 @@ Along = Literal["points", "segments"]
 _SHORTEST_SEGMENT = 1e-24
 
 
+@checked(refused, along=text(), measure=text(), name=text())
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Separation:
     """Keep a relative position at least `distance` away from the origin.
@@ -126,6 +128,7 @@ class Separation:
         return excess >= 0
 
 
+@checked(refused, name=text())
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Connection:
     """Keep a relative position at most `distance` away from the origin.
@@ -190,6 +193,7 @@ class Connection:
         return excess > 0
 
 
+@checked(refused, along=text(), measure=text(), name=text())
 def disc(  # noqa: PLR0913 - the options of Separation
     position: ca.SX,
     *,

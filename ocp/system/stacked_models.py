@@ -4,12 +4,14 @@ from collections.abc import Sequence
 
 import casadi as ca
 
-from swarmstart.ocp.common.errors import InvalidProblemError
+from swarmstart.arguments import checked, of_kind, several
+from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.system.model import Model, jump_of, outputs_of, rate_of
 
 _ROLES = ("states", "controls", "parameters", "signals")
 
 
+@checked(refused, models=several(of_kind(Model, "a Model"), "a sequence of models"))
 def stack_models(models: Sequence[Model]) -> Model:
     """Stack models side by side into one model, states and controls in order.
 

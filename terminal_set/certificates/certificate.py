@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
+from swarmstart.arguments import a_number, checked, of_kind
 from swarmstart.arrays import Array
 from swarmstart.errors import SwarmstartError
 from swarmstart.terminal_set.interval_arithmetic.tape import tape_of
@@ -117,6 +118,7 @@ class CoarseHoldError(UnprovenSetError):
         )
 
 
+@checked(kappa=a_number())
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Weights:
     """The weights of a design; arrays copied and read-only.
@@ -309,6 +311,7 @@ def seal_of(certificate: Certificate) -> str:
     return hashlib.sha256(repr(stated).encode()).hexdigest()
 
 
+@checked(certificate=of_kind(Certificate, "a Certificate"))
 def certificate_text(certificate: Certificate) -> str:
     """Write a certificate as JSON.
 

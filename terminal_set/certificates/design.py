@@ -31,6 +31,15 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from swarmstart.arguments import (
+    NAMES,
+    a_number,
+    checked,
+    of_kind,
+    optional,
+    reals,
+    text,
+)
 from swarmstart.arrays import Array
 from swarmstart.errors import SwarmstartError
 from swarmstart.terminal_set.certificates.certificate import Certificate
@@ -96,6 +105,12 @@ class ForeignCertificateError(SwarmstartError, ValueError):
         return f"the certificate is of a set with another {self.name}"
 
 
+@checked(
+    alpha=a_number(finite=False),
+    dt=optional(a_number()),
+    design=text(),
+    certificate=optional(of_kind(Certificate, "a Certificate")),
+)
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class TerminalSet:
     """A linear law and the ellipsoid it is meant for; arrays copied and read-only.
@@ -165,6 +180,7 @@ class TerminalSet:
         if self.alpha > certificate.alpha:
             raise ForeignCertificateError("alpha")
 
+    @checked(e=reals())
     def feedback(self, e: ArrayLike) -> Array:
         """Compute the law's input relative to u_ref, du = -K e.
 
@@ -179,6 +195,7 @@ class TerminalSet:
         """
         return np.asarray(-self.K @ columns_of("e", e, len(self.P)))
 
+    @checked(e=reals())
     def value(self, e: ArrayLike) -> Array:
         """Compute e'Pe.
 
@@ -193,6 +210,7 @@ class TerminalSet:
         """
         return self.ellipsoid.value(e)
 
+    @checked(e=reals())
     def contains(self, e: ArrayLike) -> Mask:
         """Return whether e'Pe <= alpha, so that the linear law may take over.
 
@@ -207,6 +225,7 @@ class TerminalSet:
         """
         return self.ellipsoid.contains(e)
 
+    @checked(states=NAMES, controls=NAMES)
     def linear_law(
         self, *, states: Sequence[str] = (), controls: Sequence[str] = ()
     ) -> control.StateSpace:
@@ -245,6 +264,12 @@ class TerminalSet:
         )  # fmt: skip
 
 
+@checked(
+    dynamics=of_kind(ca.Function, "a casadi.Function"),
+    reference=of_kind(Reference, "a Reference"),
+    dt=a_number(),
+    kappa=a_number(),
+)
 def sampled_terminal_set(
     dynamics: ca.Function,
     reference: Reference,

@@ -24,6 +24,16 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from swarmstart.arguments import (
+    FLAG,
+    RNG,
+    a_count,
+    a_number,
+    checked,
+    of_kind,
+    optional,
+    reals,
+)
 from swarmstart.arrays import Array
 from swarmstart.machine_code import WorkClock, now, working
 from swarmstart.terminal_set.certificates.certificate import (
@@ -75,6 +85,13 @@ ROUNDING = 1e-12
 """Relative rounding of a bound's level, apart from that by the condition of P."""
 
 
+@checked(
+    substeps=a_count(),
+    growth=FLAG,
+    work=a_number(),
+    max_seconds=optional(a_number(finite=False)),
+    Q_m=optional(reals()),
+)
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ProofOptions:
     """Options of a proof: its margin, effort and parts.
@@ -164,6 +181,14 @@ def certified_terminal_set(
     return replace(found, certificate=certificate)
 
 
+@checked(
+    dynamics=of_kind(ca.Function, "a casadi.Function"),
+    reference=of_kind(Reference, "a Reference"),
+    design=of_kind(TerminalSet, "a TerminalSet"),
+    rng=RNG,
+    dt=optional(a_number()),
+    options=optional(of_kind(ProofOptions, "ProofOptions")),
+)
 def certify(
     dynamics: ca.Function,
     reference: Reference,

@@ -32,7 +32,9 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.arguments import a_number, checked
 from swarmstart.arrays import Array
+from swarmstart.ocp.common.errors import refused
 from swarmstart.ocp.lower_bound.stated.statement import Statement
 
 
@@ -86,6 +88,7 @@ class LowerBound:
     evidence: Evidence | None = field(default=None, repr=False)  # Hundreds of lines.
     sense: float = 1.0
 
+    @checked(refused, cost=a_number(finite=False))
     def gap(self, cost: float) -> float:
         """Return the largest possible relative distance of an answer from the optimum.
 

@@ -375,8 +375,8 @@ def test_costs_are_copied_and_what_is_returned_is_read_only() -> None:
             {"bound_handling": "midpoint"},
             "bound_handling must be one of clip, reject, got",
         ),
-        ({"immigrant": -0.1}, r"immigrant must be in \[0, 1\], got -0.1"),
-        ({"immigrant": 1.5}, r"immigrant must be in \[0, 1\], got 1.5"),
+        ({"immigrant": -0.1}, r"immigrant must be a number in \[0, 1\], got -0.1"),
+        ({"immigrant": 1.5}, r"immigrant must be a number in \[0, 1\], got 1.5"),
     ],
 )
 def test_refuses_settings_out_of_range(

@@ -1,18 +1,14 @@
 """Common parts of all algorithms: the best point, counters, invalid settings."""
 
 import numpy as np
-import pytest
 
 from swarmstart.heuristics import (
-    InvalidSettingsError,
     Order,
     epsilon_level,
     feasibility_first,
 )
 from swarmstart.heuristics.laws.algorithm import (
     common_fields,
-    require_bound_handling,
-    require_size,
     take_generation,
 )
 from swarmstart.heuristics.searches.random_search import RandomSearchState
@@ -62,17 +58,3 @@ def test_best_is_that_of_the_tolerance_and_not_of_the_level() -> None:
     order = epsilon_level(0.5, quantile=1.0)
     state = taken(order, ([1.0, 3.0], [2.0, 0.5]), ([0.0, 2.0], [2.0, 0.5]))
     assert (state.best_cost[0], state.best_violation[0]) == (2.0, 0.5)
-
-
-@pytest.mark.parametrize("size", [2, 3.0, "4", None])
-def test_a_size_is_an_integer_that_is_large_enough(size: int) -> None:
-    with pytest.raises(InvalidSettingsError, match="size must be an integer of at"):
-        require_size(size, at_least=3)
-    require_size(3, at_least=3)
-
-
-def test_refuses_an_unknown_rule_for_the_bounds() -> None:
-    with pytest.raises(
-        InvalidSettingsError, match="bound_handling must be one of clip"
-    ):
-        require_bound_handling("bounce")

@@ -114,9 +114,9 @@ def test_merits_depend_on_the_units_neither_of_cost_nor_of_violation(
 
 @pytest.mark.parametrize("value", [-1.0, np.nan, np.inf])
 def test_refuses_negative_or_infinite_parameters(value: float) -> None:
-    with pytest.raises(InvalidOrderError, match="weight must be finite and at least 0"):
+    with pytest.raises(InvalidOrderError, match="weight must be a finite"):
         static_penalty(value)
-    with pytest.raises(InvalidOrderError, match="tolerance must be finite"):
+    with pytest.raises(InvalidOrderError, match="tolerance must be a finite"):
         feasibility_first(value)
 
 
@@ -295,11 +295,14 @@ def test_equality_constraint_is_met_at_the_least_cost() -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"tolerance": -1.0}, "tolerance must be finite and at least 0, got -1.0"),
-        ({"power": np.inf}, "power must be finite and at least 0, got inf"),
-        ({"quantile": 1.5}, r"quantile must be in \[0, 1\], got 1.5"),
-        ({"control": 0.0}, r"control must be in \(0, 1\], got 0.0"),
-        ({"control": np.nan}, r"control must be in \(0, 1\], got nan"),
+        (
+            {"tolerance": -1.0},
+            "tolerance must be a finite number of at least 0",
+        ),
+        ({"power": np.inf}, "power must be a finite number of at least 0, got inf"),
+        ({"quantile": 1.5}, r"quantile must be a number in \[0, 1\], got 1.5"),
+        ({"control": 0.0}, r"control must be a number in \(0, 1\], got 0.0"),
+        ({"control": np.nan}, r"control must be a number in \(0, 1\], got nan"),
     ],
 )
 def test_refuses_parameters_of_a_level_out_of_range(

@@ -108,7 +108,7 @@ def test_refuses_initial_points_that_do_not_fit(
 
 def test_refuses_arguments_out_of_range() -> None:
     search = new_search()
-    with pytest.raises(InvalidSettingsError, match=r"progress must be in \[0, 1\]"):
+    with pytest.raises(InvalidSettingsError, match=r"progress .* in \[0, 1\]"):
         search.ask(progress=1.5)
     with pytest.raises(InvalidSettingsError, match="rng must be a numpy"):
         Search(RandomSearch(), BOX, rng=7)  # type: ignore[arg-type]

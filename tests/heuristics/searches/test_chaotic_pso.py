@@ -122,21 +122,27 @@ def test_velocity_max_must_fit_the_box() -> None:
     ("setting", "message"),
     [
         ({"size": 1}, "size must be an integer of at least 2, got 1"),
-        ({"inertia_min": 1.3}, "inertia_min must be in .*, got 1.3"),
-        ({"cognitive": -0.1}, "cognitive must be finite and at least 0"),
-        ({"social": np.nan}, "social must be finite and at least 0"),
+        ({"inertia_min": 1.3}, "inertia_min must be at most inertia_max .*, got 1.3"),
+        ({"cognitive": -0.1}, "cognitive must be a finite number of at least 0"),
+        ({"social": np.nan}, "social must be a finite number of at least 0"),
         ({"velocity_max": 0.0}, "velocity_max must be None or finite and above 0"),
         ({"velocity_max": (1.0, np.inf)}, "velocity_max must be None or finite"),
         ({"reseed": "tent"}, "reseed must be one of .*logistic.*, got 'tent'"),
-        ({"diversity_threshold": -1.0}, "diversity_threshold must be at least 0"),
-        ({"search_length": 0.0}, "search_length must be None or finite and above 0"),
+        (
+            {"diversity_threshold": -1.0},
+            "diversity_threshold .* at least 0",
+        ),
+        (
+            {"search_length": 0.0},
+            "search_length .* above 0",
+        ),
         (
             {"bound_handling": "stick"},
             "bound_handling must be one of clip, .*none, got 'stick'",
         ),
         (
             {"initial_velocity": "zero"},
-            "initial_velocity must be independent or smooth",
+            "initial_velocity must be one of independent, smooth",
         ),
     ],
 )

@@ -358,8 +358,8 @@ def test_nothing_finite_is_no_failure() -> None:
 @pytest.mark.parametrize(
     ("setting", "message"),
     [
-        ({"size": 3}, "size must be an integer of at least 4, got 3"),
-        ({"sigma": 0.0}, r"sigma must be in \(0, 1\], got 0.0"),
+        ({"size": 3}, "size must be None or an integer of at least 4, got 3"),
+        ({"sigma": 0.0}, r"sigma must be a number in \(0, 1\], got 0.0"),
         ({"restarts": 1}, "restarts must be True or False, got 1"),
         ({"increase": 0}, "increase must be an integer of at least 1, got 0"),
         ({"bound_handling": "bounce"}, "bound_handling must be one of"),

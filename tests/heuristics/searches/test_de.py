@@ -263,8 +263,8 @@ def test_needs_as_many_evaluations_as_its_peers_for_the_sphere() -> None:
     ("setting", "message"),
     [
         ({"size": 3}, "size must be an integer of at least 4, got 3"),
-        ({"F": 0.0}, r"F must be in \(0, 2.0\], got 0.0"),
-        ({"CR": 1.5}, r"CR must be in \[0, 1\], got 1.5"),
+        ({"F": 0.0}, r"F must be a number in \(0, 2\], got 0.0"),
+        ({"CR": 1.5}, r"CR must be a number in \[0, 1\], got 1.5"),
         (
             {"bound_handling": "stick"},
             "bound_handling must be one of clip, .*none, got 'stick'",

@@ -136,8 +136,8 @@ def test_mutation_redraws_one_coordinate_in_dim_over_the_whole_box() -> None:
     ("setting", "message"),
     [
         ({"size": 1}, "size must be an integer of at least 2, got 1"),
-        ({"crossover": -0.1}, r"crossover must be in \[0, 1\], got -0.1"),
-        ({"mutation": 2.0}, r"mutation must be None or in \[0, 1\], got 2.0"),
+        ({"crossover": -0.1}, r"crossover must be a number in \[0, 1\], got -0.1"),
+        ({"mutation": 2.0}, r"mutation must be None or a number in \[0, 1\], got 2.0"),
         ({"elitism": 1}, "elitism must be True or False, got 1"),
     ],
 )

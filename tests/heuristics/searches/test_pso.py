@@ -76,7 +76,9 @@ def test_constriction_solves_its_equation() -> None:
 
 
 def test_constriction_needs_phi_above_4() -> None:
-    with pytest.raises(InvalidSettingsError, match="phi must be finite and above 4"):
+    with pytest.raises(
+        InvalidSettingsError, match="phi must be a finite number above 4"
+    ):
         ParticleSwarm.constricted(4.0)
 
 
@@ -103,9 +105,9 @@ def test_solves_the_sphere(seed: int) -> None:
     ("setting", "message"),
     [
         ({"size": 0}, "size must be an integer of at least 1, got 0"),
-        ({"inertia": 1.1}, r"inertia must be in \[0, 1\], got 1.1"),
-        ({"cognitive": np.inf}, "cognitive must be finite"),
-        ({"velocity_max": 0.0}, "velocity_max must be None or finite and above 0"),
+        ({"inertia": 1.1}, r"inertia must be a number in \[0, 1\], got 1.1"),
+        ({"cognitive": np.inf}, "cognitive must be a finite"),
+        ({"velocity_max": 0.0}, "velocity_max must be None or a finite number above 0"),
         (
             {"bound_handling": "stick"},
             "bound_handling must be one of clip, .*none, got 'stick'",

@@ -140,7 +140,7 @@ def test_a_searched_answer_travels_without_multipliers() -> None:
         (lambda p: replace(p, horizon=Free(1, 4, 3)), "its decisions are .* end time"),
         (lambda p: replace(p, terminal=[(p.model.states, [0, 0])]), "terminal"),
         (lambda p: replace(p, control_shape="linear"), "controls are constant.*linear"),
-        (lambda p: "no problem", "as_guess takes an OptimalControlProblem, got str"),
+        (lambda p: "no problem", "problem must be None or an OptimalControlProblem"),
     ],
 )  # fmt: skip
 def test_another_problem_is_refused(other: object, said: str) -> None:

@@ -187,8 +187,8 @@ def test_phases_may_have_states_and_controls_of_their_own(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("stated", "more", "words"),
     [
-        (TWO, {"period": 0.0}, "period must be positive, got 0"),
-        (TWO, {"period": np.nan}, "period must be positive"),
+        (TWO, {"period": 0.0}, "period must be a finite number above 0"),
+        (TWO, {"period": np.nan}, "period must be a finite number"),
         (TWO, {"parameters": {"k": 1.0}}, "values of nothing, got k"),
         ([leg(horizon=1.0, start={"x": Free(0, 1)})], {}, "no decided start, phase 1"),
         ([leg(horizon=1.0, initial_cost=X)], {}, "no initial cost, phase 1 has"),

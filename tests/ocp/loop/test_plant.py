@@ -43,7 +43,7 @@ def test_plant_is_what_scipy_integrates(plant: Plant) -> None:
     ("dt", "substeps", "message"),
     [
         (0.2, 0, "substeps must be an integer of at least 1, got 0"),
-        (-0.2, 4, "dt must be positive, got -0.2"),
+        (-0.2, 4, "dt must be a finite number above 0, got -0.2"),
     ],
 )
 def test_refuses_what_is_no_plant(

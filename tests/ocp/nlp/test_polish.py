@@ -191,7 +191,7 @@ def test_better_means_violation_first_then_cost() -> None:
     ("options", "message"),
     [
         ({"max_iterations": 0}, "max_iterations must be an integer of at least 1"),
-        ({"tolerance": 0.0}, "tolerance must be positive, got 0.0"),
+        ({"tolerance": 0.0}, "tolerance must be a finite number above 0, got 0.0"),
     ],
 )
 def test_refuses_options_ipopt_would_refuse(

@@ -138,7 +138,7 @@ def test_without_lanes_nothing_is_told_of_starts() -> None:
 
 @pytest.mark.parametrize("lanes", [-1, 1.5])
 def test_lanes_must_be_a_positive_whole_number(lanes: float) -> None:
-    with pytest.raises(InvalidProblemError, match="lanes must be an integer"):
+    with pytest.raises(InvalidProblemError, match="lanes must be None or an integer"):
         solve(cart(), [0.0, 1.0], lanes=lanes, seed=0)  # type: ignore[arg-type]
 
 

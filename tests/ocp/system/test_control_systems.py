@@ -238,7 +238,7 @@ def test_a_discrete_model_without_dt_is_sampled_with_an_unknown_time() -> None:
         ss.Model(states=x, controls=u, ode=u, dt=0.1)
     for dt in (-1.0, np.nan, np.inf, "0.1"):
         with pytest.raises(
-            ss.InvalidProblemError, match="dt must be a positive number of seconds"
+            ss.InvalidProblemError, match="dt must be None or a finite number above 0"
         ):
             ss.Model(states=x, controls=u, next_state=u, dt=dt)  # type: ignore[arg-type]
 
