@@ -186,7 +186,7 @@ def solve(  # noqa: PLR0913 - the whole way in one call
     given = x0, known
     rng = generator_of(rng, seed)
     settings = search_settings(search, budget, order)
-    if search == "default" and not has_decisions(problem):
+    if isinstance(search, str) and search == "default" and not has_decisions(problem):
         settings = None  # A simulation.
     polishing = polish_options(polish)
     if lanes is None:

@@ -113,6 +113,23 @@ def calls() -> dict[str, Call]:
         {"planner": planner, "x0": [0, 0], "budget": ss.Budget(evaluations=30)}
         | {"rng": rng},
     )
+    stated["solve"] = (
+        ss.solve,
+        {"problem": problem, "x0": [0, 0], "search": None, "lanes": 0, "polish": True}
+        | {"guess": None, "repair": False, "seed": 0}
+        | {"start": "must hold", "backend": None, "known": ss.Known()},
+    )
+    stated["compare"] = (
+        ss.compare,
+        {"problems": (problem, [0, 0]), "solvers": "ipopt", "seeds": 1, "budget": 30}
+        | {"repair": False, "allow_python": False, "settings": {}},
+    )
+    stated["run"] = (
+        ss.run,
+        {"scenario": "double_integrator", "seed": 0, "search": "none"}
+        | {"figures": False, "force": False, "allow_python": False, "settings": {}}
+        | {"variant": None},
+    )
     stated["SearchSettings"] = (
         ss.SearchSettings,
         {"algorithm": ss.LSHADE(), "budget": ss.Budget(evaluations=30)}

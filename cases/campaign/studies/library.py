@@ -9,6 +9,7 @@ feasible one.
 
 from __future__ import annotations
 
+import math
 import statistics
 import tempfile
 import warnings
@@ -23,6 +24,22 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
+from swarmstart.arguments import (
+    FLAG,
+    MOST_WORK,
+    NAMES,
+    Check,
+    a_count,
+    a_number,
+    checked,
+    either,
+    function,
+    mapping,
+    of_kind,
+    optional,
+    reals,
+    text,
+)
 from swarmstart.cases.campaign.engine.cells import Cell, Outcome
 from swarmstart.cases.campaign.judging.runs import (
     About,
@@ -37,7 +54,11 @@ from swarmstart.cases.campaign.judging.scenario_content import (
 from swarmstart.cases.campaign.running.finished_run import Run
 from swarmstart.cases.campaign.running.run import run as run_resolved
 from swarmstart.cases.campaign.studies.comparing import Contest, contest_of
-from swarmstart.cases.campaign.studies.comparison_plan import Chosen, ComparisonPlan
+from swarmstart.cases.campaign.studies.comparison_plan import (
+    MOST_SEEDS,
+    Chosen,
+    ComparisonPlan,
+)
 from swarmstart.cases.campaign.trials.building import Trial, built
 from swarmstart.cases.campaign.trials.own_solver import (
     OwnSolver,
@@ -73,6 +94,44 @@ Compared = Scenario | tuple[OptimalControlProblem, ArrayLike, *tuple[Known, ...]
 NEVER_S = 10**9
 """Time limit of a solver: as good as none [s]."""
 NO_SETTINGS: Mapping[str, Any] = MappingProxyType({})
+
+
+_SCENARIO = of_kind((str, Path), "a name or a path")
+
+
+def _is_compared(given: object) -> bool:
+    """Return whether a value is a scenario, or a problem with its start."""
+    if isinstance(given, str | Path):
+        return True
+    match given:
+        case (OptimalControlProblem(), x0) | (OptimalControlProblem(), x0, Known()):
+            return isinstance(given, tuple) and reals().accepts(x0)
+    return False
+
+
+def _one_or_several(accepts: Callable[[Any], bool], words: str) -> Check:
+    """Return a check of one, a sequence of at least one, or a mapping from names."""
+
+    def is_one_or_several(given: object) -> bool:
+        if accepts(given):
+            return True
+        values: object = given
+        if isinstance(given, Mapping) and all(isinstance(name, str) for name in given):
+            values = [*given.values()]
+        if not isinstance(values, Sequence) or not values:
+            return False
+        return all(map(accepts, values))
+
+    return Check(is_one_or_several, f"{words}; one, a list, or a mapping from names")
+
+
+_COMPARED = _one_or_several(
+    _is_compared, "scenarios, (problem, x0) or (problem, x0, known)"
+)
+_SOLVERS = _one_or_several(
+    lambda given: isinstance(given, str) or is_algorithm(given) or callable(given),
+    "names of solvers, functions, or searches",
+)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -127,6 +186,21 @@ class Row:
         )
 
 
+@checked(
+    scenario=_SCENARIO,
+    seed=a_count(most=math.inf),
+    out=optional(_SCENARIO),
+    variant=optional(text()),
+    search=optional(text()),
+    polish=optional(text()),
+    figures=FLAG,
+    figure_formats=NAMES,
+    force=FLAG,
+    allow_python=FLAG,
+    bound=optional(a_number(above=0.0)),
+    settings=mapping(text(), words="a mapping from keys to values"),
+    progress=function(),
+)
 def run(  # noqa: PLR0913 - the options of a command
     scenario: Scenario,
     *,
@@ -206,6 +280,16 @@ def run(  # noqa: PLR0913 - the options of a command
     )
 
 
+@checked(
+    problems=_COMPARED,
+    solvers=_SOLVERS,
+    seeds=a_count(least=1, most=MOST_SEEDS),
+    budget=either(a_count(least=1, most=MOST_WORK), text()),
+    repair=FLAG,
+    allow_python=FLAG,
+    settings=mapping(text(), words="a mapping from keys to values"),
+    progress=function(),
+)
 def compare(  # noqa: PLR0913 - the options of a command
     problems: Compared | Sequence[Compared] | Mapping[str, Compared],
     solvers: GivenSolver | Sequence[GivenSolver] | Mapping[str, GivenSolver],

@@ -289,7 +289,7 @@ def test_bend_has_a_sign_from_a_part_in_1e7_of_the_largest_on(
     # Of two decided starts, the one that bends less.
     x = ca.SX.sym("x", 2)
     begun = OptimalControlProblem(
-        Model(states=x, controls=U, ode=ca.vertcat(0, 0)),
+        Model(states=x, controls=U, ode=ca.SX.zeros(2)),
         horizon=1.0,
         intervals=2,
         stage_cost=U**2,

@@ -21,7 +21,7 @@ FIXED = ss.OptimalControlProblem(
         states=(x := ca.SX.sym("x")),
         controls=(u := ca.SX.sym("u", 2)),
         ode=u[0] - u[1],
-        control_names=["push", "pull"],
+        control_names=("push", "pull"),
     ),
     horizon=1.0,
     intervals=3,
@@ -52,7 +52,7 @@ def test_an_answer_is_judged_as_it_is_and_charged_the_budget_if_it_does_not_coun
 ):
     best = np.array([[10 / 11] * 3, [0.0] * 3])
     row = row_of(lambda problem, x0, budget, rng: best)
-    assert row.costs == (pytest.approx(FIXED_COST, rel=1e-9),)
+    assert row.costs == pytest.approx([FIXED_COST], rel=1e-9)
     assert row.feasible == 1 and row.evaluations == 100
 
 
@@ -75,7 +75,7 @@ def test_evaluations_are_those_of_the_evaluator_and_the_best_of_them_is_an_answe
     moved = (points[0] - points[1]).sum(axis=0) / 3
     expected = (moved - 1) ** 2 + (points**2).sum(axis=(0, 1)) / 30
     assert cost == pytest.approx(expected, rel=1e-9)
-    assert row.costs == (pytest.approx(expected.min(), rel=1e-9),)
+    assert row.costs == pytest.approx([expected.min()], rel=1e-9)
 
 
 @pytest.mark.parametrize(("budget", "most"), [(100, 100), ("1s", None)])
@@ -106,7 +106,7 @@ def test_a_decided_end_time_is_answered_with_a_start() -> None:
         return ss.Start(np.full((1, 2), 0.5), decided={END_TIME: 2.0})
 
     row = row_of(mine, (DECIDED, [0.0]))
-    assert row.feasible == 1 and row.costs == (pytest.approx(2.0),)
+    assert row.feasible == 1 and row.costs == pytest.approx([2.0])
     # Without it the guess of the end time counts, which does not lead to the goal.
     lost = row_of(lambda problem, x0, budget, rng: [0.1, 0.1], (DECIDED, [0.0]))
     assert lost.feasible == 0
