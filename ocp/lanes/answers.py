@@ -35,6 +35,9 @@ _STILL = 1e-6
 """A state that moves by less, relative to its size, counts as constant."""
 FEASIBLE = 1e-6
 """Largest violation, in the NLP's scaled numbers, of an answer that counts."""
+EXAMINED = 64
+"""Largest number of ends that are asked whether they are optima: each takes some
+milliseconds, and searches with hundreds of unfinished ends would outrun their budget."""
 _TRIED = 3
 """Number of answers of a group of which one must meet the first-order conditions."""
 _SURE = 1.6448536269514722
@@ -117,12 +120,15 @@ def distinct_optima(
         stand_for: Number of answers that each one represents, shape (n,), if only the
             best of earlier ones was kept; None means one each.
         finished: Whether the answer of a lane meets the first-order conditions; only
-            with such an answer, among the best three, an optimum counts. None: all do.
+            with such an answer, among the best three, an optimum counts. Of many only
+            the EXAMINED cheapest are asked for, and no others count. None: all do.
     """
     each = np.ones(answers.cost.size, np.int64) if stand_for is None else stand_for
     number = optimum_of(answers, apart=apart)
     optima = []
-    for one in range(int(number.max(initial=-1)) + 1):
+    count = int(number.max(initial=-1)) + 1
+    # Numbers rise with the cost.
+    for one in range(count if finished is None else min(count, EXAMINED)):
         lanes = np.flatnonzero(number == one)
         order = lanes[np.argsort(answers.cost[lanes], kind="stable")].tolist()
         if finished is not None:
