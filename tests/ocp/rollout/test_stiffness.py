@@ -24,7 +24,7 @@ from swarmstart.ocp import (
 from swarmstart.ocp.rollout.path import Tracer
 from swarmstart.ocp.rollout.scaling import Sizing
 from swarmstart.ocp.rollout.shooting import Shooting
-from swarmstart.ocp.rollout.status import FastMode, fastest_mode
+from swarmstart.ocp.rollout.status import FastMode, Found, advice_for, fastest_mode
 from swarmstart.tests.ocp import catalyst
 
 
@@ -114,6 +114,24 @@ def test_growing_swinging_and_slow_modes_are_no_stiffness() -> None:
     assert not answer.status.is_confirmed
     assert answer.advice.startswith("a mode swings at 40 rad/s at 0 s")
     assert "stiff" not in answer.advice
+
+
+@pytest.mark.parametrize("checks", [1, 2])
+def test_fastest_of_all_modes_is_named_with_its_time_and_step(checks: int) -> None:
+    """x' = -u x, with five rates over 0.4 s each."""
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    problem = OptimalControlProblem(
+        Model(states=x, controls=u, ode=-u * x), horizon=2.0, intervals=5,
+        checks=checks, substeps=4, stage_cost=x**2,
+    )  # fmt: skip
+    rates = np.array([[200.0, 600.0, 900.0, 700.0, 300.0]])
+    mode = found(problem, rates)
+    assert mode is not None
+    assert mode.rate == 900.0
+    assert mode.time == pytest.approx(0.8, abs=0.02)
+    told = advice_for(problem, Found(SolutionStatus.MISMATCH, ""), mode)
+    assert f"makes steps of {0.1 / checks:.3g} s of rk4 unstable" in told
+    assert mode.substeps == np.ceil(900 * 0.4 / checks / 2.5)
 
 
 def test_implicit_steps_are_never_called_too_long() -> None:
