@@ -199,3 +199,16 @@ def test_optimum_on_a_kink_is_not_called_a_local_optimum() -> None:
     # Resting at its bound, the control is at a jump of floor: rounding decides.
     assert least(-U - ca.floor(U)) is SolutionStatus.MISMATCH
     assert least(-U - ca.floor(U), 0.8) is SolutionStatus.CONVERGED
+
+
+def test_sides_change_with_states_and_controls_alone() -> None:
+    """A parameter and a signal shift the switch; they have no size."""
+    p, s = ca.SX.sym("p"), ca.SX.sym("s")
+    problem = OptimalControlProblem(
+        Model(states=X, controls=U, parameters=p, ode=ca.vertcat(X[1], U)),
+        horizon=1.0, intervals=2, signals=s,
+        stage_cost=ca.fabs(X[0] - 3 * U + 7 * p - 9 * s),
+    )  # fmt: skip
+    side, reach = kinks_of(problem).sides([1, 0], 2, 3, 4, [10, 1], 5)
+    assert float(side) == 1 - 6 + 21 - 36
+    assert float(reach) == 10 + 15

@@ -333,14 +333,11 @@ def test_reach_of_a_state_that_keeps_zero_is_that_of_what_is_written() -> None:
         np.testing.assert_allclose(path.reach, [2, 2, reach, 0], atol=1e-12)
 
 
-@pytest.mark.parametrize("jumps", [False, True])
-def test_intervals_that_begin_anew_miss_the_next_ones_begin(jumps: bool) -> None:
-    """x' = u, and x / 2 after a jump; each interval starts from a state of its own."""
+def test_intervals_that_begin_anew_miss_the_next_ones_begin() -> None:
+    """x' = u; each interval starts from a state of its own."""
     x = ca.SX.sym("x")
-    model = Model(states=x, controls=U, ode=U)
-    model = replace(model, next_state=x / 2) if jumps else model
     problem = OptimalControlProblem(
-        model,
+        Model(states=x, controls=U, ode=U),
         horizon=3.0, intervals=3, substeps=1, terminal_cost=x,
     )  # fmt: skip
     controls, ends = np.array([[1.0, -2.0, 4.0]]), np.array([[5.0, 7.0, 11.0, 17.0]])

@@ -43,6 +43,7 @@ def test_costs_that_are_as_good_as_equal_tie_and_no_others(costs: list[float]) -
 
 
 def test_a_tie_ends_at_a_millionth() -> None:
+    assert SAME == 1e-6
     for sign in (1.0, -1.0):
         near, far = sign * (1 + 0.9 * SAME), sign * (1 + 1.2 * SAME)
         assert len(set(with_ties(np.array([sign, near])))) == 1
