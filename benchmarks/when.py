@@ -99,6 +99,8 @@ NOTES = {
     "between them, and cannot be repaired",
     "lotka_volterra_whole": "has controls of whole numbers: IPOPT relaxes and rounds "
     "them, but not from random starts",
+    "formation_v": "and the other flights are shipped with the chapter's own search "
+    "and budget, and without a polish: that is `solve` there",
     "swap_5": "and `swap_8` search smooth paths to the goals, for which there are no "
     "lanes; `multistart+ipopt` shows IPOPT from random paths there",
     "bifunctional_catalyst": "is stiff: it has no lanes, and hundreds of local optima",

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 NOT_FEASIBLE = "not feasible"
-NEVER = "never"
+NO_SUCCESS = "no success"
 NOT_MEASURED = "not measured"
 
 KEPT = 1e-6
@@ -52,8 +52,8 @@ def number(value: object, missing: str = NOT_MEASURED, *, digits: int = _DIGITS)
         digits: Significant digits.
 
     Example:
-        >>> number(455.11134), number(3.0), number(123456.0), number(None, "never")
-        ('455.11', '3', '123456', 'never')
+        >>> number(455.11134), number(3.0), number(123456.0), number(None, "no success")
+        ('455.11', '3', '123456', 'no success')
     """
     if not is_number(value):
         return missing

@@ -37,7 +37,7 @@ FEASIBLE = 1e-6
 """Largest violation, in the NLP's scaled numbers, of an answer that counts."""
 EXAMINED = 64
 """Largest number of ends that are asked whether they are optima: each takes some
-milliseconds, and searches with hundreds of unfinished ends would outrun their budget."""
+milliseconds, and with hundreds of unfinished ends a search would outrun its budget."""
 _TRIED = 3
 """Number of answers of a group of which one must meet the first-order conditions."""
 _SURE = 1.6448536269514722

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from swarmstart.cases.drawing.wording import (
-    NEVER,
+    NO_SUCCESS,
     NOT_FEASIBLE,
     NOT_MEASURED,
     counted,
@@ -97,7 +97,7 @@ def details(scenario: Mapping[str, Any]) -> list[list[Cell]]:
                 _of(row["seconds_p99"], NOT_MEASURED, digits=4),
                 _of(median(row["build_seconds"]), NOT_MEASURED, digits=4),
                 _of(median(row["compile_seconds"]), NOT_MEASURED, digits=4),
-                _of((row["ert_evaluations"] or [None])[0], NEVER, digits=4),
+                _of((row["ert_evaluations"] or [None])[0], NO_SUCCESS, digits=4),
                 Cell(against_first(row), kind="words"),
             ]
         )
