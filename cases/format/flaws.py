@@ -336,7 +336,8 @@ def _refused(document: Document, path: tuple[str | int, ...], error: Exception) 
     if isinstance(cause, InvalidSettingsError):
         path = (*path, cause.name)
         found = shown_value(cause.value)
-        what = f"expected {_dotted(path)} to be {cause.allowed}; found {found}"
+        allowed = cause.allowed.replace("None", "null")
+        what = f"expected {_dotted(path)} to be {allowed}; found {found}"
         return flaw_at(document, path, what)
     flaw = flaw_at(document, path, str(error))
     if not isinstance(error, ExpressionError):

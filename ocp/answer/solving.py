@@ -326,9 +326,13 @@ def polish_options(polish: PolishGiven) -> PolishOptions | None:
     Raises:
         InvalidProblemError: If there is no such solver.
     """
-    if polish is None or polish is False or polish == "none":
+    if (
+        polish is None
+        or polish is False
+        or (isinstance(polish, str) and polish == "none")
+    ):
         return None
-    if polish is True or polish == "ipopt":
+    if polish is True or (isinstance(polish, str) and polish == "ipopt"):
         return IpoptOptions()
     if isinstance(polish, str):
         return NlpOptions(plugin=polish)

@@ -191,7 +191,7 @@ def require_choice(role: str, choice: str, allowed: Sequence[str]) -> None:
     Raises:
         InvalidProblemError: With the value given and what is allowed.
     """
-    if choice not in allowed:
+    if not isinstance(choice, str) or choice not in allowed:
         raise InvalidProblemError(
             f"{role} must be {' or '.join(allowed)}, got {choice!r}"
         )

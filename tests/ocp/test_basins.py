@@ -69,5 +69,5 @@ def test_search_without_polish_keeps_no_basins(
 
 
 def test_basins_that_are_none_are_refused() -> None:
-    with pytest.raises(InvalidProblemError, match="basins must be at least 0"):
+    with pytest.raises(InvalidProblemError, match="basins must be an integer of"):
         settings(-1)

@@ -271,8 +271,8 @@ def test_search_without_bounds_of_what_is_decided_asks_for_them() -> None:
         ({"start": {"x": (0, 1)}}, "start of 'x' must be a swarmstart.Free"),
         ({"decided": {"q": Free(0, 1)}}, "decided must name"),
         ({"decided": {"p": 1.0}}, "decided parameter 'p' must be a swarmstart.Free"),
-        ({"periodic": ["x", "x"]}, "periodic must name, each once"),
-        ({"periodic": "x"}, "periodic must name, each once"),
+        ({"periodic": ["x", "x"]}, "periodic must be a sequence of names"),
+        ({"periodic": "x"}, "periodic must be a sequence of names"),
         (
             {"previous": ca.SX.sym("v", 3)},
             "previous must be a symbol for each of the 1",
@@ -349,12 +349,11 @@ def test_time_stands_beside_the_only_signal_of_a_model() -> None:
     [
         ([0.0, 1.0], Known(), r"x0 must have shape \(1,\), got \(2,\)"),
         ([np.nan], Known(), "x0 must be finite"),
-        (["a"], Known(), "x0 must be numbers"),
+        (["a"], Known(), "x0 must be an array or a list of real numbers"),
         ([0.0], Known(previous=[1.0, 2.0]), "previous must be 1 finite numbers"),
         ([0.0], Known(previous=[np.nan]), "previous must be 1 finite numbers"),
         ([0.0], Known(signals=np.zeros((1, 5))), "signals must have shape"),
         ([0.0], Known(parameters=[1.0, 2.0, 3.0]), "parameters must have shape"),
-        ([0.0], Known(time=np.nan), "parameters must be finite"),
     ],
 )
 def test_what_is_known_must_fit_the_stated_problem(

@@ -431,12 +431,12 @@ def test_names_numbers_lists_and_columns_are_taken(options: dict[str, object]) -
         (lambda: solve(line(), [0, 0], budget="5s", seed=0), "budget must be"),  # type: ignore[arg-type]
         (lambda: solve(line(), [0, 0], budget=0, seed=0), "at least 1"),
         (lambda: solve(line(), [0, 0], order="deb", seed=0), "order must be"),  # type: ignore[arg-type]
-        (lambda: solve(line(), ["a"], seed=0), "x0 must be numbers"),
+        (lambda: solve(line(), ["a"], seed=0), "x0 must be an array"),
         (lambda: solve(line(), [0, 0, 0], seed=0), r"shape \(2,\), got \(3,\)"),
         (lambda: solve(line(), [0, np.nan], seed=0), "x0 must be finite"),
-        (lambda: solve(line(), [0, 0], guess=["a"], seed=0), "a guess must be numbers"),
-        (lambda: solve("problem", [0, 0], seed=0), "takes an OptimalControlProblem"),  # type: ignore[arg-type]
-        (lambda: solve(ca.Opti(), [0, 0], seed=0), "takes an OptimalControlProblem"),  # type: ignore[arg-type]
+        (lambda: solve(line(), [0, 0], guess=["a"], seed=0), "guess must be None"),
+        (lambda: solve("problem", [0, 0], seed=0), "problem must be an Opt"),  # type: ignore[arg-type]
+        (lambda: solve(ca.Opti(), [0, 0], seed=0), "problem must be an Opt"),  # type: ignore[arg-type]
         (lambda: solve(line(), [0, 0], start="free", seed=0), "start must be"),  # type: ignore[arg-type]
         (lambda: solve(line(), [0, 0]), "seed"),
         (
@@ -463,7 +463,7 @@ def test_a_foreign_plant_or_controller_is_refused() -> None:
         simulate("plant", loop, [0, 0], steps=1, rng=rng)  # type: ignore[arg-type]
     with pytest.raises(InvalidProblemError, match=r"controller must have decide\(\)"):
         simulate(plant, "loop", [0, 0], steps=1, rng=rng)  # type: ignore[arg-type]
-    with pytest.raises(InvalidProblemError, match="x0 must be numbers"):
+    with pytest.raises(InvalidProblemError, match="x0 must be an array"):
         simulate(plant, loop, ["a", "b"], steps=1, rng=rng)
 
 

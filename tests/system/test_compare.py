@@ -94,7 +94,7 @@ def test_json_is_one_object(folder: Path, command: Command) -> None:
             ["passing_side", "--solvers", "lshade[sizes=4]"],
             "did you mean 'size'?",
         ),
-        (["passing_side", "--budget", "5"], "expected a budget such as 4000evals"),
+        (["passing_side", "--budget", "5x"], "expected a budget such as 4000evals"),
         (
             ["passing_side", "--budget", "10evals"],
             "expected at least 20, one generation",

@@ -321,7 +321,6 @@ def test_every_flaw_is_said_in_the_order_of_the_file(
         "a,",
         "b]",
         "dt:",
-        "dt:",
         "many",
     ]
 

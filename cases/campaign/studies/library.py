@@ -26,13 +26,10 @@ from numpy.typing import ArrayLike
 
 from swarmstart.arguments import (
     FLAG,
-    MOST_WORK,
     NAMES,
     Check,
     a_count,
-    a_number,
     checked,
-    either,
     function,
     mapping,
     of_kind,
@@ -197,7 +194,6 @@ class Row:
     figure_formats=NAMES,
     force=FLAG,
     allow_python=FLAG,
-    bound=optional(a_number(above=0.0)),
     settings=mapping(text(), words="a mapping from keys to values"),
     progress=function(),
 )
@@ -284,7 +280,7 @@ def run(  # noqa: PLR0913 - the options of a command
     problems=_COMPARED,
     solvers=_SOLVERS,
     seeds=a_count(least=1, most=MOST_SEEDS),
-    budget=either(a_count(least=1, most=MOST_WORK), text()),
+    budget=of_kind((int, str), "a number of evaluations, or text"),
     repair=FLAG,
     allow_python=FLAG,
     settings=mapping(text(), words="a mapping from keys to values"),

@@ -240,13 +240,13 @@ def owned(  # noqa: PLR0913 - a solver and all that it is given
 
 def _checked(answer: ArrayLike | Start, name: str, planner: Planner) -> Start:
     """Return an answer as a Start whose controls are finite, and of the right shape."""
-    start = answer if isinstance(answer, Start) else Start(answer)  # type: ignore[arg-type]
     stated = planner.stated
     shape = (stated.model.nu, stated.intervals + stated.has_knots)
     try:
+        start = answer if isinstance(answer, Start) else Start(np.asarray(answer))
         given = np.asarray(start.controls)
         controls = given.astype(np.float64, casting="same_kind" if given.size else "no")
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, SwarmstartError) as error:
         raise OwnSolverError(
             f"{name}: expected real controls of shape {shape}: {error}"
         ) from None

@@ -36,6 +36,7 @@ from swarmstart.cases.campaign.trials.trial import (
     answered,
     judged_checkpoint,
 )
+from swarmstart.cases.format.document import shown
 from swarmstart.cases.format.kind import PlanningProblem
 from swarmstart.cases.format.registry import SEARCHES, words_of
 from swarmstart.cases.format.scenario import resolved_again
@@ -101,7 +102,7 @@ def budget_of(text: str) -> dict[str, float | int]:
         if match is None or not 0 < number < LARGEST or not whole or key in budget:
             raise InvalidBudgetTextError(
                 "expected a budget such as 4000evals, 5s or 4000evals|5s, "
-                f"found {text!r}"
+                f"found {shown(text)}"
             )
         scale = _UNITS[match["unit"]]
         budget[key] = int(number) if key == "evaluations" else number * scale
@@ -125,7 +126,7 @@ def seconds_of(text: str) -> float:
     seconds = _number(match["number"]) * UNITS[match["unit"] or "s"] if match else 0.0
     if not 0.0 < seconds <= _LONGEST_S or not math.isfinite(seconds):
         raise InvalidDurationError(
-            f"expected a length of time such as 120s, 2m or 1h, found {text!r}"
+            f"expected a length of time such as 120s, 2m or 1h, found {shown(text)}"
         )
     return seconds
 

@@ -13,6 +13,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from swarmstart.arrays import Array
+from swarmstart.errors import SwarmstartError
 from swarmstart.machine_code import WorkClock
 from swarmstart.terminal_set import (
     ForeignCertificateError,
@@ -400,7 +401,7 @@ def test_refuses_no_substep() -> None:
 def test_any_time_above_zero_is_a_limit(limit: str) -> None:
     assert getattr(ProofOptions(**{limit: 1e-3}), limit) == 1e-3  # type: ignore[arg-type]
     for time in (0.0, -1.0, np.nan):
-        with pytest.raises(NotPositiveError, match=limit):
+        with pytest.raises(SwarmstartError, match=limit):
             ProofOptions(**{limit: time})  # type: ignore[arg-type]
 
 

@@ -159,7 +159,7 @@ def test_controls_outside_of_their_bounds_are_no_cheap_answer_of_evaluate() -> N
 def test_what_takes_no_arguments_of_a_solver_is_refused_at_the_door(wrong: Any) -> None:
     with pytest.raises(OwnSolverError, match=r"mine: expected a function of \(problem"):
         required_solver(wrong, "mine")
-    with pytest.raises(OwnSolverError):
+    with pytest.raises(ss.SwarmstartError):
         row_of(wrong)
 
 

@@ -89,7 +89,7 @@ def test_settings_of_a_search_are_refused_in_the_words_for_a_scenario() -> None:
             search="lshade",
             assignments=["search.size=2"],
         )
-    words = "expected search.size to be an integer of at least 4; found 2"
+    words = "expected search.size to be null or an integer of at least 4; found 2"
     assert str(of_name.value).endswith(words) and str(of_file.value).endswith(words)
 
 
