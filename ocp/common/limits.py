@@ -193,5 +193,5 @@ def require_choice(role: str, choice: str, allowed: Sequence[str]) -> None:
     """
     if not isinstance(choice, str) or choice not in allowed:
         raise InvalidProblemError(
-            f"{role} must be {' or '.join(allowed)}, got {choice!r}"
+            f"{role} must be {' or '.join(allowed)}, got {choice!r:.80}"
         )
