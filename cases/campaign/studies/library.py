@@ -346,8 +346,7 @@ def compare(  # noqa: PLR0913 - the options of a command
     """
     own: dict[str, Own] = {}
     chosen = _chosen_solvers(solvers, own)
-    for hint in filter(None, (solver.hint for solver in chosen)):
-        warnings.warn(hint, FutureWarning, stacklevel=2)
+    _warn_of_old_names(chosen)
     share = budget_of(f"{budget}evals" if isinstance(budget, int) else budget)
     plan = ComparisonPlan(
         scenarios=(), solvers=(), seeds=seeds, timeout_s=NEVER_S, repair=repair
@@ -369,8 +368,7 @@ def compare(  # noqa: PLR0913 - the options of a command
             first = _trial(stated, solver, share, own, repair=repair)
             each.append(_entry(name, solver, seeds))
             work[name, solver.name] = _solving(stated, first)
-        places = {solver.name: place for place, solver in enumerate(chosen)}
-        entries.append(sorted(each, key=lambda entry: places[entry.solver.name]))
+        entries.append(_in_order(each, chosen))
     every = [entry for each in entries for entry in each]
     count = sum(len(entry.cells) for entry in every)
     outcomes: dict[str, Outcome] = {}
@@ -475,6 +473,18 @@ def _named(
         f"problem {number}" if isinstance(one, tuple) else str(one): one
         for number, one in enumerate(several, 1)
     }
+
+
+def _in_order(entries: Sequence[Entry], solvers: Sequence[Solver]) -> list[Entry]:
+    """Return the entries of a scenario in the order of the solvers."""
+    places = {solver.name: place for place, solver in enumerate(solvers)}
+    return sorted(entries, key=lambda entry: places[entry.solver.name])
+
+
+def _warn_of_old_names(solvers: Sequence[Solver]) -> None:
+    for hint in filter(None, (solver.hint for solver in solvers)):
+        # To the caller of `compare`, behind its check of arguments.
+        warnings.warn(hint, FutureWarning, stacklevel=4)
 
 
 def _chosen_solvers(
