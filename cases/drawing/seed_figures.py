@@ -7,7 +7,7 @@ import numpy as np
 
 from swarmstart.cases.drawing.drawing import COLOURS, Figures, escaped, new_figure
 from swarmstart.cases.drawing.vehicles import band_name
-from swarmstart.cases.drawing.wording import counted
+from swarmstart.cases.format.document import counted
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -103,16 +103,6 @@ def listed(words: Sequence[str]) -> str:
     return f"{', '.join(words[:-1])} and {words[-1]}"
 
 
-def counted(count: int, thing: str) -> str:
-    """Return a number of things.
-
-    Example:
-        >>> counted(1, "seed"), counted(3, "seed")
-        ('1 seed', '3 seeds')
-    """
-    return f"{count} {thing}{'' if count == 1 else 's'}"
-
-
 def median(values: Sequence[Any]) -> float | None:
     """Return the median of those that are numbers; None if there are none."""
     return quantile(values, 0.5)

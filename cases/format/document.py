@@ -180,6 +180,16 @@ def shown(text: str) -> str:
     return repr(text if len(text) <= MAX_SHOWN else f"{text[:MAX_SHOWN]}...")
 
 
+def counted(count: int, thing: str) -> str:
+    """Return a number of things.
+
+    Example:
+        >>> counted(1, "seed"), counted(3, "seed")
+        ('1 seed', '3 seeds')
+    """
+    return f"{count} {thing}{'' if count == 1 else 's'}"
+
+
 def meant(name: str, known: Iterable[str], *, otherwise: str) -> str:
     """Return a question about the most similar known name, or another text.
 

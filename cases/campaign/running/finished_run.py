@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from swarmstart.cases.campaign.running.claims import judged
-from swarmstart.cases.drawing.wording import counted
+from swarmstart.cases.format.document import counted
 from swarmstart.cases.format.kind import Flight, Measure, Posed
 from swarmstart.cases.format.registry import SOLVE
 from swarmstart.cases.format.scenario import Resolved

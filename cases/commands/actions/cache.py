@@ -4,7 +4,7 @@ import argparse
 import json
 
 from swarmstart.cases.commands.terminal import answer
-from swarmstart.cases.drawing.wording import counted
+from swarmstart.cases.format.document import counted
 from swarmstart.cases.record.files import RecordError
 from swarmstart.machine_code import LIMIT_BYTES, cache_usage, clear_cache
 

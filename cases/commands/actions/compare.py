@@ -66,8 +66,7 @@ from swarmstart.cases.commands.terminal import (
     say,
     table_lines,
 )
-from swarmstart.cases.drawing.wording import counted
-from swarmstart.cases.format.document import Document, printable
+from swarmstart.cases.format.document import Document, counted, printable
 from swarmstart.cases.format.scenario import read_document
 from swarmstart.cases.record.files import (
     is_record,

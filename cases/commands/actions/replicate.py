@@ -30,7 +30,7 @@ from swarmstart.cases.campaign.studies.replication import (
 from swarmstart.cases.campaign.studies.verdicts import Verdict
 from swarmstart.cases.commands.terminal import DONE, GATE, Progress, answer
 from swarmstart.cases.drawing.report.pages.replication_page import replication_page
-from swarmstart.cases.drawing.wording import counted
+from swarmstart.cases.format.document import counted
 from swarmstart.cases.format.kind import Measure
 from swarmstart.cases.record.files import (
     locked,

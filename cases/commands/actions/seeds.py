@@ -35,14 +35,8 @@ from swarmstart.cases.commands.wording.measures import (
 from swarmstart.cases.commands.wording.words import heading, method, picture
 from swarmstart.cases.drawing.drawing import write_figures
 from swarmstart.cases.drawing.seed_figures import seed_figures
-from swarmstart.cases.drawing.wording import (
-    KEPT,
-    counted,
-    duration,
-    is_number,
-    quantity,
-)
-from swarmstart.cases.format.document import printable
+from swarmstart.cases.drawing.wording import KEPT, duration, is_number, quantity
+from swarmstart.cases.format.document import counted, printable
 from swarmstart.cases.format.scenario import Resolved
 from swarmstart.cases.record.files import (
     is_record,

@@ -17,8 +17,8 @@ from swarmstart.cases.commands.wording.outcomes import (
     kept_constraints,
     outcome,
 )
-from swarmstart.cases.drawing.wording import counted, duration, quantity
-from swarmstart.cases.format.document import printable
+from swarmstart.cases.drawing.wording import duration, quantity
+from swarmstart.cases.format.document import counted, printable
 from swarmstart.cases.format.registry import SOLVE, words_of
 
 SHEET = "a_sheet"

@@ -8,7 +8,6 @@ from swarmstart.cases.drawing.report import svg
 from swarmstart.cases.drawing.report.figure import Figure
 from swarmstart.cases.drawing.report.svg import Axis
 from swarmstart.cases.drawing.wording import (
-    counted,
     is_number,
     listed,
     number,
@@ -16,6 +15,7 @@ from swarmstart.cases.drawing.wording import (
     shortened,
     stated_cost,
 )
+from swarmstart.cases.format.document import counted
 
 LEFT, RIGHT, TOP, BOTTOM = 64.0, 586.0, 30.0, 280.0
 FLOOR = 1e-6  # The least gap that is drawn; IPOPT's own tolerance is 1e-8.

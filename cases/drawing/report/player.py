@@ -26,7 +26,7 @@ from swarmstart.cases.drawing.report.panels_over_time import (
     ticks,
 )
 from swarmstart.cases.drawing.report.tracks import Plane, Tracks
-from swarmstart.cases.drawing.wording import counted
+from swarmstart.cases.format.document import counted
 
 if TYPE_CHECKING:
     from markupsafe import Markup

@@ -8,7 +8,6 @@ from swarmstart.cases.drawing.wording import (
     NO_SUCCESS,
     NOT_FEASIBLE,
     NOT_MEASURED,
-    counted,
     interval,
     is_number,
     median,
@@ -17,6 +16,7 @@ from swarmstart.cases.drawing.wording import (
     shortened,
     stated_cost,
 )
+from swarmstart.cases.format.document import counted
 
 _SENTENCE = 300  # Letters of a failure that are shown.
 

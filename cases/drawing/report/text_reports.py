@@ -13,7 +13,8 @@ from typing import Any
 from swarmstart.cases.drawing.page import cleaned
 from swarmstart.cases.drawing.report import rows
 from swarmstart.cases.drawing.report.rows import Cell
-from swarmstart.cases.drawing.wording import counted, number, percent, shortened
+from swarmstart.cases.drawing.wording import number, percent, shortened
+from swarmstart.cases.format.document import counted
 
 Rows = Sequence[Sequence[str]]
 

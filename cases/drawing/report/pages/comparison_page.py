@@ -11,6 +11,7 @@ from swarmstart.cases.drawing.page import rendered
 from swarmstart.cases.drawing.report import curves, rows, spreads, svg
 from swarmstart.cases.drawing.report.figure import Figure
 from swarmstart.cases.drawing.wording import is_number, number, shortened
+from swarmstart.cases.format.document import counted
 
 MOST_BYTES = 1_950_000
 _MOST_DRAWN = 4000  # Points of all curves beyond which a page is surely too long.
@@ -82,7 +83,7 @@ def _page(content: Mapping[str, Any], points: int) -> str:
             "whole": [figure for figure in whole if figure is not None],
             "judged": spreads.judged(content, numbers=numbers),
             "has_pairs": points > _FEW,
-            "seeds": wording.counted(len(content["seeds"]), "seed"),
+            "seeds": counted(len(content["seeds"]), "seed"),
             "near": [wording.percent(share) for share in content["near"]],
             "machines": [rows.machine_words(found) for found in content["machines"]],
             "number": wording.number,

@@ -15,7 +15,6 @@ import numpy as np
 from swarmstart.cases.drawing.report.pages.broken_limits import broken_words
 from swarmstart.cases.drawing.report.tracks import Tracks, tracks_of
 from swarmstart.cases.drawing.wording import (
-    counted,
     is_number,
     percent,
     shortened,
@@ -23,6 +22,7 @@ from swarmstart.cases.drawing.wording import (
     typeset_duration,
     unit_of_measure,
 )
+from swarmstart.cases.format.document import counted
 from swarmstart.cases.format.registry import words_of
 from swarmstart.cases.record.files import RecordError
 from swarmstart.cases.record.record import SCENARIO

@@ -29,12 +29,12 @@ from swarmstart.cases.drawing.report.text_reports import (
 )
 from swarmstart.cases.drawing.vehicles import band_name
 from swarmstart.cases.drawing.wording import (
-    counted,
     is_number,
     shortened,
     shown,
     unit_of_measure,
 )
+from swarmstart.cases.format.document import counted
 from swarmstart.cases.format.registry import words_of
 from swarmstart.cases.record.files import RecordError
 

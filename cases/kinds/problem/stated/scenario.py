@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, Tag, field_serializer, model_validator
 
+from swarmstart.cases.format.document import counted
 from swarmstart.cases.format.expressions import evaluate
 from swarmstart.cases.format.parts import BudgetPart, Part
 from swarmstart.cases.format.settings import AnySearch, PolishPart, Scenario
@@ -404,7 +405,7 @@ def _guess_of(guess: dict[str, Any], controls: Any, vehicles: Any) -> dict[str, 
     if len(rows) != len(controls):
         raise ValueError(
             "expected guess.record with a plan of "
-            f"{len(controls)} control{'s' * (len(controls) != 1)}; found {len(rows)}"
+            f"{counted(len(controls), 'control')}; found {len(rows)}"
         )
     return {
         "controls": {
