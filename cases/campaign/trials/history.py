@@ -320,6 +320,61 @@ def _at_marks(improved: Sequence[Entry], total: float) -> list[Entry]:
     return told
 
 
+class BudgetSpent(Exception):  # noqa: N818 - no error
+    """The budget of a solver that is not this package's is spent."""
+
+
+class CountedObjective:
+    """An objective that counts for a meter, and ends its caller with the budget.
+
+    Attributes:
+        spent: The limit that has ended it: "evaluations" or "seconds"; empty before.
+    """
+
+    def __init__(
+        self,
+        objective: Callable[[Array], tuple[Array, Array]],
+        meter: Meter,
+        limits: tuple[int | None, float | None],
+        answer: Callable[[Array], Answer],
+    ) -> None:
+        """Count from now on.
+
+        Args:
+            objective: Population (dim, size) -> cost and violation, each (size,).
+            meter: The counter, which keeps the best point.
+            limits: Evaluations and seconds; None means no limit.
+            answer: Function of a point that returns its answer.
+        """
+        self._objective, self._meter, self._answer = objective, meter, answer
+        self._most, self._seconds = limits
+        self.spent = ""
+
+    def __call__(self, population: Array) -> tuple[Array, Array]:
+        """Return cost and violation of each point, shape (size,).
+
+        Raises:
+            BudgetSpent: If the budget is spent, also by these points, which count.
+        """
+        if self.spent:  # The caller has gone on.
+            raise BudgetSpent
+        meter, size = self._meter, population.shape[1]
+        if self._most is not None:
+            # The last generation is cut where the budget ends.
+            size = min(size, self._most - round(meter.evaluations))
+        # Evaluators take contiguous arrays only.
+        points = np.ascontiguousarray(population[:, :size], dtype=np.float64)
+        values = self._objective(points)
+        meter.evaluated(points, values, self._answer)
+        if self._most is not None and meter.evaluations >= self._most:
+            self.spent = "evaluations"
+        elif self._seconds is not None and meter.seconds >= self._seconds:
+            self.spent = "seconds"
+        if self.spent:
+            raise BudgetSpent
+        return values
+
+
 class Relay:
     """Relay to one meter after another, so that common parts serve all trials.
 

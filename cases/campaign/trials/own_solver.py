@@ -32,8 +32,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
+from swarmstart.arguments import reals
 from swarmstart.arrays import Array
-from swarmstart.cases.campaign.trials.history import Meter
+from swarmstart.cases.campaign.trials.history import CountedObjective, Meter
 from swarmstart.cases.campaign.trials.peer_names import installed_solvers
 from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics import Budget
@@ -46,10 +47,6 @@ _GIVEN = ("problem", "x0", "budget", "rng")
 _OPTIONAL = ("evaluate", "known")
 _OUTSIDE = 1e-9
 """Part of its width by which a control may leave its bounds: round-off."""
-
-
-class BudgetSpent(Exception):  # noqa: N818 - no error
-    """The budget of a solver that is not this package's is spent."""
 
 
 class OwnSolverError(SwarmstartError):
@@ -98,73 +95,51 @@ def _asked_of(signature: inspect.Signature) -> list[str]:
     return [name for name in _OPTIONAL if name in signature.parameters]
 
 
-class Evaluate:
-    """Costs and violations of controls, counted until the budget is spent.
+def _evaluator(
+    planner: Planner, x0: ArrayLike, known: Known, meter: Meter, budget: Budget
+) -> tuple[Callable[[ArrayLike], tuple[Array, Array]], CountedObjective]:
+    """Return what a solver is given as `evaluate`, and the objective that it calls.
 
-    Attributes:
-        spent: The limit that was reached; empty before.
-        is_used: Whether it was called.
+    Args:
+        planner: Planner of the problem.
+        x0: Initial state of the core.
+        known: Parameters and signals of the core.
+        meter: Counter of the trial.
+        budget: Its budget.
     """
+    problem, objective = planner.problem, planner.fitness.objective(x0, known)
+    shape, start = (problem.model.nu, problem.intervals), np.ravel(np.asarray(x0))
+    # Decisions about the start follow the controls, and stay as they are given.
+    extra = planner.fitness.decision(np.zeros(shape), x0)[math.prod(shape) :]
 
-    def __init__(
-        self, planner: Planner, x0: ArrayLike, known: Known, meter: Meter, limit: Budget
-    ) -> None:
-        """Compile nothing: the planner has the evaluator.
+    def controls_in(points: Array) -> Array:
+        return points[: math.prod(shape)].reshape(*shape, -1, order="F")
 
-        Args:
-            planner: Planner of the problem.
-            x0: Initial state of the core.
-            known: Parameters and signals of the core.
-            meter: Counter of the trial.
-            limit: Its budget.
-        """
-        self._planner, self._x0, self._meter, self._limit = planner, x0, meter, limit
-        self._objective = planner.fitness.objective(x0, known)
-        self.spent, self.is_used = "", False
-
-    def __call__(self, controls: ArrayLike) -> tuple[Array, Array]:
-        """Return cost and violation of each control sequence; see the module.
-
-        Raises:
-            OwnSolverError: If the shape is not the problem's.
-            BudgetSpent: If the budget is spent.
-        """
-        problem, meter, limit = self._planner.problem, self._meter, self._limit
-        self.is_used = True
-        given = np.asarray(controls, dtype=np.float64)
-        shape = (problem.model.nu, problem.intervals)
-        if given.shape[:2] != shape or given.ndim not in (2, 3):
-            raise OwnSolverError(
-                f"evaluate: expected controls of shape {shape} or {shape} and a size, "
-                f"found {given.shape}"
-            )
-        many = given.reshape(*shape, -1)
-        if limit.evaluations is not None:
-            # The last generation is cut where the budget ends.
-            many = many[:, :, : limit.evaluations - round(meter.evaluations)]
-        size = many.shape[2]
-        start = np.asarray(self._x0, dtype=np.float64).ravel()
-        columns = many.transpose(1, 0, 2).reshape(-1, size)
-        extra = self._planner.fitness.decision(np.zeros(shape), self._x0)
-        extra = extra[columns.shape[0] :, None]
-        points = np.concatenate([columns, np.repeat(extra, size, axis=1)])
-        cost, violation = self._objective(np.ascontiguousarray(points))
+    def values(points: Array) -> tuple[Array, Array]:
+        cost, violation = objective(points)
         # Controls outside of their bounds are no answer, however cheap they are.
-        outside = _outside(problem.control_limits, many)
-        violation = violation + outside
-        meter.evaluated(
-            columns,
-            (cost, violation),
-            lambda x: (x.reshape(shape, order="F"), start),
-        )
-        most = limit.evaluations or math.inf
-        if meter.evaluations >= most:
-            self.spent = "evaluations"
-        elif limit.seconds is not None and meter.seconds >= limit.seconds:
-            self.spent = "seconds"
-        if self.spent:
-            raise BudgetSpent
-        return cost, violation
+        return cost, violation + _outside(problem.control_limits, controls_in(points))
+
+    counted = CountedObjective(
+        values,
+        meter,
+        (budget.evaluations, budget.seconds),
+        lambda x: (controls_in(x)[:, :, 0], start),
+    )
+
+    def evaluate(controls: ArrayLike) -> tuple[Array, Array]:
+        is_real = reals().accepts(controls)
+        given = np.asarray(controls, dtype=np.float64) if is_real else np.empty(0)
+        if given.shape[:2] != shape or given.ndim not in (2, 3) or not given.size:
+            raise OwnSolverError(
+                f"evaluate: expected real controls of shape {shape}, or {shape} and a "
+                f"size, found {given.shape if is_real else type(controls).__name__}"
+            )
+        columns = given.reshape(*shape, -1).reshape(math.prod(shape), -1, order="F")
+        rest = np.repeat(extra[:, None], columns.shape[1], axis=1)
+        return counted(np.concatenate([columns, rest]))
+
+    return evaluate, counted
 
 
 def _outside(limits: tuple[Array, Array], controls: Array) -> Array:
@@ -204,28 +179,27 @@ def owned(  # noqa: PLR0913 - a solver and all that it is given
     """
     begin: ArrayLike
     start, core, _ = planner.posed(x0, known)
-    evaluate = Evaluate(planner, start, core, meter, budget)
+    evaluate, counted = _evaluator(planner, start, core, meter, budget)
     offered = {"evaluate": evaluate, "known": known}
     asked = {n: offered[n] for n in _asked_of(inspect.signature(function))}
     answer: ArrayLike | Start | None = None
     try:
         answer = function(planner.stated, np.array(x0), budget, rng, **asked)
-    except BudgetSpent:
-        pass
     except Exception as error:
-        said = " ".join(str(error).split())
-        raise OwnSolverError(
-            f"{name} failed: {type(error).__name__}{': ' if said else ''}{said}"
-        ) from error
-    if not evaluate.is_used and budget.evaluations is not None:
+        # The end of the budget may come as another error, through a library's handler.
+        if not counted.spent:
+            said = " ".join(str(error).split())
+            raise OwnSolverError(
+                f"{name} failed: {type(error).__name__}{': ' if said else ''}{said}"
+            ) from error
+    if not meter.evaluations and budget.evaluations is not None:
         meter.counted(float(budget.evaluations))
     if answer is None:
         if meter.best is None:
             raise OwnSolverError(f"{name} returned no controls, and evaluated none")
         controls, begin = meter.best
     else:
-        guess = _checked(answer, name, planner)
-        begin, _, moved = planner.posed(x0, known, guess)
+        begin, _, moved = planner.posed(x0, known, _checked(answer, name, planner))
         controls = moved.controls if isinstance(moved, Start) else np.asarray(moved)
     plan = planner.evaluated(
         _within(planner, controls, name),
@@ -234,8 +208,8 @@ def owned(  # noqa: PLR0913 - a solver and all that it is given
         source=Source.SEARCH,
         evaluations=round(meter.evaluations),
     )
-    meter.ended = evaluate.spent
-    return plan, not evaluate.spent
+    meter.ended = counted.spent
+    return plan, not counted.spent
 
 
 def _checked(answer: ArrayLike | Start, name: str, planner: Planner) -> Start:
@@ -244,12 +218,11 @@ def _checked(answer: ArrayLike | Start, name: str, planner: Planner) -> Start:
     shape = (stated.model.nu, stated.intervals + stated.has_knots)
     try:
         start = answer if isinstance(answer, Start) else Start(np.asarray(answer))
-        given = np.asarray(start.controls)
-        controls = given.astype(np.float64, casting="same_kind" if given.size else "no")
-    except (TypeError, ValueError, SwarmstartError) as error:
+    except (ValueError, SwarmstartError) as error:
         raise OwnSolverError(
             f"{name}: expected real controls of shape {shape}: {error}"
         ) from None
+    controls = np.asarray(start.controls, dtype=np.float64)
     if controls.shape == shape[1:] and shape[0] == 1:
         controls = controls[None, :]
     if controls.shape != shape:

@@ -45,8 +45,7 @@ import numpy as np
 
 from swarmstart.arrays import Array
 from swarmstart.cases.campaign.trials.building import Built, Trial
-from swarmstart.cases.campaign.trials.history import Meter
-from swarmstart.cases.campaign.trials.own_solver import BudgetSpent
+from swarmstart.cases.campaign.trials.history import BudgetSpent, Meter
 from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics import Box
 from swarmstart.ocp import zero_controls

@@ -34,7 +34,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from swarmstart.arrays import Array
 from swarmstart.cases.campaign.engine.wall_limit import hard_limit
 from swarmstart.cases.campaign.trials.building import (
     ENDLESS,
@@ -44,8 +43,8 @@ from swarmstart.cases.campaign.trials.building import (
     is_loud,
     share_of,
 )
-from swarmstart.cases.campaign.trials.history import Meter
-from swarmstart.cases.campaign.trials.own_solver import BudgetSpent, owned
+from swarmstart.cases.campaign.trials.history import CountedObjective, Meter
+from swarmstart.cases.campaign.trials.own_solver import owned
 from swarmstart.cases.campaign.trials.peer_names import PEERS
 from swarmstart.cases.campaign.trials.peers import (
     WORTH,
@@ -71,7 +70,7 @@ from swarmstart.ocp import (
 )
 from swarmstart.ocp.answer import Plan, Source, improved, repaired
 from swarmstart.ocp.nlp import Answer, Start
-from swarmstart.ocp.rollout import Known, Objective
+from swarmstart.ocp.rollout import Known
 
 LATE, MOMENT_S = 1.1, 0.25
 """The hard limit: a factor of the budget, and a constant [s]."""
@@ -338,11 +337,15 @@ def _peered(made: Built, trial: Trial, meter: Meter, rng: np.random.Generator) -
         raise TypeError("expected a space")
     x0, known, _ = planner.posed(made.posed.x0, made.posed.known)
     share = share_of(planner, trial)
-    asked = _Asked(space.objective(x0, known), _weight(planner, x0, known, trial))
-    asked.meter, asked.limits = meter, (share.get("evaluations"), share.get("seconds"))
-    asked.answer = lambda x: _meant(space.decoded(x, x0, known), x0)
+    weight = _weight(planner, x0, known, trial)
+    counted = CountedObjective(
+        space.objective(x0, known),
+        meter,
+        (share.get("evaluations"), share.get("seconds")),
+        lambda x: _meant(space.decoded(x, x0, known), x0),
+    )
     task = PeerTask(
-        objective=asked,
+        objective=lambda population: penalised(*counted(population), weight),
         box=space.box,
         seed=trial.seed,
         options={**PEERS[solver.peer].options, **dict(solver.options)},
@@ -356,7 +359,7 @@ def _peered(made: Built, trial: Trial, meter: Meter, rng: np.random.Generator) -
         plan = planner.evaluated(
             controls, start, known=known, source=Source.SEARCH, evaluations=spent
         )
-        meter.ended = "" if ended else asked.spent
+        meter.ended = "" if ended else counted.spent
         return Found(plan, has_ended=ended)
     guess = Start(controls, x0=start)
     plan = planner.plan(start, known=known, guess=guess, near=True, rng=rng)
@@ -393,42 +396,6 @@ def _weight(planner: Planner, x0: Any, known: Known, trial: Trial) -> float:
     if order is not None and order.rule == STATIC_PENALTY:
         return float(order.weight)
     return WORTH * float(planner.fitness.arguments.sizes(x0, known).cost)
-
-
-class _Asked:
-    """The objective of a peer: it counts, and ends the peer when its budget is spent.
-
-    Attributes:
-        meter: The counter.
-        limits: Evaluations and seconds of the peer; None means no limit.
-        answer: Function of a point that returns its answer.
-        spent: The limit that has ended it.
-    """
-
-    meter: Meter
-    limits: tuple[int | None, float | None]
-    answer: Callable[[Array], Answer]
-
-    def __init__(self, objective: Objective, weight: float) -> None:
-        self._objective, self._weight, self.spent = objective, weight, ""
-
-    def __call__(self, population: Array) -> Array:
-        most, seconds = self.limits
-        population = np.ascontiguousarray(population, dtype=np.float64)
-        size, meter = population.shape[1], self.meter
-        if most is not None:
-            # The last generation is cut where the budget ends.
-            size = min(size, most - round(meter.evaluations))
-        # Evaluators take contiguous arrays only.
-        values = self._objective(np.ascontiguousarray(population[:, :size]))
-        meter.evaluated(population[:, :size], values, self.answer)
-        if most is not None and meter.evaluations >= most:
-            self.spent = "evaluations"
-        elif seconds is not None and meter.seconds >= seconds:
-            self.spent = "seconds"
-        if self.spent:
-            raise BudgetSpent
-        return penalised(*values, self._weight)
 
 
 def _controlled(

@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import differential_evolution
 
 from swarmstart.arrays import Array
-from swarmstart.cases.campaign.trials.own_solver import BudgetSpent
+from swarmstart.cases.campaign.trials.history import BudgetSpent
 from swarmstart.cases.campaign.trials.peers import (
     LARGEST,
     PeerError,
