@@ -16,10 +16,6 @@ _BOUNDS = tuple(kind.value for kind in BoundKind if kind.is_bound)
 
 Content = Mapping[str, Any]
 
-OWN_BUDGET = (
-    "does what run does, with the evaluations of the scenario: those of the comparison "
-    "do not limit it"
-)
 HEAD = (
     *("solver", "feasible", "near the best", "95 %", "best", "median", "worst"),
     *("evals", "false"),
@@ -31,17 +27,6 @@ def found_by(scenario: Content) -> str:
     if scenario["best_by"]:
         return f"found by {scenario['best_by']}"
     return f"from {scenario['known_from'] or 'elsewhere'}"
-
-
-def _is_solve(name: str) -> bool:
-    return name.partition("[")[0] == SOLVE
-
-
-def _own_budget(content: Content) -> str:
-    named = [one["name"] for one in content["solvers"] if _is_solve(one["name"])]
-    if not named or content["budget"].get("evaluations") is None:
-        return ""
-    return f"{listed(named)} {OWN_BUDGET}."
 
 
 def limits_of(content: Content) -> list[str]:
@@ -61,6 +46,17 @@ def listed(names: Sequence[str], most: int = MOST_NAMED) -> str:
     if len(names) > 1:
         return f"{', '.join(names[:-1])} and {names[-1]}"
     return "".join(names)
+
+
+def _own_budget(content: Content) -> str:
+    names = [one["name"] for one in content["solvers"]]
+    named = [name for name in names if name.partition("[")[0] == SOLVE]
+    if not named or content["budget"]["evaluations"] is None:
+        return ""
+    return (
+        f"{listed(named)} does what run does, with the evaluations of the scenario: "
+        "those of the comparison do not limit it."
+    )
 
 
 def _few_seeds(content: Content) -> str:
@@ -223,16 +219,8 @@ def _percent(content: Content) -> str:
 
 _LIMITS: tuple[Callable[[Content], str], ...] = (
     *(_unsolved, _few_seeds, _best_known, _seeded, _not_reached, _below_bound),
-    *(
-        _own_budget,
-        _seconds,
-        _missing,
-        _machines,
-        _deterministic,
-        _failed,
-        _false,
-        _problems,
-    ),
+    *(_own_budget, _seconds, _missing, _machines, _deterministic, _failed, _false),
+    _problems,
 )
 
 

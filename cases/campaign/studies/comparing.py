@@ -177,11 +177,10 @@ def _polish(solver: Solver) -> str | None:
     return "ipopt" if solver.polished else "none"
 
 
-def _own(solver: Solver) -> tuple[str | None, list[str]]:
+def _changed(solver: Solver) -> tuple[str | None, list[str]]:
     """Return search and settings that `solve` changes of a scenario; None: its own."""
     lanes = dict(solver.options).get("lanes")
-    search = solver.search if solver.family == "solve" else ""
-    return search or None, [] if lanes is None else [f"lanes={lanes}"]
+    return solver.search or None, [] if lanes is None else [f"lanes={lanes}"]
 
 
 def _planned_by(
@@ -189,7 +188,7 @@ def _planned_by(
 ) -> tuple[str | None, list[str]]:
     """Return the search of a plan, and its settings as texts for --set."""
     if solver.family in ("solve", "own"):
-        return _own(solver)
+        return _changed(solver)
     # "none" has no budget that can be set.
     has_budget = solver.search != "none"
     share = [f"budget={to_json(search_share(solver, budget))}"] if has_budget else []
@@ -205,7 +204,7 @@ def _flown_by(
     `own` is the budget of the scenario, which `solve` keeps.
     """
     if solver.family == "solve":
-        search, changes = _own(solver)
+        search, changes = _changed(solver)
         limits = [s for s in (budget.get("seconds"), own["seconds"]) if s is not None]
         kept = {**own, "seconds": min(limits, default=None)}
         return search, [*changes, f"budget={to_json(kept)}"]
@@ -286,7 +285,7 @@ MOST_RECORDS = 200
 """Number of records that are looked at, the newest first."""
 
 
-def earlier_best(contest: Contest, root: Path) -> Earlier | None:
+def earlier_best(contest: Contest, root: Path, sense: int = 1) -> Earlier | None:
     """Return the best confirmed answer in records of runs of the same problem.
 
     Runs may differ by their method, and by what does not change the problem. Records
@@ -295,6 +294,7 @@ def earlier_best(contest: Contest, root: Path) -> Earlier | None:
     Args:
         contest: A scenario that is compared by one plan.
         root: Folder of the runs: root/<scenario>/<key>.
+        sense: -1 if the problem is maximised.
 
     Returns:
         The answer; None if there is none.
@@ -315,7 +315,6 @@ def earlier_best(contest: Contest, root: Path) -> Earlier | None:
             stated = resolve(read_document(str(mark.with_name(SCENARIO))))
             if _problem(stated.settings) == wanted:
                 found.append(Earlier(float(cost), mark.parent))
-    sense = contest.resolved.posed().agents[0].problem.sense
     return min(found, key=lambda one: sense * one.cost, default=None)
 
 

@@ -8,7 +8,7 @@
     solve                         what `swarmstart run` does with a scenario, and
                                   `swarmstart.solve` with a problem; with search= and
                                   lanes= what these do with another search or number
-    repeated-ipopt                  IPOPT from random starts until the budget is spent;
+    repeated-ipopt                IPOPT from random starts until the budget is spent;
                                   the best: the null hypothesis
     multistart+ipopt              local solves in lanes from random starts, then IPOPT
     memetic+ipopt                 L-SHADE with local solves in lanes, then IPOPT
@@ -131,8 +131,7 @@ def solver_of(text: str) -> Solver:
     now = renamed(name)
     solver = _first(now, options, text)
     if now != name:
-        told = f"the solver {name} is called {now} now"
-        solver = replace(solver, hint=told)
+        solver = replace(solver, hint=f"the solver {name} is called {now} now")
     if polish is not None:
         solver = _with_polish(solver, *polish, text)
     return solver
@@ -228,10 +227,11 @@ def _first(name: str, options: Mapping[str, str], text: str) -> Solver:
             search=dict(given).get("search", ""),
             options=given,
         )
-    if name in installed_solvers():
-        return own_solver(name, installed_solvers()[name].module, options, text)
     plugin = name.removeprefix(_MANY)
     if plugin == "none" or not _is_plugin(plugin):
+        # After all others, none of which another package replaces.
+        if name in installed_solvers():
+            return own_solver(name, installed_solvers()[name].module, options, text)
         raise UnknownSolverError(
             f"expected a solver: one of {', '.join(_known())}, or a search with "
             f"+ipopt; found {_quoted(text)}{_hint(name, _known())}"
@@ -261,7 +261,7 @@ def own_solver(
         raise UnknownSolverError(
             f"expected {name} without options: it is a function; found {_quoted(text)}"
         )
-    return Solver(name=name, title=f"a solver of {module}", family="own")
+    return Solver(name=name, title=f"a solver of {module}", family="own", search="")
 
 
 def _with_polish(
@@ -311,10 +311,9 @@ def _solve_options(options: Mapping[str, str], text: str) -> Options:
     values = {key: _value(value) for key, value in options.items()}
     search, lanes = values.get("search", "none"), values.get("lanes", 0)
     if search not in SEARCHES:
-        known = [*SEARCHES]
         raise UnknownSolverError(
             f"expected the name of a search, found {json.dumps(search)} in "
-            f"{_quoted(text)}{_hint(str(search), known)}"
+            f"{_quoted(text)}{_hint(str(search), [*SEARCHES])}"
         )
     is_count = isinstance(lanes, int) and not isinstance(lanes, bool)
     if not (is_count and 0 <= lanes <= MOST_LANES):

@@ -351,7 +351,7 @@ def _known(
     stated = plan.known.get(contest.name)
     if stated is not None:
         found.append(Known(float(sense * stated)))
-    earlier = None if contest.of == "flight" else earlier_best(contest, RUNS)
+    earlier = None if contest.of == "flight" else earlier_best(contest, RUNS, sense)
     if earlier is not None:
         where = f"an earlier run, {printable(str(earlier.folder))}"
         found.append(Known(float(sense * earlier.cost), where))

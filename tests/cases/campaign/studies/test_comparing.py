@@ -1,6 +1,7 @@
 """Cells of comparisons: plans or runs, their solvers and their order."""
 
 import json
+import shutil
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -169,9 +170,13 @@ def test_a_comparison_knows_earlier_runs_of_the_same_problem(
     assert earlier_best(contest(tram, "lanes=3", "basins=1"), runs) == found
     assert earlier_best(contest(tram, "prediction.intervals=13"), runs) is None
     assert earlier_best(contest(tram), runs.parent) is None
+    other = recorded.with_name("other")
+    shutil.copytree(recorded, other)
     mark["measures"]["verified_cost"] = 1.0
-    (recorded / MARK).write_text(json.dumps(mark))
-    assert earlier_best(contest(tram), runs) == (1.0, recorded)
+    (other / MARK).write_text(json.dumps(mark))
+    assert earlier_best(contest(tram), runs) == (1.0, other)
+    # The larger value of a problem that is maximised.
+    assert earlier_best(contest(tram), runs, -1) == found
 
 
 @pytest.mark.parametrize(

@@ -144,6 +144,53 @@ def test_a_fault_of_one_solver_fails_its_runs_and_no_other() -> None:
     assert good.feasible == 1 and bad.feasible == 0
 
 
+def test_a_solver_that_goes_on_after_its_budget_is_told_again() -> None:
+    def stubborn(problem: Any, x0: Any, budget: Any, rng: Any, evaluate: Any) -> None:
+        ended = 0
+        while ended < 3:
+            try:
+                evaluate(rng.uniform(0, 1, (2, 3, 30)))
+            except Exception:  # noqa: BLE001 - as a library may
+                ended += 1
+
+    row = row_of(stubborn)
+    assert row.evaluations == 100 and row.feasible == 1
+
+
+def test_the_end_of_the_budget_may_come_as_an_error_of_a_library() -> None:
+    def wrapped(problem: Any, x0: Any, budget: Any, rng: Any, evaluate: Any) -> None:
+        try:
+            while True:
+                evaluate(rng.uniform(0, 1, (2, 3, 30)))
+        except Exception as error:
+            raise RuntimeError("the objective failed") from error
+
+    assert row_of(wrapped).feasible == 1
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [np.zeros((2, 3)) + 1j, [["a"] * 3] * 2, np.zeros((2, 4)), np.zeros((2, 3, 0)), 1],
+)
+def test_only_real_controls_of_the_right_shape_are_evaluated(wrong: Any) -> None:
+    def mine(problem: Any, x0: Any, budget: Any, rng: Any, evaluate: Any) -> None:
+        with pytest.raises(OwnSolverError, match=r"expected real controls of shape"):
+            evaluate(wrong)
+        evaluate(np.zeros((2, 3)))
+
+    assert row_of(mine).feasible == 1
+
+
+def test_controls_that_are_no_numbers_are_evaluated_as_the_worst() -> None:
+    def mine(problem: Any, x0: Any, budget: Any, rng: Any, evaluate: Any) -> None:
+        points = np.zeros((2, 3, 2))
+        points[0, 0, 0] = np.nan
+        cost, _ = evaluate(points)
+        assert not np.isfinite(cost[0]) and np.isfinite(cost[1])
+
+    assert row_of(mine).costs == pytest.approx([1.0])
+
+
 def test_controls_outside_of_their_bounds_are_no_cheap_answer_of_evaluate() -> None:
     def mine(problem: Any, x0: Any, budget: Any, rng: Any, evaluate: Any) -> None:
         _, violation = evaluate(np.array([[10 / 11] * 3, [-0.5] * 3]))
@@ -203,7 +250,7 @@ def folder(tmp_path: Path) -> Path:
     (info / "entry_points.txt").write_text(
         "[swarmstart.solvers]\n"
         "draw = lottery:draw\nlost = lottery.absent:draw\nodd = lottery:np\n"
-        "solve = lottery:draw\n"
+        "solve = lottery:draw\nipopt = lottery:draw\nrepeated-ipopt = lottery:draw\n"
     )
     return tmp_path
 
