@@ -212,3 +212,24 @@ def test_a_page_of_a_comparison_is_written_beside_it(
         text = (folder / name).read_text(encoding="utf-8")
         assert "repeated-ipopt" in text
     assert command("report", folder / "cells").code == 5
+
+
+def test_a_larger_value_of_an_earlier_run_is_the_best_known_of_what_is_maximised(
+    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    file = tmp_path / "hill.yaml"
+    file.write_text(
+        "kind: problem\nstates: {x: {start: 0, rate: u}}\n"
+        "controls: {u: {bounds: [-1, 1]}}\nmaximize: true\n"
+        "terminal_cost: 3 + x\nprediction: {horizon_s: 1, intervals: 5}\n"
+    )
+    assert command("run", file, "--search", "none", "--no-figures").code == 0
+    said = command(
+        *("compare", file, "--solvers", "random,repeated-ipopt", "--seeds", "1"),
+        *("--budget", "30", "--json", "-q"),
+    )
+    (one,) = json.loads(said.out)["scenarios"]
+    # x reaches 1, and costs are minimised in the file.
+    assert one["known_cost"] == pytest.approx(-4.0, abs=1e-5)
+    assert one["known_from"].startswith("an earlier run, results/hill/")

@@ -207,7 +207,7 @@ def _common(job: Mapping[str, Any]) -> str:
 
 def _trial(text: str, python_in: str | None, job: Mapping[str, Any]) -> Trial:
     _, first = _posed(text, python_in)
-    return replace(first, seed=job["seed"], repair=job["repair"])
+    return replace(first, seed=job["seed"], repair=first.repair and job["repair"])
 
 
 # Keyed by JSON text, since a mapping cannot be a key.
@@ -217,6 +217,7 @@ def _posed(text: str, python_in: str | None) -> tuple[PlanningProblem, Trial]:
     job = json.loads(text)
     resolved = resolved_again(job["settings"], job["variant"], python_in=python_in)
     scenario, solver = resolved.scenario, solver_of(job["solver"])
+    posed = resolved.posed()
     is_own = solver.family == "solve"
     trial = Trial(
         solver=solver,
@@ -225,11 +226,13 @@ def _posed(text: str, python_in: str | None) -> tuple[PlanningProblem, Trial]:
         search=scenario.search_settings(),
         polish=scenario.polish_options() if is_own else None,
         lanes=scenario.random_starts() if is_own else 0,
+        # A scenario that is run without repair is run so here, too.
+        repair=posed.repair or not is_own,
         own=installed_solver(solver.name) if solver.family == "own" else None,
         backend=scenario.backend,
         order=None if scenario.order is None else scenario.order.order(),
     )
-    return first_problem(resolved.posed()), trial
+    return first_problem(posed), trial
 
 
 @functools.lru_cache(maxsize=KEPT)

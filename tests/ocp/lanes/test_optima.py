@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from scipy.stats import binomtest
 
 from swarmstart.ocp.lanes.answers import (
+    EXAMINED,
     LaneAnswers,
     distinct_optima,
     optimum_of,
@@ -117,3 +118,19 @@ def test_interval_holds_the_true_share_as_often_as_it_says(n: int) -> None:
 def test_interval_is_not_wider_than_it_says() -> None:
     """With many rare optima, nearly normal, it holds for 95 % of the draws, not all."""
     assert held(np.full(400, 1 / 400), 256) == pytest.approx(0.95, abs=0.015)
+
+
+def test_of_many_ends_the_cheapest_are_asked_whether_they_are_optima() -> None:
+    """Of ends in a row, the last of which costs least; every other one is finished."""
+    n = 3 * EXAMINED
+    asked: list[int] = []
+
+    def finished(lane: int) -> bool:
+        asked.append(lane)
+        return lane % 2 == 0
+
+    ends = answers([10.0 * k for k in range(n)], [float(n - k) for k in range(n)])
+    found = distinct_optima(ends, finished=finished)
+    assert asked == [n - 1 - k for k in range(EXAMINED)]
+    assert [one.lane for one in found] == [lane for lane in asked if lane % 2 == 0]
+    assert len(distinct_optima(ends)) == n

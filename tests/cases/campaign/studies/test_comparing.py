@@ -109,14 +109,26 @@ def tram(tmp_path: Path) -> str:
     return str(file)
 
 
-@pytest.mark.parametrize("name", ["tram", "van_der_pol"])
+NARROW = ("prediction.intervals=10", "prediction.checks=1", "lanes=8")
+"""Few checks, between which the first answer breaks the wall and is repaired."""
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "confirmed"),
+    [
+        ("tram", (), 1),
+        ("van_der_pol", (), 1),
+        ("bryson_denham", NARROW, 1),
+        ("bryson_denham", (*NARROW, "feedback.repair=false"), 0),
+    ],
+)
 def test_solve_is_what_run_does_bit_for_bit(
-    name: str, tram: str, tmp_path: Path
+    name: str, changes: tuple[str, ...], confirmed: int, tram: str, tmp_path: Path
 ) -> None:
     name = tram if name == "tram" else name
     plan = ComparisonPlan(scenarios=(), solvers=(), seeds=1)
     (entry,) = contest_of(
-        Chosen(source=name),
+        Chosen(source=name, assignments=changes),
         read_document(name),
         solvers_of("solve"),
         plan,
@@ -124,9 +136,10 @@ def test_solve_is_what_run_does_bit_for_bit(
         lambda given: given,
     ).entries
     found = solve_cell(dict(entry.cells[0].job), tmp_path)
-    measures = run(resolve(read_document(name)), seed=0).measures
+    resolved = resolve(read_document(name), assignments=changes)
+    measures = run(resolved, seed=0).measures
     assert found["verified_cost"] == measures["verified_cost"]
-    assert found["feasible"] == measures["confirmed"] == 1
+    assert found["feasible"] == measures["confirmed"] == confirmed
 
 
 def test_solve_keeps_the_scenarios_own_settings_but_for_those_it_names() -> None:

@@ -146,14 +146,15 @@ def test_a_fault_of_one_solver_fails_its_runs_and_no_other() -> None:
 
 def test_a_solver_that_goes_on_after_its_budget_is_told_again() -> None:
     def stubborn(problem: Any, x0: Any, budget: Any, rng: Any, evaluate: Any) -> None:
-        ended = 0
-        while ended < 3:
+        while len(ends) < 3:
             try:
                 evaluate(rng.uniform(0, 1, (2, 3, 30)))
-            except Exception:  # noqa: BLE001 - as a library may
-                ended += 1
+            except Exception as error:  # noqa: BLE001 - as a library may
+                ends.append(type(error).__name__)
 
+    ends: list[str] = []
     row = row_of(stubborn)
+    assert ends == ["BudgetSpent"] * 3
     assert row.evaluations == 100 and row.feasible == 1
 
 
