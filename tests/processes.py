@@ -59,3 +59,20 @@ def ended(
 def installed_beside(folder: Path) -> Mapping[str, str]:
     """Return the variables of a process that also finds what lies in a folder."""
     return {"PYTHONPATH": os.pathsep.join([str(folder), str(ROOT)])}
+
+
+def announced(folder: Path, name: str, entry_points: str) -> Path:
+    """Write what installation writes beside a package; return the entry points' file.
+
+    Args:
+        folder: The folder of the package.
+        name: Its name.
+        entry_points: Text of its entry points.
+    """
+    info = folder / f"{name}-1.0.dist-info"
+    info.mkdir()
+    metadata = f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n"
+    (info / "METADATA").write_text(metadata)
+    file = info / "entry_points.txt"
+    file.write_text(entry_points)
+    return file

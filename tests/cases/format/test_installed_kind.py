@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import swarmstart
-from swarmstart.tests.processes import installed_beside, python
+from swarmstart.tests.processes import announced, installed_beside, python
 
 ROOT = Path(swarmstart.__file__).parent
 KIND = ROOT / "cases" / "kinds" / "transfer"
@@ -40,13 +40,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (root / "gate_course" / "templates" / "gate_course.yaml").write_text(
         own.replace("name: swap_5", "name: NAME"), encoding="utf-8"
     )
-    info = root / "gate_course-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text(
-        "Metadata-Version: 2.1\nName: gate_course\nVersion: 1.0\n"
+    announced(
+        root,
+        "gate_course",
+        "[swarmstart.kinds]\ngate_course = gate_course.names:WORDS\n",
     )
-    entry = "[swarmstart.kinds]\ngate_course = gate_course.names:WORDS\n"
-    (info / "entry_points.txt").write_text(entry)
     return root
 
 

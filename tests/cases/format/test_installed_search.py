@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import swarmstart
-from swarmstart.tests.processes import ended, installed_beside
+from swarmstart.tests.processes import announced, ended, installed_beside
 
 ROOT = Path(swarmstart.__file__).parent
 TINY = ["--set", "budget.evaluations=400", "--no-figures", "--polish", "none"]
@@ -24,17 +24,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (root / "lottery" / "__init__.py").touch()
     original = ROOT / "heuristics" / "searches" / "random_search.py"
     shutil.copy(original, root / "lottery" / "draws.py")
-    info = root / "lottery-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text(
-        "Metadata-Version: 2.1\nName: lottery\nVersion: 1.0\n"
-    )
-    (info / "entry_points.txt").write_text(
+    announced(
+        root,
+        "lottery",
         "[swarmstart.searches]\n"
         "lottery = lottery.draws:RandomSearch\n"
         "lost = lottery.absent:Nothing\n"
         "odd = lottery.draws:propose\n"
-        "cpso = lottery.draws:RandomSearch\n"
+        "cpso = lottery.draws:RandomSearch\n",
     )
     return root
 

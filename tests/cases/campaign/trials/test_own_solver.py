@@ -14,7 +14,7 @@ import swarmstart as ss
 from swarmstart.cases.campaign.trials.own_solver import OwnSolverError, required_solver
 from swarmstart.cases.format.kind import SeveralPlansError
 from swarmstart.ocp.statement import END_TIME
-from swarmstart.tests.processes import ended, installed_beside
+from swarmstart.tests.processes import announced, ended, installed_beside
 
 FIXED = ss.OptimalControlProblem(
     ss.Model(
@@ -243,15 +243,12 @@ def folder(tmp_path: Path) -> Path:
         "def draw(problem, x0, budget, rng):\n"
         "    return rng.uniform(-0.1, 0.1, (1, problem.intervals))\n"
     )
-    info = tmp_path / "lottery-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text(
-        "Metadata-Version: 2.1\nName: lottery\nVersion: 1.0\n"
-    )
-    (info / "entry_points.txt").write_text(
+    announced(
+        tmp_path,
+        "lottery",
         "[swarmstart.solvers]\n"
         "draw = lottery:draw\nlost = lottery.absent:draw\nodd = lottery:np\n"
-        "solve = lottery:draw\nipopt = lottery:draw\nrepeated-ipopt = lottery:draw\n"
+        "solve = lottery:draw\nipopt = lottery:draw\nrepeated-ipopt = lottery:draw\n",
     )
     return tmp_path
 
