@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,6 +17,7 @@ from swarmstart.arguments import (
     FLAG,
     a_count,
     checked,
+    choice,
     either,
     function,
     of_kind,
@@ -35,7 +36,7 @@ from swarmstart.ocp.answer.planner import Planner
 from swarmstart.ocp.answer.solution import Solution, verified
 from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.common.expressions import shortened
-from swarmstart.ocp.common.limits import require_choice, require_count, require_seconds
+from swarmstart.ocp.common.limits import require_seconds
 from swarmstart.ocp.common.presentation import ProgressCallback, tell_nothing
 from swarmstart.ocp.lower_bound import bounding
 from swarmstart.ocp.lower_bound.stated.answer import BoundKind, LowerBound
@@ -90,6 +91,12 @@ class BoundInterrupted(KeyboardInterrupt):
     known=of_kind(Known, "a Known"),
     repair=FLAG,
     lanes=optional(a_count()),
+    start=choice(get_args(StartRule)),
+    polish=of_kind(
+        (bool, str, IpoptOptions, NlpOptions, type(None)),
+        "'ipopt', the name of an NLP solver of CasADi, IpoptOptions, NlpOptions or "
+        "None",
+    ),
     backend=optional(text()),
     progress=function(),
 )
@@ -178,15 +185,12 @@ def solve(  # noqa: PLR0913 - the whole way in one call
         raise InvalidProblemError(
             f"solve takes an OptimalControlProblem, got {shortened(problem)}"
         )
-    if lanes:
-        require_count("lanes", lanes)
-    require_choice("start", start, ("must hold", "may violate"))
     require_seconds("bound", bound)
     # The bound is that of the stated problem, whereas `posed` returns the core's.
     given = x0, known
     rng = generator_of(rng, seed)
     settings = search_settings(search, budget, order)
-    if isinstance(search, str) and search == "default" and not has_decisions(problem):
+    if search == "default" and not has_decisions(problem):
         settings = None  # A simulation.
     polishing = polish_options(polish)
     if lanes is None:
@@ -326,36 +330,15 @@ def polish_options(polish: PolishGiven) -> PolishOptions | None:
     Raises:
         InvalidProblemError: If there is no such solver.
     """
-    if (
-        polish is None
-        or polish is False
-        or (isinstance(polish, str) and polish == "none")
-    ):
+    if polish is None or polish is False or polish == "none":
         return None
-    if polish is True or (isinstance(polish, str) and polish == "ipopt"):
+    if polish is True or polish == "ipopt":
         return IpoptOptions()
-    if isinstance(polish, str):
-        return NlpOptions(plugin=polish)
-    if not isinstance(polish, IpoptOptions | NlpOptions):
-        raise InvalidProblemError(
-            "polish must be 'ipopt', the name of an NLP solver of CasADi, "
-            f"IpoptOptions, NlpOptions or None, got {shortened(polish)}"
-        )
-    return polish
+    return NlpOptions(plugin=polish) if isinstance(polish, str) else polish
 
 
 def _start(guess: ArrayLike | Start) -> Array | Start:
-    """Return a guess with its controls as an array; a vector is one row.
-
-    Raises:
-        InvalidProblemError: If it does not consist of numbers.
-    """
+    """Return a guess with its controls as an array; a vector is one row."""
     if isinstance(guess, Start):
         return guess
-    try:
-        controls = np.array(guess, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InvalidProblemError(
-            f"a guess must be numbers of shape (nu, N), got {shortened(guess)}"
-        ) from error
-    return np.atleast_2d(controls)
+    return np.array(guess, dtype=np.float64, ndmin=2)
