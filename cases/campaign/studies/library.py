@@ -58,16 +58,13 @@ from swarmstart.cases.campaign.studies.comparison_plan import (
 )
 from swarmstart.cases.campaign.trials.building import Trial, built
 from swarmstart.cases.campaign.trials.own_solver import (
+    GivenSolver,
+    Own,
     OwnSolver,
+    chosen_solvers,
     installed_solver,
-    required_solver,
 )
-from swarmstart.cases.campaign.trials.solver_names import (
-    Solver,
-    UnknownSolverError,
-    own_solver,
-    solvers_of,
-)
+from swarmstart.cases.campaign.trials.solver_names import Solver
 from swarmstart.cases.campaign.trials.solvers import budget_of, search_share
 from swarmstart.cases.campaign.trials.trial import answer_of
 from swarmstart.cases.format.kind import PlanningProblem
@@ -76,16 +73,13 @@ from swarmstart.cases.kinds.flight import first_problem
 from swarmstart.cases.record.files import to_json
 from swarmstart.cases.record.record import PNG, Recording
 from swarmstart.errors import SwarmstartError
-from swarmstart.heuristics import Algorithm, Budget, is_algorithm
+from swarmstart.heuristics import Budget, is_algorithm
 from swarmstart.ocp import IpoptOptions, Known, OptimalControlProblem
 from swarmstart.ocp.common import ProgressCallback, tell_nothing
 from swarmstart.ocp.search import LANES, SearchGiven, search_settings
 from swarmstart.ocp.statement import has_decisions
 
 Scenario = str | Path
-Own = OwnSolver | Algorithm | type[Algorithm]
-"""A solver of the user's own: a function, or a search, its settings or their class."""
-GivenSolver = str | Own
 Compared = Scenario | tuple[OptimalControlProblem, ArrayLike, *tuple[Known, ...]]
 """A scenario; or a problem, its initial state and, if it has any, what is known."""
 NEVER_S = 10**9
@@ -344,8 +338,7 @@ def compare(  # noqa: PLR0913 - the options of a command
         ipopt 1 12.0301
         solve 1 12.0301
     """
-    own: dict[str, Own] = {}
-    chosen = _chosen_solvers(solvers, own)
+    chosen, own = chosen_solvers(solvers)
     _warn_of_old_names(chosen)
     share = budget_of(f"{budget}evals" if isinstance(budget, int) else budget)
     plan = ComparisonPlan(
@@ -485,43 +478,6 @@ def _warn_of_old_names(solvers: Sequence[Solver]) -> None:
     for hint in filter(None, (solver.hint for solver in solvers)):
         # To the caller of `compare`, behind its check of arguments.
         warnings.warn(hint, FutureWarning, stacklevel=4)
-
-
-def _chosen_solvers(
-    given: GivenSolver | Sequence[GivenSolver] | Mapping[str, GivenSolver],
-    own: dict[str, Own],
-) -> list[Solver]:
-    """Return the solvers, each once; put the user's own into `own`, by name."""
-    if isinstance(given, Mapping):
-        several = [*given.items()]
-    else:
-        is_one = isinstance(given, str) or not isinstance(given, Sequence)
-        listed = cast(Sequence[GivenSolver], [given] if is_one else given)
-        several = [(_name_of(one), one) for one in listed]
-    found: dict[str, Solver] = {}
-    for name, one in several:
-        if isinstance(one, str):
-            found |= {solver.name: solver for solver in solvers_of(one)}
-            continue
-        if name in found:
-            raise UnknownSolverError(
-                f"expected solvers of distinct names, found two of {name!r}; name them "
-                "by a mapping: {name: solver}"
-            )
-        is_search = is_algorithm(one)
-        own[name] = one if is_search else required_solver(one, name)
-        solver = own_solver(name, type(one).__module__)
-        if is_search:
-            solver = replace(solver, family="search", polished=False)
-        found[name] = solver
-    return [*found.values()]
-
-
-def _name_of(given: GivenSolver) -> str:
-    """Return the name of a solver of the user's own: of the function or the class."""
-    if isinstance(given, str):
-        return given
-    return str(getattr(given, "__name__", None) or type(given).__name__)
 
 
 def _stated(problem: tuple[Any, ...]) -> PlanningProblem:

@@ -27,7 +27,9 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -36,13 +38,22 @@ from swarmstart.arguments import reals
 from swarmstart.arrays import Array
 from swarmstart.cases.campaign.trials.history import CountedObjective, Meter
 from swarmstart.cases.campaign.trials.peer_names import installed_solvers
+from swarmstart.cases.campaign.trials.solver_names import (
+    Solver,
+    UnknownSolverError,
+    own_solver,
+    solvers_of,
+)
 from swarmstart.errors import SwarmstartError
-from swarmstart.heuristics import Budget
+from swarmstart.heuristics import Algorithm, Budget, is_algorithm
 from swarmstart.ocp import Planner, Start
 from swarmstart.ocp.answer import Plan, Source
 from swarmstart.ocp.rollout import Known
 
 OwnSolver = Callable[..., ArrayLike | Start | None]
+Own = OwnSolver | Algorithm | type[Algorithm]
+"""A solver of the user's own: a function, or a search, its settings or their class."""
+GivenSolver = str | Own
 _GIVEN = ("problem", "x0", "budget", "rng")
 _OPTIONAL = ("evaluate", "known")
 _OUTSIDE = 1e-9
@@ -93,6 +104,57 @@ def required_solver(function: object, name: str) -> OwnSolver:
 def _asked_of(signature: inspect.Signature) -> list[str]:
     """Return the optional arguments that a function has parameters for."""
     return [name for name in _OPTIONAL if name in signature.parameters]
+
+
+def chosen_solvers(
+    given: GivenSolver | Sequence[GivenSolver] | Mapping[str, GivenSolver],
+) -> tuple[list[Solver], dict[str, Own]]:
+    """Return the solvers, each once, and the user's own of them by name.
+
+    Args:
+        given: Names, functions, or searches: one, several, or a mapping from names.
+
+    Raises:
+        UnknownSolverError: If a solver is unknown, or two have one name.
+        OwnSolverError: If a function does not take a solver's arguments.
+    """
+    if isinstance(given, Mapping):
+        several = [*given.items()]
+    else:
+        is_one = isinstance(given, str) or not isinstance(given, Sequence)
+        listed = cast(Sequence[GivenSolver], [given] if is_one else given)
+        several = [(_name_of(one), one) for one in listed]
+    found: dict[str, Solver] = {}
+    own: dict[str, Own] = {}
+    for name, one in several:
+        solvers = solvers_of(one) if isinstance(one, str) else [_own(one, name)]
+        new = {solver.name: solver for solver in solvers}
+        # A solver of the library may be named twice.
+        if doubled := new.keys() & (own if isinstance(one, str) else found).keys():
+            raise UnknownSolverError(
+                f"expected solvers of distinct names, found two of {min(doubled)!r}; "
+                "name them by a mapping: {name: solver}"
+            )
+        found |= new
+        if not isinstance(one, str):
+            own[name] = one
+    return [*found.values()], own
+
+
+def _own(given: Own, name: str) -> Solver:
+    """Return a solver of the user's own, which is looked at."""
+    solver = own_solver(name, type(given).__module__)
+    if is_algorithm(given):
+        return replace(solver, family="search", polished=False)
+    required_solver(given, name)
+    return solver
+
+
+def _name_of(given: GivenSolver) -> str:
+    """Return the name of a solver of the user's own: of the function or the class."""
+    if isinstance(given, str):
+        return given
+    return str(getattr(given, "__name__", None) or type(given).__name__)
 
 
 def _evaluator(

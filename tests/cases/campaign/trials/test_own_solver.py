@@ -224,6 +224,18 @@ def test_settings_and_classes_of_searches_are_solvers() -> None:
         ss.compare((FIXED, [0.0]), [ss.LSHADE(size=8), ss.LSHADE()], seeds=1)
 
 
+@pytest.mark.parametrize("is_first", [True, False])
+def test_a_function_is_not_taken_for_a_solver_of_the_library(is_first: bool) -> None:
+    def ipopt(problem: Any, x0: Any, budget: Any, rng: Any) -> Any:
+        return np.zeros((2, 3))
+
+    both: list[Any] = [ipopt, "ipopt"] if is_first else ["ipopt", ipopt]
+    with pytest.raises(ss.UnknownSolverError, match="two of 'ipopt'"):
+        ss.compare((FIXED, [0.0]), both, seeds=1)
+    (row,) = ss.compare((FIXED, [0.0]), ipopt, seeds=1, budget=50)
+    assert row.costs == pytest.approx([1.0])
+
+
 def test_a_scenario_is_solved_by_it_if_it_plans_once() -> None:
     def zero(problem: Any, x0: Any, budget: Any, rng: Any) -> Any:
         return np.zeros((1, problem.intervals))
