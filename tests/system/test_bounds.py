@@ -273,5 +273,5 @@ def test_a_comparison_has_bounds_in_cells_of_their_own(
         f: f.stat().st_mtime_ns for f in tmp_path.glob("a/cells/*/cell.json")
     }
     dry = command(*words, "--bound", "5s", "--out", tmp_path / "a", "--dry-run")
-    assert dry.out.splitlines()[-1] == "then 1 lower bounds, 5 s each"
+    assert dry.out.splitlines()[-1] == "then 1 lower bound, 5 s each"
     assert command("report", tmp_path / "a").code == 0

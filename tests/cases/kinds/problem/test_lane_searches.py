@@ -62,7 +62,7 @@ def test_sampling_has_no_meaning_for_a_multistart() -> None:
 def test_rival_of_compare_remains_ipopt_alone() -> None:
     """`repeated-ipopt` is the null hypothesis; `multistart` has lanes."""
     rival, own = solver_of("repeated-ipopt"), solver_of("multistart+ipopt")
-    assert (rival.search, rival.family) == ("none", "multistart")
+    assert (rival.search, rival.family) == ("none", "repeated")
     assert (own.search, own.family) == ("multistart", "search")
     rows = compare(
         {"cart": (cart(), [0.0, 1.0])},
