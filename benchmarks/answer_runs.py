@@ -31,7 +31,7 @@ from swarmstart.ocp import (
 )
 from swarmstart.ocp.lanes.solver import random_starts
 from swarmstart.ocp.rollout.fitness import started
-from swarmstart.ocp.statement.lowering import middle_controls
+from swarmstart.ocp.statement.guesses import middle_controls
 
 T = TypeVar("T")
 What = Literal[

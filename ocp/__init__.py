@@ -58,7 +58,7 @@ from swarmstart.ocp.search.settings import (
 )
 from swarmstart.ocp.statement.decisions import Free
 from swarmstart.ocp.statement.ensemble import ensemble
-from swarmstart.ocp.statement.lowering import shifted_controls, zero_controls
+from swarmstart.ocp.statement.guesses import shifted_controls, zero_controls
 from swarmstart.ocp.statement.phases import Phases, phases
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 from swarmstart.ocp.system.algebraic import AlgebraicEquations

@@ -132,9 +132,14 @@ def arguments_of(
     """
     given = known(step)
     start = lowered.start(trajectory.states[:, step], given.previous)
-    if plan is not None and (plan.states.size or plan.start is not None):
+    if plan is not None and _is_recorded(plan):
         start = plan.x0
     return start, core_known(lowered, given)
+
+
+def _is_recorded(plan: Plan | None) -> bool:
+    """Return whether the initial state of a plan is known."""
+    return plan is not None and bool(plan.states.size or plan.start is not None)
 
 
 def _along(
@@ -149,23 +154,24 @@ def _along(
     if lowered.stated.model.jumps and m > 1:
         columns[:-1, -1] -= 1  # What the end changes begins the next interval.
     controls = _held(trajectory, m) if linear is None else linear
-    before, knots = lowered.places["previous"], lowered.places["knots"]
+    begin, base = np.empty(0), 0
     for step, made in enumerate(made_at(trajectory)):
         decisions = trajectory.decisions
         plan = decisions[made].plans[0] if decisions else None
         start, given = arguments_of(lowered, plan, trajectory, int(made), known)
+        if step == 0 or _is_recorded(plan):  # Else what was flown before counts.
+            begin, base = start, int(made)
         _, p, flat = shared_arguments(core, start, given)
         since = times[step] - trajectory.times[made]
         # The core's horizon has a fixed length; that of the answer may be decided.
         since = since * (core.length / lowered.end_time(start))
         signals.append(signals_between(core, at_nodes(core, flat), since))
         parameters.append(np.tile(p[:, None], (1, m + 1)))
-        states.append(lowered.states(trajectory.dense_states[:, columns[step]], start))
-        if before and step > 0:  # The core remembers the control before this one.
-            states[-1][before] = controls[:, step - 1, -1:]
-        if knots:
-            first = np.repeat(controls[:, step, :1], m + 1, axis=1)
-            states[-1][knots] = np.vstack([controls[:, step], first])
+        at = step - base + np.arange(m + 1) / m
+        at[-1] = np.nextafter(at[-1], 0.0)  # Before what the end changes.
+        added = lowered.along(begin, controls[:, base : step + 1, -1], at)
+        own = trajectory.dense_states[:, columns[step]]
+        states.append(np.vstack([own, added]))
     return times.ravel(), (
         np.hstack(states),
         controls.reshape(len(controls), -1),

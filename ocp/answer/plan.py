@@ -50,8 +50,8 @@ from swarmstart.ocp.rollout.fitness import Fitness, Known, at_nodes, shared_argu
 from swarmstart.ocp.search.account import Lanes, StartsAccount
 from swarmstart.ocp.search.settings import SearchSettings
 from swarmstart.ocp.statement.decisions import Free
-from swarmstart.ocp.statement.lowering import Lowered, lowered
 from swarmstart.ocp.statement.problem import OptimalControlProblem
+from swarmstart.ocp.statement.rewrites.chain import Lowered, lowered
 from swarmstart.ocp.system.separation import label
 
 JUMP = 0.5
@@ -301,12 +301,8 @@ def _states(plan: Plan, before: Lowered, after: Lowered, controls: Array) -> Arr
     for i, name in enumerate(after.core.model.state_names):
         if name in names:
             found[i] = np.interp(new, old, plan.states[names.index(name)])
-    places = after.places["previous"]
-    if places:  # These states jump.
-        nodes = np.arange(new.size) // after.core.checks
-        held = np.hstack([found[places, :1], controls[: len(places)]])
-        found[places] = held[:, nodes]
-    return found
+    start, held = after.guess(found[:, 0], controls)
+    return after.states(found, held, start)
 
 
 def _require_same(

@@ -94,8 +94,7 @@ from swarmstart.ocp.search.settings import (
     search_settings,
     traded_order,
 )
-from swarmstart.ocp.statement.control_shape import split_knots
-from swarmstart.ocp.statement.lowering import (
+from swarmstart.ocp.statement.guesses import (
     bounded_controls,
     cold_controls,
     zero_controls,
@@ -308,41 +307,15 @@ class Planner:
         start, core = lowered.start(x0, known.previous), core_known(lowered, known)
         if isinstance(guess, Start):
             start = lowered.with_decided(start, guess.decided)
-        if self.stated.has_knots and guess is not None:
-            start, guess = self._from_knots(start, guess)
-        if isinstance(guess, Start) and guess.states is not None:
-            guess = guess._replace(states=lowered.states(guess.states, start))
+        if isinstance(guess, Start):
+            start, controls = lowered.guess(start, guess.controls)
+            states = guess.states
+            if states is not None:
+                states = lowered.states(states, controls, start)
+            guess = guess._replace(controls=controls, states=states)
+        elif guess is not None:
+            start, guess = lowered.guess(start, guess)
         return start, core, guess
-
-    def _from_knots(
-        self, start: Array, guess: Array | Start
-    ) -> tuple[Array, Array | Start]:
-        """Return the core's initial state, and a guess with the core's controls.
-
-        Raises:
-            InvalidProblemError: If the guess has the shape of neither knots nor held
-                controls.
-        """
-        knots = np.array(guess.controls if isinstance(guess, Start) else guess)
-        nu, N = self.problem.model.nu, self.problem.intervals
-        if knots.shape not in ((nu, N + 1), (nu, N)):
-            raise InvalidProblemError(
-                f"a guess of linear controls must have shape {(nu, N + 1)}, or "
-                f"{(nu, N)} of held ones, got {knots.shape}"
-            )
-        if not np.isfinite(knots).all():
-            raise InvalidProblemError(f"a guess must be finite, got {knots}")
-        controls = split_knots(knots, N)[1]
-        start = self.lowered.with_first_knot(start, knots)
-        if not isinstance(guess, Start):
-            return start, controls
-        guess = guess._replace(controls=controls)
-        if guess.states is not None:
-            states = self.lowered.states(guess.states, start)
-            guess = guess._replace(
-                states=self.lowered.with_knots(states, controls, start)
-            )
-        return start, guess
 
     @checked(
         refused,

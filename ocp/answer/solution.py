@@ -61,8 +61,8 @@ from swarmstart.ocp.rollout.status import (
 )
 from swarmstart.ocp.search.account import Repair, Restarts, StartsAccount
 from swarmstart.ocp.statement.control_shape import piece_at, rows_at
-from swarmstart.ocp.statement.lowering import Lowered, lowered
 from swarmstart.ocp.statement.problem import OptimalControlProblem
+from swarmstart.ocp.statement.rewrites.chain import Lowered, lowered
 
 if TYPE_CHECKING:
     import control

@@ -49,8 +49,8 @@ from swarmstart.ocp.nlp.start import Start
 from swarmstart.ocp.rollout.fitness import NOTHING, Known
 from swarmstart.ocp.search.many_starts import LANES
 from swarmstart.ocp.search.settings import SearchGiven, search_settings
-from swarmstart.ocp.statement.lowering import has_decisions
 from swarmstart.ocp.statement.problem import OptimalControlProblem
+from swarmstart.ocp.statement.rewrites.chain import has_decisions
 
 StartRule = Literal["must hold", "may violate"]
 PolishGiven = PolishOptions | str | bool | None

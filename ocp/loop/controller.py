@@ -44,10 +44,10 @@ from swarmstart.ocp.nlp.polish import is_better
 from swarmstart.ocp.nlp.start import Carried, Start
 from swarmstart.ocp.rollout.fitness import Known
 from swarmstart.ocp.statement.control_shape import Profile
-from swarmstart.ocp.statement.core_problem import END_TIME
 from swarmstart.ocp.statement.decisions import Free
-from swarmstart.ocp.statement.lowering import Appended, shifted_controls
+from swarmstart.ocp.statement.guesses import Appended, shifted_controls
 from swarmstart.ocp.statement.problem import OptimalControlProblem
+from swarmstart.ocp.statement.rewrites.end_time import END_TIME
 
 ReferenceSignals = Callable[[Array], Array]
 """Absolute times (n,) [s] -> known signals (nr, n)."""
@@ -403,11 +403,13 @@ class RecedingHorizon:
         """
         problem, left = self.planner.problem, self._left(last)
         known = self.known(time, seen, left)
-        if last is not None:
-            known = known._replace(previous=self._last_held(last))
+        if last is not None and self.period is not None:
+            known = known._replace(previous=self._last_held(last, self.period))
         first = self.first if last is None else None
         start, known, first = self.planner.posed(state, known, first)
         state = np.asarray(start, dtype=np.float64)
+        if last is not None and self.period is None:
+            state = self.planner.lowered.after(state, last.x0, last.controls)
         guess = first if last is None else last.controls
         shifted: Array | None = None
         if last is not None and self.period is not None and left is not None:
@@ -464,18 +466,16 @@ class RecedingHorizon:
             return None
         return max(self._length(last) - self.period, self._shortest)
 
-    def _last_held(self, last: Plan) -> Array:
+    def _last_held(self, last: Plan, period: float) -> Array:
         """Return the control at the end of the applied part of the last plan."""
-        if self.period is None:
-            return last.controls[:, 0]
         if self.planner.stated.has_knots:
             lowered, length = self.planner.lowered, self._length(last)
             knots = lowered.knots(last.controls, last.x0)
             piece = length / last.controls.shape[1]
             flown = Profile(controls=knots[:, 1:], piece=piece, start=knots[:, 0])
-            return flown.at(np.array([self.period]))[:, 0]
+            return flown.at(np.array([period]))[:, 0]
         N = last.controls.shape[1]
-        intervals = self.period / (self._length(last) / N)
+        intervals = period / (self._length(last) / N)
         # The interval that contains the end; an end on an edge belongs to the one
         # before.
         return last.controls[:, min(max(int(np.ceil(intervals - _ROUNDING)), 1), N) - 1]
@@ -496,7 +496,7 @@ class RecedingHorizon:
             return start, Profile(controls=knots, piece=piece).sampled(period, left, N)
         rest = Profile(controls=knots[:, 1:], piece=piece, start=knots[:, 0])
         found = rest.at(period + left * np.arange(N + 1) / N)
-        return lowered.with_first_knot(start, found), found[:, 1:]
+        return lowered.guess(start, found)
 
 
 def fallback_of(

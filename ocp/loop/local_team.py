@@ -59,7 +59,7 @@ from swarmstart.ocp.loop.controller import Decision, RecedingHorizon, ReferenceS
 from swarmstart.ocp.loop.team import first_controls
 from swarmstart.ocp.rollout.fitness import Known
 from swarmstart.ocp.statement.control_shape import require_held
-from swarmstart.ocp.statement.lowering import shifted_controls
+from swarmstart.ocp.statement.guesses import shifted_controls
 
 FAR = 1e6
 """Position [m] given to unused neighbour slots."""

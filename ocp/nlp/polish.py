@@ -68,7 +68,7 @@ from swarmstart.ocp.rollout.fitness import (
 )
 from swarmstart.ocp.rollout.scaling import Sizes
 from swarmstart.ocp.rollout.status import growth_along
-from swarmstart.ocp.statement.lowering import bounded_controls
+from swarmstart.ocp.statement.guesses import bounded_controls
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 
 SAME_COST = 1e-6

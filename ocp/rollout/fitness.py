@@ -41,8 +41,8 @@ from swarmstart.ocp.compiled.vectors.vector_ir import Precision
 from swarmstart.ocp.integration.rodas import FIRST, MOST_TICKS
 from swarmstart.ocp.rollout.scaling import Sizes
 from swarmstart.ocp.rollout.shooting import Shooting, shooting_of
-from swarmstart.ocp.statement.lowering import Lowered
 from swarmstart.ocp.statement.problem import OptimalControlProblem
+from swarmstart.ocp.statement.rewrites.chain import Lowered
 
 
 class Objective:
@@ -471,10 +471,7 @@ def core_known(lowered: Lowered, known: Known) -> Known:
         lowered: The problem with its core.
         known: The known data of the stated problem.
     """
-    return Known(
-        lowered.parameters(known.parameters, known.time),
-        lowered.signals(known.signals),
-    )
+    return Known(*lowered.known(known.parameters, known.signals, known.time))
 
 
 def stated_known(

@@ -39,8 +39,8 @@ from swarmstart.ocp.rollout.violation import (
     unless_finite,
 )
 from swarmstart.ocp.statement.decisions import whole_symbols
-from swarmstart.ocp.statement.lowering import Lowered, lowered
 from swarmstart.ocp.statement.problem import Costs, OptimalControlProblem
+from swarmstart.ocp.statement.rewrites.chain import Lowered, lowered
 from swarmstart.ocp.system.constraints import row_excess
 from swarmstart.ocp.system.model import jump_of, rate_of
 
@@ -68,7 +68,7 @@ class Shooting:
 
     @cached_property
     def lowered(self) -> Lowered:
-        """The problem with its core; see lowering.py."""
+        """The problem with its core; see rewrites/chain.py."""
         return lowered(self.stated)
 
     @property
@@ -357,9 +357,8 @@ class Shooting:
         """
         start, end = ends
         s: Values = start + part * (end - start)
-        if self.stated.model.time.numel():
-            # The rewrites append it to the problem's own signals.
-            row = int(self.stated.model.signals.numel())
+        row = self.lowered.time_row
+        if row is not None:
             s[row] += INSIDE * (1 - 2 * part) * (end[row] - start[row])
         return s
 

@@ -44,7 +44,7 @@ from swarmstart.ocp.rollout.fitness import (
 )
 from swarmstart.ocp.search.account import Lanes, Origin, StartsAccount, Tried
 from swarmstart.ocp.search.search_space import side_by_side
-from swarmstart.ocp.statement.lowering import cold_controls, zero_controls
+from swarmstart.ocp.statement.guesses import cold_controls, zero_controls
 
 LANES = 64
 """Number of random starts of `solve`."""

@@ -1,6 +1,7 @@
 """The problem as stated, and its rewrites to a core that all solvers share.
 
-Shapes of controls, further decisions, phases and ensembles are each one module.
+Shapes of controls, further decisions, phases and ensembles are each one module; each
+feature that a core does not have is a file of rewrites/.
 """
 
 from swarmstart.ocp.statement.control_shape import (
@@ -8,14 +9,8 @@ from swarmstart.ocp.statement.control_shape import (
     Profile,
     piece_at,
 )
-from swarmstart.ocp.statement.core_problem import (
-    END_TIME,
-)
-from swarmstart.ocp.statement.lowering import (
+from swarmstart.ocp.statement.guesses import (
     Appended,
-    Lowered,
-    has_decisions,
-    lowered,
 )
 from swarmstart.ocp.statement.phases import (
     CLOCK,
@@ -25,6 +20,15 @@ from swarmstart.ocp.statement.phases import (
 from swarmstart.ocp.statement.problem import (
     Quadrature,
 )
+from swarmstart.ocp.statement.rewrites.chain import (
+    FEATURES,
+    Lowered,
+    has_decisions,
+    lowered,
+)
+from swarmstart.ocp.statement.rewrites.end_time import (
+    END_TIME,
+)
 from swarmstart.ocp.statement.risk import (
     Measure,
 )
@@ -33,6 +37,7 @@ __all__ = [
     "CLOCK",
     "COUNTER",
     "END_TIME",
+    "FEATURES",
     "Appended",
     "ControlShape",
     "Lowered",

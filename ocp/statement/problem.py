@@ -83,6 +83,7 @@ from swarmstart.ocp.statement.decisions import (
     free_starts,
     integer_numbers,
 )
+from swarmstart.ocp.statement.rewrite import Rewrite, features_given
 from swarmstart.ocp.statement.risk import Epigraph, Risk
 from swarmstart.ocp.system.constraints import (
     Bounds,
@@ -195,6 +196,8 @@ class OptimalControlProblem:
             relative to its scale, at which an answer is confirmed.
         risk: Costs of the members of an ensemble, made by `ensemble`; None: not an
             ensemble.
+        features: Further rewrites of the problem, such as a `TransportDelay`, in the
+            order in which they apply.
         epigraph: Smooth form of a terminal cost with kinks, for an NLP; made
             internally.
 
@@ -245,6 +248,7 @@ class OptimalControlProblem:
     tolerance: float = 1e-6
     path_tolerance: float = 1e-4
     risk: Risk | None = None
+    features: Sequence[Rewrite] = ()
     epigraph: Epigraph | None = None
 
     def __post_init__(self) -> None:
@@ -282,6 +286,7 @@ class OptimalControlProblem:
             integer=len(self.bounds.integer),
         )
         self._set("start", dict(self.start))
+        self._set("features", features_given(self.features))
         self._check_constraints()
         self._check_decisions()
 

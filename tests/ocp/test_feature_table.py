@@ -33,7 +33,7 @@ from swarmstart.ocp import (
     solve,
 )
 from swarmstart.ocp.nlp.multipliers import Multipliers
-from swarmstart.ocp.statement.lowering import lowered
+from swarmstart.ocp.statement.rewrites.chain import lowered
 from swarmstart.tests.ocp.feature_pairs.comparison import Ours, drawn_point
 from swarmstart.tests.ocp.feature_pairs.features import FEATURES, drawn
 from swarmstart.tests.ocp.feature_pairs.stated import Stated

@@ -18,7 +18,7 @@ from swarmstart.ocp import (
 from swarmstart.ocp.answer.planner import Planner
 from swarmstart.ocp.rollout.fitness import Fitness, replay
 from swarmstart.ocp.rollout.shooting import Shooting
-from swarmstart.ocp.statement.lowering import lowered
+from swarmstart.ocp.statement.rewrites.chain import lowered
 
 A = np.array([[0.9, 0.3], [-0.2, 1.05]])
 B = np.array([[0.0], [0.5]])

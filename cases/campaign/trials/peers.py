@@ -22,7 +22,7 @@ the budget's last evaluation.
 `control.optimal.solve_ocp` runs on the problem's own grid. python-control integrates
 continuous systems with inputs that are linear between its time points. So that it
 solves the very problem of the other solvers, with held controls, it is given the
-sampled system of the core (ocp/statement/core_problem.py):
+sampled system of the core (ocp/statement/rewrites/chain.py):
 
     (x, k)+ = (F(x, u), k + 1)     F integrates over interval k
     min sum L(x_k, u_k) + V(x_N)   L is the cost of interval k

@@ -45,7 +45,7 @@ from swarmstart.cases.record.trajectory_arrays import held_controls
 from swarmstart.ocp import Known, OptimalControlProblem, Plan, Trajectory
 from swarmstart.ocp.loop import known_at
 from swarmstart.ocp.rollout import replay
-from swarmstart.ocp.statement import END_TIME, Lowered, lowered
+from swarmstart.ocp.statement import lowered
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -160,8 +160,13 @@ def of_one_member(
         problem: Of one member.
         every: Of all members, which plans were made for.
     """
-    many, nu = lowered(every), problem.model.nu
-    start = _places(many, problem.model.nx, len(problem.periodic))
+    nu, own_places, places = (
+        problem.model.nu,
+        lowered(problem).places,
+        lowered(every).places,
+    )
+    # The states that every rewrite appends begin with those of the first member.
+    start = [i for role, own in own_places.items() for i in places[role][: len(own)]]
 
     def own(plan: Plan) -> Plan:
         return replace(
@@ -186,18 +191,6 @@ def of_one_member(
             for decision in trajectory.decisions
         ),
     )
-
-
-def _places(many: Lowered, nx: int, copies: int) -> list[int]:
-    """Return which states of all members' core are those of the first one's."""
-    found = many.places
-    return [
-        *found["states"][:nx],
-        *found[END_TIME],
-        *found["decided"],
-        *found["copies"][:copies],
-        *found["previous"],
-    ]
 
 
 def member_figures(

@@ -19,8 +19,8 @@ from swarmstart.errors import SwarmstartError
 from swarmstart.ocp.rollout.fitness import Known, core_known
 from swarmstart.ocp.rollout.scaling import Sizes, Sizing
 from swarmstart.ocp.statement.decisions import Free
-from swarmstart.ocp.statement.lowering import Lowered, lowered
 from swarmstart.ocp.statement.problem import OptimalControlProblem
+from swarmstart.ocp.statement.rewrites.chain import Lowered, lowered
 from swarmstart.ocp.system.constraints import Constraint
 from swarmstart.terminal_set.interval_arithmetic import expanded_tape
 

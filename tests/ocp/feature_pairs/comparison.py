@@ -8,7 +8,12 @@ from numpy.random import Generator
 from swarmstart.arrays import Array
 from swarmstart.ocp import Fitness, IpoptOptions, Known, Planner, Start
 from swarmstart.ocp.nlp.polish_options import PolishStatus
-from swarmstart.ocp.rollout.fitness import at_nodes, replay, shared_arguments
+from swarmstart.ocp.rollout.fitness import (
+    at_nodes,
+    core_known,
+    replay,
+    shared_arguments,
+)
 from swarmstart.ocp.rollout.shooting import Shooting
 from swarmstart.tests.ocp.feature_pairs.exact import exact
 from swarmstart.tests.ocp.feature_pairs.opti import solved_by_opti
@@ -63,10 +68,7 @@ class Ours:
     def known(self) -> Known:
         """Known values, in the form that the core takes."""
         given = self.stated.known
-        return Known(
-            self.lowered.parameters(given.parameters, given.time),
-            self.lowered.signals(given.signals),
-        )
+        return core_known(self.lowered, given)
 
     def solve(self, point: Point) -> tuple[bool, float, Point]:
         """Return whether the polish converged to a feasible point, its cost, and it."""

@@ -32,7 +32,7 @@ from swarmstart.ocp.nlp.nlp_assembly import inputs_of
 from swarmstart.ocp.nlp.optimality import NlpPoint, stationarity
 from swarmstart.ocp.nlp.start import Carried
 from swarmstart.ocp.nlp.transcription import Limits
-from swarmstart.ocp.statement.lowering import lowered
+from swarmstart.ocp.statement.rewrites.chain import lowered
 
 Make = Callable[[int], OptimalControlProblem]
 

@@ -6,7 +6,7 @@ import pytest
 from numpy.typing import NDArray
 
 from swarmstart.ocp import Bounds, InvalidProblemError, Model, OptimalControlProblem
-from swarmstart.ocp.statement.lowering import (
+from swarmstart.ocp.statement.guesses import (
     bounded_controls,
     shifted_controls,
     zero_controls,

@@ -29,10 +29,10 @@ from swarmstart.ocp.lower_bound.stated.statement import (
     statement_of,
 )
 from swarmstart.ocp.rollout.checking import ConstraintRows
-from swarmstart.ocp.rollout.fitness import NOTHING
+from swarmstart.ocp.rollout.fitness import NOTHING, core_known
 from swarmstart.ocp.rollout.scaling import Sizing
 from swarmstart.ocp.statement.ensemble import ensemble
-from swarmstart.ocp.statement.lowering import lowered
+from swarmstart.ocp.statement.rewrites.chain import lowered
 from swarmstart.ocp.system.algebraic import AlgebraicEquations
 from swarmstart.ocp.system.separation import Connection, Separation, disc
 from swarmstart.tests.ocp.lower_bound.evidence_by_hand import scalar
@@ -171,7 +171,7 @@ def test_limits_are_those_that_answers_are_verified_by(
     assert pair.stated.path_constraints
     statement = statement_of(problem, x0, NOTHING)
     core, start = pair.core, pair.start(x0)
-    parameters = pair.parameters(np.zeros(0), 0.0)
+    parameters = np.asarray(core_known(pair, NOTHING).parameters)
     sizes = Sizing(core)(start, parameters, np.zeros((core.ns, core.nodes)))
     found = 0
     for constraints, first, keeps in (

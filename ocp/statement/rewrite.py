@@ -1,0 +1,157 @@
+"""Rewrite: a map from a problem to a simpler one, and the way back.
+
+A rewrite removes one feature of a problem. It may append states to the model, and
+replace expressions; it leaves the states that are there in their places. `chain.py`
+composes all rewrites; what comes after knows the last problem only, the core.
+
+    accepts   does a problem have the feature?
+    apply     problem -> problem without it
+    start     the initial values of its states
+    along     the values of its states over the horizon
+    known     known parameters, signals and time -> those of the rewritten problem
+    guess     controls as the problem states them -> those of the rewritten problem
+    controls  the way back
+    acting    the controls that the model's equations receive
+
+A feature may also be part of a statement itself: `OptimalControlProblem(features=...)`.
+
+The shape of it is that of cvxpy's reductions: Agrawal, Verschueren, Diamond and Boyd
+(2018), A rewriting system for convex optimization problems, Journal of Control and
+Decision 5.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from swarmstart.ocp.common.errors import InvalidProblemError
+from swarmstart.ocp.common.expressions import shortened
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from swarmstart.arrays import Array
+    from swarmstart.ocp.statement.problem import OptimalControlProblem
+
+
+def features_given(given: object) -> tuple[Rewrite, ...]:
+    """Return the features of a statement, checked.
+
+    Raises:
+        InvalidProblemError: If they are no sequence of rewrites.
+    """
+    if not isinstance(given, list | tuple) or not all(
+        isinstance(one, Rewrite) for one in given
+    ):
+        raise InvalidProblemError(
+            "features must be a list of features, such as [TransportDelay({'u': 0.2})],"
+            f" got {shortened(given)}"
+        )
+    return tuple(given)
+
+
+class Rewrite(ABC):
+    """A map from a problem to a simpler one; `problem` is always the one before.
+
+    Attributes:
+        role: Name of the states that it appends, for those who look for them.
+        is_remembered: Whether its states at the end of an interval are those at the
+            start of the next plan, in receding horizon.
+    """
+
+    role: ClassVar[str]
+    is_remembered: ClassVar[bool] = False
+
+    @abstractmethod
+    def accepts(self, problem: OptimalControlProblem) -> bool:
+        """Return whether a problem has what this rewrites."""
+
+    @abstractmethod
+    def apply(self, problem: OptimalControlProblem) -> OptimalControlProblem:
+        """Return the rewritten problem.
+
+        Raises:
+            InvalidProblemError: If the feature does not go with another one.
+        """
+
+    def start(
+        self, problem: OptimalControlProblem, x0: Array, previous: ArrayLike | None
+    ) -> Array:
+        """Return the initial values of the appended states; NaN where one is decided.
+
+        Args:
+            problem: The problem before.
+            x0: Its initial state, shape (nx,).
+            previous: Controls of the intervals before the horizon: of the last one,
+                shape (nu,), or of several, the last one last, shape (nu, m); None: the
+                allowed value nearest to zero.
+        """
+        del problem, x0, previous
+        return np.empty(0)
+
+    def along(
+        self, problem: OptimalControlProblem, start: Array, controls: Array, at: Array
+    ) -> Array:
+        """Return the appended states over the horizon; here they keep their start.
+
+        Args:
+            problem: The problem before.
+            start: Their initial values, shape (k,).
+            controls: Controls of the core, shape (nu, N).
+            at: Times, in intervals since the start, shape (n,).
+
+        Returns:
+            Shape (k, n); at the end of an interval, the values after it.
+        """
+        del problem, controls
+        return np.repeat(start[:, None], at.size, axis=1)
+
+    def known(
+        self,
+        problem: OptimalControlProblem,
+        parameters: ArrayLike,
+        signals: ArrayLike,
+        time: float,
+    ) -> tuple[ArrayLike, ArrayLike, float]:
+        """Return known parameters, signals at the nodes and time, as rewritten."""
+        del problem
+        return parameters, signals, time
+
+    def guess(
+        self, problem: OptimalControlProblem, start: Array, controls: Array
+    ) -> tuple[Array, Array]:
+        """Return the appended states' start and the core's controls from a guess.
+
+        Args:
+            problem: The problem before.
+            start: Initial values of the appended states, shape (k,); not changed.
+            controls: Guess of the controls as they are stated.
+        """
+        del problem
+        return start, controls
+
+    def controls(self, start: Array, controls: Array) -> Array:
+        """Return the core's controls as the problem before states them.
+
+        Args:
+            start: Initial values of the appended states, shape (k,).
+            controls: Controls of the core, shape (nu, N).
+        """
+        del start
+        return controls
+
+    def acting(
+        self, problem: OptimalControlProblem, start: Array, controls: Array
+    ) -> Array:
+        """Return the controls that the model's equations receive, shape (nu, N).
+
+        Args:
+            problem: The problem before.
+            start: Initial values of the appended states, shape (k,).
+            controls: Controls of the core, shape (nu, N).
+        """
+        del problem, start
+        return controls
