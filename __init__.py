@@ -143,6 +143,7 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         TerminalConstraint as TerminalConstraint,
         Trajectory as Trajectory,
         TrajectoryFamily as TrajectoryFamily,
+        TransportDelay as TransportDelay,
         UncertifiedSetError as UncertifiedSetError,
         WarmStartedSolver as WarmStartedSolver,
         WarmStartReport as WarmStartReport,
@@ -235,7 +236,8 @@ _NAMES = {
         SearchReport
         SearchSettings Separation Solution SolutionStatus SolveError
         SolveInterrupted Source Start StartOutcome Step SteppedPlant Table Team
-        TerminalConstraint Trajectory TrajectoryFamily UncertifiedSetError
+        TerminalConstraint Trajectory TrajectoryFamily TransportDelay
+        UncertifiedSetError
         WarmStartReport WarmStartedSolver compile_batch disc ensemble fly interpolate
         lower_bound multistart phased_horizon phases simulate solve stack_models table
         terminal_set_of warm_start

@@ -53,6 +53,7 @@ def trajectory_arrays(trajectory: Trajectory) -> dict[str, Array]:
         "search_history": _histories(plans, lambda search: search.history),
         "search_evaluations": _histories(plans, lambda search: search.evaluations),
         "plan_start": _padded(plans, _start_of),
+        **_acting(decisions),
         **_lengths(decisions),
         **_ends_of_lines(decisions),
         "state_names": np.array(trajectory.state_names),
@@ -120,6 +121,7 @@ def steps_of(arrays: Mapping[str, NDArray[Any]], substeps: int) -> list[Step]:
                     dt=length,
                     is_last=is_last,
                     profile=profile,
+                    acting=arrays["acting"][:, number] if "acting" in arrays else None,
                 ),
                 dense_states=arrays["dense_states"][
                     :, first + 1 : first + substeps + 1
@@ -154,6 +156,14 @@ def _padded(
             values = values_of(plan)
             padded[k, agent, : values.size] = values
     return padded
+
+
+def _acting(decisions: Sequence[Decision]) -> dict[str, Array]:
+    """Return the controls that acted, shape (nu, T), if others than the commanded."""
+    found = [d.acting for d in decisions]
+    if any(acting is None for acting in found) or not found:
+        return {}
+    return {"acting": np.stack([a for a in found if a is not None], axis=1)}
 
 
 def _lengths(decisions: Sequence[Decision]) -> dict[str, Array]:

@@ -278,7 +278,8 @@ def _driven(
     """
     profile = decision.profile
     if profile is None:
-        return plant(state, decision.control, time)
+        acting = decision.acting if isinstance(plant, Plant) else None
+        return plant(state, decision.control if acting is None else acting, time)
     if isinstance(plant, Plant):
         if profile.is_held:
             return plant(state, profile.means(plant.dt, plant.substeps), time)
@@ -405,10 +406,11 @@ def _outputs(
 
 
 def _begins(decision: Decision, dt: float, m: int) -> Array:
-    """Return the controls from each of m steps on, and the last again, (nu, m + 1)."""
+    """Return the acting controls from m steps on, and the last again, (nu, m + 1)."""
     profile = decision.profile
     if profile is None:
-        return np.repeat(decision.control[:, None], m + 1, axis=1)
+        held = decision.control if decision.acting is None else decision.acting
+        return np.repeat(held[:, None], m + 1, axis=1)
     if not profile.is_held:
         return profile.ends(dt, m)
     means = profile.means(dt, m)

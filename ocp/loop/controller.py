@@ -76,6 +76,7 @@ class Mode(Enum):
     dt=optional(a_number(above=0)),
     is_last=FLAG,
     decided=mapping(words="a mapping of names to numbers"),
+    acting=optional(reals()),
 )
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Decision:
@@ -94,6 +95,9 @@ class Decision:
         profile: Controls over the interval, if they are linear or the plan has other
             intervals; None: the control is held.
         decided: Parameters that the plan decides, by name.
+        acting: Control that reaches the equations of a `Plant` over the interval, shape
+            (nu,), if it is another one: a delayed one; None: the control. A plant of
+            the user's receives the control, and delays it itself.
     """
 
     control: Array
@@ -104,6 +108,7 @@ class Decision:
     is_last: bool = False
     profile: Profile | None = None
     decided: Mapping[str, float] = field(default_factory=dict)
+    acting: Array | None = None
 
     def __repr__(self) -> str:
         """Return mode, control and number of plans in one line."""
@@ -308,6 +313,7 @@ class RecedingHorizon:
                 plans=(plan,),
                 profile=profile if linear else None,
                 decided=decided,
+                acting=self.acting(plan, 0),
             )
         length = self._length(plan)
         # Else the rest after one more period would be shorter than allowed.
@@ -325,6 +331,19 @@ class RecedingHorizon:
         """Return the controls or knots of a plan that one plant receives."""
         stated, lowered = self.planner.stated, self.planner.lowered
         return lowered.knots(plan.controls, plan.x0)[: stated.flown_controls]
+
+    def acting(self, plan: Plan, number: int) -> Array | None:
+        """Return the control that the equations receive; None: that of the plan.
+
+        Args:
+            plan: The plan.
+            number: Number of the interval.
+        """
+        stated, lowered = self.planner.stated, self.planner.lowered
+        if not stated.features:
+            return None
+        found = lowered.acting(plan.controls, plan.x0)
+        return found[: stated.flown_controls, number]
 
     def _profile(self, plan: Plan, length: float, pieces: int | None = None) -> Profile:
         """Return the controls of a plan over its horizon.
@@ -402,14 +421,7 @@ class RecedingHorizon:
             rng: Source of all randomness.
         """
         problem, left = self.planner.problem, self._left(last)
-        known = self.known(time, seen, left)
-        if last is not None and self.period is not None:
-            known = known._replace(previous=self._last_held(last, self.period))
-        first = self.first if last is None else None
-        start, known, first = self.planner.posed(state, known, first)
-        state = np.asarray(start, dtype=np.float64)
-        if last is not None and self.period is None:
-            state = self.planner.lowered.after(state, last.x0, last.controls)
+        state, known, first = self._posed(state, self.known(time, seen, left), last)
         guess = first if last is None else last.controls
         shifted: Array | None = None
         if last is not None and self.period is not None and left is not None:
@@ -433,6 +445,23 @@ class RecedingHorizon:
         if plan.feasible or shifted is None:  # A first plan has no fallback.
             return plan
         return fallback_of(self.planner, plan, shifted, state, known)
+
+    def _posed(
+        self, state: Array, known: Known, last: Plan | None
+    ) -> tuple[Array, Known, Array | Start | None]:
+        """Return initial state, known data and first guess of the core.
+
+        The core's states that remember what was flown continue those of the last plan.
+        """
+        planner = self.planner
+        if last is not None and self.period is not None:
+            known = known._replace(previous=self._last_held(last, self.period))
+        first = self.first if last is None else None
+        start, known, first = planner.posed(state, known, first)
+        found = np.asarray(start, dtype=np.float64)
+        if last is not None and self.period is None:
+            found = planner.lowered.after(found, last.x0, last.controls)
+        return found, known, first
 
     def _carried(self, last: Plan, left: float | None) -> Carried | None:
         """Return the multipliers of the last plan over the time of the next one.
@@ -624,6 +653,7 @@ class OpenLoop:
             dt=length if decided else None,
             is_last=decided and number == intervals - 1,
             decided=lowered.decided_parameters(plans[0].x0),
+            acting=self.loop.acting(plans[0], number),
         )
 
     def _planned(self, state: Array, rng: np.random.Generator) -> Plan:

@@ -58,8 +58,8 @@ from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.loop.controller import Decision, RecedingHorizon, ReferenceSignals
 from swarmstart.ocp.loop.team import first_controls
 from swarmstart.ocp.rollout.fitness import Known
-from swarmstart.ocp.statement.control_shape import require_held
 from swarmstart.ocp.statement.guesses import shifted_controls
+from swarmstart.ocp.statement.problem import require_held
 
 FAR = 1e6
 """Position [m] given to unused neighbour slots."""
@@ -238,7 +238,7 @@ class LocalTeam:
             raise InvalidProblemError(
                 f"one planner needs room for all {most} others, got {self._rooms}"
             )
-        require_held(planner.stated.control_shape for planner in planners.values())
+        require_held(planner.stated for planner in planners.values())
         for room, planner in planners.items():
             problem = planner.problem
             rows = problem.model.nx + len(self.position) * (self._links + room)

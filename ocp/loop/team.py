@@ -26,7 +26,7 @@ from swarmstart.arrays import Array
 from swarmstart.ocp.answer.plan import Plan
 from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.loop.controller import Decision, RecedingHorizon
-from swarmstart.ocp.statement.control_shape import require_held
+from swarmstart.ocp.statement.problem import require_held
 
 MakePlan = Callable[[int, Array, tuple[Array, ...]], Plan]
 """(agent's number, its state, signal rows that it sees) -> its plan."""
@@ -130,7 +130,7 @@ class Team:
                 raise InvalidProblemError(
                     f"agent {number} watches {sorted(late)}, who plan after it"
                 )
-        require_held(a.controller.planner.stated.control_shape for a in self.agents)
+        require_held(a.controller.planner.stated for a in self.agents)
         problems = [a.controller.planner.problem for a in self.agents]
         lengths = [problem.dt for problem in problems]
         if not np.allclose(lengths, lengths[0], rtol=1e-9, atol=0.0):  # Rounding only.

@@ -110,8 +110,9 @@ class Known(NamedTuple):
         parameters: Values of the parameters that are not decided, shape (np,).
         signals: Values of the signals at the nodes, shape (ns, nodes).
         time: Time at the start of the horizon [s].
-        previous: Control of the interval before, shape (nu,); None: the allowed value
-            nearest to zero.
+        previous: Control of the interval before, shape (nu,), or controls of several
+            intervals before, the last one last, shape (nu, m), for a delay; None: the
+            allowed value nearest to zero.
 
     Example:
         >>> import casadi as ca

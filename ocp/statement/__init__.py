@@ -9,6 +9,9 @@ from swarmstart.ocp.statement.control_shape import (
     Profile,
     piece_at,
 )
+from swarmstart.ocp.statement.feature import (
+    Feature,
+)
 from swarmstart.ocp.statement.guesses import (
     Appended,
 )
@@ -40,6 +43,7 @@ __all__ = [
     "FEATURES",
     "Appended",
     "ControlShape",
+    "Feature",
     "Lowered",
     "Measure",
     "Phases",

@@ -28,7 +28,7 @@ Cagienard, Grieder, Kerrigan and Morari (2007), Move blocking strategies in rece
 horizon control, Journal of Process Control 17.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -119,20 +119,6 @@ def require_shape(shape: str, *, is_discrete: bool, integer: int) -> None:
             "controls that take whole numbers are held: control_shape must be "
             f"constant, got {shape!r}"
         )
-
-
-def require_held(shapes: Iterable[str]) -> None:
-    """Raise if a team or a dual mode cannot use these shapes of controls.
-
-    Raises:
-        InvalidProblemError: If a shape is not "constant".
-    """
-    for shape in shapes:
-        if shape != "constant":
-            raise InvalidProblemError(
-                "a team and a dual mode use controls that are held: control_shape must "
-                f"be constant, got {shape!r}"
-            )
 
 
 def split_knots(knots: Array, intervals: int) -> tuple[Array, Array]:

@@ -475,6 +475,7 @@ def _require(
             "controls of whole numbers": len(phase.integer),
             "blocks of intervals": len(phase.blocks),
             "linear controls": phase.has_knots,
+            "delays or other features": len(phase.features),
             "several members": phase.risk is not None,
             # Only the first phase begins at the start of the horizon.
             "initial cost": number > 0 and not phase.initial_cost.is_zero(),

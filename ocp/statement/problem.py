@@ -26,7 +26,7 @@ from the problem's own numbers (scaling.py).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
 from typing import Literal, NamedTuple, get_args
@@ -83,7 +83,7 @@ from swarmstart.ocp.statement.decisions import (
     free_starts,
     integer_numbers,
 )
-from swarmstart.ocp.statement.rewrite import Rewrite, features_given
+from swarmstart.ocp.statement.feature import Feature, features_given
 from swarmstart.ocp.statement.risk import Epigraph, Risk
 from swarmstart.ocp.system.constraints import (
     Bounds,
@@ -196,7 +196,7 @@ class OptimalControlProblem:
             relative to its scale, at which an answer is confirmed.
         risk: Costs of the members of an ensemble, made by `ensemble`; None: not an
             ensemble.
-        features: Further rewrites of the problem, such as a `TransportDelay`, in the
+        features: Further parts of the statement, such as a `TransportDelay`, in the
             order in which they apply.
         epigraph: Smooth form of a terminal cost with kinks, for an NLP; made
             internally.
@@ -248,7 +248,7 @@ class OptimalControlProblem:
     tolerance: float = 1e-6
     path_tolerance: float = 1e-4
     risk: Risk | None = None
-    features: Sequence[Rewrite] = ()
+    features: Sequence[Feature] = ()
     epigraph: Epigraph | None = None
 
     def __post_init__(self) -> None:
@@ -289,6 +289,8 @@ class OptimalControlProblem:
         self._set("features", features_given(self.features))
         self._check_constraints()
         self._check_decisions()
+        for feature in self.features:
+            feature.require(self)
 
     def _set(self, name: str, value: object) -> None:
         object.__setattr__(self, name, value)
@@ -778,3 +780,22 @@ def _with_those_of(model: Model, signals: ca.SX) -> ca.SX:
     ):
         return signals
     return ca.vertcat(model.signals, signals)
+
+
+def require_held(problems: Iterable[OptimalControlProblem]) -> None:
+    """Raise if a team or a dual mode cannot use the controls of some problems.
+
+    Raises:
+        InvalidProblemError: If controls are linear, or delayed.
+    """
+    for problem in problems:
+        if problem.has_knots:
+            raise InvalidProblemError(
+                "a team and a dual mode use controls that are held: control_shape must "
+                f"be constant, got {problem.control_shape!r}"
+            )
+        if problem.features:
+            raise InvalidProblemError(
+                "a team and a dual mode use controls that act at once: features must "
+                f"be empty, got {shortened(list(problem.features))}"
+            )

@@ -21,7 +21,6 @@ from swarmstart.ocp.common.expressions import symbol_names
 from swarmstart.ocp.common.limits import numbers_of
 from swarmstart.ocp.statement.decisions import Free
 from swarmstart.ocp.statement.problem import OptimalControlProblem
-from swarmstart.ocp.statement.rewrite import Rewrite
 from swarmstart.ocp.statement.rewrites.decided import Decided
 from swarmstart.ocp.statement.rewrites.delay import TransportDelay
 from swarmstart.ocp.statement.rewrites.end_time import END_TIME, EndTime
@@ -29,6 +28,7 @@ from swarmstart.ocp.statement.rewrites.linear_controls import LinearControls
 from swarmstart.ocp.statement.rewrites.minimised import Minimised
 from swarmstart.ocp.statement.rewrites.periodic import Periodic
 from swarmstart.ocp.statement.rewrites.previous import Previous
+from swarmstart.ocp.statement.rewrites.rewrite import Rewrite
 from swarmstart.ocp.statement.rewrites.risk_costs import RiskCosts
 from swarmstart.ocp.statement.rewrites.time import Time
 
@@ -43,7 +43,7 @@ REWRITES: tuple[Rewrite, ...] = (
     RiskCosts(),
 )
 """Rewrites of every problem, in their order; its own features come after the first."""
-FEATURES: Mapping[str, type[Rewrite]] = {"delay_s": TransportDelay}
+FEATURES = {feature.key: feature for feature in (TransportDelay,)}
 """Key of a control in YAML -> the feature, made from {control: value}."""
 
 
@@ -310,15 +310,15 @@ def lowered(stated: OptimalControlProblem) -> Lowered:
         )
     links: list[_Link] = []
     first, *rest = REWRITES
-    problem = stated
+    # Else a core would be delayed again where it is taken for a statement.
+    problem = replace(stated, features=()) if stated.features else stated
     for rewrite in (first, *stated.features, *rest):
+        if not isinstance(rewrite, Rewrite):
+            raise InvalidProblemError(f"a feature must be a Rewrite, got {rewrite!r}")
         if rewrite.accepts(problem):
             after = rewrite.apply(problem)
             links.append(_Link(rewrite, problem, after))
             problem = after
-    if problem.features:
-        problem = replace(problem, features=())
-        links[-1:] = [replace(link, after=problem) for link in links[-1:]]
     return Lowered(stated, tuple(links))
 
 

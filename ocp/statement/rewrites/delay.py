@@ -22,7 +22,6 @@ from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.common.limits import require_number
 from swarmstart.ocp.statement.decisions import Free
 from swarmstart.ocp.statement.problem import OptimalControlProblem
-from swarmstart.ocp.statement.rewrite import Rewrite
 from swarmstart.ocp.statement.rewrites.changed import (
     Appended,
     changed_model,
@@ -30,6 +29,7 @@ from swarmstart.ocp.statement.rewrites.changed import (
     replaced,
     with_states,
 )
+from swarmstart.ocp.statement.rewrites.rewrite import Rewrite
 
 _ROUNDING = 1e-9
 """Relative rounding of a delay that is a whole number of intervals."""
@@ -47,8 +47,8 @@ class TransportDelay(Rewrite):
             problem's intervals.
 
     Raises:
-        InvalidProblemError: If a delay is negative or not finite; when a problem with
-            it is solved, if it is no whole number of intervals, with the nearest ones.
+        InvalidProblemError: If a delay is negative or not finite; of a problem with it,
+            as `require` says, with the nearest delays that are possible.
 
     Example:
         >>> import casadi as ca
@@ -66,6 +66,11 @@ class TransportDelay(Rewrite):
 
     role = "delayed"
     is_remembered = True
+    key = "delay_s"
+    meaning = (
+        "Delay with which the control reaches the model's equations, a whole number of "
+        "intervals [s]; null means none."
+    )
 
     seconds: Mapping[str, float]
 
@@ -83,23 +88,35 @@ class TransportDelay(Rewrite):
                     f"delay of {name!r} must be finite and at least 0 s, got {delay}"
                 )
 
-    def accepts(self, problem: OptimalControlProblem) -> bool:
-        """Return whether a control is delayed at all."""
-        return any(count for _, count in self._intervals(problem))
-
-    def apply(self, problem: OptimalControlProblem) -> OptimalControlProblem:
-        """Return the problem with the controls on their way as states.
+    def require(self, problem: OptimalControlProblem) -> None:
+        """Raise if the delays do not go with a problem.
 
         Raises:
-            InvalidProblemError: If the controls are linear, or algebraic equations
-                depend on a delayed one.
+            InvalidProblemError: If a name is unknown, a delay no whole number of
+                intervals shorter than the horizon, the end time free, the controls
+                linear, or algebraic equations depend on a delayed one.
         """
-        model = problem.model
         if problem.has_knots:
             raise InvalidProblemError(
                 "a delay is for controls that are held: control_shape must be "
                 f"constant, got {problem.control_shape!r}"
             )
+        model = problem.model
+        late = [model.controls[j] for j, n in self._intervals(problem) if n]
+        solved = ca.vertcat(model.elimination.solution, model.elimination.unsolved)
+        if late and solved.numel() and ca.depends_on(solved, ca.vertcat(*late)):
+            raise InvalidProblemError(
+                "a delayed control must not be part of algebraic equations: state the "
+                "delay as states of the model"
+            )
+
+    def accepts(self, problem: OptimalControlProblem) -> bool:
+        """Return whether a control is delayed at all."""
+        return any(count for _, count in self._intervals(problem))
+
+    def apply(self, problem: OptimalControlProblem) -> OptimalControlProblem:
+        """Return the problem with the controls on their way as states."""
+        model = problem.model
         now, states, after, late = ca.vertsplit(model.controls), [], [], []
         for j, count in self._intervals(problem):
             name = model.control_names[j]
@@ -111,14 +128,6 @@ class TransportDelay(Rewrite):
             after += [now[j], *line[:-1]] if line else []
             late.append(line[-1] if line else now[j])
         timed = replaced(model.controls, ca.vertcat(*late))
-        if any(
-            not ca.is_equal(timed(rows), rows, 1)
-            for rows in (model.elimination.solution, model.elimination.unsolved)
-        ):
-            raise InvalidProblemError(
-                "a delayed control must not be part of algebraic equations: give its "
-                "delay as states of the model"
-            )
         appended = Appended(states=ca.vertcat(*states), after=ca.vertcat(*after))
         return with_states(problem, appended, changed_model(model, timed))
 

@@ -12,8 +12,8 @@ from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.common.expressions import symbol_names
 from swarmstart.ocp.statement.decisions import Free
 from swarmstart.ocp.statement.problem import OptimalControlProblem
-from swarmstart.ocp.statement.rewrite import Rewrite
 from swarmstart.ocp.statement.rewrites.changed import with_equations
+from swarmstart.ocp.statement.rewrites.rewrite import Rewrite
 
 END_TIME = "end time"
 """Name of the parameter, and then of the state, that is a free end time."""

@@ -19,7 +19,6 @@ from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.statement.control_shape import knot_names, split_knots
 from swarmstart.ocp.statement.decisions import Free
 from swarmstart.ocp.statement.problem import OptimalControlProblem
-from swarmstart.ocp.statement.rewrite import Rewrite
 from swarmstart.ocp.statement.rewrites.changed import (
     Appended,
     changed_fields,
@@ -28,6 +27,7 @@ from swarmstart.ocp.statement.rewrites.changed import (
     replaced,
     with_states,
 )
+from swarmstart.ocp.statement.rewrites.rewrite import Rewrite
 
 _ROUNDING = 1e-9
 """Relative rounding of a control at its bound."""

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 
 from swarmstart.ocp.statement.problem import OptimalControlProblem
-from swarmstart.ocp.statement.rewrite import Rewrite
+from swarmstart.ocp.statement.rewrites.rewrite import Rewrite
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,8 +9,8 @@ from swarmstart.arrays import Array
 from swarmstart.ocp.common.expressions import symbol_of
 from swarmstart.ocp.statement.decisions import Free
 from swarmstart.ocp.statement.problem import OptimalControlProblem
-from swarmstart.ocp.statement.rewrite import Rewrite
 from swarmstart.ocp.statement.rewrites.changed import Appended, with_states
+from swarmstart.ocp.statement.rewrites.rewrite import Rewrite
 from swarmstart.ocp.system.constraints import TerminalConstraint
 
 

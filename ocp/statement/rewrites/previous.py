@@ -8,12 +8,12 @@ from numpy.typing import ArrayLike
 
 from swarmstart.arrays import Array
 from swarmstart.ocp.statement.problem import OptimalControlProblem
-from swarmstart.ocp.statement.rewrite import Rewrite
 from swarmstart.ocp.statement.rewrites.changed import (
     Appended,
     controls_before,
     with_states,
 )
+from swarmstart.ocp.statement.rewrites.rewrite import Rewrite
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,8 +8,8 @@ from numpy.typing import ArrayLike
 
 from swarmstart.arrays import Array
 from swarmstart.ocp.statement.problem import OptimalControlProblem
-from swarmstart.ocp.statement.rewrite import Rewrite
 from swarmstart.ocp.statement.rewrites.changed import Appended, with_states
+from swarmstart.ocp.statement.rewrites.rewrite import Rewrite
 from swarmstart.ocp.statement.risk import Epigraph, Risk, epigraph_symbols
 
 

@@ -8,7 +8,6 @@ from numpy.typing import ArrayLike
 
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.statement.problem import OptimalControlProblem
-from swarmstart.ocp.statement.rewrite import Rewrite
 from swarmstart.ocp.statement.rewrites.changed import (
     changed_fields,
     changed_model,
@@ -16,6 +15,7 @@ from swarmstart.ocp.statement.rewrites.changed import (
     with_equations,
 )
 from swarmstart.ocp.statement.rewrites.end_time import with_length
+from swarmstart.ocp.statement.rewrites.rewrite import Rewrite
 
 
 @dataclass(frozen=True, slots=True)

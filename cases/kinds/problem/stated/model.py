@@ -50,6 +50,7 @@ from swarmstart.ocp import (
     Separation,
     TerminalConstraint,
 )
+from swarmstart.ocp.statement import FEATURES, Feature
 from swarmstart.ocp.system import MovingLimit
 
 COSTS = ("stage_cost", "step_cost", "initial_cost", "terminal_cost")
@@ -199,7 +200,23 @@ def planning_problem(
         blocks=grid.blocks,
         tolerance=grid.tolerance,
         path_tolerance=grid.path_tolerance,
+        features=_features(scenario, members),
     )
+
+
+def _features(scenario: ProblemScenario, members: Sequence[Member]) -> list[Feature]:
+    """Return the features of the controls of all members."""
+    found: list[Feature] = []
+    for key, feature in FEATURES.items():
+        given = {
+            f"{name}{member.suffix}": number(getattr(control, key), member.constants)
+            for member in members
+            for name, control in scenario.controls.items()
+            if getattr(control, key) is not None
+        }
+        if given:
+            found.append(feature(given))
+    return found
 
 
 def _periodic(scenario: ProblemScenario, members: Sequence[Member]) -> list[str]:

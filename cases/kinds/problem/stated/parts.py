@@ -8,6 +8,7 @@ from pydantic import (
     Field,
     GetJsonSchemaHandler,
     Tag,
+    create_model,
     model_validator,
 )
 from pydantic.json_schema import JsonSchemaValue
@@ -33,7 +34,7 @@ from swarmstart.ocp.integration import (
     Radau,
     Transcription,
 )
-from swarmstart.ocp.statement import Appended, ControlShape, Quadrature
+from swarmstart.ocp.statement import FEATURES, Appended, ControlShape, Quadrature
 
 MOST_NODES = 10_000
 """Largest number of checks in a horizon."""
@@ -66,7 +67,19 @@ class State(Part):
     unit: str = ""
 
 
-class Control(Part):
+_Features = create_model(
+    "_Features",
+    __base__=Part,
+    __doc__="\n    ".join(
+        ["Features of a control.\n\nAttributes:"]
+        + [f"{key}: {feature.meaning}" for key, feature in FEATURES.items()]
+    ),
+    **{key: (Quantity | None, None) for key in FEATURES},  # type: ignore[call-overload]
+)
+"""Keys of a control that are features of the problem, one for each registered."""
+
+
+class Control(_Features):  # type: ignore[misc, valid-type]
     """A control and its bounds.
 
     Attributes:

@@ -20,40 +20,18 @@ The shape of it is that of cvxpy's reductions: Agrawal, Verschueren, Diamond and
 Decision 5.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from swarmstart.ocp.common.errors import InvalidProblemError
-from swarmstart.ocp.common.expressions import shortened
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from swarmstart.arrays import Array
-    from swarmstart.ocp.statement.problem import OptimalControlProblem
+from swarmstart.arrays import Array
+from swarmstart.ocp.statement.feature import Feature
+from swarmstart.ocp.statement.problem import OptimalControlProblem
 
 
-def features_given(given: object) -> tuple[Rewrite, ...]:
-    """Return the features of a statement, checked.
-
-    Raises:
-        InvalidProblemError: If they are no sequence of rewrites.
-    """
-    if not isinstance(given, list | tuple) or not all(
-        isinstance(one, Rewrite) for one in given
-    ):
-        raise InvalidProblemError(
-            "features must be a list of features, such as [TransportDelay({'u': 0.2})],"
-            f" got {shortened(given)}"
-        )
-    return tuple(given)
-
-
-class Rewrite(ABC):
+class Rewrite(Feature, ABC):
     """A map from a problem to a simpler one; `problem` is always the one before.
 
     Attributes:

@@ -1,0 +1,36 @@
+"""Feature: a part of a statement that a rewrite removes; see rewrites/rewrite.py."""
+
+from typing import Any
+
+from swarmstart.ocp.common.errors import InvalidProblemError
+from swarmstart.ocp.common.expressions import shortened
+
+
+class Feature:
+    """A part of a problem's statement besides its fields."""
+
+    def require(self, problem: Any) -> None:
+        """Raise if the feature does not go with a problem that is being stated.
+
+        Args:
+            problem: An OptimalControlProblem, whose other fields are checked.
+
+        Raises:
+            InvalidProblemError: If it does not.
+        """
+
+
+def features_given(given: object) -> tuple[Feature, ...]:
+    """Return the features of a statement, checked.
+
+    Raises:
+        InvalidProblemError: If they are no list of features.
+    """
+    if not isinstance(given, list | tuple) or not all(
+        isinstance(one, Feature) for one in given
+    ):
+        raise InvalidProblemError(
+            "features must be a list of features, such as [TransportDelay({'u': 0.2})],"
+            f" got {shortened(given)}"
+        )
+    return tuple(given)
