@@ -26,12 +26,14 @@ def exact(peer: Peer, point: Point) -> tuple[Array, float]:
             cost += dt * float(stage(*begin))
         y = np.append(x, 0.0)
         for j in range(m):
-            y = _flown(peer, y, (u, p, before), (S[:, j], S[:, j + 1]), (t, j, dt))
+            held = (u, peer.late(point.controls, k)), p, before
+            y = _flown(peer, y, held, (S[:, j], S[:, j + 1]), (t, j, dt))
         x = y[:-1]
         cost += y[-1] if stated.quadrature == "integral" else 0.0
         end = u, p, S[:, -1], peer.begun(k + 1, point.length), before
         if stated.next_state.numel():
-            x = np.array(peer.function(stated.next_state)(x, *end)).ravel()
+            late = peer.late(point.controls, k), *end[1:]
+            x = np.array(peer.function(stated.next_state)(x, *late)).ravel()
         if stated.quadrature == "right":
             cost += dt * float(stage(x, *end))
         before = u if stated.before.numel() else before
@@ -44,13 +46,16 @@ def _flown(
     times: tuple[Any, int, float],
 ) -> Array:  # fmt: skip
     """Return state and integrated cost after one check."""
-    (u, p, before), (s0, s1), (t, j, dt) = held, signals, times
+    ((u, late), p, before), (s0, s1), (t, j, dt) = held, signals, times
+    ode, stage = peer.rates
     h = dt / peer.stated.checks
 
     def rate(after: float, at: Array) -> Array:
         now = t + j * h + after if peer.stated.time.numel() else t
         s = s0 + after / h * (s1 - s0)
-        return np.array(peer.rate(at[:-1], u, p, s, now, before)).ravel()
+        there = p, s, now, before
+        both = ode(at[:-1], late, *there), stage(at[:-1], u, *there)
+        return np.concatenate([np.array(one).ravel() for one in both])
 
     found = solve_ivp(rate, (0.0, h), y, method="DOP853", rtol=1e-10, atol=1e-12)
     return np.asarray(found.y[:, -1])

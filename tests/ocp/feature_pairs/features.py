@@ -99,6 +99,11 @@ def _moves(s: Stated, rng: Generator) -> None:
     s.step += float(rng.uniform(0.1, 1)) * ca.sumsqr(s.controls - s.before)
 
 
+def _delay(s: Stated, rng: Generator) -> None:
+    _previous(s, rng)
+    s.delay = int(rng.integers(1, 4))
+
+
 def _rate_limit(s: Stated, rng: Generator) -> None:
     _previous(s, rng)
     most = float(rng.uniform(0.2, 0.5))
@@ -285,6 +290,7 @@ FEATURES: dict[str, Feature] = {
     "returning state": _returning,
     "penalised moves": _moves,
     "rate limit": _rate_limit,
+    "delay": _delay,
     "time in rates": _time,
     "signal in rates": _wind,
     "signal in cost": _reference,
@@ -321,6 +327,8 @@ APART = (
     {"signal in cost", "moving limit"},
     {"ode as a function", "signal in rates", "algebraic variable"},
     {"periodic state", "returning state", "terminal equality", "terminal range"},
+    {"delay", "free end time"},
+    {"delay", "algebraic variable"},
 )
 """Sets of which no two go together, because they write the same entry, or cannot."""
 
@@ -328,6 +336,10 @@ APART = (
 MEETING = (
     ("checks", "stiff"),
     ("checks", "tied controls"),
+    ("delay", "jump"),
+    ("delay", "penalised moves"),
+    ("delay", "right sums"),
+    ("delay", "discrete time"),
     ("discrete time", "path inequality"),
     ("free end time", "time in rates"),
     ("free end time", "periodic state"),

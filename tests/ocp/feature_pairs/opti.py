@@ -46,7 +46,7 @@ def solved_by_opti(peer: Peer, point: Point) -> Solved:
     for k in range(N):
         after, spent, rows, above = F(
             x[:, k], u[:, k], p, peer.nodes(k), peer.begun(k, length), before,
-            length / N,
+            length / N, peer.late(u, k),
         )  # fmt: skip
         before = u[:, k] if stated.before.numel() else before
         opti.subject_to(x[:, k + 1] == after)

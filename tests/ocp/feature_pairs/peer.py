@@ -84,21 +84,31 @@ class Peer:
         return ca.Function("f", at, [inner(*at, ca.vertcat(*values))])
 
     @cached_property
-    def rate(self) -> ca.Function:
-        """(x, u, p, s, t, before) -> (x', stage cost)."""
+    def rates(self) -> tuple[ca.Function, ca.Function]:
+        """(x, u, p, s, t, before) -> x', and -> stage cost."""
         stated = self.stated
         ode = stated.ode if stated.ode.numel() else ca.SX.zeros(self.nx)
-        return self.function(ca.vertcat(ode, stated.stage))
+        return self.function(ode), self.function(stated.stage)
+
+    def late(self, controls: Any, k: int) -> Any:
+        """Return the controls that act in interval k: the last one may be delayed."""
+        then, d = controls[:, k], self.stated.delay
+        if not d:
+            return then
+        last = controls[-1, k - d] if k >= d else float(self.stated.previous[-1])
+        return ca.vertcat(*[then[j] for j in range(self.nu - 1)], last)
 
     def _advanced(self, x: Any, known: tuple[Any, ...], h: Any, first: bool) -> Any:
         """Return (x, integrated cost) after one check of length h."""
-        u, p, before, s0, s1, t0 = known
+        (u, late), p, before, s0, s1, t0 = known
+        ode, stage = self.rates
         m, y = self.stated.substeps, ca.vertcat(x, 0)
 
         def rate(part: Any, at: Any) -> Any:
             s = s0 + part * (s1 - s0)
             t = t0 + part * h if self.stated.time.numel() else t0
-            return self.rate(at[:-1], u, p, s, t, before)
+            there = p, s, t, before
+            return ca.vertcat(ode(at[:-1], late, *there), stage(at[:-1], u, *there))
 
         spans = [(k / m, 1 / m) for k in range(m)]
         if self.stated.integrator == "stiff" and first:
@@ -172,7 +182,7 @@ class Peer:
 
     @cached_property
     def interval(self) -> tuple[ca.Function, list[Limited], list[Limited]]:
-        """(x, u, p, S, t, before, dt) -> (x after, cost, rows, soft rows), and limits.
+        """(x, u, p, S, t, before, dt, u that acts) -> (x, cost, rows, soft), limits.
 
         A row with a control holds as the interval begins and at every check; one
         without at every check, and again after a jump of what it depends on. A soft
@@ -182,6 +192,7 @@ class Peer:
         x, u, p = kind.sym("x", self.nx), kind.sym("u", self.nu), self._like("p", 2)
         S = kind.sym("S", stated.signals.numel(), stated.checks + 1)
         t, before, dt = self._like("t", 4), self._like("v", 5), kind.sym("dt")
+        late = kind.sym("late", self.nu)
 
         def at(state: Any, k: int) -> tuple[Any, ...]:
             now = t + k * dt / stated.checks if stated.time.numel() else t
@@ -202,14 +213,15 @@ class Peer:
             cost += dt * stage(*at(x, 0))
         state = x
         for k in range(stated.checks):
-            known = u, p, before, S[:, k], S[:, k + 1], at(x, k)[4]
+            known = (u, late), p, before, S[:, k], S[:, k + 1], at(x, k)[4]
             both = self._advanced(state, known, dt / stated.checks, k == 0)
             state = both[:-1]
             cost += both[-1] if stated.quadrature == "integral" else 0
             for rows, those in zip(held, (hard, soft), strict=True):
                 rows.add([] if stated.is_discrete else those, at(state, k + 1))
         if stated.next_state.numel():
-            state = self.function(stated.next_state)(*at(state, stated.checks))
+            state, _, *there = at(state, stated.checks)
+            state = self.function(stated.next_state)(state, late, *there)
             for rows, those in zip(held, (hard, soft), strict=True):
                 left = [c for c in those if self.depends(c, moved)]
                 left = [c for c in left if not self.depends(c, stated.controls)]
@@ -217,7 +229,7 @@ class Peer:
         if stated.quadrature == "right":
             cost += dt * stage(*at(state, stated.checks))
         columns = [ca.vertcat(kind(0, 1), *rows.values) for rows in held]
-        arguments, outputs = [x, u, p, S, t, before, dt], [state, cost, *columns]
+        arguments, outputs = [x, u, p, S, t, before, dt, late], [state, cost, *columns]
         whole = ca.Function("interval", arguments, outputs)
         return whole, held[0].limits, held[1].limits
 
@@ -298,7 +310,7 @@ class Peer:
                 np.array(o).ravel()
                 for o in F(
                     x, u, p, self.nodes(k), self.begun(k, point.length), before,
-                    point.length / stated.intervals,
+                    point.length / stated.intervals, self.late(point.controls, k),
                 )
             )  # fmt: skip
             before = u if stated.before.numel() else before

@@ -20,6 +20,7 @@ from swarmstart.ocp import (
     OptimalControlProblem,
     PathConstraint,
     TerminalConstraint,
+    TransportDelay,
     table,
 )
 
@@ -80,6 +81,7 @@ class Stated:
         rows: Values of the signals at the nodes.
         solved: An algebraic variable, its equation, and what solves it.
         ceiling: An upper bound of the first control, as an expression.
+        delay: Intervals by which the last control is late.
         maximize: Whether the costs are stated with the other sign.
     """
 
@@ -114,6 +116,7 @@ class Stated:
     tables: list[Tabulated] = field(default_factory=list)
     solved: tuple[ca.SX, ca.SX, ca.SX] | None = None
     ceiling: ca.SX | None = None
+    delay: int = 0
     maximize: bool = False
     quadrature: str = "integral"
     integrator: str = "rk4"
@@ -218,7 +221,14 @@ class Stated:
             substeps=self.substeps,
             integrator_tolerance=self.integrator_tolerance,
             checks=self.checks,
+            features=self._features(),
         )
+
+    def _features(self) -> list[TransportDelay]:
+        if not self.delay:
+            return []
+        name = self.controls[-1].name()
+        return [TransportDelay({name: self.delay * self.horizon / self.intervals})]
 
     @property
     def _upper(self) -> Any:

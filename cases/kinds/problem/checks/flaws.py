@@ -44,6 +44,7 @@ from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario, Vehi
 from swarmstart.cases.kinds.problem.stated.symbols import number
 from swarmstart.errors import SwarmstartError
 from swarmstart.ocp import OptimalControlProblem
+from swarmstart.ocp.statement import FEATURES
 
 
 def flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
@@ -68,6 +69,20 @@ def _whole(scenario: ProblemScenario) -> OptimalControlProblem:
     return planning_problem(scenario, members[:1] if one_by_one else members)
 
 
+def _feature_at_fault(scenario: ProblemScenario) -> Place:
+    """Return the feature of a control without which the problem is valid, if any."""
+    for name, control in scenario.controls.items():
+        for key in FEATURES:
+            less = {**scenario.controls, name: control.model_copy(update={key: None})}
+            try:
+                _whole(scenario.model_copy(update={"controls": less}))
+            except SwarmstartError:
+                continue
+            if getattr(control, key) is not None:
+                return ("controls", name, key)
+    return ()
+
+
 def _of_whole(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
     """Yield errors of the whole problem, also if it would take minutes to build.
 
@@ -76,7 +91,7 @@ def _of_whole(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
     try:
         problem = _whole(scenario)
     except SwarmstartError as error:
-        yield (), error
+        yield _feature_at_fault(scenario), error
         return
     yield from combination_flaws(scenario, problem)
     try:
