@@ -159,7 +159,7 @@ def _along(
         decisions = trajectory.decisions
         plan = decisions[made].plans[0] if decisions else None
         start, given = arguments_of(lowered, plan, trajectory, int(made), known)
-        if step == 0 or _is_recorded(plan):  # Else what was flown before counts.
+        if step == 0 or _is_recorded(plan):  # Else the controls before count.
             begin, base = start, int(made)
         _, p, flat = shared_arguments(core, start, given)
         since = times[step] - trajectory.times[made]

@@ -451,7 +451,7 @@ class RecedingHorizon:
     ) -> tuple[Array, Known, Array | Start | None]:
         """Return initial state, known data and first guess of the core.
 
-        The core's states that remember what was flown continue those of the last plan.
+        The core's states that remember controls continue those of the last plan.
         """
         planner = self.planner
         if last is not None and self.period is not None:

@@ -310,7 +310,7 @@ def lowered(stated: OptimalControlProblem) -> Lowered:
         )
     links: list[_Link] = []
     first, *rest = REWRITES
-    # Else a core would be delayed again where it is taken for a statement.
+    # Else the features would be applied again to a core that is taken as a statement.
     problem = replace(stated, features=()) if stated.features else stated
     for rewrite in (first, *stated.features, *rest):
         if not isinstance(rewrite, Rewrite):

@@ -58,7 +58,7 @@ class Rewrite(Feature, ABC):
     def start(
         self, problem: OptimalControlProblem, x0: Array, previous: ArrayLike | None
     ) -> Array:
-        """Return the initial values of the appended states; NaN where one is decided.
+        """Return the initial values of the appended states; NaN for a decided one.
 
         Args:
             problem: The problem before.

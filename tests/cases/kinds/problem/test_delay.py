@@ -1,4 +1,4 @@
-"""Delays of controls in a file: flown, measured, recorded, refused at their place."""
+"""Delays of controls in a file: simulated, measured, recorded, refused."""
 
 from pathlib import Path
 
