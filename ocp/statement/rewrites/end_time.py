@@ -4,7 +4,9 @@ The horizon is 1 then. Source: the time transformation t = T tau of any text on 
 methods, such as Betts (2010), Practical Methods for Optimal Control, 4.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import casadi as ca
 
@@ -19,23 +21,31 @@ END_TIME = "end time"
 """Name of the parameter, and then of the state, that is a free end time."""
 
 
-def with_length(
-    problem: OptimalControlProblem,
-) -> tuple[OptimalControlProblem, ca.SX]:
-    """Return a problem and the length of its horizon [s], a parameter if it is free.
+class Length(NamedTuple):
+    """Length of the horizon, and what a problem gets with it if it is free.
 
-    Args:
-        problem: The problem; the horizon is left as it is.
+    Attributes:
+        seconds: The length [s], an expression.
+        parameters: The model's parameters.
+        decided: The decided parameters.
     """
+
+    seconds: ca.SX
+    parameters: ca.SX
+    decided: Mapping[str, Free]
+
+
+def length_of(problem: OptimalControlProblem) -> Length:
+    """Return the length of a problem's horizon: a decided parameter if it is free."""
+    parameters, decided = problem.model.parameters, problem.decided
     if not isinstance(problem.horizon, Free):
-        return problem, ca.SX(problem.length)
-    parameters = problem.model.parameters
-    if END_TIME in problem.decided:
-        return problem, parameters[symbol_names(parameters).index(END_TIME)]
+        return Length(ca.SX(problem.length), parameters, decided)
+    if END_TIME in decided:  # Another rewrite needed it already.
+        place = symbol_names(parameters).index(END_TIME)
+        return Length(parameters[place], parameters, decided)
     T = ca.SX.sym(END_TIME)
-    model = with_equations(problem.model, parameters=ca.vertcat(T, parameters))
-    decided = {END_TIME: problem.horizon, **problem.decided}
-    return replace(problem, model=model, decided=decided), T
+    every = {END_TIME: problem.horizon, **decided}
+    return Length(T, ca.vertcat(T, parameters), every)
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,12 +69,13 @@ class EndTime(Rewrite):
                 "a discrete-time model has no end time to decide: its horizon must be "
                 "a number"
             )
-        problem, T = with_length(problem)
-        risk = problem.risk
+        T, parameters, decided = length_of(problem)
+        model, risk = problem.model, problem.risk
         return replace(
             problem,
-            model=with_equations(problem.model, ode=T * problem.model.ode),
+            model=with_equations(model, ode=T * model.ode, parameters=parameters),
             horizon=1.0,
+            decided=decided,
             stage_cost=T * problem.stage_cost,
             constraints=[
                 *problem.stated,

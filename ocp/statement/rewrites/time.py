@@ -14,7 +14,7 @@ from swarmstart.ocp.statement.rewrites.changed import (
     replaced,
     with_equations,
 )
-from swarmstart.ocp.statement.rewrites.end_time import with_length
+from swarmstart.ocp.statement.rewrites.end_time import length_of
 from swarmstart.ocp.statement.rewrites.rewrite import Rewrite
 
 
@@ -30,7 +30,7 @@ class Time(Rewrite):
 
     def apply(self, problem: OptimalControlProblem) -> OptimalControlProblem:
         """Return the problem with the time as an expression."""
-        problem, length = with_length(problem)
+        length, parameters, decided = length_of(problem)
         model = problem.model
         begin, tau = ca.SX.sym("t0"), ca.SX.sym("tau")
         timed = replaced(model.time, begin + length * tau)
@@ -39,12 +39,13 @@ class Time(Rewrite):
             problem,
             model=with_equations(
                 model,
-                parameters=ca.vertcat(model.parameters, begin),
+                parameters=ca.vertcat(parameters, begin),
                 signals=signals,
                 time=ca.SX(0, 1),
                 **changed_model(model, timed),
             ),
             signals=ca.vertcat(signals, problem.signals[model.ns :, 0]),
+            decided=decided,
             **changed_fields(problem, timed, timed),
         )
 
