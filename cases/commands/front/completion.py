@@ -4,7 +4,7 @@ import argparse
 import shlex
 from types import ModuleType
 
-from swarmstart.cases.commands.front.parser import TOPICS
+from swarmstart.cases.commands.front.options import TOPICS
 from swarmstart.cases.commands.front.parsing import subcommands_of
 from swarmstart.cases.commands.terminal import DONE, answer
 from swarmstart.cases.format.scenario import shipped

@@ -7,36 +7,17 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable
 from typing import NamedTuple, NoReturn
 
+from swarmstart.cases.commands.front.options import OPTIONS, SOLVERS
 from swarmstart.cases.commands.front.parsing import (
     HelpFormatter,
     Parser,
     subcommands_of,
 )
-from swarmstart.cases.commands.front.run_options import (
-    add_compare,
-    add_replicate,
-    add_run,
-)
 from swarmstart.cases.commands.terminal import DONE, answer
-from swarmstart.cases.format.registry import KINDS
 from swarmstart.cases.record.record import versions
 
-RESULTS = "results"
-"""Folder of all records by default."""
-# The list has the same topics. It lies below this room, so a test compares them.
-TOPICS = {
-    "scenarios": "with kind, variants and run time",
-    "searches": "search algorithms, for --search",
-    "polishes": "local solvers that finish a search, for --polish",
-    "measures": "numbers that a run returns, with unit and meaning",
-    "kinds": "kinds of scenario",
-}
-"""The parts of `swarmstart list`, and what each shows."""
-SHELLS = ("bash", "zsh", "tcsh")
-"""Shells in which `swarmstart completion` completes."""
 _ACTIONS = "swarmstart.cases.commands.actions"
 EXIT_CODES = """\
 exit codes:
@@ -142,7 +123,7 @@ Then open a new terminal. It needs the package shtab:
 
 
 class Subcommand(NamedTuple):
-    """A command: its texts, its options, and the function that carries it out.
+    """A command: its texts, and the function that carries it out.
 
     That function is a name, so that only the command that is called imports anything.
 
@@ -150,14 +131,12 @@ class Subcommand(NamedTuple):
         help: One line, for the list of commands.
         about: What it does, in full sentences.
         epilog: Examples and exit codes.
-        add: Adds its options to a parser.
         command: "module:function" of options -> exit code.
     """
 
     help: str
     about: str
     epilog: str
-    add: Callable[[argparse.ArgumentParser], None]
     command: str
 
 
@@ -189,104 +168,18 @@ def parser() -> Parser:
             formatter_class=HelpFormatter,
             parents=[common],
         )
-        one.add(made)
+        for option in OPTIONS[name]:
+            option.add_to(made)
         # `cli` reports unknown words by the parser; `completion` needs the top.
         made.set_defaults(command=one.command, parser=made, top=top)
+        # Not the default of --solvers: the solvers of a plan come before these.
+        made.set_defaults(default_solvers=SOLVERS)
     return top
 
 
 def subcommands() -> dict[str, argparse.ArgumentParser]:
     """Return the parser of each command by its name, in the order of the help."""
     return subcommands_of(parser())
-
-
-def _add_report(report: argparse.ArgumentParser) -> None:
-    report.add_argument(
-        "folders", nargs="+", metavar="DIR",
-        help="folder that run, compare or replicate wrote (their --out); of a folder "
-        "of records, the newest is taken",
-    )  # fmt: skip
-    report.add_argument(
-        "--format", choices=["html", "md", "latex"], action="append", default=[],
-        dest="formats",
-        help="format of the page; repeatable (default: html and md)",
-    )  # fmt: skip
-    report.add_argument(
-        "--out", metavar="DIR",
-        help="folder to write the files to (default: each record's own folder)",
-    )  # fmt: skip
-    # As the commands that leave records; `cli` reads it.
-    report.add_argument(
-        "-q", "--quiet", action="store_true", help="do not show progress on stderr"
-    )
-
-
-def _add_list(listing: argparse.ArgumentParser) -> None:
-    listing.add_argument(
-        "topic", nargs="?", default="", metavar="TOPIC",
-        help="; ".join(f"{name}: {what}" for name, what in TOPICS.items())
-        + "; any other word is searched for everywhere (default: an overview)",
-    )  # fmt: skip
-    listing.add_argument(
-        "text", nargs="?", default="", metavar="TEXT",
-        help="show only entries that contain this text; of measures, the name of a "
-        "kind or a scenario, or a path, selects its measures (default: all entries)",
-    )  # fmt: skip
-    listing.add_argument(
-        "--kind", choices=[*KINDS], metavar="KIND",
-        help=f"show only scenarios and measures of this kind: {', '.join(KINDS)} "
-        "(default: all kinds)",
-    )  # fmt: skip
-    listing.add_argument("--json", action="store_true", help="print one JSON object")
-
-
-def _add_check(check: argparse.ArgumentParser) -> None:
-    check.add_argument(
-        "scenarios", nargs="+", metavar="SCENARIO",
-        help="name of a scenario (swarmstart list scenarios), or path of a YAML file",
-    )  # fmt: skip
-
-
-def _add_schema(schema: argparse.ArgumentParser) -> None:
-    schema.add_argument(
-        "kind", nargs="?", default="problem", metavar="KIND", choices=[*KINDS],
-        help=f"kind of scenario: {', '.join(KINDS)} (default: problem)",
-    )  # fmt: skip
-
-
-def _add_cache(cache: argparse.ArgumentParser) -> None:
-    cache.add_argument(
-        "--clear", action="store_true", help="remove all files of the cache"
-    )
-    cache.add_argument("--json", action="store_true", help="print one JSON object")
-
-
-def _add_new(new: argparse.ArgumentParser) -> None:
-    new.add_argument(
-        "name", metavar="NAME",
-        help="name of the scenario, or path of the file; .yaml is appended if missing",
-    )  # fmt: skip
-    new.add_argument(
-        "--kind", choices=[*KINDS], default="problem", metavar="KIND",
-        help="problem: everything in the YAML file; python: the problem is a function "
-        "in NAME.py; formation_flight: UAVs that form a V past an obstacle; of the "
-        "other kinds the command says where to start (default: problem)",
-    )  # fmt: skip
-    new.add_argument(
-        "--force", action="store_true", help="replace the files if they exist"
-    )
-
-
-def _add_open(opening: argparse.ArgumentParser) -> None:
-    opening.add_argument(
-        "folder", nargs="?", default=RESULTS, metavar="DIR",
-        help="folder of a record; of a folder of records, the newest is opened "
-        f"(default: {RESULTS})",
-    )  # fmt: skip
-
-
-def _add_completion(completion: argparse.ArgumentParser) -> None:
-    completion.add_argument("shell", choices=SHELLS, help="the shell to complete in")
 
 
 class _Version(argparse.Action):
@@ -310,7 +203,6 @@ SUBCOMMANDS = {
         "more for each collision); the figures and the record are in a folder, whose "
         "path is the last line.",
         _RUN,
-        add_run,
         f"{_ACTIONS}.run:run_command",
     ),
     "replicate": Subcommand(
@@ -318,7 +210,6 @@ SUBCOMMANDS = {
         "Run all scenarios of the book chapter, and print for each published claim "
         "what was measured and whether it holds.",
         _REPLICATE,
-        add_replicate,
         f"{_ACTIONS}.replicate:replicate_command",
     ),
     "compare": Subcommand(
@@ -326,7 +217,6 @@ SUBCOMMANDS = {
         "Solve scenarios with several solvers, under equal budgets and with the same "
         "seeds, and print which solver is better, with statistics.",
         _COMPARE,
-        add_compare,
         f"{_ACTIONS}.compare:compare_command",
     ),
     "report": Subcommand(
@@ -334,7 +224,6 @@ SUBCOMMANDS = {
         "Write one self-contained page (HTML, Markdown or LaTeX) from what run, "
         "compare or replicate recorded. It needs no network.",
         _REPORT,
-        _add_report,
         f"{_ACTIONS}.report:report_command",
     ),
     "open": Subcommand(
@@ -342,7 +231,6 @@ SUBCOMMANDS = {
         "Open the page or the figures of a record with the program that the system "
         "uses for such files.",
         _OPEN,
-        _add_open,
         f"{_ACTIONS}.report:open_command",
     ),
     "new": Subcommand(
@@ -351,7 +239,6 @@ SUBCOMMANDS = {
         "optional keys are commented out. Existing files are never replaced without "
         "--force.",
         _NEW,
-        _add_new,
         f"{_ACTIONS}.new:new_command",
     ),
     "list": Subcommand(
@@ -359,7 +246,6 @@ SUBCOMMANDS = {
         "List what there is: scenarios with kind, variants and run time; searches and "
         "polishes; measures with unit and meaning; kinds of scenario.",
         _LIST,
-        _add_list,
         f"{_ACTIONS}.listing:list_command",
     ),
     "check": Subcommand(
@@ -367,21 +253,18 @@ SUBCOMMANDS = {
         "Check scenarios in all their variants without running them, and print every "
         "error at once, each with line and column.",
         _CHECK,
-        _add_check,
         f"{_ACTIONS}.checking:check_command",
     ),
     "schema": Subcommand(
         "print the JSON Schema of a kind of scenario, for editors",
         "Print the JSON Schema of the scenario format, for editors.",
         _SCHEMA,
-        _add_schema,
         f"{_ACTIONS}.new:schema_command",
     ),
     "cache": Subcommand(
         "show the cache of machine code, or clear it",
         "Show where compiled machine code is kept and how large it is, or remove it.",
         _CACHE,
-        _add_cache,
         f"{_ACTIONS}.cache:cache_command",
     ),
     "completion": Subcommand(
@@ -389,7 +272,6 @@ SUBCOMMANDS = {
         "Print a script with which your shell completes commands, options and the "
         "names of scenarios and searches.",
         _COMPLETION,
-        _add_completion,
         "swarmstart.cases.commands.front.completion:completion_command",
     ),
 }

@@ -15,7 +15,7 @@ from swarmstart.cases.commands.actions.listing import (
     scenario_entry,
 )
 from swarmstart.cases.commands.front.cli import main
-from swarmstart.cases.commands.front.parser import TOPICS
+from swarmstart.cases.commands.front.options import TOPICS
 from swarmstart.cases.format.scenario import shipped
 from swarmstart.cases.format.yaml_reader import parse_yaml
 

@@ -9,7 +9,8 @@ import pytest
 
 from swarmstart.cases.commands.front.cli import main
 from swarmstart.cases.commands.front.completion import MissingPackageError, script
-from swarmstart.cases.commands.front.parser import SHELLS, parser
+from swarmstart.cases.commands.front.options import SHELLS
+from swarmstart.cases.commands.front.parser import parser
 
 pytest.importorskip("shtab")
 

@@ -7,9 +7,9 @@ from pkgutil import resolve_name
 
 import pytest
 
+from swarmstart.cases.commands.front.options import OPTIONS, TOPICS
 from swarmstart.cases.commands.front.parser import (
     SUBCOMMANDS,
-    TOPICS,
     parser,
     subcommands,
 )
@@ -65,3 +65,7 @@ def test_commands_with_records_take_quiet(words: str) -> None:
 def test_topics_of_the_list_are_in_its_help() -> None:
     text = subcommands()["list"].format_help()
     assert all(topic in text for topic in TOPICS)
+
+
+def test_table_of_options_has_every_command() -> None:
+    assert [*OPTIONS] == [*SUBCOMMANDS]

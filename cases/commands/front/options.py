@@ -1,0 +1,348 @@
+"""Options of all commands, in one table."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from swarmstart.cases.commands.front.parsing import count, seed, share
+from swarmstart.cases.format.registry import KINDS, POLISHES, SEARCHES
+from swarmstart.cases.record.record import FIGURE_FORMATS
+
+SOLVERS = "solve,cpso,de,lshade+ipopt,repeated-ipopt,ipopt"
+"""Solvers that are compared by default."""
+RESULTS = "results"
+"""Folder of all records by default."""
+# The list has the same topics. It lies below this room, so a test compares them.
+TOPICS = {
+    "scenarios": "with kind, variants and run time",
+    "searches": "search algorithms, for --search",
+    "polishes": "local solvers that finish a search, for --polish",
+    "measures": "numbers that a run returns, with unit and meaning",
+    "kinds": "kinds of scenario",
+}
+"""The parts of `swarmstart list`, and what each shows."""
+SHELLS = ("bash", "zsh", "tcsh")
+"""Shells in which `swarmstart completion` completes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Option:
+    """An option or a word of a command, as argparse takes it.
+
+    Attributes:
+        names: Names of the option, with their dashes; the name alone of a word.
+        help: What it does.
+        more: The other arguments of `add_argument`.
+    """
+
+    names: tuple[str, ...]
+    help: str
+    more: Mapping[str, Any] = field(default_factory=dict)
+
+    def add_to(self, parser: argparse._ActionsContainer) -> None:
+        """Add it to a parser, or to a group of one."""
+        parser.add_argument(*self.names, help=self.help, **self.more)
+
+
+@dataclass(frozen=True, slots=True)
+class OneOf:
+    """Options of which a command takes one at most; argparse refuses two."""
+
+    options: tuple[Option, ...]
+
+    def add_to(self, parser: argparse.ArgumentParser) -> None:
+        """Add them to a parser."""
+        group = parser.add_mutually_exclusive_group()
+        for one in self.options:
+            one.add_to(group)
+
+
+def _option(*names: str, help: str, **more: Any) -> Option:
+    return Option(names, help, more)
+
+
+def _flag(*names: str, help: str) -> Option:
+    return Option(names, help, {"action": "store_true"})
+
+
+def _repeatable(*names: str, help: str, **more: Any) -> Option:
+    return Option(names, help, {"action": "append", "default": [], **more})
+
+
+def _out(what: str) -> Option:
+    return _option("--out", metavar="DIR", help=what)
+
+
+def _workers(what: str) -> Option:
+    return _option(
+        # None: the system does not say how many it has.
+        "--workers", type=count, default=os.cpu_count() or 1, metavar="N",
+        help=f"{what} (default: the number of cores)",
+    )  # fmt: skip
+
+
+_QUIET = _flag("-q", "--quiet", help="do not show progress on stderr")
+_JSON = _flag("--json", help="print one JSON object instead of text")
+_ONLY_JSON = _flag("--json", help="print one JSON object")
+_DRY_RUN = _flag(
+    "--dry-run", help="print the number of runs and the estimated time, then exit"
+)
+_SCENARIO = "name of a scenario (swarmstart list scenarios), or path of a YAML file"
+_CHANGES = (
+    _option(
+        "--variant", metavar="NAME",
+        help="variant of the scenario, e.g. literal (as printed) or corrected "
+        "(default: corrected, if the scenario has variants)",
+    ),
+    _repeatable(
+        "--set", metavar="KEY.PATH=VALUE", dest="assignments",
+        help="change one value of the scenario, e.g. prediction.intervals=80; "
+        "repeatable",
+    ),
+    _flag(
+        "--allow-python",
+        help="allow a scenario of kind python to run its Python file; do this only "
+        "with files that you trust",
+    ),
+)  # fmt: skip
+"""Options that change a scenario before it is run."""
+
+OPTIONS: Mapping[str, tuple[Option | OneOf, ...]] = {
+    "run": (
+        _option("scenario", metavar="SCENARIO", help=_SCENARIO),
+        *_CHANGES,
+        _option(
+            "--search", choices=[*SEARCHES], metavar="NAME",
+            help=f"search algorithm: {', '.join(SEARCHES)} (default: the one in the "
+            "scenario)",
+        ),
+        _option(
+            "--polish", metavar="NAME",
+            help=f"local solver after the search: {', '.join(POLISHES)}, or another "
+            "NLP solver of CasADi (default: the one in the scenario)",
+        ),
+        # Over several seeds --seed has no meaning.
+        OneOf((
+            _option(
+                "--seed", type=seed, default=0, metavar="N",
+                help="seed of all randomness: the same seed gives the same result "
+                "(default: 0)",
+            ),
+            _option(
+                "--seeds", type=count, metavar="N",
+                help="run the seeds 0 to N - 1 and print lowest, median and highest "
+                "values",
+            ),
+        )),
+        _workers("number of processes for --seeds"),
+        _option(
+            "--bound", metavar="TIME",
+            help="after the run, search for a proven bound of the cost, with the work "
+            "of about so long, such as 120s or 2m; the same work proves the same "
+            "everywhere; for scenarios that make one plan (default: no bound)",
+        ),
+        _out("folder of the record (default: results/SCENARIO/KEY)"),
+        _flag(
+            "--force",
+            help="write to --out even if it holds other files; only files that a "
+            "record has are replaced",
+        ),
+        _flag("--no-figures", help="do not draw figures"),
+        _repeatable(
+            "--format", choices=FIGURE_FORMATS, dest="formats",
+            help="file format of the figures; svg and pdf are vector formats; "
+            "repeatable (default: png)",
+        ),
+        _option(
+            "--animation", choices=["gif", "mp4"],
+            help="also draw an animation of the motion (default: none)",
+        ),
+        OneOf((
+            _flag(
+                "--measures",
+                help="also print all measures, with unit and meaning, and all claims",
+            ),
+            _JSON,
+        )),
+        _QUIET,
+        _repeatable(
+            "--fail-on", metavar="CONDITION",
+            help="exit with code 3 if this condition is true, e.g. 'tail_error_m > "
+            "1'; repeatable; '== null' tests for an undefined measure",
+        ),
+        _flag(
+            "--print-config",
+            help="print the scenario with all defaults as YAML, and exit without "
+            "running",
+        ),
+    ),
+    "replicate": (
+        OneOf((
+            _flag(
+                "--quick",
+                help="run one seed only; claims that need more are marked 'not judged'",
+            ),
+            _option(
+                "--seeds", type=count, metavar="N",
+                help="number of seeds for each run that uses randomness (default: "
+                "what each claim needs)",
+            ),
+        )),
+        _repeatable(
+            "--only", type=count, metavar="ID",
+            help="judge only the claim with this number; repeatable (default: all "
+            "claims)",
+        ),
+        _DRY_RUN,
+        _out("folder of the records (default: results/replication)"),
+        _workers("number of processes"),
+        OneOf((_JSON, _flag("--markdown", help="print a table in Markdown"))),
+        _QUIET,
+    ),
+    "compare": (
+        _option(
+            "scenarios", nargs="+", metavar="SCENARIO",
+            help="scenarios to compare on, or a plan: a YAML file with the key "
+            "`compare`",
+        ),
+        _option(
+            "--solvers", metavar="NAME,...",
+            help="solvers, such as lshade[size=60]+ipopt; repeated-ipopt is always "
+            f"added (default: {SOLVERS})",
+        ),
+        # No default values here: those of a plan come before those of the help.
+        _option(
+            "--seeds", type=count, metavar="N", help="number of seeds (default: 10)"
+        ),
+        _option(
+            "--budget", metavar="BUDGET",
+            help="budget of each planning problem: evaluations, such as 4000, or "
+            "seconds, such as 5s (default: 4000evals)",
+        ),
+        _option(
+            "--of", choices=["auto", "plan", "flight"],
+            help="compare single plans, or whole simulations (flight); auto: what the "
+            "scenario runs (default: auto)",
+        ),
+        *_CHANGES,
+        _option(
+            "--timeout", type=count, metavar="S",
+            help="time after which one run is stopped [s] (default: 300)",
+        ),
+        _option(
+            # None: not given, so that a plan's own `repair` counts.
+            "--repair", action=argparse.BooleanOptionalAction, default=None,
+            help="solve again, with a margin, if an answer breaks a constraint between "
+            "the checks; for all solvers alike (default: --repair)",
+        ),
+        _option(
+            "--bound", metavar="TIME",
+            help="then search for a proven bound of the cost, with the work of about "
+            "so long, such as 60s; for each scenario that is compared by single plans "
+            "(default: no bound)",
+        ),
+        _DRY_RUN,
+        _out("folder of the records (default: results/compare)"),
+        _flag(
+            "--times", help="also print wall times [s], which differ from run to run"
+        ),
+        _flag("--parquet", help="also write results.parquet and curves.parquet"),
+        _option(
+            "--baseline", metavar="DIR",
+            help="folder of an earlier comparison, to compare this one with (default: "
+            "none)",
+        ),
+        _option(
+            "--fail-on", choices=["regression"],
+            help="exit with code 3 if a solver is worse than in the baseline",
+        ),
+        _option(
+            # argparse formats a help with %, so that %% is printed as %.
+            "--margin", type=share, default=0.1, metavar="SHARE",
+            help="how much worse than in the baseline is accepted, such as 10%% "
+            "(default: 10%%)",
+        ),
+        _option(
+            "--engine", choices=["local", "dask"], default="local",
+            help="local: processes of this machine; dask: the workers of --scheduler "
+            "(default: local)",
+        ),
+        _option(
+            "--scheduler", metavar="ADDRESS",
+            help="address of the Dask scheduler, such as tcp://10.0.0.1:8786",
+        ),
+        _workers("number of processes"),
+        _JSON,
+        _QUIET,
+    ),
+    "report": (
+        _option(
+            "folders", nargs="+", metavar="DIR",
+            help="folder that run, compare or replicate wrote (their --out); of a "
+            "folder of records, the newest is taken",
+        ),
+        _repeatable(
+            "--format", choices=["html", "md", "latex"], dest="formats",
+            help="format of the page; repeatable (default: html and md)",
+        ),
+        _out("folder to write the files to (default: each record's own folder)"),
+        _QUIET,  # As the commands that leave records; `cli` reads it.
+    ),
+    "open": (
+        _option(
+            "folder", nargs="?", default=RESULTS, metavar="DIR",
+            help="folder of a record; of a folder of records, the newest is opened "
+            f"(default: {RESULTS})",
+        ),
+    ),
+    "new": (
+        _option(
+            "name", metavar="NAME",
+            help="name of the scenario, or path of the file; .yaml is appended if "
+            "missing",
+        ),
+        _option(
+            "--kind", choices=[*KINDS], default="problem", metavar="KIND",
+            help="problem: everything in the YAML file; python: the problem is a "
+            "function in NAME.py; formation_flight: UAVs that form a V past an "
+            "obstacle; of the other kinds the command says where to start (default: "
+            "problem)",
+        ),
+        _flag("--force", help="replace the files if they exist"),
+    ),
+    "list": (
+        _option(
+            "topic", nargs="?", default="", metavar="TOPIC",
+            help="; ".join(f"{name}: {what}" for name, what in TOPICS.items())
+            + "; any other word is searched for everywhere (default: an overview)",
+        ),
+        _option(
+            "text", nargs="?", default="", metavar="TEXT",
+            help="show only entries that contain this text; of measures, the name of "
+            "a kind or a scenario, or a path, selects its measures (default: all "
+            "entries)",
+        ),
+        _option(
+            "--kind", choices=[*KINDS], metavar="KIND",
+            help=f"show only scenarios and measures of this kind: {', '.join(KINDS)} "
+            "(default: all kinds)",
+        ),
+        _ONLY_JSON,
+    ),
+    "check": (_option("scenarios", nargs="+", metavar="SCENARIO", help=_SCENARIO),),
+    "schema": (
+        _option(
+            "kind", nargs="?", default="problem", metavar="KIND", choices=[*KINDS],
+            help=f"kind of scenario: {', '.join(KINDS)} (default: problem)",
+        ),
+    ),
+    "cache": (_flag("--clear", help="remove all files of the cache"), _ONLY_JSON),
+    "completion": (
+        _option("shell", choices=SHELLS, help="the shell to complete in"),
+    ),
+}  # fmt: skip
+"""Options of each command, in the order of its help."""
