@@ -277,13 +277,18 @@ def put_legend(
     if named:
         figure.legend(
             list(named.values()), list(named), loc="outside lower center",
-            ncols=_columns(named, room), fontsize="small", frameon=False,
+            ncols=columns_of_names(named, room), fontsize="small", frameon=False,
             handlelength=2.6,
         )  # fmt: skip
 
 
-def _columns(names: "Iterable[str]", room: int) -> int:
-    """Return how many names fit beside one another, in rows as even as can be."""
+def columns_of_names(names: "Iterable[str]", room: int) -> int:
+    """Return how many names fit beside one another, in rows as even as can be.
+
+    Args:
+        names: Of a legend.
+        room: Characters that fit beside one another, lines included.
+    """
     sizes = [len(name) + _HANDLE for name in names]
     rows = 1
     while -(-len(sizes) // rows) * max(sizes) > room and rows < len(sizes):

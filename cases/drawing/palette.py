@@ -22,21 +22,8 @@ DARK = (
 )  # fmt: skip
 DASHES = ("", "7 3", "2 2", "8 2 2 2", "12 3", "4 2 1 2", "1 3", "10 2 2 2 2 2",
           "5 5", "14 2 4 2", "3 2 3 5", "9 4 1 4")  # fmt: skip
-# Marks of about 7 units across, around (0, 0).
-MARKS = (
-    "M-3.2 0a3.2 3.2 0 1 0 6.4 0a3.2 3.2 0 1 0-6.4 0z",  # disc
-    "M-3-3h6v6h-6z",  # square
-    "M0-3.8l3.6 6.4h-7.2z",  # triangle
-    "M0 3.8l3.6-6.4h-7.2z",  # triangle, point down
-    "M0-4l3.4 4l-3.4 4l-3.4-4z",  # diamond
-    "M-1.2-3.6h2.4v2.4h2.4v2.4h-2.4v2.4h-2.4v-2.4h-2.4v-2.4h2.4z",  # plus
-    "M-3.8 0l6.4-3.6v7.2z",  # triangle, point left
-    "M3.8 0l-6.4-3.6v7.2z",  # triangle, point right
-    "M0-4l1.1 2.5l2.7.3l-2 1.8l.6 2.7l-2.4-1.4l-2.4 1.4l.6-2.7l-2-1.8l2.7-.3z",  # star
-    "M-3.6-1.4h7.2v2.8h-7.2z",  # bar
-    "M-1.4-3.6h2.8v7.2h-2.8z",  # bar, upright
-    "M-3.6-3.6l7.2 7.2v-7.2l-7.2 7.2z",  # hourglass
-)
+MARKS = ("o", "s", "^", "v", "D", "P", "<", ">", "*", "d", "p", "X")
+"""Of matplotlib."""
 
 # Of the page: ground and text, marks of quality, lines. Contrast of text at
 # least 4.5:1, of the border of something to press 3:1.
@@ -56,7 +43,7 @@ def style_sheet() -> str:
     """Return the CSS of the colours: light, dark by choice or by the system, print.
 
     A series of class `s3` has its line in `stroke`, its mark in `fill` of the fourth
-    solver; `s3 band` is its band.
+    solver; charts name the colours as variables.
     """
     light = _variables(LIGHT_PAGE, LIGHT)
     dark = _variables(DARK_PAGE, DARK)
@@ -67,11 +54,9 @@ def style_sheet() -> str:
         f":root[data-theme=dark]{{color-scheme:dark;{dark}}}",
         f"@media print{{:root:root{{color-scheme:light;{light}}}}}",
     ]
-    for number, dash in enumerate(DASHES):
-        rules += [
-            f".s{number}{{stroke:var(--s{number});fill:var(--s{number})}}",
-            f".line.s{number}{{stroke-dasharray:{dash.replace(' ', ',') or 'none'}}}",
-        ]
+    rules += [
+        f".s{k}{{stroke:var(--s{k});fill:var(--s{k})}}" for k in range(len(LIGHT))
+    ]
     return "\n".join(rules) + "\n"
 
 

@@ -1,6 +1,6 @@
 """Figures of one scenario over many seeds: bands of the states, spread of a measure."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,6 +10,7 @@ from swarmstart.cases.drawing.vehicles import band_name
 from swarmstart.cases.format.document import counted
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 MOST_STATES = 12
@@ -43,14 +44,8 @@ def _bands(content: Mapping[str, Any]) -> "Figure":
     figure, axes = _grid(len(chosen))
     # Not strict: the last row of the grid may have panels too many.
     for panel, (name, band) in zip(axes, chosen, strict=False):
-        low, median, high = (
-            np.array(band[side], dtype=float) for side in ("low", "median", "high")
-        )
-        panel.fill_between(time, low, high, color=COLOURS[0], alpha=0.3, lw=0)
-        panel.plot(time, median, color=COLOURS[0], lw=1.2)
-        label, unit = band_name(name, content)
-        words = f"{label} [{unit}]" if unit else label
-        panel.set_title(escaped(words), fontsize="small")
+        draw_band(panel, time, band)
+        panel.set_title(escaped(band_label(name, content)), fontsize="small")
         panel.tick_params(labelsize="small")
     left = len(states) - len(chosen)
     noun = "state is" if left == 1 else "states are"
@@ -61,6 +56,28 @@ def _bands(content: Mapping[str, Any]) -> "Figure":
         f"median and 10 to 90 % of {counted(runs, 'run')}{more}", fontsize="medium"
     )
     return figure
+
+
+def draw_band(axes: "Axes", time: Sequence[float], band: Mapping[str, Any]) -> None:
+    """Draw the median of a state over time in its band.
+
+    Args:
+        axes: The panel.
+        time: Instants [s].
+        band: "low", "median" and "high" at each; None: not known.
+    """
+    low, median, high = (
+        np.array(band[side], dtype=float) for side in ("low", "median", "high")
+    )
+    axes.fill_between(time, low, high, color=COLOURS[0], alpha=0.3, lw=0)
+    axes.plot(time, median, color=COLOURS[0], lw=1.2)
+
+
+def band_label(name: str, content: Mapping[str, Any]) -> str:
+    """Return name and unit of a state in words; as a band says it, or its name."""
+    label, unit = band_name(name, content)
+    unit = content["bands"]["states"][name].get("unit") or unit
+    return f"{label} [{unit}]" if unit else label
 
 
 def _spread(varied: Mapping[str, list[float]], runs: int) -> "Figure":

@@ -2,11 +2,11 @@
 
 import bisect
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from swarmstart.cases.drawing.drawing import colour
 from swarmstart.cases.drawing.report import svg
 from swarmstart.cases.drawing.report.figure import Figure
-from swarmstart.cases.drawing.report.svg import Axis
 from swarmstart.cases.drawing.wording import (
     is_number,
     listed,
@@ -17,7 +17,9 @@ from swarmstart.cases.drawing.wording import (
 )
 from swarmstart.cases.format.document import counted
 
-LEFT, RIGHT, TOP, BOTTOM = 64.0, 586.0, 30.0, 280.0
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 FLOOR = 1e-6  # The least gap that is drawn; IPOPT's own tolerance is 1e-8.
 
 Curve = tuple[list[float], list[Any], list[Any], list[Any]]
@@ -49,11 +51,6 @@ def convergence(
     curves = {solver: curve for solver, curve in curves.items() if curve[0]}
     if not curves:
         return None
-    every = [value for curve in curves.values() for part in curve[1:] for value in part]
-    y = svg.axis_over(
-        every, BOTTOM, TOP, is_log=is_gap,
-        label="gap to the best known cost (relative)" if is_gap else _word(sense),
-    )  # fmt: skip
     runs = max(row["runs"] for row in scenario["rows"])
     caption = (
         f"The best feasible answer so far, median (line), lowest and highest (band) of "
@@ -66,9 +63,10 @@ def convergence(
             else "No cost is known that differs from zero: no gap is drawn."
         )
     )
-    lines = [share for share in near if is_gap and y.low < share < y.high]
     return _curves(
-        curves, numbers, y=y, across="evaluations", points=points, targets=lines,
+        curves, numbers, across="evaluations", points=points,
+        targets=near if is_gap else (), scale="log" if is_gap else "linear",
+        label="gap to the best known cost (relative)" if is_gap else _word(sense),
         identity=identity, title=f"Convergence: {_title(scenario)}", caption=caption,
     )  # fmt: skip
 
@@ -96,8 +94,8 @@ def reached(
     if not curves:
         return None
     return _curves(
-        curves, numbers, y=_share_axis("share of targets reached"),
-        across="evaluations", points=points, identity=identity,
+        curves, numbers, label="share of targets reached", across="evaluations",
+        points=points, identity=identity,
         title=f"Targets reached: {_title(scenario)}",
         caption="Share of pairs of a seed and a target (51 costs, spaced "
         "logarithmically towards the best known one) reached after so many "
@@ -123,7 +121,7 @@ def profile(
         return None
     quantity = given["quantity"]
     return _curves(
-        curves, numbers, y=_share_axis("share of scenarios and seeds"),
+        curves, numbers, label="share of scenarios and seeds",
         across=f"times the {quantity} of the quickest", points=points,
         identity="profile", title="Performance profile",
         caption=f"Share of pairs of a scenario and a seed that a solver brings within "
@@ -154,35 +152,35 @@ def _curves(  # noqa: PLR0913
     curves: Mapping[str, Curve],
     numbers: Mapping[str, int],
     *,
-    y: Axis,
+    label: str,
     across: str,
     points: int,
     identity: str,
     title: str,
     caption: str,
     targets: Sequence[float] = (),
+    scale: str = "share",
 ) -> Figure:
-    """Return a figure of step curves with bands over one logarithmic axis."""
+    """Return a figure of step curves with bands over one logarithmic axis.
+
+    The scale of the vertical axis is "log", "linear" or "share", which is from 0 to 1.
+    """
     places = [place for curve in curves.values() for place in curve[0]]
-    x = svg.axis_over(places, LEFT, RIGHT, label=across, is_log=True, margin=0.015)
-    bands, lines = [], []
+    chart, axes = svg.new_chart()
     for name, curve in curves.items():
-        kept = svg.thinned(len(curve[0]), points)
-        at = [x.at(curve[0][k]) for k in kept]
-        middle, low, high = (
-            [(px, y.at(part[k])) for px, k in zip(at, kept, strict=True)]
-            for part in curve[1:]
-        )
-        series = numbers[name]
-        bands.append(svg.band(low, high, series, is_step=True))
-        lines.append(svg.line(middle, series, name, is_step=True))
-        # Marks of different series at different places, or they cover each other.
-        every = max(6, len(middle) // 4)
-        for k in range(series % 3 + 1, len(middle) - 1, every):
-            lines.append(svg.mark(*middle[k], series))
-        lines.append(svg.mark(*middle[-1], series))
-    for level in map(y.at, targets):
-        lines.append(svg.stroke([(LEFT, level), (RIGHT, level)], "target"))
+        _draw(axes, name, curve, numbers[name], points, is_many=len(curves) > _MANY)
+    axes.set(title=label, xlabel=across)
+    axes.margins(x=0.015)
+    svg.make_logarithmic(axes.xaxis)
+    if scale == "log":
+        svg.make_logarithmic(axes.yaxis)
+    elif scale == "share":
+        axes.set_ylim(0, 1)
+    low, high = axes.get_ylim()
+    for target in targets:
+        if low < target < high:
+            axes.axhline(target, **svg.TARGET)
+    svg.name_series(chart)
     names = list(curves)
     asked = _asked(places, points)
     rows = [
@@ -198,16 +196,27 @@ def _curves(  # noqa: PLR0913
     ]
     return Figure(
         identity=identity, title=title, caption=caption, columns=[across, *names],
-        chart=svg.frame(x, y) + _grouped(bands) + "".join(lines),
-        rows=rows, values=values,
-        legend=[(numbers[name], name) for name in names], across=x,
+        chart=chart, rows=rows, values=values, follows="across",
     )  # fmt: skip
 
 
-def _grouped(bands: Sequence[str]) -> str:
-    """Return the bands, drawn behind all lines; many bands are fainter."""
-    name = "many" if len(bands) > _MANY else "few"
-    return f'<g class="{name}">{"".join(bands)}</g>'
+def _draw(
+    axes: "Axes", name: str, curve: Curve, series: int, points: int, *, is_many: bool
+) -> None:
+    """Draw a solver's line with marks above its band; many bands are fainter."""
+    kept = svg.thinned(len(curve[0]), points)
+    x, middle, low, high = ([part[k] for k in kept] for part in curve)
+    axes.fill_between(
+        x, low, high, step="post", lw=0, color=colour(series),
+        alpha=0.07 if is_many else 0.13,
+    )  # fmt: skip
+    # Marks of different series at different places, or they cover each other.
+    marked = {*range(series % 3 + 1, len(x), max(6, len(x) // 4)), len(x) - 1}
+    axes.plot(
+        x, middle, drawstyle="steps-post", markevery=sorted(marked),
+        label=svg.label_of_series(name), gid=svg.titled(name),
+        **svg.series_style(series),
+    )  # fmt: skip
 
 
 _MANY = 5  # Bands; more of them, one over the other, hide the lines.
@@ -256,10 +265,6 @@ def _asked(places: Sequence[float], points: int) -> list[float]:
     """Return the places of the table of values: those of all curves, thinned."""
     whole = sorted(set(places))
     return [whole[k] for k in svg.thinned(len(whole), points)]
-
-
-def _share_axis(label: str) -> Axis:
-    return Axis(low=0.0, high=1.0, start=BOTTOM, end=TOP, label=label)
 
 
 def _gap(cost: object, best: float) -> float | None:

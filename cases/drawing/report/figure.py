@@ -1,79 +1,77 @@
-"""A figure of a page: chart, legend, caption, table of values, values to download."""
+"""A figure of a page: chart, caption, table of values, values to download."""
 
 import csv
 import io
 import urllib.parse
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from swarmstart.cases.drawing.page import cleaned
-from swarmstart.cases.drawing.report import svg
-from swarmstart.cases.drawing.report.svg import Axis, text_of
+from swarmstart.cases.drawing.report.svg import WIDTH, as_svg, size_of, text_of
 from swarmstart.cases.drawing.wording import shortened
 
-_NARROW = 600  # Wider ones scroll on a small screen, or their text is too small.
-_NAME = 40  # Letters of a solver's name in a legend.
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Chart
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Figure:
-    """Chart with its legend, caption and values.
+    """Chart with its caption and values.
 
     Attributes:
         identity: Letters, digits and hyphens; the figure's id, and its file's name.
         title: Its subject in a few words; the accessible name, too.
         caption: Runs, budget, target and test, in a sentence or two.
-        chart: Markup within the `svg` element.
-        width: Of the view box.
-        height: Of the view box.
+        chart: Drawn by matplotlib; with `follows`, in one panel.
         columns: Headings of the table of values.
         rows: The table of values, in words; the first cell heads the row.
-        legend: Names of series with their numbers.
         values: Rows of the file to download, its headings first; empty for none.
-        across: The axis along which rows lie, for the values under the pointer: their
-            first cells are then values of it.
-        levels: In place of `across`: where each row lies in the chart, from the top.
+        follows: How the values under the pointer are found: "across": the first cells
+            of the rows are values of the horizontal axis; "levels": row k of the table
+            is drawn at the height k; empty: they are not shown.
     """
 
     identity: str
     title: str
     caption: str
-    chart: str
-    width: int = 600
-    height: int = 330
+    chart: "Chart"
     columns: Sequence[str]
     rows: Sequence[Sequence[str]]
-    legend: Sequence[tuple[int, str]] = ()
     values: Sequence[Sequence[Any]] = field(default=())
-    across: Axis | None = None
-    levels: Sequence[float] = ()
+    follows: str = ""
 
     def __html__(self) -> str:
         """Return the markup."""
         name = text_of(self.title)  # `identity` is ours: nothing in it to escape.
+        width, height = size_of(self.chart)
+        # Wider ones scroll on a small screen, or their text is too small.
+        wide = " wide" if width > WIDTH else ""
         return (
-            f'<figure class="chart{self._wide()}" id="{self.identity}">'
-            '<div class="scroll">'
-            f'<svg viewBox="0 0 {self.width} {self.height}" role="img" tabindex="0" '
-            f'aria-label="{name}"{self._places()}>{self.chart}</svg></div>'
-            f"{legend(self.legend)}<figcaption><b>{name}.</b> {text_of(self.caption)}"
+            f'<figure class="chart{wide}" id="{self.identity}"><div class="scroll">'
+            f'<svg viewBox="0 0 {width} {height}" role="img" tabindex="0" '
+            f'aria-label="{name}"{self._places(height)}>'
+            f"{as_svg(self.chart, salt=self.identity)}</svg></div>"
+            f"<figcaption><b>{name}.</b> {text_of(self.caption)}"
             f"</figcaption>{self._table()}</figure>\n"
         )
 
-    def _wide(self) -> str:
-        return " wide" if self.width > _NARROW else ""
-
-    def _places(self) -> str:
+    def _places(self, height: int) -> str:
         """Return the places of the values, for the script that shows those nearby."""
-        if self.across is not None:
-            axis = self.across
-            kind = "log" if axis.is_log else "linear"
-            ends = f"{axis.low:.6g} {axis.high:.6g} {axis.start:g} {axis.end:g}"
-            return f' data-across="{kind} {ends}"'
-        if self.levels:
-            return f' data-levels="{" ".join(f"{y:.0f}" for y in self.levels)}"'
-        return ""
+        if not self.follows:
+            return ""
+        axes = self.chart.axes[0]
+        (left, low), (right, high) = axes.bbox.get_points()
+        if self.follows == "levels":
+            ups = [axes.transData.transform((1, k))[1] for k in range(len(self.rows))]
+            places = " ".join(f"{height - up:.0f}" for up in ups)
+        else:
+            begin, end = axes.get_xlim()
+            places = (
+                f"{axes.get_xscale()} {begin:.6g} {end:.6g} {left:.1f} {right:.1f} "
+                f"{height - high:.0f} {height - low:.0f}"
+            )
+        return f' data-{self.follows}="{places}"'
 
     def _table(self) -> str:
         if not self.rows:
@@ -101,17 +99,6 @@ class Figure:
             f'href="data:text/csv;charset=utf-8,{text_of(address)}">'
             f"Download {self.identity}.csv</a></p>"
         )
-
-
-def legend(series: Sequence[tuple[int, str]]) -> str:
-    """Return a list of series' samples and names; nothing for none."""
-    if not series:
-        return ""
-    items = "".join(
-        f"<li>{svg.key(place)}{text_of(shortened(name, _NAME))}"
-        for place, name in series
-    )
-    return f'<ul class="legend">{items}</ul>'
 
 
 def csv_of(rows: Sequence[Sequence[Any]]) -> str:

@@ -27,46 +27,14 @@ _COLOURS = 12
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Frame:
-    """Size and edges of a panel, its name, ticks, and the panel in words.
+class PanelDrawn:
+    """A panel as its template takes it: edges, name, ticks, lines, itself in words.
 
     Attributes:
         label: Name and unit.
         x_ticks: (place, text).
         y_ticks: (place, text).
         alt: The panel in words.
-    """
-
-    label: str
-    x_ticks: Sequence[tuple[float, str]]
-    y_ticks: Sequence[tuple[float, str]]
-    alt: str
-    width: float = PANEL[0]
-    height: float = PANEL[1]
-    left: float = LEFT
-    right: float = RIGHT
-    top: float = TOP
-    bottom: float = BOTTOM
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class BandDrawn(Frame):
-    """A band over time as its template takes it.
-
-    Attributes:
-        area: Path of the band.
-        line: Path of the median.
-    """
-
-    area: str
-    line: str
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class PanelDrawn(Frame):
-    """A panel as its template takes it.
-
-    Attributes:
         traces: (number of the colour, path) of each line.
         levels: (place, text) of bounds and other limits.
         crosses: Path of the marks of what failed; empty: none.
@@ -76,6 +44,10 @@ class PanelDrawn(Frame):
         held: Whether they are held.
     """
 
+    label: str
+    x_ticks: Sequence[tuple[float, str]]
+    y_ticks: Sequence[tuple[float, str]]
+    alt: str
     traces: Sequence[tuple[int, str]]
     levels: Sequence[tuple[float, str]] = ()
     crosses: str = ""
@@ -83,6 +55,12 @@ class PanelDrawn(Frame):
     times: Sequence[float | None] = ()
     values: Sequence[float | None] = ()
     held: bool = False
+    width: float = PANEL[0]
+    height: float = PANEL[1]
+    left: float = LEFT
+    right: float = RIGHT
+    top: float = TOP
+    bottom: float = BOTTOM
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -187,40 +165,8 @@ def solver_panel(tracks: Tracks) -> PanelDrawn | None:
     )
 
 
-def band_panel(
-    name: str, unit: str, times: Array, band: tuple[Array, Array, Array]
-) -> BandDrawn:
-    """Return a panel of lowest, median and highest values over time.
-
-    Args:
-        name: Of the quantity.
-        unit: Its unit; may be empty.
-        times: Shape (n,) [s].
-        band: Lowest, median and highest values, each (n,).
-    """
-    times, rows = reduced(times, np.stack(band), MOST_POINTS)
-    finite = rows[np.isfinite(rows)]
-    vertical, across = _vertical(finite), _across(float(times[-1]), float(times[0]))
-    x, (low, median, high) = across.at(times), (vertical.at(row) for row in rows)
-    kept = np.isfinite(low) & np.isfinite(high)
-    outline = [*zip(x[kept], low[kept], strict=True)]
-    outline += [*zip(x[kept], high[kept], strict=True)][::-1]
-    label = f"{name} [{unit}]" if unit else name
-    return BandDrawn(
-        label=label,
-        x_ticks=_x_ticks(across),
-        y_ticks=_y_ticks(vertical),
-        alt=_told(label, finite),
-        area="M" + "L".join(f"{_n(a)} {_n(b)}" for a, b in outline) + "z"
-        if outline
-        else "",
-        line=path(x, median, held=False),
-    )
-
-
-def _across(end: float, begin: float = 0.0) -> _Axis:
-    most = end if end > begin else begin + 1.0
-    return _Axis(least=begin, most=most, begin=LEFT, end=RIGHT)
+def _across(end: float) -> _Axis:
+    return _Axis(least=0.0, most=end if end > 0 else 1.0, begin=LEFT, end=RIGHT)
 
 
 def _vertical(values: Array, *, is_log: bool = False, from_zero: bool = False) -> _Axis:

@@ -16,7 +16,7 @@ from pathlib import Path, PurePath
 from swarmstart.cases.format.registry import words_of
 from swarmstart.cases.record.record import FIGURES
 
-PAGE_BYTES = 2_000_000
+PAGE_BYTES = 3_000_000
 """Of a page."""
 MOST_FILE_BYTES = 20_000_000
 """Of a figure that is opened."""

@@ -1,12 +1,14 @@
 """Figures with a row or a mark for each solver: costs, seconds, ranks, false claims."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from swarmstart.cases.drawing import palette
+from swarmstart.cases.drawing.drawing import colour
+from swarmstart.cases.drawing.page import cleaned
 from swarmstart.cases.drawing.report import svg
-from swarmstart.cases.drawing.report.curves import BOTTOM, FLOOR, RIGHT, TOP
+from swarmstart.cases.drawing.report.curves import FLOOR
 from swarmstart.cases.drawing.report.figure import Figure
-from swarmstart.cases.drawing.report.svg import Axis
 from swarmstart.cases.drawing.wording import (
     NOT_FEASIBLE,
     NOT_MEASURED,
@@ -20,8 +22,12 @@ from swarmstart.cases.drawing.wording import (
     stated_cost,
 )
 
-_NAMES = 180.0  # Where rows begin, right of the solvers' names.
-_ROW = 26.0
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure as Chart
+
+_NAMES, _COUNTS, _END = 180, 98, 14  # Room left of rows, and right of them.
+_ROW, _BELOW, _ABOVE = 26, 50, 8
 _LETTERS = 20
 _GOLDEN = 0.6180339887  # Spreads any number of seeds evenly over a row's height.
 _FAR = 0.5  # A gap from which on costs are drawn as gaps, on a logarithmic axis.
@@ -45,29 +51,26 @@ def costs(
     is_far = bool(best) and any(_away(cost, best) > _FAR for cost in every)
     placed = [_gaps(part, best) for part in found] if is_far else found
     label = "value (the more, the better)" if sense == -1 else "cost"
-    x = svg.axis_over(
-        # 84 at the right end are for the numbers of feasible runs.
-        [place for part in placed for place in part], _NAMES, RIGHT - 84,
-        label="gap to the best known (relative)" if is_far else label, is_log=is_far,
-    )  # fmt: skip
-    levels, bottom = _levels(len(rows))
-    parts = [svg.frame(x, _upright(bottom), has_y_ticks=False, tick_gap=62)]
-    if best is not None and not is_far:
-        parts.append(svg.stroke([(x.at(best), TOP), (x.at(best), bottom)], "target"))
-    table = []
-    for row, part, at, level in zip(rows, found, placed, levels, strict=True):
-        table.append(_summary(row["solver"], part))
-        parts.append(_strip(row["solver"], at, numbers[row["solver"]], x, level))
+    chart, axes = _rows([row["solver"] for row in rows], numbers, right=_COUNTS)
+    for level, (row, at) in enumerate(zip(rows, placed, strict=True)):
+        _strip(axes, level, row["solver"], at, numbers[row["solver"]])
+    if is_far:
+        svg.make_logarithmic(axes.xaxis, ticks=6)
+    elif best is not None:
+        axes.axvline(best, **svg.TARGET)
+    axes.set_xlabel("gap to the best known (relative)" if is_far else label)
     return Figure(
         identity=identity, title=f"Spread over seeds: {_title(scenario)}",
         caption=f"Verified {'value' if sense == -1 else 'cost'} of each feasible run "
         "(dots, one a seed; their height within a row means nothing), middle half "
         f"(box) and median (bar); right: feasible runs of all. Budget {budget}. "
         f"{_axis_in_words(is_far)}",
-        chart="".join(parts), height=round(bottom + 50), levels=levels,
+        chart=chart, follows="levels",
         columns=["solver", "runs", "feasible", "lowest", "quarter", "median",
                  "three quarters", "highest"],
-        rows=table, values=_by_seed(rows, found, sense),
+        rows=[_summary(row["solver"], part)
+              for row, part in zip(rows, found, strict=True)],
+        values=_by_seed(rows, found, sense),
     )  # fmt: skip
 
 
@@ -88,21 +91,21 @@ def seconds_and_success(
     ]
     if not rows:
         return None
-    x = svg.axis_over(
-        [row["seconds_p50"] for row in rows], 64, RIGHT, is_log=True, margin=0.08,
-        label="seconds a run (median)",
-    )  # fmt: skip
-    y = Axis(low=-0.03, high=1.03, start=BOTTOM, end=TOP, label="success rate")
-    parts = [svg.frame(x, y)]
+    chart, axes = svg.new_chart()
     for row in rows:
-        place, share = x.at(row["seconds_p50"]), rate(row) or 0.0
-        name = row["solver"]
+        place, share, name = row["seconds_p50"], rate(row) or 0.0, row["solver"]
+        style = svg.series_style(numbers[name])
         ends = row["near_intervals"]
         if ends is not None and all(is_number(end) for end in ends[0]):
-            whisker = [(place, y.at(end)) for end in ends[0]]
-            parts.append(svg.line(whisker, numbers[name], "", is_step=False))
-        told = f"{name}: {number(row['seconds_p50'], digits=4)} s, {percent(share)}"
-        parts.append(svg.mark(place, y.at(share), numbers[name], told))
+            axes.plot([place] * 2, ends[0], **{**style, "marker": None})
+        told = f"{name}: {number(place, digits=4)} s, {percent(share)}"
+        axes.plot(
+            place, share, label=svg.label_of_series(name), gid=svg.titled(told), **style
+        )
+    axes.set(title="success rate", xlabel="seconds a run (median)", ylim=(-0.03, 1.03))
+    axes.margins(x=0.08)
+    svg.make_logarithmic(axes.xaxis)
+    svg.name_series(chart)
     noisy = (
         " The machine was busy with other work: compare no seconds."
         if content["is_noisy"]
@@ -114,7 +117,7 @@ def seconds_and_success(
         f"{percent(content['near'][0])} of the best known cost, with Wilson's 95 % "
         "interval, over the solver's own seconds (without building and compiling). "
         f"Budget {content['budget_text']}. Higher and further left is better.{noisy}",
-        chart="".join(parts),
+        chart=chart,
         columns=["solver", "seconds (median)", "success rate", "95 % interval"],
         rows=[
             [shortened(row["solver"]), number(row["seconds_p50"], digits=4),
@@ -126,7 +129,6 @@ def seconds_and_success(
              *((row["near_intervals"] or [[None, None]])[0])]
             for row in rows
         ],
-        legend=[(numbers[row["solver"]], row["solver"]) for row in rows],
     )  # fmt: skip
 
 
@@ -138,17 +140,15 @@ def ranks(content: Mapping[str, Any], *, numbers: Mapping[str, int]) -> Figure |
     )
     if not given:
         return None
-    levels, bottom = _levels(len(given))
-    ends = [rank[end] for rank in given for end in ("low", "mean", "high")]
-    x = svg.axis_over([1, *ends], _NAMES, RIGHT, label="mean rank (1 is the best)")
-    parts = [svg.frame(x, _upright(bottom), has_y_ticks=False)]
-    for rank, level in zip(given, levels, strict=True):
-        series, middle = numbers[rank["solver"]], level + _ROW / 2
-        parts.append(_name(rank["solver"], series, middle))
+    chart, axes = _rows([rank["solver"] for rank in given], numbers)
+    for level, rank in enumerate(given):
+        style = svg.series_style(numbers[rank["solver"]])
         if is_number(rank["low"]) and is_number(rank["high"]):
-            whisker = [(x.at(rank["low"]), middle), (x.at(rank["high"]), middle)]
-            parts.append(svg.line(whisker, series, rank["solver"], is_step=False))
-        parts.append(svg.mark(x.at(rank["mean"]), middle, series, rank["solver"]))
+            ends = [rank["low"], rank["high"]]
+            axes.plot(ends, [level] * 2, **{**style, "marker": None})
+        axes.plot(rank["mean"], level, gid=svg.titled(rank["solver"]), **style)
+    axes.update_datalim([(1, 0)])
+    axes.set_xlabel("mean rank (1 is the best)")
     told = [
         [rank["solver"], *(number(rank[k], digits=4) for k in ("mean", "low", "high"))]
         for rank in given
@@ -159,7 +159,7 @@ def ranks(content: Mapping[str, Any], *, numbers: Mapping[str, int]) -> Figure |
         f"the seeds of each of {len(content['scenarios'])} scenarios, with the 95 % "
         "interval from resampling the scenarios (bootstrap). "
         f"Budget {content['budget_text']}.",
-        chart="".join(parts), height=round(bottom + 50), levels=levels,
+        chart=chart, follows="levels",
         columns=["solver", "mean rank", "low", "high"], rows=told,
         values=[["solver", "mean", "low", "high"]] + [
             [rank["solver"], rank["mean"], rank["low"], rank["high"]] for rank in given
@@ -172,31 +172,27 @@ def judged(content: Mapping[str, Any], *, numbers: Mapping[str, int]) -> Figure 
     totals = claims_by_solver(content)
     if not totals:
         return None
-    levels, bottom = _levels(len(totals))
-    x = Axis(low=0.0, high=100.0, start=_NAMES, end=RIGHT, label="per cent of all runs")
-    parts = [svg.frame(x, _upright(bottom), has_y_ticks=False)]
-    for total, level in zip(totals, levels, strict=True):
-        name, runs, _, claimed, false = total
-        parts.append(_name(name, numbers[name], level + _ROW / 2))
+    chart, axes = _rows([name for name, *_ in totals], numbers)
+    page = palette.LIGHT_PAGE
+    for level, (_, runs, _, claimed, false) in enumerate(totals):
         honest = max(claimed - false, 0)
-        at = 0.0
-        for count, kind in ((honest, "confirmed"), (false, "refused")):
-            width = 100.0 * count / runs
-            if width:
-                begin, end = x.at(at), x.at(min(at + width, 100.0))
-                parts.append(
-                    f'<rect class="{kind}" x="{begin:.1f}" y="{level + 4:.1f}" '
-                    f'width="{end - begin:.1f}" height="{_ROW - 8:.0f}">'
-                    f"<title>{kind}: {count} of {runs}</title></rect>"
-                )
-            at += width
+        for kind, count, left, look in (
+            ("confirmed", honest, 0, {"color": colour(3)}),
+            ("refused", false, honest, {"fc": page["ground"], "ec": page["bad"],
+                                        "lw": 2.5, "ls": (0, (3, 2))}),
+        ):  # fmt: skip
+            told = svg.titled(f"{kind}: {count} of {runs}")
+            width, begin = 100 * count / runs, 100 * left / runs
+            if count:  # Nothing is not an edge.
+                axes.barh(level, width, 0.7, left=begin, gid=told, **look)
+    axes.set(xlim=(0, 100), xlabel="per cent of all runs")
     return Figure(
         identity="judged", title="Claimed and verified, all scenarios",
         caption="Runs whose claim was confirmed along the whole path on a grid ten "
         "times finer (plain), and false successes (dashed edge): claimed feasible but "
         "not confirmed, or a claimed cost off by more than "
         f"{percent(content['near'][0])}. The rest claimed nothing, or failed.",
-        chart="".join(parts), height=round(bottom + 50), levels=levels,
+        chart=chart, follows="levels",
         columns=["solver", "runs", "feasible", "claimed feasible", "false successes"],
         rows=[[name, *(str(count) for count in rest)] for name, *rest in totals],
         values=[["solver", "runs", "feasible", "claimed_feasible", "false_successes"],
@@ -237,34 +233,47 @@ def _axis_in_words(is_far: bool) -> str:
     )
 
 
+def _rows(
+    names: Sequence[str], numbers: Mapping[str, int], *, right: float = _END
+) -> "tuple[Chart, Axes]":
+    """Return a chart with a row for each solver, its name and mark left of it."""
+    chart, axes = svg.new_chart(
+        height=_ROW * len(names) + _BELOW + _ABOVE,
+        margins=(_NAMES, right, _BELOW, _ABOVE),
+    )
+    words = [cleaned(shortened(name, _LETTERS)) for name in names]
+    axes.set_yticks(range(len(names)), words, color="black")
+    axes.set_ylim(len(names) - 0.5, -0.5)  # The first one is on top.
+    axes.tick_params(axis="y", length=0, pad=22)
+    axes.grid(visible=False, axis="y")
+    axes.use_sticky_edges = False
+    for level, name in enumerate(names):
+        style = {**svg.series_style(numbers[name]), "ls": "none"}
+        place = axes.get_yaxis_transform()
+        axes.plot(-0.03, level, transform=place, clip_on=False, **style)
+    return chart, axes
+
+
 def _strip(
-    name: str, part: Sequence[float | None], series: int, x: Axis, level: float
-) -> str:
-    """Return one solver's row: name, box, median, dots, number of feasible runs."""
-    middle = level + _ROW / 2
+    axes: "Axes", level: int, name: str, part: Sequence[float | None], series: int
+) -> None:
+    """Draw one solver's row: box, median, dots, number of feasible runs."""
     known = [(seed, cost) for seed, cost in enumerate(part) if cost is not None]
     whole = f"{len(known)} of {len(part)}"
-    end = svg.words_at(RIGHT, middle + 4, whole, anchor="end")
+    place = axes.get_yaxis_transform()
+    axes.text(1.26, level, whole, transform=place, ha="right", va="center")
     if not known:
-        return _name(name, series, middle) + end
-    half = quantile(part, 0.5)
-    left, bar, right = (x.at(quantile(part, q) or 0.0) for q in (0.25, 0.5, 0.75))
-    dots = [
-        (x.at(cost), middle + 14 * ((seed * _GOLDEN) % 1 - 0.5)) for seed, cost in known
-    ]
-    # At least half a unit: a box without a width is not drawn.
-    box = (
-        f'<rect class="box s{series % svg.SERIES}" x="{left:.1f}" y="{level + 3:.1f}" '
-        f'width="{max(right - left, 0.5):.1f}" height="{_ROW - 6:.0f}"/>'
-    )
-    half_line = [(bar, level + 3), (bar, level + _ROW - 3)]
-    return (
-        _name(name, series, middle)
-        + box
-        + svg.dots(dots, series, f"{name}: median {number(half)}, {whole} feasible")
-        + svg.stroke(half_line, "median")
-        + end
-    )
+        return
+    left, half, right = (quantile(part, q) or 0.0 for q in (0.25, 0.5, 0.75))
+    own = colour(series)
+    axes.barh(level, right - left, 0.77, left=left, fc=(own, 0.12), ec=own)
+    svg.draw_dots(
+        axes,
+        [(cost, level + 0.54 * ((seed * _GOLDEN) % 1 - 0.5)) for seed, cost in known],
+        lw=5.5, alpha=0.6, ec=own,
+        gid=svg.titled(f"{name}: median {number(half)}, {whole} feasible"),
+    )  # fmt: skip
+    axes.plot([half] * 2, [level - 0.38, level + 0.38], color="black", lw=3)
 
 
 def _by_seed(
@@ -288,25 +297,9 @@ def _summary(name: str, part: Sequence[float | None]) -> list[str]:
     return [shortened(name), str(len(part)), str(len(known)), *told]
 
 
-def _name(name: str, series: int, middle: float) -> str:
-    """Return a solver's name and mark, left of its row."""
-    mark = svg.mark(_NAMES - 12, middle, series)
-    words = shortened(name, _LETTERS)
-    return mark + svg.words_at(_NAMES - 22, middle + 4, words, anchor="end", name="n")
-
-
 def _away(value: float, best: float | None) -> float:
     """Return the gap of a cost or value, at least the smallest one drawn."""
     return max(abs(value - best) / abs(best), FLOOR) if best else 0.0
-
-
-def _levels(rows: int) -> tuple[list[float], float]:
-    """Return the tops of the rows, and the chart's bottom."""
-    return [TOP + _ROW * k for k in range(rows)], TOP + _ROW * rows
-
-
-def _upright(bottom: float) -> Axis:
-    return Axis(low=0.0, high=1.0, start=bottom, end=TOP)
 
 
 def _title(scenario: Mapping[str, Any]) -> str:

@@ -1,25 +1,74 @@
-"""Charts as inline SVG, by plain functions: axes, lines, bands, marks.
+"""Figures of matplotlib as SVG within a page.
 
-Sizes are in units of the view box, about a pixel on a wide page. Colours come from
-classes (`palette.style_sheet`), so that a figure follows the page into dark and print.
-Every function returns markup; text is cleaned and escaped in `text_of`.
+Colours of the palette become the page's CSS variables, so that a figure follows the
+page into dark and print; text stays text, in the page's font. A page's policy refuses
+`style` attributes, so styles become attributes of their own. Coordinates are in units
+of the view box, about a pixel on a wide page, with one decimal: less is not visible.
 """
 
 import html
-import itertools
-import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import Any
+import io
+import re
+import warnings
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
+from swarmstart.cases.drawing import palette
+from swarmstart.cases.drawing.drawing import colour, columns_of_names, line_style
 from swarmstart.cases.drawing.page import cleaned
-from swarmstart.cases.drawing.palette import MARKS
-from swarmstart.cases.drawing.wording import is_number, number, shortened
+from swarmstart.cases.drawing.wording import number, shortened
 
-SERIES = len(MARKS)
-_HUGE = 1e300  # Beyond it differences overflow.
-_FEW_DECADES = 1.4
-_MANY_DECADES = 7
+if TYPE_CHECKING:
+    from contextlib import AbstractContextManager
+
+    from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
+    from matplotlib.figure import Figure
+
+UNIT = 72
+"""Units of the view box in an inch; matplotlib's points."""
+WIDTH, HEIGHT, MARGINS = 600, 330, (64, 14, 50, 30)
+"""Size of a chart; its margins left, right, below and above the panel."""
+TARGET: dict[str, Any] = {"color": "black", "ls": (0, (1.5, 3.5)), "lw": 1.2}
+"""Look of the line of a target, or of what is known."""
+_LEGEND_ROW, _LEGEND_LETTERS, _NAME = 19, 90, 40
+_FEW_DECADES = 2
+_INK, _SOFT, _RULE, _LINE = (
+    palette.LIGHT_PAGE[name] for name in ("ink", "ink-soft", "rule", "line")
+)
+_STYLE: dict[Any, Any] = {
+    "svg.fonttype": "none", "text.parse_math": False, "text.color": _INK,
+    "figure.dpi": UNIT, "font.size": 13,
+    "figure.facecolor": "none", "axes.facecolor": "none", "axes.edgecolor": _LINE,
+    "axes.labelcolor": _INK, "axes.titlelocation": "left", "axes.titlesize": 13,
+    "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True,
+    "axes.axisbelow": True, "grid.color": _RULE, "grid.linewidth": 1.0,
+    "xtick.color": _LINE, "ytick.color": _LINE, "xtick.labelcolor": _SOFT,
+    "ytick.labelcolor": _SOFT, "xtick.major.size": 0.0, "ytick.major.size": 0.0,
+    "lines.linewidth": 2.0, "lines.markersize": 8.0,
+    "lines.markeredgewidth": 0.0,
+    "lines.scale_dashes": False, "legend.frameon": False, "legend.fontsize": 12,
+}  # fmt: skip
+_VARIABLES = {
+    "#000000": "ink",
+    **{value: name for name, value in palette.LIGHT_PAGE.items()},
+    **{value: f"s{k}" for k, value in enumerate(palette.LIGHT)},
+}
+_NAMED = re.compile(r'<g id="title:([^"]*)">')
+_TAG = re.compile(r"<[^>]+>")
+_IDENTITY = re.compile(r'(?<=^<g) id="[^"]*"')
+_PROPERTIES = re.compile(r' style="([^"]*)"')
+_PLACES = re.compile(r'(?<= )(d|x|y)="([^"]*)"')
+_DECIMALS = re.compile(r"-?\d+\.\d+")
+_COMMANDS = re.compile(r"([A-Zz])\s*(?:(\S+) (\S+)((?: [^\sA-Za-z]+)*))?")
+# What says nothing: level text, the look that the page gives, paths without ink, and
+# groups without attributes and titles.
+_IDLE = re.compile(
+    r' transform="rotate\(-0 [^"]*\)"| stroke-dashoffset="0"| font-size="13px"'
+    r'|(?<=^<text)(?P<rest>[^>]*) fill="var\(--ink\)"'
+)
+_INKLESS = re.compile(r'<path d="[^"]*" fill="none"/>|<g/>')
+_PLAIN = re.compile(r"<g>((?:<(?!/?g\b|title)[^>]*>[^<]*)*)</g>")
 
 
 def text_of(text: object) -> str:
@@ -27,167 +76,139 @@ def text_of(text: object) -> str:
     return html.escape(cleaned(str(text)), quote=True)
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Axis:
-    """A scale from values to a side of a chart.
+def page_style() -> "AbstractContextManager[None]":
+    """Return the context in which the charts of a page are drawn and put into it."""
+    import matplotlib as mpl
 
-    Attributes:
-        low: Value at `start`.
-        high: Value at `end`, greater than `low`.
-        start: Begin of the axis, in units of the view box.
-        end: Its end; less than `start` for an axis that points up.
-        is_log: Logarithmic; `low` is then positive.
-        label: Its quantity with the unit.
+    return mpl.rc_context(_STYLE)
+
+
+def new_chart(
+    *,
+    width: float = WIDTH,
+    height: float = HEIGHT,
+    margins: tuple[float, float, float, float] = MARGINS,
+) -> "tuple[Figure, Axes]":
+    """Return a figure with one panel at a fixed place, which needs no layout.
+
+    Args:
+        width: Of the figure.
+        height: Of the figure.
+        margins: Left, right, below and above the panel.
     """
+    from matplotlib.figure import Figure
 
-    low: float
-    high: float
-    start: float
-    end: float
-    is_log: bool = False
-    label: str = ""
-
-    def at(self, value: float) -> float:
-        """Return the place of a value; one beyond an end is placed at that end."""
-        if self.is_log:
-            low, high = math.log(self.low), math.log(self.high)
-            given = math.log(max(value, self.low))  # 0 or less has no logarithm.
-        else:
-            low, high, given = self.low, self.high, value
-        share = min(max((given - low) / (high - low), 0.0), 1.0)
-        return self.start + share * (self.end - self.start)
-
-    def ticks(self) -> list[tuple[float, str]]:
-        """Return values of the ticks with their text."""
-        values = _log_ticks(self) if self.is_log else _linear_ticks(self)
-        return [(value, number(value, digits=6)) for value in values]
+    left, right, below, above = margins
+    figure = Figure(figsize=(width / UNIT, height / UNIT))
+    size = ((width - left - right) / width, (height - below - above) / height)
+    return figure, figure.add_axes((left / width, below / height, *size))
 
 
-def axis_over(
-    values: Iterable[Any],
-    start: float,
-    end: float,
-    *,
-    label: str,
-    is_log: bool = False,
-    margin: float = 0.04,
-) -> Axis:
-    """Return the axis that holds these values; missing ones are left out."""
-    found = [float(value) for value in values if is_number(value)]
-    found = [min(max(value, -_HUGE), _HUGE) for value in found]
-    if is_log:
-        found = [value for value in found if value > 0] or [1.0]
-        low, high = math.log10(min(found)), math.log10(max(found))
-        low, high = _apart(low, high, margin, least=0.3)
-        # Powers beyond are 0, or overflow.
-        low, high = 10.0 ** max(low, -300), 10.0 ** min(high, 300)
-    else:
-        found = found or [0.0, 1.0]
-        low, high = min(found), max(found)
-        low, high = _apart(low, high, margin, least=max(abs(high) * 1e-9, 1e-12))
-    return Axis(low=low, high=high, start=start, end=end, is_log=is_log, label=label)
+def series_style(number: int, *, has_mark: bool = True) -> dict[str, Any]:
+    """Return colour, dashes and mark of a series, as `Axes.plot` takes them."""
+    mark = palette.MARKS[number % len(palette.MARKS)] if has_mark else None
+    return {"color": colour(number), "ls": line_style(number), "marker": mark}
 
 
-def frame(x: Axis, y: Axis, *, has_y_ticks: bool = True, tick_gap: float = 46) -> str:
-    """Return grid, ticks, ticks' texts and labels of a chart's two axes."""
-    grid, texts = [], []
-    bottom, top = y.start, y.end
-    for value, words in _spaced(x, tick_gap):
-        place = _n(x.at(value))
-        grid.append(f"M{place} {_n(bottom)}V{_n(top)}")
-        texts.append(_text(x.at(value), bottom + 17, words, anchor="middle"))
-    for value, words in _spaced(y, 20) if has_y_ticks else []:
-        grid.append(f"M{_n(x.start)} {_n(y.at(value))}H{_n(x.end)}")
-        texts.append(_text(x.start - 6, y.at(value) + 4, words, anchor="end"))
-    middle = (x.start + x.end) / 2
-    if x.label:
-        texts.append(_text(middle, bottom + 35, x.label, anchor="middle", name="l"))
-    if y.label:
-        texts.append(_text(4, top - 9, y.label, name="l"))
-    outline = f"M{_n(x.start)} {_n(top)}V{_n(bottom)}H{_n(x.end)}"
-    return (
-        f'<path class="g" d="{"".join(grid)}"/><path class="a" d="{outline}"/>'
-        + "".join(texts)
+def titled(text: str) -> str:
+    """Return the `gid` of an artist with which a page gives it a tooltip."""
+    return f"title:{text_of(shortened(text))}"
+
+
+def label_of_series(text: str) -> str:
+    """Return a user's text as it stands in a chart."""
+    label = cleaned(shortened(text, _NAME))
+    # Legends leave out what begins with an underscore.
+    return f" {label}" if label.startswith("_") else label
+
+
+def name_series(figure: "Figure") -> None:
+    """Put a legend below the one panel of a chart, which grows by its rows."""
+    (axes,) = figure.axes
+    handles, names = axes.get_legend_handles_labels()
+    columns = columns_of_names(names, _LEGEND_LETTERS)
+    room = _LEGEND_ROW * -(-len(names) // columns)
+    width, height = (UNIT * inches for inches in figure.get_size_inches())
+    place, whole = axes.get_position(), height + room
+    figure.set_size_inches(width / UNIT, whole / UNIT)
+    axes.set_position(
+        (place.x0, (place.y0 * height + room) / whole, place.width,
+         place.height * height / whole)
+    )  # fmt: skip
+    figure.legend(
+        handles, names, loc="lower left", ncols=columns, borderaxespad=0.0,
+        borderpad=0.1, handlelength=2.6, labelspacing=0.3, columnspacing=1.4,
+    )  # fmt: skip
+
+
+def draw_dots(axes: "Axes", places: Sequence[tuple[float, float]], **look: Any) -> None:
+    """Draw dots as one path, which is a third as long as a mark for each.
+
+    Args:
+        axes: The panel.
+        places: In its data.
+        look: Of the line; `lw` is the size of the dots.
+    """
+    from matplotlib.patches import PathPatch
+    from matplotlib.path import Path
+
+    # Lines of no length: their round ends are the dots.
+    codes = [Path.MOVETO, Path.LINETO] * len(places)
+    path = Path([place for place in places for _ in range(2)], codes)
+    axes.add_patch(PathPatch(path, fill=False, capstyle="round", **look))
+
+
+def make_logarithmic(axis: "Axis", *, ticks: int = 8) -> None:
+    """Make an axis logarithmic, with plain numbers at few places.
+
+    Args:
+        axis: Horizontal or vertical axis whose panel holds its lines already.
+        ticks: The most of them.
+    """
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+
+    axis.axes.set(**{f"{axis.axis_name}scale": "log"})  # type: ignore[attr-defined]
+    low, high = axis.get_view_interval()
+    is_narrow = high < low * 10**_FEW_DECADES
+    axis.set_major_locator(
+        LogLocator(subs=(1, 2, 5) if is_narrow else (1,), numticks=ticks)
     )
+    axis.set_minor_locator(NullLocator())
+    axis.set_major_formatter(FuncFormatter(lambda at, _: number(at, digits=6)))
 
 
-def line(
-    points: Sequence[tuple[float, float]], series: int, title: str, *, is_step: bool
-) -> str:
-    """Return a series' line through points of the view box."""
-    if not points:
-        return ""
-    inner = f"<title>{text_of(shortened(title))}</title>" if title else ""
-    return (
-        f'<path class="line s{series % SERIES}" d="{_path(points, is_step)}">'
-        f"{inner}</path>"
-    )
+def as_svg(figure: "Figure", *, salt: str) -> str:
+    """Return what is within the `svg` element of a figure; the same for the same.
+
+    Args:
+        figure: Drawn, and put into the page, in `page_style()`.
+        salt: A word that no other figure of the page has, for its ids.
+    """
+    import matplotlib as mpl
+
+    buffer = io.StringIO()
+    nothing: dict[str, Any] = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+    with mpl.rc_context({"svg.hashsalt": salt}), warnings.catch_warnings():
+        # Text is drawn by the browser, whose fonts have more glyphs.
+        warnings.filterwarnings("ignore", message="Glyph .* missing from font")
+        for artist in figure.findobj():
+            artist.set_clip_on(False)  # Axes hold all; marks at an edge stay whole.
+        figure.savefig(buffer, format="svg", metadata=nothing)
+    text = buffer.getvalue()
+    text = text[text.index('<g id="figure_1">') : text.rindex("</svg>")]
+    # Escaped twice: by `titled`, and by matplotlib.
+    text = _NAMED.sub(lambda m: f"<g><title>{html.unescape(m[1])}</title>", text)
+    text = re.sub(r"\n\s*", "", _TAG.sub(_for_a_page, text))
+    text, before = _INKLESS.sub("", text), ""
+    while text != before:  # Groups within groups, from the inner to the outer ones.
+        text, before = _PLAIN.sub(r"\1", text), text
+    return text
 
 
-def band(
-    low: Sequence[tuple[float, float]],
-    high: Sequence[tuple[float, float]],
-    series: int,
-    *,
-    is_step: bool,
-) -> str:
-    """Return the area between two lines."""
-    if not low or not high:
-        return ""
-    there = _corners(low) if is_step else list(low)
-    back = (_corners(high) if is_step else list(high))[::-1]
-    whole = _turning([*there, *back])
-    return f'<path class="band s{series % SERIES}" d="{whole}z"/>'
-
-
-def mark(x: float, y: float, series: int, title: str = "") -> str:
-    """Return a series' mark at a place."""
-    inner = f"<title>{text_of(shortened(title))}</title>" if title else ""
-    k = series % SERIES
-    return f'<use href="#m{k}" class="s{k}" x="{_n(x)}" y="{_n(y)}">{inner}</use>'
-
-
-def dots(points: Sequence[tuple[float, float]], series: int, title: str = "") -> str:
-    """Return dots, as one path: a page may have ten thousand."""
-    if not points:
-        return ""
-    inner = f"<title>{text_of(shortened(title))}</title>" if title else ""
-    # A line of no length: its round ends are the dot. Heights need no decimals.
-    places = "".join(f"M{_n(x)} {y:.0f}h0" for x, y in points)
-    return f'<path class="dots s{series % SERIES}" d="{places}">{inner}</path>'
-
-
-def stroke(points: Sequence[tuple[float, float]], name: str) -> str:
-    """Return a line of a class of its own, such as that of a target."""
-    return f'<path class="{name}" d="{_path(points, is_step=False)}"/>'
-
-
-def words_at(
-    x: float, y: float, words: str, *, anchor: str = "", name: str = ""
-) -> str:
-    """Return text at a place."""
-    return _text(x, y, words, anchor=anchor, name=name)
-
-
-def marks_defined() -> str:
-    """Return the marks of all series; a page with figures has them once."""
-    paths = "".join(f'<path id="m{k}" d="{path}"/>' for k, path in enumerate(MARKS))
-    keys = "".join(
-        f'<g id="k{k}"><path class="line s{k}" d="M0 6H34"/>'
-        f'<use href="#m{k}" class="s{k}" x="17" y="6"/></g>'
-        for k in range(SERIES)
-    )
-    return (
-        '<svg width="0" height="0" class="defined" aria-hidden="true" '
-        f'focusable="false"><defs>{paths}{keys}</defs></svg>'
-    )
-
-
-def key(series: int) -> str:
-    """Return a legend's sample of a series: line with dashes, and mark."""
-    return (
-        f'<svg class="key" aria-hidden="true"><use href="#k{series % SERIES}"/></svg>'
-    )
+def size_of(figure: "Figure") -> tuple[int, int]:
+    """Return width and height of a figure in units of the view box."""
+    width, height = figure.get_size_inches()
+    return round(UNIT * width), round(UNIT * height)
 
 
 def thinned(length: int, most: int) -> list[int]:
@@ -197,87 +218,41 @@ def thinned(length: int, most: int) -> list[int]:
     return sorted({round(k * (length - 1) / (most - 1)) for k in range(most)})
 
 
-def _path(points: Sequence[tuple[float, float]], is_step: bool) -> str:
-    begin, *rest = points
-    parts = [f"M{_n(begin[0])} {_n(begin[1])}"]
-    if is_step:
-        parts += [f"H{_n(x)}V{_n(y)}" for x, y in rest]
-    elif rest:
-        parts.append("L" + " ".join(f"{_n(x)} {_n(y)}" for x, y in rest))
-    return "".join(parts)
+def _for_a_page(match: re.Match[str]) -> str:
+    """Return a tag without styles of its own, ids of groups, and needless decimals."""
+    tag = _PROPERTIES.sub(_attributes, _IDENTITY.sub("", match[0]))
+    tag = _IDLE.sub(r"\g<rest>", tag.replace("xlink:href", "href"))
+    return _PLACES.sub(_rounded, tag)
 
 
-def _turning(points: Sequence[tuple[float, float]]) -> str:
-    """Return a path whose level and upright parts have one coordinate each."""
-    before = tuple(map(_n, points[0]))
-    parts = ["M" + " ".join(before)]
-    for point in points[1:]:
-        x, y = map(_n, point)
-        if (x, y) == before:
-            continue
-        if y == before[1]:
-            parts.append(f"H{x}")
-        else:
-            parts.append(f"V{y}" if x == before[0] else f"L{x} {y}")
-        before = (x, y)
-    return "".join(parts)
+def _attributes(match: re.Match[str]) -> str:
+    """Return CSS properties as attributes, colours as variables of the page."""
+    found = []
+    for part in filter(None, map(str.strip, match[1].split(";"))):
+        name, _, value = part.partition(": ")
+        if name == "font":  # Before matplotlib 3.10: size and family in one.
+            name, value = "font-size", value[: value.index("px") + 2].split()[-1]
+        if name != "font-family":  # The page's own.
+            variable = _VARIABLES.get(value)
+            found.append(f' {name}="{f"var(--{variable})" if variable else value}"')
+    return "".join(found)
 
 
-def _corners(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Return the points of a step curve: first along x, then along y."""
-    whole = [points[0]]
-    for (_, before), (x, y) in itertools.pairwise(points):
-        whole += [(x, before), (x, y)]
-    return whole
+def _rounded(match: re.Match[str]) -> str:
+    few = _DECIMALS.sub(lambda found: _one_decimal(float(found[0])), match[2])
+    if match[1] != "d":
+        return f'{match[1]}="{few}"'
+    parts, before = [], ("", "")
+    for command, x, y, rest in _COMMANDS.findall(few):
+        short = f"{command}{x} {y}{rest}" if y else command
+        if command == "L" and x == before[0]:
+            short = f"V{y}"
+        elif command == "L" and y == before[1]:
+            short = f"H{x}"
+        parts.append(short)
+        before = (x, y) if command in "ML" else ("", "")
+    return f'd="{"".join(parts)}"'
 
 
-def _text(x: float, y: float, words: str, *, anchor: str = "", name: str = "") -> str:
-    named = f' class="{name}"' if name else ""
-    anchored = f' text-anchor="{anchor}"' if anchor else ""
-    return f'<text{named}{anchored} x="{_n(x)}" y="{_n(y)}">{text_of(words)}</text>'
-
-
-def _n(value: float) -> str:
-    """Return a coordinate with one decimal; less is not visible."""
+def _one_decimal(value: float) -> str:
     return f"{value:.1f}".removesuffix(".0")
-
-
-def _apart(
-    low: float, high: float, margin: float, *, least: float
-) -> tuple[float, float]:
-    """Return the ends of an axis with a margin; they are never equal."""
-    if high - low < least:
-        low, high = low - least / 2, high + least / 2
-    width = margin * (high - low)
-    return low - width, high + width
-
-
-def _log_ticks(axis: Axis) -> list[float]:
-    low, high = math.log10(axis.low), math.log10(axis.high)
-    decades = range(math.floor(low), math.ceil(high) + 1)
-    if high - low < _FEW_DECADES:
-        values = [step * 10.0**k for k in decades for step in (1, 2, 5)]
-        inside = [value for value in values if axis.low <= value <= axis.high]
-        return inside if len(inside) > 1 else _linear_ticks(axis)
-    every = math.ceil((high - low) / _MANY_DECADES)
-    return [10.0**k for k in decades if k % every == 0 and low <= k <= high]
-
-
-def _linear_ticks(axis: Axis) -> list[float]:
-    """Return ticks at 1, 2 or 5 times a power of ten."""
-    raw = (axis.high - axis.low) / 5
-    power = 10.0 ** math.floor(math.log10(raw))
-    step = next(m * power for m in (1, 2, 5, 10) if m * power >= raw * 0.999)
-    first = math.ceil(axis.low / step - 1e-9)
-    last = math.floor(axis.high / step + 1e-9)
-    # A step is a fifth of the axis, or more: only rounding would make over a dozen.
-    return [float(f"{k * step:.12g}") for k in range(first, min(last, first + 12) + 1)]
-
-
-def _spaced(axis: Axis, gap: float) -> list[tuple[float, str]]:
-    """Return the ticks whose texts do not touch."""
-    kept: list[tuple[float, str]] = []
-    for value, words in axis.ticks():
-        if not kept or abs(axis.at(value) - axis.at(kept[-1][0])) >= gap:
-            kept.append((value, words))
-    return kept

@@ -1,24 +1,27 @@
-"""The page of a comparison: one HTML file that stays below 2 MB.
+"""The page of a comparison: one HTML file that stays below 3 MB.
 
 Of each scenario it shows the best answer's states and controls over time, a panel each.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from swarmstart.cases.drawing import wording
-from swarmstart.cases.drawing.page import rendered
+from swarmstart.cases.drawing.page import cleaned, rendered
 from swarmstart.cases.drawing.report import curves, rows, spreads, svg
 from swarmstart.cases.drawing.report.figure import Figure
+from swarmstart.cases.drawing.report.pictures import PAGE_BYTES
 from swarmstart.cases.drawing.wording import is_number, number, shortened
 from swarmstart.cases.format.document import counted
 
-MOST_BYTES = 1_950_000
-_MOST_DRAWN = 4000  # Points of all curves beyond which a page is surely too long.
-_POINTS = (64, 32, 16, 10, 6)  # Of a curve: as many as the page's size allows.
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Chart
+
+_MOST_DRAWN = 2200  # Points of all curves.
+_FEWEST, _USUAL = 6, 64  # Points of a curve.
 _FEW = 10  # With so few, the table of all pairs is left out, too.
 _COLUMNS = 3
-_WIDE, _HIGH = 300.0, 150.0
+_WIDE, _HIGH = 300, 150
 _MOST = 24  # Panels; what is beyond them is in the values to download.
 _STATE, _CONTROL = 0, 1  # Colours: the first two are the furthest apart.
 
@@ -35,20 +38,16 @@ def comparison_page(content: Mapping[str, Any]) -> str:
         >>> if file.exists():
         ...     page = comparison_page(json.loads(file.read_text()))
     """
-    page = ""
     drawn = sum(len(scenario["rows"]) for scenario in content["scenarios"])
-    for points in _POINTS:
-        if points * drawn > _MOST_DRAWN and points > _POINTS[-1]:
-            continue
+    points = min(max(_MOST_DRAWN // max(drawn, 1), _FEWEST), _USUAL)
+    with svg.page_style():
         page = _page(content, points)
-        if len(page.encode()) <= MOST_BYTES:
-            break  # Else with fewer points; the last page is taken as it is.
+        if len(page.encode()) > PAGE_BYTES and points > _FEWEST:
+            page = _page(content, _FEWEST)  # What is longer is taken as it is.
     return page
 
 
 def _page(content: Mapping[str, Any], points: int) -> str:
-    from markupsafe import Markup
-
     numbers = numbers_of(content)
     scenarios = [
         {
@@ -73,7 +72,6 @@ def _page(content: Mapping[str, Any], points: int) -> str:
         "comparison.html.j2",
         {
             "content": content,
-            "marks": Markup(svg.marks_defined()),
             "summary": rows.summary(content),
             "summary_heads": rows.SUMMARY,
             "detail_heads": rows.DETAILS,
@@ -155,12 +153,7 @@ def _trajectory(
     if not series:
         return None
     shown = series[:_MOST]
-    columns = min(_COLUMNS, len(shown))
-    parts = [
-        _panel(name, time, values, kind, kept=kept, place=(k % columns, k // columns))
-        for k, (name, values, kind) in enumerate(shown)
-    ]
-    rows = -(-len(shown) // columns)
+    chart = _panels(time, shown, kept)
     left_out = len(series) - len(shown)
     header = ["time", *(name for name, _, _ in series)]
     values = [[time[k], *(_value(part, k) for _, part, _ in series)] for k in kept]
@@ -172,38 +165,45 @@ def _trajectory(
         caption=f"Found by {shortened(answer['solver'], 60)}, seed {answer['seed']}: "
         "states (lines) and controls (dashed steps, constant over an interval) over "
         f"time, simulated on the verified path.{thinner}{more}",
-        chart="".join(parts),
-        width=round(columns * _WIDE),
-        height=round(rows * _HIGH),
+        chart=chart,
         columns=[shortened(name, 30) for name in header[: _MOST + 1]],
         rows=[[number(value, "") for value in row[: _MOST + 1]] for row in values],
         values=[header, *values],
     )
 
 
-def _panel(
-    name: str,
+def _panels(
     time: Sequence[Any],
-    values: Sequence[Any],
-    kind: int,
-    *,
+    series: Sequence[tuple[str, Sequence[Any], int]],
     kept: Sequence[int],
-    place: tuple[int, int],
-) -> str:
-    left, top = place[0] * _WIDE + 48, place[1] * _HIGH + 26
-    right, bottom = left + _WIDE - 62, top + _HIGH - 56
-    x = svg.axis_over(time, left, right, label="", margin=0)
-    y = svg.axis_over(values, bottom, top, label="", margin=0.06)
-    known = [
-        (x.at(float(time[k])), y.at(float(value)))
-        for k in kept
-        if is_number(time[k]) and is_number(value := _value(values, k))
-    ]
-    return (
-        svg.frame(x, y)
-        + svg.words_at(left, top - 9, shortened(name, 34), name="l")
-        + svg.line(known, kind, name, is_step=kind == _CONTROL)
-    )
+) -> "Chart":
+    """Return a figure with a panel for each series at the instants that are kept."""
+    from matplotlib.figure import Figure as Chart
+
+    columns = min(_COLUMNS, len(series))
+    rows = -(-len(series) // columns)
+    width, height = columns * _WIDE, rows * _HIGH
+    chart = Chart(figsize=(width / svg.UNIT, height / svg.UNIT))
+    grid = chart.add_gridspec(
+        rows, columns, left=48 / width, right=1 - 14 / width, wspace=62 / (_WIDE - 62),
+        bottom=30 / height, top=1 - 26 / height, hspace=56 / (_HIGH - 56),
+    )  # fmt: skip
+    for k, (name, values, kind) in enumerate(series):
+        axes = chart.add_subplot(grid[k])
+        points = [
+            (time[i], value)
+            for i in kept
+            if is_number(time[i]) and is_number(value := _value(values, i))
+        ]
+        axes.plot(
+            *zip(*points, strict=True), gid=svg.titled(name),
+            drawstyle="steps-post" if kind == _CONTROL else "default",
+            **svg.series_style(kind, has_mark=False),
+        )  # fmt: skip
+        axes.set_title(cleaned(shortened(name, 34)))
+        axes.margins(x=0)
+        axes.locator_params(nbins=4)
+    return chart
 
 
 def _value(values: Sequence[Any], place: int) -> Any:

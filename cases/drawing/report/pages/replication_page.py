@@ -81,7 +81,7 @@ class ClaimShown:
 
 
 def replication_page(content: Mapping[str, Any], folder: Path) -> str:
-    """Return the page of a replication: one file that asks for nothing, below 2 MB.
+    """Return the page of a replication: one file that asks for nothing, below 3 MB.
 
     Args:
         content: As replication.json holds it.

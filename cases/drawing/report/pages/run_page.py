@@ -37,7 +37,7 @@ MOST_SHOWN, MOST_SAVED = 200, 5000
 
 
 def run_page(folder: Path) -> str:
-    """Return the page of a run: one file that asks for nothing, below 2 MB.
+    """Return the page of a run: one file that asks for nothing, below 3 MB.
 
     Args:
         folder: The record of `swarmstart run`.

@@ -12,14 +12,12 @@ Content, as `run --seeds` records it:
 import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
-
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 from swarmstart.cases.drawing.page import rendered
+from swarmstart.cases.drawing.report import svg
 from swarmstart.cases.drawing.report.pages.broken_limits import broken_seeds
 from swarmstart.cases.drawing.report.pages.run_content import MOST_ROWS
-from swarmstart.cases.drawing.report.panels_over_time import BandDrawn, band_panel
 from swarmstart.cases.drawing.report.strips import strip
 from swarmstart.cases.drawing.report.text_reports import (
     latex_table,
@@ -27,7 +25,7 @@ from swarmstart.cases.drawing.report.text_reports import (
     markdown_table,
     markdown_text,
 )
-from swarmstart.cases.drawing.vehicles import band_name
+from swarmstart.cases.drawing.seed_figures import band_label, draw_band
 from swarmstart.cases.drawing.wording import (
     is_number,
     shortened,
@@ -38,8 +36,11 @@ from swarmstart.cases.format.document import counted
 from swarmstart.cases.format.registry import words_of
 from swarmstart.cases.record.files import RecordError
 
+if TYPE_CHECKING:
+    from markupsafe import Markup
+
 HEADS = ("measure", "lowest", "median", "highest", "unit", "not defined", "meaning")
-MOST_BANDS = 24
+MOST_BANDS, BAND_MARGINS = 24, (48, 6, 38, 24)
 MOST_ENDS = 10
 """Ways in which runs ended that a page tells; further ones are counted."""
 _SIMULATED = "simulated to the end; "
@@ -136,7 +137,7 @@ def seeds_latex(content: Mapping[str, Any]) -> str:
 
 def _read(
     content: Mapping[str, Any],
-) -> tuple[str, list[SpreadRow], list[BandDrawn]]:
+) -> "tuple[str, list[SpreadRow], list[Any]]":
     """Return title, rows and bands; raises RecordError for what does not fit."""
     try:
         if content["record"] != "seeds" or content["schema"] != 1:
@@ -176,22 +177,28 @@ def _rows(content: Mapping[str, Any], count: int) -> list[SpreadRow]:
     return rows
 
 
-def _bands(content: Mapping[str, Any]) -> list[BandDrawn]:
+def _bands(content: Mapping[str, Any]) -> "list[tuple[str, tuple[int, int], Markup]]":
+    """Return name, width and height, and drawing of the band of each state."""
+    from markupsafe import Markup
+
     given = content.get("bands")
     if not given:
         return []
-    times = np.array(given["time"], dtype=float)
-    drawn = []
-    for name, band in list(given["states"].items())[:MOST_BANDS]:
-        low, median, high = (
-            np.array(band[side], dtype=float) for side in ("low", "median", "high")
-        )
-        if not times.size == low.size == median.size == high.size:
-            raise ValueError(f"{name}: {times.size} values expected in each band")
-        if times.size and np.isfinite(times).all():
-            label, unit = band_name(str(name), content)
-            unit = str(band.get("unit") or unit)
-            drawn.append(band_panel(label, unit, times, (low, median, high)))
+    times, drawn = given["time"], []
+    for number, (name, band) in enumerate(given["states"].items()):
+        if any(len(band[side]) != len(times) for side in ("low", "median", "high")):
+            raise ValueError(f"{name}: {len(times)} values expected in each band")
+        if not times or number >= MOST_BANDS:
+            continue
+        label = band_label(str(name), content)
+        with svg.page_style():
+            figure, axes = svg.new_chart(width=300, height=150, margins=BAND_MARGINS)
+            draw_band(axes, times, band)
+            axes.set(title=svg.label_of_series(label), xlabel="time [s]")
+            axes.margins(x=0)
+            axes.locator_params(nbins=4)
+            markup = Markup(svg.as_svg(figure, salt=f"band-{number}"))
+        drawn.append((label, svg.size_of(figure), markup))
     return drawn
 
 

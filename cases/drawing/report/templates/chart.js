@@ -12,7 +12,7 @@
   };
   const rowsOf = chart => [...(chart.closest("figure").querySelector("details tbody")?.rows ?? [])];
   const placesOf = (chart, rows) => {
-    if (chart.dataset.levels) return chart.dataset.levels.split(" ").map(y => Number(y) + 13);
+    if (chart.dataset.levels) return chart.dataset.levels.split(" ").map(Number);
     const [kind, low, high, start, end] = chart.dataset.across.split(" ");
     const scaled = value => kind === "log" ? Math.log(Number(value)) : Number(value);
     return rows.map(row => Number(start) + (end - start)
@@ -30,7 +30,8 @@
     const cursor = document.createElementNS("http://www.w3.org/2000/svg", "path");
     const box = chart.viewBox.baseVal;
     cursor.setAttribute("class", "cursor");
-    cursor.setAttribute("d", chart.dataset.levels ? `M0 ${at + 13}H${box.width}` : `M${at} 28V${box.height - 50}`);
+    const [top, bottom] = (chart.dataset.across ?? "").split(" ").slice(-2);
+    cursor.setAttribute("d", chart.dataset.levels ? `M0 ${at + 13}H${box.width}` : `M${at} ${top}V${bottom}`);
     chart.append(cursor);
     shown = { chart, place: k, cursor };
     tip.hidden = false;

@@ -480,7 +480,10 @@ def test_seeds_have_lowest_median_and_highest(opened: Opened, tmp_path: Path) ->
     assert re.match(r"cost\t1\t2\.5\t4\t", rows[0])
     assert re.match(r"flown_cost\t1\t2\t3\t", rows[1]) and "2 of 4" in rows[1]
     assert page.locator(".strip").count() == 2
-    assert page.locator(".band-panel").count() == 1
+    assert page.locator("svg.band").count() == 1
+    assert (
+        page.locator("svg.band").get_attribute("aria-label") == "angle [rad] over time"
+    )
     assert "flown_cost: lowest 1, median 2, highest 3" in html
     assert not opened.scrolls_sideways() and opened.is_silent()
     assert r"| cost | 1 | 2.5 | 4 |" in seeds_markdown(seeds())
@@ -525,11 +528,12 @@ def test_other_content_than_that_of_seeds_is_refused(wrong: dict[str, Any]) -> N
 def test_a_strip_is_to_scale_and_shades_what_is_asked() -> None:
     """Dots keep the ratios of the values; the side below the bound is shaded."""
     drawn = strip([1.0, 2.0, 4.0], bound=3.0, relation="<=")
-    x = [float(found) for found in re.findall(r'cx="([\d.]+)"', drawn)]
+    dots = re.findall(r'd="([^"]*)"[^>]*linecap="round"', drawn)[0]
+    x = [float(found) for found in re.findall(r"M([\d.]+)", dots)]
     assert (x[2] - x[1]) / (x[1] - x[0]) == pytest.approx(2.0, rel=0.01)
-    bound = float(re.findall(r'class="bound" d="M([\d.]+)', drawn)[0])
+    bound = float(re.findall(r'd="M([\d.]+) [^>]*dasharray="4,2"', drawn)[0])
     assert bound == pytest.approx((x[1] + x[2]) / 2, abs=0.2)
-    assert f"M8.0 2V28H{bound}" in drawn
+    assert re.search(rf'd="M8 28H{bound:g}V0H8z[^>]*var\(--good\)', drawn)
     assert "3 values from 1 to 4, median 2; asked: &lt;= 3." in drawn
     assert strip([None, float("nan"), "a"]) == ""
     assert "2 not defined" in strip([5.0, None, [1]])
