@@ -17,15 +17,14 @@ import numpy as np
 from swarmstart.arrays import Array
 from swarmstart.cases.drawing.page import rendered
 from swarmstart.cases.drawing.report.panels_over_time import (
-    LEFT,
-    RIGHT,
+    MARGINS,
+    SIZE,
     PanelDrawn,
-    number,
     series_panels,
     solver_panel,
-    ticks,
 )
 from swarmstart.cases.drawing.report.tracks import Plane, Tracks
+from swarmstart.cases.drawing.wording import number
 from swarmstart.cases.format.document import counted
 
 if TYPE_CHECKING:
@@ -68,7 +67,7 @@ def player(tracks: Tracks, *, name: str = "flight") -> "Markup":
 
     world = None if tracks.plane is None else _World(tracks.plane)
     panels = series_panels(tracks)
-    solver = solver_panel(tracks)
+    solver = solver_panel(tracks, name=name)
     end = float(tracks.times[-1])
     shown = [solver, *panels] if solver else panels
     beside = _BESIDE if world is not None else 0
@@ -80,7 +79,7 @@ def player(tracks: Tracks, *, name: str = "flight") -> "Markup":
         "panels": [
             {"times": p.times, "values": p.values, "held": p.held} for p in shown
         ],
-        "edges": [LEFT, RIGHT],
+        "edges": [MARGINS[0], SIZE[0] - MARGINS[1]],
     }
     if world is not None:
         payload["plane"] = world.payload(tracks)
@@ -108,7 +107,7 @@ def caption(tracks: Tracks) -> list[str]:
     """Return sentences on what is seen."""
     said = [] if tracks.plane is None else [_plane_caption(tracks.plane)]
     if tracks.is_one_plan and tracks.step_seconds.size:
-        seconds = number(float(np.nansum(tracks.step_seconds)))
+        seconds = number(float(np.nansum(tracks.step_seconds)), digits=4)
         said.append(
             f"One plan, made before the start in {seconds} s, is followed to its end."
         )
@@ -146,7 +145,7 @@ def _plane_caption(plane: Plane) -> str:
 def _bounds_caption(panels: Sequence[PanelDrawn]) -> list[str]:
     """Return sentences on the bounds that are drawn, and on those that are not."""
     said = []
-    if any(text == "bound" for panel in panels for _, text in panel.levels):
+    if any(panel.has_bounds for panel in panels):
         said.append("Dashed levels: bounds.")
     far = [panel.far for panel in panels if panel.far]
     if far:
@@ -330,8 +329,11 @@ def _spread(positions: Array) -> float:
 
 def _marks(tracks: Tracks) -> list[float]:
     """Return instants that are marked on the tracks."""
-    found = ticks(0.0, float(tracks.times[-1]), count=_MARKS)
-    return [tick for tick in found if tick > 0]
+    from matplotlib.ticker import MaxNLocator
+
+    end = float(tracks.times[-1])
+    ticks = MaxNLocator(_MARKS, steps=[1, 2, 5, 10]).tick_values(0.0, end)
+    return [float(tick) for tick in ticks if 0 < tick <= end]
 
 
 def _whole(values: Array) -> list[int | None]:

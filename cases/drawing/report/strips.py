@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from swarmstart.cases.drawing import palette
 from swarmstart.cases.drawing.report import svg
-from swarmstart.cases.drawing.report.panels_over_time import number
-from swarmstart.cases.drawing.wording import is_number
+from swarmstart.cases.drawing.wording import is_number, number
 
 if TYPE_CHECKING:
     from markupsafe import Markup

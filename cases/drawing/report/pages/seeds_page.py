@@ -18,6 +18,7 @@ from swarmstart.cases.drawing.page import rendered
 from swarmstart.cases.drawing.report import svg
 from swarmstart.cases.drawing.report.pages.broken_limits import broken_seeds
 from swarmstart.cases.drawing.report.pages.run_content import MOST_ROWS
+from swarmstart.cases.drawing.report.panels_over_time import new_panel
 from swarmstart.cases.drawing.report.strips import strip
 from swarmstart.cases.drawing.report.text_reports import (
     latex_table,
@@ -40,7 +41,7 @@ if TYPE_CHECKING:
     from markupsafe import Markup
 
 HEADS = ("measure", "lowest", "median", "highest", "unit", "not defined", "meaning")
-MOST_BANDS, BAND_MARGINS = 24, (48, 6, 38, 24)
+MOST_BANDS = 24
 MOST_ENDS = 10
 """Ways in which runs ended that a page tells; further ones are counted."""
 _SIMULATED = "simulated to the end; "
@@ -192,11 +193,8 @@ def _bands(content: Mapping[str, Any]) -> "list[tuple[str, tuple[int, int], Mark
             continue
         label = band_label(str(name), content)
         with svg.page_style():
-            figure, axes = svg.new_chart(width=300, height=150, margins=BAND_MARGINS)
+            figure, axes = new_panel(label, begin=times[0], end=times[-1])
             draw_band(axes, times, band)
-            axes.set(title=svg.label_of_series(label), xlabel="time [s]")
-            axes.margins(x=0)
-            axes.locator_params(nbins=4)
             markup = Markup(svg.as_svg(figure, salt=f"band-{number}"))
         drawn.append((label, svg.size_of(figure), markup))
     return drawn

@@ -42,7 +42,7 @@
     let follows = data.follow, width = 0, height = 0, made = -1;
 
     const layout = () => {
-      width = svg.clientWidth;
+      width = svg.clientWidth || 600; // A page that is not shown yet has no width.
       height = clamp(width * Math.max(data.height / data.width, 0.42), 200, Math.max(260, 0.7 * innerHeight));
       svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
       svg.style.height = `${height}px`;

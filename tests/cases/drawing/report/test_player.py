@@ -15,10 +15,9 @@ from swarmstart.cases.drawing.report.outlook import outlook_of
 from swarmstart.cases.drawing.report.pages.run_content import RunContent, run_content
 from swarmstart.cases.drawing.report.pages.run_page import page_of
 from swarmstart.cases.drawing.report.panels_over_time import (
-    number,
     reduced,
+    series_panels,
     solver_panel,
-    ticks,
 )
 from swarmstart.cases.drawing.report.player import caption, player
 from swarmstart.cases.drawing.report.tracks import Tracks, tracks_of
@@ -140,7 +139,7 @@ def test_the_longest_time_of_the_solver_is_not_lost_where_steps_are_many() -> No
     panel = solver_panel(tracks)
     assert panel is not None and len(panel.values) <= 300
     assert max(v for v in panel.values if v is not None) == 0.7
-    assert panel.crosses.count("M") == 1
+    assert panel.drawing.count("<use ") == 1  # The cross.
     assert "5000 steps took longer" in panel.alt
     assert "the 1 of 5000 steps at which" in " ".join(caption(tracks))
 
@@ -151,12 +150,14 @@ def test_a_plan_flown_to_its_end_has_no_panel_of_the_solver() -> None:
     assert "One plan, made before the start in 0.1 s" in " ".join(caption(tracks))
 
 
-@pytest.mark.parametrize("span", [(0.0, 25.0), (-3e-7, 2e-7), (1e9, 1.0001e9)])
-def test_ticks_are_round_and_within(span: tuple[float, float]) -> None:
-    found = ticks(*span)
-    assert 2 <= len(found) <= 6
-    assert all(span[0] <= tick <= span[1] for tick in found)
-    assert all(len(number(step).strip("0.")) <= 5 for step in np.diff(found))
+def test_bounds_nearby_are_drawn_and_those_far_away_are_named() -> None:
+    (series,) = circling(1).series  # Its values are from -1 to 1.
+    near = replace(circling(1), series=(replace(series, lower=-2.0, upper=2.0),))
+    far = replace(circling(1), series=(replace(series, lower=-2.0, upper=900.0),))
+    (first,), (second,) = series_panels(near), series_panels(far)
+    dashed = 'stroke-dasharray="5,3"'
+    assert (first.drawing.count(dashed), first.far) == (2, "")
+    assert (second.drawing.count(dashed), second.far) == (1, "turn rate 900")
 
 
 def test_fewer_points_keep_the_first_and_the_last() -> None:
@@ -277,10 +278,10 @@ def test_a_click_in_a_panel_goes_to_that_time(
     page = shown(opened, content, circling(1), tmp_path)
     panel = page.locator(".panel").first
     box = panel.bounding_box()
-    panel.click(position={"x": box["width"] * (44 + 125) / 300, "y": 40})
+    panel.click(position={"x": box["width"] * (48 + 123) / 300, "y": 40})
     assert clock_of(page) == pytest.approx(5.0, abs=0.1)
     shift = page.locator(".cursor").first.get_attribute("transform")
-    assert float(re.findall(r"[\d.]+", shift)[0]) == pytest.approx(125, abs=2)
+    assert float(re.findall(r"[\d.]+", shift)[0]) == pytest.approx(123, abs=2)
 
 
 def test_what_is_not_finite_is_not_drawn(
