@@ -49,12 +49,12 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         OccupiedFolderError as OccupiedFolderError,
     )
     from swarmstart.cases.record.results import (
-        MissingPackageError as MissingPackageError,
         Record as Record,
         load as load,
     )
     from swarmstart.errors import (
         InvalidArgumentError as InvalidArgumentError,
+        MissingPackageError as MissingPackageError,
         SwarmstartError as SwarmstartError,
     )
     from swarmstart.heuristics import (
@@ -214,8 +214,8 @@ _NAMES = {
     "swarmstart.cases.kinds.python.scenario": "UserCodeError",
     "swarmstart.cases.record.files": "FolderInUseError RecordError",
     "swarmstart.cases.record.record": "OccupiedFolderError",
-    "swarmstart.cases.record.results": "MissingPackageError Record load",
-    "swarmstart.errors": "InvalidArgumentError SwarmstartError",
+    "swarmstart.cases.record.results": "Record load",
+    "swarmstart.errors": "InvalidArgumentError MissingPackageError SwarmstartError",
     "swarmstart.heuristics": """
         CMAES LSHADE AskTellError Box Budget ChaoticPSO DifferentialEvolution
         GeneticAlgorithm Initial InvalidBoxError InvalidBudgetError

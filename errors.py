@@ -5,6 +5,9 @@ attributes, the data a program needs to react, and a message that says what was
 expected, what was found and where.
 """
 
+import importlib
+from typing import Any
+
 LONGEST_SHOWN = 200
 """Characters of a value in a message."""
 
@@ -28,6 +31,37 @@ class InvalidArgumentError(SwarmstartError, ValueError):
         self.name = name
         self.value = value
         self.allowed = allowed
+
+
+class MissingPackageError(SwarmstartError, ImportError):
+    """An optional package is not installed; the message says how to install it."""
+
+
+def load_optional(module: str, *, extra: str, need: str) -> Any:
+    """Return the package of an optional module, which is imported.
+
+    Args:
+        module: Its full name.
+        extra: The extra of swarmstart that installs it.
+        need: What needs it, the begin of the message.
+
+    Raises:
+        MissingPackageError: If it is not installed.
+
+    Example:
+        >>> load_optional("json.decoder", extra="none", need="nothing").__name__
+        'json'
+    """
+    package = module.partition(".")[0]
+    try:
+        found = importlib.import_module(package)
+        importlib.import_module(module)
+    except ImportError as error:
+        raise MissingPackageError(
+            f"{need} needs {package}, which is not installed: "
+            f"pip install 'swarmstart[{extra}]' (in a clone: pip install '.[{extra}]')"
+        ) from error
+    return found
 
 
 def brief(value: object) -> str:

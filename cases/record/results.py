@@ -54,7 +54,7 @@ from swarmstart.cases.record.trajectory_arrays import (
     trajectory_arrays,
     trajectory_of,
 )
-from swarmstart.errors import SwarmstartError
+from swarmstart.errors import load_optional
 from swarmstart.ocp import Solution, Trajectory
 from swarmstart.ocp.nlp import Multipliers
 
@@ -67,10 +67,6 @@ RESULT, SOLUTION = "result.json", "solution.npz"
 T = TypeVar("T")
 LARGEST_FILE = 100 * 2**20
 """Largest size of a file that is read [B]."""
-
-
-class MissingPackageError(SwarmstartError, ImportError):
-    """An optional package that a function needs is not installed."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -302,13 +298,7 @@ def dataframe_of(result: Solution | Trajectory) -> "pd.DataFrame":
     Raises:
         MissingPackageError: If pandas is not installed.
     """
-    try:
-        import pandas as pd
-    except ImportError as error:
-        raise MissingPackageError(
-            "a table needs pandas, which is not installed: "
-            "pip install 'swarmstart[pandas]'"
-        ) from error
+    pandas = load_optional("pandas", extra="pandas", need="a table")
     rows = [result.states, _controls(result)]
     names = [*result.state_names, *result.control_names]
     if isinstance(result, Solution) and result.algebraic_names:
@@ -318,9 +308,9 @@ def dataframe_of(result: Solution | Trajectory) -> "pd.DataFrame":
     more = [i for i, name in enumerate(result.output_names) if name not in names]
     rows.append(_outputs_at(result)[more])
     names += [result.output_names[i] for i in more]
-    return pd.DataFrame(
+    return pandas.DataFrame(
         np.vstack(rows).T,
-        index=pd.Index(result.times, name="time [s]"),
+        index=pandas.Index(result.times, name="time [s]"),
         columns=names,
     )
 

@@ -27,7 +27,7 @@ from swarmstart.cases.record.files import (
     write_text,
 )
 from swarmstart.cases.record.record import RECORDED
-from swarmstart.cases.record.results import MissingPackageError
+from swarmstart.errors import load_optional
 
 FIRST = "scenario,variant,solver,seed,"
 """Beginning of every table of comparisons, of any version."""
@@ -309,15 +309,7 @@ def pyarrow_module() -> Any:
     Raises:
         MissingPackageError: If it is not installed.
     """
-    try:
-        import pyarrow
-        import pyarrow.parquet
-    except ImportError as error:
-        raise MissingPackageError(
-            "a Parquet file needs pyarrow, which is not installed: "
-            "pip install 'swarmstart[parquet]'"
-        ) from error
-    return pyarrow
+    return load_optional("pyarrow.parquet", extra="parquet", need="a Parquet file")
 
 
 def _read(rows_file: Path) -> dict[str, list[Any]]:

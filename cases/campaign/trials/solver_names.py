@@ -38,7 +38,7 @@ from swarmstart.cases.campaign.trials.peer_names import PEERS, installed_solvers
 from swarmstart.cases.format.document import meant, printable
 from swarmstart.cases.format.foreign_solvers import reaches_beyond
 from swarmstart.cases.format.registry import SEARCHES, SOLVE
-from swarmstart.errors import SwarmstartError
+from swarmstart.errors import MissingPackageError, SwarmstartError
 
 IPOPT, REPEATED = "ipopt", "repeated-ipopt"
 NULL_HYPOTHESIS = REPEATED
@@ -62,10 +62,6 @@ LONGEST = 1000
 
 class UnknownSolverError(SwarmstartError, LookupError):
     """A solver is unknown, or has no such option."""
-
-
-class MissingPackageError(SwarmstartError, ImportError):
-    """The package of a solver is not installed."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

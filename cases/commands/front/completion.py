@@ -2,17 +2,12 @@
 
 import argparse
 import shlex
-from types import ModuleType
 
 from swarmstart.cases.commands.front.options import TOPICS
 from swarmstart.cases.commands.front.parsing import subcommands_of
 from swarmstart.cases.commands.terminal import DONE, answer
 from swarmstart.cases.format.scenario import shipped
-from swarmstart.errors import SwarmstartError
-
-
-class MissingPackageError(SwarmstartError, ImportError):
-    """The package that writes the scripts is not installed."""
+from swarmstart.errors import load_optional
 
 
 def completion_command(options: argparse.Namespace) -> int:
@@ -35,7 +30,7 @@ def script(top: argparse.ArgumentParser, shell: str) -> str:
     Raises:
         MissingPackageError: If shtab is not installed.
     """
-    shtab = _shtab()
+    shtab = load_optional("shtab", extra="completion", need="completion")
     completed = {
         "SCENARIO": _scenarios(),
         "TEXT": _scenarios(),
@@ -48,19 +43,6 @@ def script(top: argparse.ArgumentParser, shell: str) -> str:
                 # shtab reads this attribute, which argparse does not know.
                 vars(action)["complete"] = completed[str(action.metavar)]
     return str(shtab.complete(top, shell=shell, preamble=_preamble()))
-
-
-def _shtab() -> ModuleType:
-    try:
-        import shtab
-    except ImportError:
-        raise MissingPackageError(
-            "completion needs shtab, which is not installed: "
-            "pip install 'swarmstart[completion]' (in a clone: "
-            "pip install '.[completion]')"
-        ) from None
-    module: ModuleType = shtab
-    return module
 
 
 def _scenarios() -> dict[str, str]:

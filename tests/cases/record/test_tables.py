@@ -5,7 +5,7 @@ import sys
 import numpy as np
 import pytest
 
-from swarmstart.cases.record.results import MissingPackageError
+from swarmstart.errors import MissingPackageError
 from swarmstart.ocp import Solution, Trajectory
 
 COLUMNS = ["place", "speed", "push"]

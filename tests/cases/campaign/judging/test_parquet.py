@@ -18,7 +18,7 @@ from swarmstart.cases.campaign.judging.results_table import (
     write_parquet,
 )
 from swarmstart.cases.record.files import ForeignFileError, RecordError, is_temporary
-from swarmstart.cases.record.results import MissingPackageError
+from swarmstart.errors import MissingPackageError
 
 HISTORY = {
     "evaluations": [1, 10],

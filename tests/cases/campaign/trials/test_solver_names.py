@@ -10,7 +10,6 @@ import pytest
 
 from swarmstart.cases.campaign.trials.solver_names import (
     NULL_HYPOTHESIS,
-    MissingPackageError,
     UnknownSolverError,
     plugins,
     solver_of,
@@ -18,7 +17,7 @@ from swarmstart.cases.campaign.trials.solver_names import (
 )
 from swarmstart.cases.format.flaws import InvalidScenarioError
 from swarmstart.cases.format.scenario import read_document, resolve
-from swarmstart.errors import SwarmstartError
+from swarmstart.errors import MissingPackageError, SwarmstartError
 
 
 @pytest.mark.parametrize(

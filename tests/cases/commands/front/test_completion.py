@@ -8,9 +8,10 @@ from pathlib import Path
 import pytest
 
 from swarmstart.cases.commands.front.cli import main
-from swarmstart.cases.commands.front.completion import MissingPackageError, script
+from swarmstart.cases.commands.front.completion import script
 from swarmstart.cases.commands.front.options import SHELLS
 from swarmstart.cases.commands.front.parser import parser
+from swarmstart.errors import MissingPackageError
 
 pytest.importorskip("shtab")
 
