@@ -18,12 +18,12 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-from swarmstart.ocp.lower_bound.checker.certificate_file import (
+from swarmstart.terminal_set.checker import checked, parsed
+from swarmstart.terminal_set.checker.lower_bound.certificate_file import (
     Certificate,
     read_certificate,
 )
-from swarmstart.ocp.lower_bound.checker.statements import findings
-from swarmstart.terminal_set.checker import checked, parsed
+from swarmstart.terminal_set.checker.lower_bound.statements import findings
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -15,9 +15,9 @@ import pytest
 
 from swarmstart.ocp.lower_bound import check
 from swarmstart.ocp.lower_bound.certificate import certificate_content
-from swarmstart.ocp.lower_bound.checker.certificate_file import expected_claims
 from swarmstart.ocp.lower_bound.stated.answer import Evidence
 from swarmstart.terminal_set.checker.file_content import digest
+from swarmstart.terminal_set.checker.lower_bound.certificate_file import expected_claims
 from swarmstart.terminal_set.interval_arithmetic.intervals import (
     UnknownIntervalOperationError,
 )
@@ -104,7 +104,7 @@ def test_a_problem_that_jumps_has_no_certificate() -> None:
 def test_the_checker_imports_nothing_that_finds_bounds() -> None:
     file = Path(check.__file__)
     allowed = (
-        "swarmstart.ocp.lower_bound.checker.",
+        "swarmstart.terminal_set.checker.lower_bound.",
         "swarmstart.terminal_set.checker",
     )
     outside = {"casadi", "scipy", "numba", "llvmlite"}

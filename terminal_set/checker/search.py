@@ -13,7 +13,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.ocp.lower_bound.checker.models import (
+from swarmstart.terminal_set.checker.findings import Deadline
+from swarmstart.terminal_set.checker.models import (
     GROWTH,
     ROUNDING,
     TINY,
@@ -21,7 +22,6 @@ from swarmstart.ocp.lower_bound.checker.models import (
     Model,
     algebra_of,
 )
-from swarmstart.terminal_set.checker import Deadline
 
 Flags = NDArray[np.bool_]
 

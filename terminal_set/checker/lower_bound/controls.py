@@ -10,12 +10,16 @@ fractions.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 
-from swarmstart.ocp.lower_bound.checker.certificate_file import Instruction, Problem
-from swarmstart.terminal_set.checker import NEVER, Deadline
+from swarmstart.terminal_set.checker.evaluation import Node, Program
+from swarmstart.terminal_set.checker.findings import NEVER, Deadline
+from swarmstart.terminal_set.checker.lower_bound.certificate_file import (
+    Instruction,
+    Problem,
+)
 
 Powers = tuple[int, ...]
 Terms = dict[Powers, int]
@@ -31,22 +35,6 @@ class _BoxedError(Exception):
     def __init__(self, control: int) -> None:
         super().__init__()
         self.control = control
-
-
-@dataclass(frozen=True, slots=True)
-class Node:
-    """One value of the new tape.
-
-    Attributes:
-        operation: "const", "point" or a tape's operation.
-        operands: Numbers of earlier values; for "point" the number of the coordinate: 0
-            is t, then x, then the boxed controls.
-        value: The number of a constant.
-    """
-
-    operation: str
-    operands: tuple[int, ...] = ()
-    value: Fraction = Fraction(0)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -82,6 +70,10 @@ class Split:
     path: tuple[int, ...]
     ends: tuple[int, ...]
     deadline: Deadline = NEVER
+
+    def program(self, wanted: Iterable[int]) -> Program:
+        """Return the program of some values, which stops at the deadline."""
+        return Program(self.nodes, wanted, self.deadline)
 
 
 def split(problem: Problem, deadline: Deadline = NEVER) -> Split:

@@ -10,12 +10,6 @@ import numpy as np
 import pytest
 
 from swarmstart.ocp.lower_bound.certificate import certificate_content
-from swarmstart.ocp.lower_bound.checker.certificate_file import _certificate
-from swarmstart.ocp.lower_bound.checker.controls import split
-from swarmstart.ocp.lower_bound.checker.least import lowest
-from swarmstart.ocp.lower_bound.checker.regions import Region, pruned_by, stated_tube
-from swarmstart.ocp.lower_bound.checker.search import Boxes
-from swarmstart.ocp.lower_bound.checker.tasks import EndTask, FaceTask, StepTask
 from swarmstart.ocp.lower_bound.stated.answer import (
     Evidence,
     Polynomial,
@@ -23,6 +17,20 @@ from swarmstart.ocp.lower_bound.stated.answer import (
     Step,
     Tube,
 )
+from swarmstart.terminal_set.checker.lower_bound.certificate_file import _certificate
+from swarmstart.terminal_set.checker.lower_bound.controls import split
+from swarmstart.terminal_set.checker.lower_bound.least import lowest
+from swarmstart.terminal_set.checker.lower_bound.regions import (
+    Region,
+    pruned_by,
+    stated_tube,
+)
+from swarmstart.terminal_set.checker.lower_bound.tasks import (
+    EndTask,
+    FaceTask,
+    StepTask,
+)
+from swarmstart.terminal_set.checker.search import Boxes
 from swarmstart.tests.ocp.lower_bound import evidence_by_hand as by_hand
 
 T, X, U = ca.SX.sym("t"), ca.SX.sym("x", 2), ca.SX.sym("u", 2)

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swarmstart.ocp.lower_bound.checker.evaluation import FUNCTIONS
-from swarmstart.ocp.lower_bound.checker.models import Model, algebra_of
+from swarmstart.terminal_set.checker.evaluation import FUNCTIONS
+from swarmstart.terminal_set.checker.models import Model, algebra_of
 
 flint = pytest.importorskip("flint")
 arb = flint.arb

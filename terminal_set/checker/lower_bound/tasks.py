@@ -9,26 +9,26 @@ from functools import cached_property
 
 import numpy as np
 
-from swarmstart.ocp.lower_bound.checker.certificate_file import Step
-from swarmstart.ocp.lower_bound.checker.controls import Split
-from swarmstart.ocp.lower_bound.checker.evaluation import (
+from swarmstart.terminal_set.checker.evaluation import (
     Program,
     Value,
     as_model,
     plus,
     times,
 )
-from swarmstart.ocp.lower_bound.checker.least import (
+from swarmstart.terminal_set.checker.lower_bound.certificate_file import Step
+from swarmstart.terminal_set.checker.lower_bound.controls import Split
+from swarmstart.terminal_set.checker.lower_bound.least import (
     Least,
     Term,
     least_over_controls,
     lowest,
     pulls,
 )
-from swarmstart.ocp.lower_bound.checker.models import ROUNDING, Array, Model
-from swarmstart.ocp.lower_bound.checker.polynomials import Expansion
-from swarmstart.ocp.lower_bound.checker.regions import Region, Tube
-from swarmstart.ocp.lower_bound.checker.search import (
+from swarmstart.terminal_set.checker.lower_bound.polynomials import Expansion
+from swarmstart.terminal_set.checker.lower_bound.regions import Region, Tube
+from swarmstart.terminal_set.checker.models import ROUNDING, Array, Model
+from swarmstart.terminal_set.checker.search import (
     Boxes,
     Flags,
     Judgement,
@@ -58,7 +58,7 @@ class _Hamiltonian:
         wanted += [c for column in split.columns for c in column if c is not None]
         if self.with_stage:
             wanted += [split.stage, *(c for c in split.linear if c is not None)]
-        return Program.of(split, wanted)
+        return split.program(wanted)
 
     def least(
         self, first: Model, weights: Sequence[Value], variables: Sequence[Model]
@@ -154,7 +154,7 @@ class EndTask:
         variables, split = boxes.variables(), self.region.split
         algebra = variables[0].algebra
         expansion = Expansion(self.step, algebra, boxes.middle, boxes.radius)
-        end = Program.of(split, [split.end])(variables)[split.end]
+        end = split.program([split.end])(variables)[split.end]
         return as_model(end, variables[0]) - expansion.value()
 
     def cut(self, boxes: Boxes) -> tuple[Boxes, Flags]:

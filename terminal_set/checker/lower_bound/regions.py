@@ -20,21 +20,26 @@ from functools import cached_property
 
 import numpy as np
 
-from swarmstart.ocp.lower_bound.checker.certificate_file import Certificate, Step
-from swarmstart.ocp.lower_bound.checker.controls import Split
-from swarmstart.ocp.lower_bound.checker.evaluation import (
-    Program,
+from swarmstart.terminal_set.checker.evaluation import (
     as_model,
     rounded,
 )
-from swarmstart.ocp.lower_bound.checker.models import (
+from swarmstart.terminal_set.checker.lower_bound.certificate_file import (
+    Certificate,
+    Step,
+)
+from swarmstart.terminal_set.checker.lower_bound.controls import Split
+from swarmstart.terminal_set.checker.lower_bound.polynomials import (
+    Expansion,
+    exact_value,
+)
+from swarmstart.terminal_set.checker.models import (
     ROUNDING,
     TINY,
     Array,
     Model,
 )
-from swarmstart.ocp.lower_bound.checker.polynomials import Expansion, exact_value
-from swarmstart.ocp.lower_bound.checker.search import Boxes, Flags, cut_by, is_empty
+from swarmstart.terminal_set.checker.search import Boxes, Flags, cut_by, is_empty
 
 
 @dataclass(frozen=True, eq=False)
@@ -280,7 +285,7 @@ class Region:
         outside = np.zeros(boxes.count, dtype=bool)
         if not numbers and not self.prunings:
             return boxes, outside
-        values = Program.of(self.split, numbers)(used) if boxes.count else {}
+        values = self.split.program(numbers)(used) if boxes.count else {}
         models = [as_model(values[number], used[0]) for number in numbers if values]
         if boxes.count:
             models += [pruning.excess(used, boxes) for pruning in self.prunings]
@@ -313,7 +318,7 @@ class Region:
         used = points.variables() if variables is None else variables
         held = self.stated.holds(points, but=but)
         numbers = (*self.split.path, *constraints)
-        values = Program.of(self.split, numbers)(used)
+        values = self.split.program(numbers)(used)
         for number in numbers:
             held &= as_model(values[number], used[0]).upper <= 0.0
         for pruning in self.prunings:

@@ -22,8 +22,8 @@ from fractions import Fraction
 
 import numpy as np
 
-from swarmstart.ocp.lower_bound.checker.evaluation import rounded
-from swarmstart.ocp.lower_bound.checker.models import (
+from swarmstart.terminal_set.checker.evaluation import rounded
+from swarmstart.terminal_set.checker.models import (
     GROWTH,
     ROUNDING,
     TINY,

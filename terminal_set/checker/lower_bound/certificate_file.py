@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
-from swarmstart.terminal_set.checker import read_content, unusable
+from swarmstart.terminal_set.checker.file_content import read_content, unusable
 
 FORMAT = "swarmstart lower bound certificate"
 LONGEST_TAPE = 20_000  # instructions

@@ -21,8 +21,8 @@ from fractions import Fraction
 
 import numpy as np
 
-from swarmstart.ocp.lower_bound.checker.certificate_file import Step, Vector
-from swarmstart.ocp.lower_bound.checker.models import (
+from swarmstart.terminal_set.checker.lower_bound.certificate_file import Step, Vector
+from swarmstart.terminal_set.checker.models import (
     GROWTH,
     ORDER,
     TINY,

@@ -9,6 +9,12 @@ the enclosure holds for real arithmetic (Berz and Makino (1998), Reliable Comput
 4(4), "Verified integration of ODEs using differential algebraic methods on high-order
 Taylor models"). A batch of boxes is computed at once, one per column.
 
+A function g of a model a = a_0 + N, with |N| <= rho over the box, is
+
+    sum for k <= ORDER of g_k N^k  +  g^(ORDER+1)(xi) / (ORDER+1)! N^(ORDER+1)
+
+with g_k = g^(k)(a_0)/k! and xi within rho of a_0 (Taylor, Lagrange's remainder).
+
 Rounding is bounded as follows. A float sum of fewer than 50 products of two floats has
 an error below 2^-46 times the sum of the products' absolute values (Higham (2002),
 section 3.1: gamma_51 < 2^-47), and an underflow below TINY. Sums and products of
@@ -19,8 +25,10 @@ that a factor GROWTH makes them upper bounds.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +39,22 @@ ORDER = 3
 ROUNDING = 2.0**-46
 GROWTH = 1.0 + 2.0**-40
 TINY = 1e-200
+ELEMENTARY = 2.0**-44
+"""Relative error of the float formulas of g_k: 16 ulp and a few roundings."""
+
+
+class Series(NamedTuple):
+    """A function about a number a_0, of each box.
+
+    Attributes:
+        factors: g_0, ..., g_ORDER at a_0, each (N,).
+        last: Upper bound of |g^(ORDER+1)| / (ORDER+1)! over the box.
+        sizes: For each factor a size, (N,); its error is at most ELEMENTARY times that.
+    """
+
+    factors: list[Array]
+    last: Array
+    sizes: list[Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +73,7 @@ class Algebra:
         powers = itertools.product(range(ORDER + 1), repeat=self.d)
         kept = [e for e in powers if sum(e) <= ORDER]
         kept.sort(key=lambda e: (sum(e), [-power for power in e]))
-        return np.array(kept, dtype=np.int64).reshape(-1, self.d)
+        return np.array(kept, dtype=np.int64).reshape(len(kept), self.d)
 
     @cached_property
     def degrees(self) -> NDArray[np.int64]:
@@ -169,11 +193,49 @@ class Model:
         rounded = ROUNDING * (self.size + other.size)
         return Model(self.algebra, total, (error + rounded) * GROWTH + TINY)
 
-    def scaled(self, factor: Array | float) -> Model:
-        """The model times a float, of each box if it is an array of shape (N,)."""
+    def number(self, value: Array | float, error: Array | float = 0.0) -> Model:
+        """A number known to within an error, over the same boxes."""
+        return self.algebra.constant(0.0 * self.error + value, error)
+
+    def scaled(self, factor: Array | float, off: float = 0.0) -> Model:
+        """The model times a float known to within `off`, of each box if an array."""
         size = np.abs(factor)
         error = (size * self.error + ROUNDING * size * self.size) * GROWTH + TINY
-        return Model(self.algebra, self.coefficients * factor, error)
+        scaled = Model(self.algebra, self.coefficients * factor, error)
+        return scaled.widened((self.size + self.error) * off) if off else scaled
+
+    def absolute(self) -> Model:
+        """The absolute value; over a kink l a + [0, M], for any l in [-1, 1].
+
+        |a| - l a is convex, 0 at a = 0, and so at most its larger end over [low, high].
+        """
+        low, high = self.lower, self.upper
+        with np.errstate(all="ignore"):
+            slope = np.clip((high + low) / (high - low), -1.0, 1.0)
+        slope = np.where(low >= 0.0, 1.0, np.where(high <= 0.0, -1.0, slope))
+        most = np.maximum(high * (1.0 - slope), -low * (1.0 + slope)) * GROWTH
+        half = np.where((low >= 0.0) | (high <= 0.0), 0.0, most / 2.0)
+        return self.scaled(slope).shifted(half, half)
+
+    def composed(self, of: Callable[[Array, Model], Series]) -> Model:
+        """A function of the model.
+
+        Args:
+            of: (numbers a_0, the model whose range bounds the remainder) -> series.
+        """
+        factors, last, sizes = of(self.middle, self)
+        moving = self.coefficients.copy()
+        moving[0] = 0.0
+        rest = Model(self.algebra, moving, self.error)
+        total = rest.scaled(factors[ORDER])
+        for k in range(ORDER - 1, 0, -1):
+            total = total.shifted(factors[k]) * rest
+        total = total.shifted(factors[0])
+        rho = rest.spread
+        # Of the factors, of underflow, and of Lagrange's remainder.
+        noise = sum(ELEMENTARY * size * rho**k for k, size in enumerate(sizes))
+        error = noise + TINY * (1.0 + rho**ORDER) + last * rho ** (ORDER + 1)
+        return total.widened(error * GROWTH)
 
     def shifted(self, constant: Array | float, error: Array | float = 0.0) -> Model:
         """The model plus a float known to within an error, of each box if arrays."""

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from swarmstart.arrays import Array
-from swarmstart.ocp.lower_bound.checker.least import (
+from swarmstart.terminal_set.checker.lower_bound.least import (
     Term,
     least_over_controls,
     lowest,
 )
-from swarmstart.ocp.lower_bound.checker.models import Algebra, Model, algebra_of
+from swarmstart.terminal_set.checker.models import Algebra, Model, algebra_of
 
 
 def random_model(rng: np.random.Generator, algebra: Algebra, count: int) -> Model:

@@ -7,9 +7,12 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from swarmstart.ocp.lower_bound.checker.certificate_file import Step
-from swarmstart.ocp.lower_bound.checker.models import Model, algebra_of
-from swarmstart.ocp.lower_bound.checker.polynomials import Expansion, exact_value
+from swarmstart.terminal_set.checker.lower_bound.certificate_file import Step
+from swarmstart.terminal_set.checker.lower_bound.polynomials import (
+    Expansion,
+    exact_value,
+)
+from swarmstart.terminal_set.checker.models import Model, algebra_of
 
 D = 3
 

@@ -9,23 +9,30 @@ from fractions import Fraction
 
 import numpy as np
 
-from swarmstart.ocp.lower_bound.checker.certificate_file import Certificate, Step
-from swarmstart.ocp.lower_bound.checker.controls import split
-from swarmstart.ocp.lower_bound.checker.polynomials import exact_value
-from swarmstart.ocp.lower_bound.checker.regions import (
-    Region,
-    is_cut_off,
-    pruned_by,
-    stated_tube,
-)
-from swarmstart.ocp.lower_bound.checker.search import Outcome, prove
-from swarmstart.ocp.lower_bound.checker.tasks import EndTask, FaceTask, StepTask
-from swarmstart.terminal_set.checker import (
+from swarmstart.terminal_set.checker.findings import (
     Deadline,
     Finding,
     TimeIsUpError,
     Verdict,
 )
+from swarmstart.terminal_set.checker.lower_bound.certificate_file import (
+    Certificate,
+    Step,
+)
+from swarmstart.terminal_set.checker.lower_bound.controls import split
+from swarmstart.terminal_set.checker.lower_bound.polynomials import exact_value
+from swarmstart.terminal_set.checker.lower_bound.regions import (
+    Region,
+    is_cut_off,
+    pruned_by,
+    stated_tube,
+)
+from swarmstart.terminal_set.checker.lower_bound.tasks import (
+    EndTask,
+    FaceTask,
+    StepTask,
+)
+from swarmstart.terminal_set.checker.search import Outcome, prove
 
 
 def findings(certificate: Certificate, *, seconds: float) -> Iterator[Finding]:

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from swarmstart.ocp.lower_bound.certificate import certificate_content
-from swarmstart.ocp.lower_bound.checker.certificate_file import (
+from swarmstart.ocp.lower_bound.stated.answer import Evidence
+from swarmstart.terminal_set.checker.evaluation import Program, as_model
+from swarmstart.terminal_set.checker.lower_bound.certificate_file import (
     Problem,
     _certificate,
 )
-from swarmstart.ocp.lower_bound.checker.controls import Split, split
-from swarmstart.ocp.lower_bound.checker.evaluation import Program, as_model
-from swarmstart.ocp.lower_bound.checker.models import algebra_of
-from swarmstart.ocp.lower_bound.stated.answer import Evidence
+from swarmstart.terminal_set.checker.lower_bound.controls import Split, split
+from swarmstart.terminal_set.checker.models import algebra_of
 from swarmstart.tests.ocp.lower_bound import evidence_by_hand as by_hand
 
 T, X, U = ca.SX.sym("t"), ca.SX.sym("x", 2), ca.SX.sym("u", 3)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from swarmstart.arrays import Array
-from swarmstart.ocp.lower_bound.checker.models import Model
-from swarmstart.ocp.lower_bound.checker.search import (
+from swarmstart.terminal_set.checker.models import Model
+from swarmstart.terminal_set.checker.search import (
     Boxes,
     Flags,
     cut_by,

@@ -1,0 +1,116 @@
+"""Values along rays from the origin, without 0/0 there: a(rho) = a(0) + rho b(rho).
+
+Both a(0) and b are Taylor models over boxes that begin at rho = 0; a(0) does not depend
+on rho. Sums and products keep that form, and so does a function g: with h = rho b, and
+a(0) = c + delta for a number c,
+
+    (g(a) - g(a(0))) / h = g_1 + g_2 (2 delta + h) + g_3 (3 delta^2 + 3 delta h + h^2)
+                           + remainder,
+
+|remainder| <= 4 last (|delta| + |h|)^3 by the mean-value theorem, since the remainder
+of the series of g about c has a slope of at most 4 last |x - c|^3 at x. So what divides
+a quadratic form of a motion by rho^2 stays exact at the origin.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from swarmstart.terminal_set.checker.models import (
+    ELEMENTARY,
+    GROWTH,
+    TINY,
+    Array,
+    Model,
+    Series,
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Along:
+    """A batch of functions along rays.
+
+    Attributes:
+        at: a(0).
+        slope: b.
+        rho: The variable rho >= 0.
+    """
+
+    at: Model
+    slope: Model
+    rho: Model
+
+    @property
+    def middle(self) -> Array:
+        """The middle of a(0), shape (N,)."""
+        return self.at.middle
+
+    @property
+    def value(self) -> Model:
+        """The values, as models."""
+        return self.at + self.rho * self.slope
+
+    def __add__(self, other: Along) -> Along:
+        """Part by part."""
+        return Along(self.at + other.at, self.slope + other.slope, self.rho)
+
+    def __sub__(self, other: Along) -> Along:
+        """Part by part."""
+        return Along(self.at - other.at, self.slope - other.slope, self.rho)
+
+    def __neg__(self) -> Along:
+        """Part by part."""
+        return Along(-self.at, -self.slope, self.rho)
+
+    def __mul__(self, other: Along) -> Along:
+        """The product."""
+        slope = self.at * other.slope + self.slope * other.value
+        return Along(self.at * other.at, slope, self.rho)
+
+    def number(self, value: Array | float, error: Array | float = 0.0) -> Along:
+        """A number known to within an error, over the same boxes."""
+        return Along(self.at.number(value, error), self.at.number(0.0), self.rho)
+
+    def scaled(self, factor: Array | float, off: float = 0.0) -> Along:
+        """The value times a float known to within `off`, of each box if an array."""
+        at, slope = self.at.scaled(factor, off), self.slope.scaled(factor, off)
+        return Along(at, slope, self.rho)
+
+    def shifted(self, constant: Array | float, error: Array | float = 0.0) -> Along:
+        """The value plus a float known to within an error."""
+        return Along(self.at.shifted(constant, error), self.slope, self.rho)
+
+    def absolute(self) -> Along:
+        """The absolute value; if the sign is not known, its slope is in [-1, 1]."""
+        value = self.value
+        sign = np.where(value.lower > 0.0, 1.0, np.where(value.upper < 0.0, -1.0, 0.0))
+        unsure = np.where(sign == 0.0, self.slope.size + self.slope.error, 0.0)
+        slope = self.slope.scaled(sign).widened(unsure)
+        return Along(self.at.absolute(), slope, self.rho)
+
+    def composed(self, of: Callable[[Array, Model], Series]) -> Along:
+        """A function of the value.
+
+        Args:
+            of: (numbers c, the model whose range bounds the remainder) -> series.
+        """
+        c, h = self.at.middle, self.rho * self.slope
+        (_, one, two, three), last, sizes = of(c, self.at + h)
+        delta = self.at.shifted(-c)
+        # 2 delta + h and 3 delta^2 + 3 delta h + h^2, which are exact for delta = 0.
+        first = delta.scaled(2.0) + h
+        second = h * h + (delta * (delta + h)).scaled(3.0)
+        slope = first.scaled(two) + second.scaled(three)
+        slope = slope.shifted(one)
+        reach = (delta.size + delta.error + h.size + h.error) * GROWTH
+        terms = (1.0, 2.0 * reach, 3.0 * reach**2)
+        noise = sum(
+            ELEMENTARY * size * term
+            for size, term in zip(sizes[1:], terms, strict=True)
+        )
+        error = noise + TINY * (1.0 + reach**2) + 4.0 * last * reach**3
+        slope = slope.widened(error * GROWTH)
+        return Along(self.at.composed(of), slope * self.slope, self.rho)
