@@ -1,11 +1,13 @@
-"""Check a certificate of a terminal set, without code of the program that wrote it.
+"""Check a certificate, without code of the program that wrote it.
 
     python -m swarmstart.terminal_set.check FILE [--seconds 600]
 
-Statements labelled "proven" are proven again by branch and bound in the ball arithmetic
-of python-flint; statements labelled "measured" are sampled. The file may contain only
-statements in the words of the format; one line for each says whether it was proven.
-Nothing in the file is printed unescaped.
+The file is a certificate of a terminal set or of a lower bound. Everything that it
+labels "proven" is proven again, by branch and bound with Taylor models; all else that a
+terminal set states is sampled. Points, matrices and the drift of a reference are
+computed in the ball arithmetic of python-flint, and bounds in exact fractions. The file
+may contain only statements in the words of the format; one line for each says whether
+it was proven. Nothing in the file is executed or printed unescaped.
 
 The last line says what was only sampled: for a held input always the integrator's
 error, which the library proves and this program does not.
@@ -20,63 +22,62 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
+from pathlib import Path
 
-from swarmstart.terminal_set.checker.certificate_file import (
-    Certificate,
-    read_certificate,
-)
-from swarmstart.terminal_set.checker.command import (
-    UNUSABLE,
-    checked,
-    complain,
-    parsed,
-)
+from swarmstart.terminal_set.checker import certificate_file
+from swarmstart.terminal_set.checker.certificate_file import Certificate
+from swarmstart.terminal_set.checker.command import Judged, checked, parsed
+from swarmstart.terminal_set.checker.file_content import LOWER_BOUND, read_content
 from swarmstart.terminal_set.checker.findings import (
     Deadline,
     Finding,
     TimeIsUpError,
     Verdict,
 )
-
-if TYPE_CHECKING:
-    from swarmstart.terminal_set.checker.decrease import Outcome
+from swarmstart.terminal_set.checker.lower_bound import certificate_file as bound_file
 
 PRECISION = 64  # bits; what floats give, and a little for differences near 0
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def main(
+    arguments: Sequence[str] | None = None,
+    *,
+    program: str = "python -m swarmstart.terminal_set.check",
+) -> int:
     """Check one file; print a line for each statement, and a verdict.
 
     Args:
         arguments: Arguments of the command line; None means those of the process.
+        program: Name of the command.
 
     Returns:
         The exit code.
     """
-    options = parsed(
-        arguments,
-        program="python -m swarmstart.terminal_set.check",
-        description="Check a certificate of a terminal set.",
-    )
-    try:  # Imported here, like all that needs it: it may be missing.
-        import flint
-    except ImportError:
-        complain(
-            "python-flint is needed to check a certificate: pip install python-flint",
-        )
-        return UNUSABLE
-    before = flint.ctx.prec  # One setting of the whole process.
-    flint.ctx.prec = PRECISION
-    try:
-        return checked(
-            options,
-            read=read_certificate,
-            judged=lambda certificate: findings(certificate, seconds=options.seconds),
-            said=_said,
-        )
-    finally:
-        flint.ctx.prec = before
+    options = parsed(arguments, program=program)
+    return checked(options, lambda file: _judged(file, options.seconds))
+
+
+def _judged(file: Path, seconds: float) -> Judged:
+    content = read_content(file)
+    # What a kind needs is imported here: it may be missing.
+    if content["format"] == LOWER_BOUND:
+        from swarmstart.terminal_set.checker.lower_bound import statements
+
+        bound = bound_file.certificate_of(content)
+        return statements.findings(
+            bound, seconds=seconds
+        ), lambda _: statements.verdict(bound)
+    import flint  # noqa: F401
+
+    certificate = certificate_file.certificate_of(content)
+    return _in_balls(certificate, seconds), lambda sampled: _said(certificate, sampled)
+
+
+def _in_balls(certificate: Certificate, seconds: float) -> Iterator[Finding]:
+    from flint import ctx
+
+    with ctx.workprec(PRECISION):  # It is one setting of the whole process.
+        yield from findings(certificate, seconds=seconds)
 
 
 def _said(certificate: Certificate, sampled: Sequence[str]) -> str:
@@ -146,27 +147,20 @@ def _quick_findings(certificate: Certificate, deadline: Deadline) -> Iterator[Fi
 
 def _proofs(certificate: Certificate, deadline: Deadline) -> Iterator[Finding]:
     from swarmstart.terminal_set.checker import ellipsoid_statements as statements
+    from swarmstart.terminal_set.checker.search import finding_of
 
     level = f"0 < V(e) <= {certificate.alpha:.6g}"
     kind = "" if certificate.dt is None else f" over a hold of {certificate.dt:g} s"
     start = time.monotonic()
-    outcome = statements.prove_decrease(certificate, deadline)
-    yield _judged(outcome, f"V decreases{kind} on {level}", start)
+    task = statements.decrease_task(certificate, deadline)
+    outcome = statements.prove_on_set(task, deadline)
+    yield finding_of(outcome, f"V decreases{kind} on {level}", start, "e")
     if certificate.growth_proven:
         start = time.monotonic()
-        outcome = statements.prove_growth(certificate, deadline)
+        task = statements.growth_task(certificate, deadline)
+        outcome = statements.prove_on_set(task, deadline)
         growth = f"V stays below {certificate.growth:.6g} V(e) between samples"
-        yield _judged(outcome, f"{growth} on {level}", start)
-
-
-def _judged(outcome: Outcome, text: str, start: float) -> Finding:
-    effort = f"{outcome.boxes} boxes, {time.monotonic() - start:.2f} s"
-    if outcome.proven:
-        return Finding(Verdict.PROVED, f"{text} ({effort})")
-    if outcome.counterexample is not None:
-        e = ", ".join(f"{entry:.6g}" for entry in outcome.counterexample)
-        return Finding(Verdict.REFUSED, f"it is false that {text}: e = ({e})")
-    return Finding(Verdict.UNDECIDED, f"{text} ({effort}; {outcome.remark})")
+        yield finding_of(outcome, f"{growth} on {level}", start, "e")
 
 
 if __name__ == "__main__":

@@ -1,37 +1,36 @@
-"""Reader of certificate files, which validates every entry.
+"""Statements of a certificate of a terminal set, and their reader.
 
-Every entry is a number, a list or one of a few known words; nothing is executed. The
-statements must be in the only accepted words, of which the checker judges exactly
+The statements must be in the only accepted words, of which the checker judges exactly
 these. Free text labelled "proven" would look as if it had been checked.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 from swarmstart.terminal_set.checker.file_content import (
-    read_content,
+    Entries,
+    Instruction,
+    Limits,
+    Matrix,
+    Vector,
+    integer,
+    mapping,
+    one_of,
+    optional,
+    text,
     unusable,
 )
 
 LONGEST_TAPE = 100_000  # instructions; larger files are not worth minutes of parsing
 MOST_SUBSTEPS = 10_000
 MOST_STATES = 50
-UNARY = frozenset("neg sq twice inv fabs sqrt sin cos tan exp log atan tanh".split())
-BINARY = frozenset("add sub mul div pow fmin fmax".split())
-_KEYS = frozenset(
+_READ = Entries(longest_tape=LONGEST_TAPE)
+_KEYS = (
     "format version sha256 dynamics reference bounds K P alpha core dt substeps Q_m "
-    "margins refuted design proof statements".split()
+    "margins refuted design proof statements"
 )
-
-Vector = tuple[float, ...]
-Matrix = tuple[Vector, ...]
-Instruction = tuple[str, tuple[int, ...], float]
-T = TypeVar("T")
 
 _PROVEN, _CLOSED_FORM, _MEASURED = "proven", "closed form", "measured"
 TAKEN = "proven by the library"  # Not proven again: the checker only samples it.
@@ -111,155 +110,43 @@ class Certificate:
         return len(self.u_ref)
 
 
-def read_certificate(path: Path) -> Certificate:
-    """Read a certificate, compare its digest and validate its entries.
-
-    Returns:
-        The statements of the certificate.
+def certificate_of(content: dict[str, object]) -> Certificate:
+    """Return the statements of a file of `TERMINAL_SET`, with its entries validated.
 
     Raises:
-        OSError: If the file cannot be read.
         CertificateFileError: If it is not a valid certificate.
-        DigestError: If it was changed after it was written.
     """
-    return _certificate(read_content(path))
-
-
-def _mapping(value: object, where: str, keys: set[str]) -> dict[str, object]:
-    if not isinstance(value, dict):
-        raise unusable(where, "an object", value)
-    for key in sorted(keys - set(value)):
-        raise unusable(where, f'the key "{key}"', "none")
-    for key in sorted(set(value) - keys):
-        raise unusable(where, "only the keys " + ", ".join(sorted(keys)), key)
-    return value
-
-
-def _number(value: object, where: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise unusable(where, "a number", value)
-    try:
-        number = float(value)
-    except OverflowError:
-        raise unusable(where, "a finite number", value) from None
-    # An integer above 2^53 would be read as another number than the written one.
-    if not math.isfinite(number) or number != value:
-        raise unusable(where, "a finite number of double precision", value)
-    return number
-
-
-def _at_least(value: object, where: str, least: float, *, strict: bool) -> float:
-    number = _number(value, where)
-    if number < least or (strict and number == least):
-        sign = "above" if strict else "of at least"
-        raise unusable(where, f"a number {sign} {least:g}", value)
-    return number
-
-
-def _integer(value: object, where: str, least: int, most: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, int):
-        raise unusable(where, "an integer", value)
-    if not least <= value <= most:
-        raise unusable(where, f"an integer from {least} to {most}", value)
-    return value
-
-
-def _list(value: object, where: str, length: int | None) -> list[object]:
-    if not isinstance(value, list):
-        raise unusable(where, "a list", value)
-    if length is not None and len(value) != length:
-        raise unusable(where, f"a list of {length}", f"{len(value)} entries")
-    return value
-
-
-def _text(value: object, where: str) -> str:
-    if not isinstance(value, str):
-        raise unusable(where, "a text", value)
-    return value
-
-
-def _optional(value: object, where: str, read: Callable[[object, str], T]) -> T | None:
-    return None if value is None else read(value, where)
-
-
-def _vector(value: object, where: str, length: int) -> Vector:
-    return tuple(
-        _number(entry, f"{where}[{i}]")
-        for i, entry in enumerate(_list(value, where, length))
-    )
-
-
-def _matrix(value: object, where: str, rows: int, columns: int) -> Matrix:
-    return tuple(
-        _vector(row, f"{where}[{i}]", columns)
-        for i, row in enumerate(_list(value, where, rows))
-    )
-
-
-def _instruction(value: object, *, number: int, nx: int, nu: int) -> Instruction:
-    where = f"dynamics.tape[{number}]"
-    parts = _list(value, where, None)
-    operation = _text(parts[0] if parts else None, f"{where}[0]")
-    counts = {"const": 1, "x": 1, "u": 1}
-    counts |= dict.fromkeys(UNARY, 1) | dict.fromkeys(BINARY, 2)
-    if operation not in counts:
-        raise unusable(f"{where}[0]", "a known operation", operation)
-    _list(parts, where, counts[operation] + 1)
-    if operation == "const":
-        return operation, (), _number(parts[1], f"{where}[1]")
-    # Operands are results of earlier instructions, so that there is no loop.
-    most = {"x": nx, "u": nu}.get(operation, number) - 1
-    if most < 0:
-        raise unusable(where, "an operation on an earlier instruction", operation)
-    operands = tuple(
-        _integer(part, f"{where}[{i}]", 0, most)
-        for i, part in enumerate(parts[1:], start=1)
-    )
-    return operation, operands, 0.0
-
-
-def _certificate(content: dict[str, object]) -> Certificate:
-    _mapping(content, "the file", set(_KEYS))
-    version = _integer(content["version"], "version", 0, 10**9)
+    mapping(content, "the file", _KEYS)
+    version = integer(content["version"], "version", 0, 10**9)
     if version not in (1, 2):
         raise unusable("version", "1 or 2", content["version"])
-    dynamics = _mapping(content["dynamics"], "dynamics", {"nx", "nu", "tape", "xdot"})
-    nx = _integer(dynamics["nx"], "dynamics.nx", 1, MOST_STATES)
-    nu = _integer(dynamics["nu"], "dynamics.nu", 1, MOST_STATES)
-    tape = _list(dynamics["tape"], "dynamics.tape", None)
-    if not 1 <= len(tape) <= LONGEST_TAPE:
-        raise unusable("dynamics.tape", f"1 to {LONGEST_TAPE} instructions", len(tape))
-    instructions = tuple(
-        _instruction(entry, number=i, nx=nx, nu=nu) for i, entry in enumerate(tape)
-    )
-    xdot = tuple(
-        _integer(entry, f"dynamics.xdot[{i}]", 0, len(tape) - 1)
-        for i, entry in enumerate(_list(dynamics["xdot"], "dynamics.xdot", nx))
-    )
+    dynamics = mapping(content["dynamics"], "dynamics", "nx nu tape xdot")
+    nx = integer(dynamics["nx"], "dynamics.nx", 1, MOST_STATES)
+    nu = integer(dynamics["nu"], "dynamics.nu", 1, MOST_STATES)
+    tape = _READ.tape(dynamics["tape"], "dynamics.tape", {"x": nx, "u": nu})
     # Files of version 1 did not say how a reference moves: all states have to rest.
-    moving = {"velocity"} if version > 1 else set()
-    reference = _mapping(content["reference"], "reference", {"x", "u"} | moving)
-    dt = _optional(content["dt"], "dt", lambda v, w: _at_least(v, w, 0.0, strict=True))
+    moving = " velocity" if version > 1 else ""
+    reference = mapping(content["reference"], "reference", "x u" + moving)
+    velocity = reference.get("velocity", [0.0] * nx)
+    dt = optional(content["dt"], "dt", _READ.positive)
     margins = _margins(content["margins"], held=dt is not None)
-    core = _mapping(content["core"], "core", {"level", "drift"})
+    core = mapping(content["core"], "core", "level drift")
     _check_remarks(content, nx=nx, nu=nu)
     certificate = Certificate(
-        tape=instructions,
-        xdot=xdot,
-        x_ref=_vector(reference["x"], "reference.x", nx),
-        u_ref=_vector(reference["u"], "reference.u", nu),
-        velocity=_vector(
-            reference.get("velocity", [0.0] * nx), "reference.velocity", nx
-        ),
+        tape=tape,
+        xdot=_READ.numbers(dynamics["xdot"], "dynamics.xdot", len(tape), nx),
+        x_ref=_READ.vector(reference["x"], "reference.x", nx),
+        u_ref=_READ.vector(reference["u"], "reference.u", nu),
+        velocity=_READ.vector(velocity, "reference.velocity", nx),
         bounds=_bounds(content["bounds"], nx=nx, nu=nu),
-        K=_matrix(content["K"], "K", nu, nx),
-        P=_matrix(content["P"], "P", nx, nx),
-        alpha=_at_least(content["alpha"], "alpha", 0.0, strict=True),
-        core=_at_least(core["level"], "core.level", 0.0, strict=False),
-        drift=_at_least(core["drift"], "core.drift", 0.0, strict=False),
+        K=_READ.matrix(content["K"], "K", nu, nx),
+        P=_READ.matrix(content["P"], "P", nx, nx),
+        alpha=_READ.positive(content["alpha"], "alpha"),
+        core=_READ.at_least_zero(core["level"], "core.level"),
+        drift=_READ.at_least_zero(core["drift"], "core.drift"),
         dt=dt,
         substeps=_substeps(content["substeps"], held=dt is not None),
-        Q_m=_matrix(content["Q_m"], "Q_m", nx, nx),
+        Q_m=_READ.matrix(content["Q_m"], "Q_m", nx, nx),
         integrator=margins.integrator,
         integrator_proven=margins.integrator_proven,
         growth=margins.growth,
@@ -270,21 +157,18 @@ def _certificate(content: dict[str, object]) -> Certificate:
     return certificate
 
 
-def _bounds(value: object, *, nx: int, nu: int) -> dict[str, tuple[float | None, ...]]:
+def _bounds(value: object, *, nx: int, nu: int) -> dict[str, Limits]:
     lengths = {"u_lower": nu, "u_upper": nu, "x_lower": nx, "x_upper": nx}
-    bounds = _mapping(value, "bounds", set(lengths))
+    bounds = mapping(value, "bounds", " ".join(lengths))
     return {
-        name: tuple(
-            _optional(entry, f"bounds.{name}[{i}]", _number)
-            for i, entry in enumerate(_list(bounds[name], f"bounds.{name}", length))
-        )
+        name: _READ.limits(bounds[name], f"bounds.{name}", length)
         for name, length in lengths.items()
     }
 
 
 def _substeps(value: object, *, held: bool) -> int | None:
     if held:
-        return _integer(value, "substeps", 1, MOST_SUBSTEPS)
+        return integer(value, "substeps", 1, MOST_SUBSTEPS)
     if value is not None:
         raise unusable("substeps", "null if dt is null", value)
     return None
@@ -298,7 +182,7 @@ class _Margins(NamedTuple):
 
 
 def _margins(value: object, *, held: bool) -> _Margins:
-    margins = _mapping(value, "margins", {"integrator", "between_samples"})
+    margins = mapping(value, "margins", "integrator between_samples")
     if not held:
         for name, margin in margins.items():
             if margin is not None:
@@ -309,10 +193,10 @@ def _margins(value: object, *, held: bool) -> _Margins:
         error, taken = _integrator(margins["integrator"], "margins.integrator")
     if margins["between_samples"] is not None:
         where = "margins.between_samples"
-        margin = _mapping(margins["between_samples"], where, {"growth", "grounds"})
-        growth = _at_least(margin["growth"], f"{where}.growth", 0.0, strict=True)
+        margin = mapping(margins["between_samples"], where, "growth grounds")
+        growth = _READ.positive(margin["growth"], f"{where}.growth")
         grounds = ("proven", "measured")
-        proven = _one_of(margin["grounds"], f"{where}.grounds", grounds) == "proven"
+        proven = one_of(margin["grounds"], f"{where}.grounds", grounds) == "proven"
     return _Margins(error, taken, growth, proven)
 
 
@@ -320,40 +204,34 @@ def _integrator(value: object, where: str) -> tuple[float, bool]:
     grounds = value.get("grounds") if isinstance(value, dict) else None
     taken = grounds == TAKEN  # The keys depend on the grounds, so these come first.
     count = "boxes" if taken else "samples"
-    margin = _mapping(value, where, {"relative_error", "grounds", count})
-    _one_of(margin["grounds"], f"{where}.grounds", (TAKEN, "measured"))
-    _integer(margin[count], f"{where}.{count}", 0, 10**15)
+    margin = mapping(value, where, f"relative_error grounds {count}")
+    one_of(margin["grounds"], f"{where}.grounds", (TAKEN, "measured"))
+    integer(margin[count], f"{where}.{count}", 0, 10**15)
     name = f"{where}.relative_error"
-    return _at_least(margin["relative_error"], name, 0.0, strict=False), taken
-
-
-def _one_of(value: object, where: str, allowed: tuple[str, ...]) -> str:
-    if _text(value, where) not in allowed:
-        raise unusable(where, " or ".join(f'"{name}"' for name in allowed), value)
-    return str(value)
+    return _READ.at_least_zero(margin["relative_error"], name), taken
 
 
 def _refuted(value: object, *, nx: int) -> Refuted | None:
     if value is None:
         return None
-    refuted = _mapping(value, "refuted", {"alpha", "e", "change"})
-    _number(refuted["change"], "refuted.change")
+    refuted = mapping(value, "refuted", "alpha e change")
+    _READ.number(refuted["change"], "refuted.change")
     return Refuted(
-        alpha=_at_least(refuted["alpha"], "refuted.alpha", 0.0, strict=True),
-        e=_vector(refuted["e"], "refuted.e", nx),
+        alpha=_READ.positive(refuted["alpha"], "refuted.alpha"),
+        e=_READ.vector(refuted["e"], "refuted.e", nx),
     )
 
 
 def _check_remarks(content: dict[str, object], *, nx: int, nu: int) -> None:
     # Design and proof describe the origin of the numbers; the check ignores them.
-    design = _mapping(content["design"], "design", {"name", "Q", "R", "kappa"})
-    _text(design["name"], "design.name")
-    _optional(design["Q"], "design.Q", lambda v, w: _matrix(v, w, nx, nx))
-    _optional(design["R"], "design.R", lambda v, w: _matrix(v, w, nu, nu))
-    _optional(design["kappa"], "design.kappa", _number)
-    proof = _mapping(content["proof"], "proof", {"boxes", "seconds"})
-    _integer(proof["boxes"], "proof.boxes", 0, 10**15)
-    _at_least(proof["seconds"], "proof.seconds", 0.0, strict=False)
+    design = mapping(content["design"], "design", "name Q R kappa")
+    text(design["name"], "design.name")
+    optional(design["Q"], "design.Q", lambda v, w: _READ.matrix(v, w, nx, nx))
+    optional(design["R"], "design.R", lambda v, w: _READ.matrix(v, w, nu, nu))
+    optional(design["kappa"], "design.kappa", _READ.number)
+    proof = mapping(content["proof"], "proof", "boxes seconds")
+    integer(proof["boxes"], "proof.boxes", 0, 10**15)
+    _READ.at_least_zero(proof["seconds"], "proof.seconds")
 
 
 def _check_statements(value: object, *, certificate: Certificate) -> None:
@@ -364,18 +242,20 @@ def _check_statements(value: object, *, certificate: Certificate) -> None:
         growth_proven=certificate.growth_proven,
     )
     left = dict(known)
-    for i, entry in enumerate(_list(value, "statements", None)):
-        where = f"statements[{i}]"
-        statement = _mapping(entry, where, {"statement", "grounds"})
-        text = _text(statement["statement"], f"{where}.statement")
-        grounds = _text(statement["grounds"], f"{where}.grounds")
-        if text not in known:
-            raise unusable(f"{where}.statement", "a statement of the format", text)
-        if text not in left:
-            raise unusable(f"{where}.statement", "each statement once", text)
-        if grounds != left.pop(text):
-            expected = f'"{known[text]}" with the margins stated'
+
+    def check(entry: object, where: str) -> None:
+        statement = mapping(entry, where, "statement grounds")
+        words = text(statement["statement"], f"{where}.statement")
+        grounds = text(statement["grounds"], f"{where}.grounds")
+        if words not in known:
+            raise unusable(f"{where}.statement", "a statement of the format", words)
+        if words not in left:
+            raise unusable(f"{where}.statement", "each statement once", words)
+        if grounds != left.pop(words):
+            expected = f'"{known[words]}" with the margins stated'
             raise unusable(f"{where}.grounds", expected, grounds)
+
+    _READ.list_of(value, "statements", None, check)
 
 
 def expected_statements(

@@ -13,7 +13,7 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import NoReturn, TextIO, TypeVar
+from typing import NoReturn, TextIO
 
 from swarmstart.terminal_set.checker.file_content import (
     CertificateFileError,
@@ -23,25 +23,23 @@ from swarmstart.terminal_set.checker.findings import Finding, Verdict
 
 PROVED, UNUSABLE, REFUSED, UNDECIDED, UNREADABLE, INTERRUPTED = 0, 2, 3, 4, 5, 130
 
-T = TypeVar("T")
+Judged = tuple[Iterable[Finding], Callable[[Sequence[str]], str]]
+"""Findings of a file; subjects that were only sampled -> the verdict, if all hold."""
 
 
-def parsed(
-    arguments: Sequence[str] | None, *, program: str, description: str
-) -> argparse.Namespace:
+def parsed(arguments: Sequence[str] | None, *, program: str) -> argparse.Namespace:
     """Return the options: `file` and `seconds`.
 
     Args:
         arguments: Arguments of the command line; None means those of the process.
         program: Name of the command.
-        description: Description of the command.
 
     Raises:
         SystemExit: With code UNUSABLE, if they are invalid.
     """
     parser = _Parser(
         prog=program,
-        description=description,
+        description="Check a certificate of a terminal set or of a lower bound.",
         epilog="exit codes: 0 proven again, 2 unusable, 3 refused, 4 undecided, "
         "5 unreadable",
     )
@@ -52,30 +50,27 @@ def parsed(
     return parser.parse_args(arguments)
 
 
-def checked(
-    options: argparse.Namespace,
-    *,
-    read: Callable[[Path], T],
-    judged: Callable[[T], Iterable[Finding]],
-    said: Callable[[T, Sequence[str]], str],
-) -> int:
+def checked(options: argparse.Namespace, judge: Callable[[Path], Judged]) -> int:
     """Check one file; print a line for each statement, and a verdict.
 
     Args:
         options: Options from `parsed`.
-        read: Function that reads a file.
-        judged: A certificate -> its findings, within the seconds.
-        said: (certificate, subjects that were only sampled) -> the verdict, if nothing
-            is refused or undecided.
+        judge: What reads a file and judges it, within the seconds.
 
     Returns:
         The exit code.
     """
     try:
-        return _checked(options, read, judged, said)
+        return _checked(options, judge)
     except KeyboardInterrupt:
         complain("interrupted")
         return INTERRUPTED
+    except ModuleNotFoundError as error:
+        complain(
+            f"python-{error.name} is needed to check a certificate: pip install "
+            f"python-{error.name}",
+        )
+        return UNUSABLE
     except OSError as error:
         complain(f"the report cannot be written: {error.strerror}")
         if sys.stdout is not None:
@@ -84,15 +79,10 @@ def checked(
         return UNREADABLE
 
 
-def _checked(
-    options: argparse.Namespace,
-    read: Callable[[Path], T],
-    judged: Callable[[T], Iterable[Finding]],
-    said: Callable[[T, Sequence[str]], str],
-) -> int:
+def _checked(options: argparse.Namespace, judge: Callable[[Path], Judged]) -> int:
     file = options.file
     try:
-        certificate = read(file)
+        found, said = judge(file)
     except OSError as error:
         complain(f"{file} cannot be read: {error.strerror}")
         return UNREADABLE
@@ -104,7 +94,7 @@ def _checked(
         write_line(sys.stdout, "verdict: refused")
         return REFUSED
     verdicts, sampled = set(), []
-    for finding in judged(certificate):
+    for finding in found:
         verdicts.add(finding.verdict)
         if finding.verdict is Verdict.SAMPLED:
             sampled.append(finding.subject)
@@ -115,7 +105,7 @@ def _checked(
     if Verdict.UNDECIDED in verdicts:
         write_line(sys.stdout, f"verdict: undecided within {options.seconds:g} s")
         return UNDECIDED
-    write_line(sys.stdout, f"verdict: {said(certificate, sampled)}")
+    write_line(sys.stdout, f"verdict: {said(sampled)}")
     return PROVED
 
 

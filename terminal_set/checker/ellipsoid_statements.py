@@ -15,259 +15,156 @@ does not grow under the map.
 
 from __future__ import annotations
 
-import dataclasses
-import itertools
-import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
+from fractions import Fraction
 
-from flint import arb, arb_mat
+import numpy as np
+from flint import arb, arb_mat, fmpq
 
-from swarmstart.terminal_set.checker.certificate_file import Certificate, Matrix, Vector
+from swarmstart.terminal_set.checker.certificate_file import Certificate
 from swarmstart.terminal_set.checker.coordinates import (
-    Floats,
     distance_from_identity,
-    identity,
     is_positive_definite,
-    middle,
     root_of_inverse,
     rotation,
+    square,
     symmetric,
 )
-from swarmstart.terminal_set.checker.decrease import (
-    Interval,
-    Outcome,
-    Search,
-    Statement,
+from swarmstart.terminal_set.checker.ellipsoid_search import (
+    Change,
+    DecreaseTask,
+    Rows,
+    quadratic_forms,
 )
+from swarmstart.terminal_set.checker.file_content import Matrix
 from swarmstart.terminal_set.checker.findings import NEVER, Deadline, Finding, Verdict
-from swarmstart.terminal_set.checker.jets import square
+from swarmstart.terminal_set.checker.models import Array
 from swarmstart.terminal_set.checker.motion import RelativeMotion
+from swarmstart.terminal_set.checker.search import Outcome, prove
 
-_PIECES = 64  # of a hold; measured: half as many take twice the boxes
-_NARROWEST = 2.0**-12  # of dt; a piece of time is not halved any further
-_BOXES_A_PIECE = 2000
+_PIECES = 64  # of a hold, each with coordinates of its own
 
 ROUNDING = 1e-9  # relative; alpha may be a bound itself, computed in floats
 
 
-class PointwiseChange:
-    """V and its change at single points, in balls.
+def change_of(
+    certificate: Certificate, deadline: Deadline = NEVER, *, is_raised: bool = False
+) -> Change:
+    """Return c(e) of the decrease, continuous or held.
 
-    Attributes:
+    Args:
         certificate: The statements of the file.
-        motion: The motion relative to the reference.
+        deadline: Time at which every evaluation of the motion stops.
+        is_raised: Whether the reserve is raised by its rounding, for proofs.
     """
-
-    def __init__(self, certificate: Certificate, deadline: Deadline = NEVER) -> None:
-        """Convert the matrices to balls."""
-        self.certificate = certificate
-        self.motion = RelativeMotion(certificate, deadline)
-        self._P = symmetric(certificate.P)
-        self._Q_m = symmetric(certificate.Q_m)
-
-    def level(self, e: Sequence[arb]) -> arb:
-        """V(e)."""
-        return _form(self._P, e)
-
-    def change(self, e: Vector) -> arb:
-        """c(e) of the decrease, continuous or held.
-
-        Args:
-            e: State relative to the reference, shape (nx,).
-
-        Returns:
-            A ball around c(e).
-        """
-        point = [arb(entry) for entry in e]
-        change = _form(self._Q_m, point)
-        dt = self.certificate.dt
-        moved = self.motion.at(point, None if dt is None else arb(dt))
-        if dt is None:
-            row = arb_mat([point]) * self._P
-            change += 2 * (row * arb_mat([[entry] for entry in moved]))[0, 0]
-            return change + 2 * arb(self.certificate.drift) * self.level(point)
-        margin = margin_of_map(self.certificate)
-        return self.level(moved) - (1 - margin) * self.level(point) + change
-
-    def excess(self, e: Vector, time: float) -> arb:
-        """V(R_t(e)) - growth V(e) of the statement between samples.
-
-        Args:
-            e: State relative to the reference, shape (nx,).
-            time: Time since the sample [s].
-
-        Returns:
-            A ball around it.
-        """
-        point = [arb(entry) for entry in e]
-        growth = arb(self.certificate.growth or 1.0)
-        moved = self.motion.at(point, arb(time))
-        return self.level(moved) - growth * self.level(point)
-
-    def is_inside(self, e: Vector) -> bool:
-        """Return whether e != 0 is certainly in the set."""
-        value = self.level([arb(entry) for entry in e])
-        return bool(value > 0 and value <= self.certificate.alpha)
-
-    def violates_decrease(self, e: Vector, time: float) -> bool:
-        """Return whether the decrease certainly fails at e."""
-        return self.is_inside(e) and bool(self.change(e) >= 0)
-
-    def violates_growth(self, e: Vector, time: float) -> bool:
-        """Return whether the bound between samples certainly fails at e and time."""
-        return self.is_inside(e) and bool(self.excess(e, time) >= 0)
+    P = exact(certificate.P)
+    Q_m = reserve(certificate) if is_raised else exact(certificate.Q_m)
+    if certificate.dt is None:
+        weight = 2 * Fraction(certificate.drift)
+    else:
+        weight = margin_of_map(certificate) - 1
+    return Change(
+        motion=RelativeMotion(certificate, deadline),
+        P=P,
+        M=_plus(Q_m, weight, P),
+        time=None if certificate.dt is None else Fraction(certificate.dt),
+    )
 
 
-def margin_of_map(certificate: Certificate) -> arb:
+def margin_of_map(certificate: Certificate) -> Fraction:
     """2 c + c^2 for the relative error c of the Runge-Kutta map and of the drift."""
     error = relative_error(certificate)
     return 2 * error + error * error
 
 
-def decrease_statement(
-    certificate: Certificate, deadline: Deadline = NEVER
-) -> Statement:
+def decrease_task(certificate: Certificate, deadline: Deadline = NEVER) -> DecreaseTask:
     """Return the statement c(e) < 0 on the set without 0.
 
     Args:
         certificate: The statements of the file; P positive definite.
         deadline: Time at which every evaluation of the motion stops.
-
-    Returns:
-        The statement for the search.
     """
-    points = PointwiseChange(certificate, deadline)
-    dt = certificate.dt or 0.0
-    kept = reserve(certificate)
-    if certificate.dt is None:
-        weight = None
-        kept += symmetric(certificate.P) * (2 * arb(certificate.drift))
-    else:
-        weight = 1 - margin_of_map(certificate)
-    return _statement(
-        points,
-        times=(dt, dt),
-        weight=weight,
-        kept=kept,
-        between=False,
-    )
+    raised = change_of(certificate, deadline, is_raised=True)
+    return _task(certificate, raised, change_of(certificate, deadline), None)
 
 
-def prove_decrease(certificate: Certificate, deadline: Deadline) -> Outcome:
-    """Try to prove the decrease on the set.
+def growth_task(certificate: Certificate, deadline: Deadline = NEVER) -> DecreaseTask:
+    """Return the statement V(R_t(e)) < growth V(e) on the set without 0, for all t.
 
     Args:
-        certificate: The statements of the file; P positive definite.
+        certificate: The statements of the file; P positive definite, growth given.
+        deadline: Time at which every evaluation of the motion stops.
+    """
+    P = exact(certificate.P)
+    nothing = [[Fraction(0)] * len(P)] * len(P)
+    change = Change(
+        motion=RelativeMotion(certificate, deadline),
+        P=P,
+        M=_plus(nothing, -Fraction(certificate.growth or 1.0), P),
+        time=None,
+    )
+    dt = certificate.dt or 0.0
+    times = np.array([dt * i / _PIECES for i in range(_PIECES)] + [dt])
+    return _task(certificate, change, change, times)
+
+
+def prove_on_set(task: DecreaseTask, deadline: Deadline) -> Outcome:
+    """Try to prove a statement on the set.
+
+    Args:
+        task: The statement.
         deadline: Time at which to stop.
 
     Returns:
         The outcome of the search.
     """
-    return Search(decrease_statement(certificate, deadline), deadline).run()
+    with np.errstate(all="ignore"):
+        # No box around the centre can be proven without a margin, so give up at once.
+        if task.times is None and not task.largest < 0.0:
+            return Outcome(
+                False,
+                0,
+                remark="the linear part has no margin: the largest quotient of its "
+                f"quadratic form is {task.largest:.3g}",
+            )
+        return prove(task, task.roots(), deadline)
 
 
-def growth_statement(
-    certificate: Certificate, times: Interval, deadline: Deadline = NEVER
-) -> Statement:
-    """Return the statement V(R_t(e)) < growth V(e) on the set without 0, for some t.
-
-    Args:
-        certificate: The statements of the file; P positive definite, growth given.
-        times: Shortest and longest time t since the sample [s]; it holds for all t in
-            between.
-        deadline: Time at which every evaluation of the motion stops.
-
-    Returns:
-        The statement for the search.
-    """
-    return _statement(
-        PointwiseChange(certificate, deadline),
+def _task(
+    certificate: Certificate, change: Change, stated: Change, times: Array | None
+) -> DecreaseTask:
+    P = symmetric(certificate.P)
+    upright = np.array(root_of_inverse(P))
+    pieces = 1 if times is None else len(times) - 1
+    with np.errstate(all="ignore"):
+        forms = quadratic_forms(change, np.array([upright] * pieces), times)
+    # The rotation is that of the quadratic form in coordinates without one.
+    T = np.array([upright @ np.array(rotation(form.tolist())) for form in forms])
+    delta = [
+        float(distance_from_identity(matrix.transpose() * P * matrix))
+        for matrix in (arb_mat(one.tolist()) for one in T)
+    ]
+    return DecreaseTask(
+        change=change,
+        stated=stated,
+        alpha=certificate.alpha,
+        T=T,
+        delta=np.nextafter(delta, np.inf),
         times=times,
-        weight=arb(certificate.growth or 1.0),
-        kept=arb_mat(certificate.nx, certificate.nx),
-        between=True,
     )
 
 
-def prove_growth(certificate: Certificate, deadline: Deadline) -> Outcome:
-    """Try to prove the growth between samples, one piece of time after another.
-
-    Each piece has its own rotation T, which makes its quadratic part nearly diagonal. A
-    piece that takes many boxes is halved, which is faster than to continue.
-
-    Args:
-        certificate: The statements of the file; P positive definite, growth given.
-        deadline: Time at which to stop.
-
-    Returns:
-        The outcome of the search; its boxes are those of all pieces.
-    """
-    dt = certificate.dt or 0.0
-    ends = [dt * i / _PIECES for i in range(_PIECES)] + [dt]
-    # The last one is taken first, so the earliest stands last.
-    pieces, boxes = list(itertools.pairwise(ends))[::-1], 0
-    while pieces:
-        low, high = pieces.pop()
-        narrow = high - low < dt * _NARROWEST
-        most = math.inf if narrow else _BOXES_A_PIECE
-        statement = growth_statement(certificate, (low, high), deadline)
-        outcome = Search(statement, deadline, most).run()
-        boxes += outcome.boxes
-        if outcome.proven:
-            continue
-        late = deadline.has_passed
-        if outcome.counterexample is not None or narrow or late:
-            where = f"in t = {low:.4g} to {high:.4g} s: {outcome.remark}"
-            return dataclasses.replace(outcome, boxes=boxes, remark=where)
-        middle_time = 0.5 * (low + high)
-        pieces += [(middle_time, high), (low, middle_time)]
-    return Outcome(proven=True, counterexample=None, boxes=boxes)
+def _plus(a: Rows, weight: Fraction, b: Rows) -> Rows:
+    return [
+        [p + weight * q for p, q in zip(*rows, strict=True)]
+        for rows in zip(a, b, strict=True)
+    ]
 
 
-def _statement(
-    points: PointwiseChange,
-    *,
-    times: tuple[float, float],
-    weight: arb | None,
-    kept: arb_mat,
-    between: bool,
-) -> Statement:
-    def in_coordinates(T: Floats) -> Statement:
-        matrix = arb_mat(T)
-        P = symmetric(points.certificate.P)
-        delta = distance_from_identity(matrix.transpose() * P * matrix)
-        held = weight is not None
-        radius = (arb(points.certificate.alpha) / (1 - delta)).sqrt().upper()
-        return Statement(
-            motion=points.motion,
-            T=T,
-            image=matrix.inv() if held else matrix.transpose() * P,
-            M=matrix.transpose() * kept * matrix,
-            scale=1 + delta if held else None,
-            constant=arb(0) if weight is None else -_least(weight, delta),
-            radius=math.nextafter(float(radius), math.inf),
-            times=times,
-            is_counterexample=(
-                points.violates_growth if between else points.violates_decrease
-            ),
-        )
-
-    # The rotation is that of the quadratic form in coordinates without one.
-    upright = root_of_inverse(symmetric(points.certificate.P))
-    linear = Search(in_coordinates(upright), NEVER)
-    middle_time = 0.5 * (times[0] + times[1])
-    turned = rotation(middle(linear.quadratic_form((middle_time, middle_time))))
-    return in_coordinates(middle(arb_mat(upright) * arb_mat(turned)))
-
-
-def _least(weight: arb, delta: arb) -> arb:
-    """The least of weight V(e)/rho^2, V(e)/rho^2 within 1 - delta and 1 + delta."""
-    return (weight * (1 - delta)).min(weight * (1 + delta))
-
-
-def _form(matrix: arb_mat, e: Sequence[arb]) -> arb:
-    column = arb_mat([[entry] for entry in e])
-    return (column.transpose() * matrix * column)[0, 0]
+def exact(rows: Matrix) -> Rows:
+    """Return the symmetric part of a square matrix as fractions."""
+    n = range(len(rows))
+    return [[(Fraction(rows[i][j]) + Fraction(rows[j][i])) / 2 for j in n] for i in n]
 
 
 def check_matrices(certificate: Certificate) -> list[Finding]:
@@ -287,7 +184,14 @@ def check_matrices(certificate: Certificate) -> list[Finding]:
             is_zero
             or (
                 _is_symmetric(certificate.Q_m)
-                and is_positive_definite(reserve(certificate))
+                and is_positive_definite(
+                    arb_mat(
+                        [
+                            [_ball(entry) for entry in row]
+                            for row in reserve(certificate)
+                        ]
+                    )
+                )
             ),
             "Q_m is symmetric and positive semidefinite",
         ),
@@ -325,18 +229,21 @@ def check_bounds(certificate: Certificate) -> list[Finding]:
     return findings
 
 
-def reserve(certificate: Certificate) -> arb_mat:
+def reserve(certificate: Certificate) -> Rows:
     """Return Q_m, raised by a bound of its rounding; 0 stays 0.
 
     Returns:
         The matrix that must be semidefinite and that the decrease has in reserve.
     """
     size = max(abs(entry) for row in certificate.Q_m for entry in row)
-    raised = identity(certificate.nx) * (arb(ROUNDING) * arb(size))
-    return symmetric(certificate.Q_m) + raised
+    raised = Fraction(ROUNDING) * Fraction(size)
+    return [
+        [entry + raised * (i == j) for j, entry in enumerate(row)]
+        for i, row in enumerate(exact(certificate.Q_m))
+    ]
 
 
-def relative_error(certificate: Certificate) -> arb:
+def relative_error(certificate: Certificate) -> Fraction:
     """Return the distance of a hold's end from the Runge-Kutta map's, over |e|_P.
 
     Args:
@@ -345,13 +252,17 @@ def relative_error(certificate: Certificate) -> arb:
     Returns:
         The error of the map and the drift of the reference.
     """
-    return arb(certificate.integrator or 0.0) + arb(certificate.drift)
+    return Fraction(certificate.integrator or 0.0) + Fraction(certificate.drift)
 
 
 def _growth(certificate: Certificate) -> arb:
     if certificate.growth is None:
         return arb(1)
-    return square(arb(certificate.growth).sqrt() + relative_error(certificate))
+    return square(arb(certificate.growth).sqrt() + _ball(relative_error(certificate)))
+
+
+def _ball(value: Fraction) -> arb:
+    return arb(fmpq(value.numerator, value.denominator))
 
 
 def _is_symmetric(matrix: Matrix) -> bool:

@@ -14,7 +14,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
@@ -210,7 +210,9 @@ class Program:
     """The instructions that some wanted values need, in order.
 
     Attributes:
-        wanted: Numbers of the wanted values.
+        outputs: Numbers of the wanted values, as they were given.
+        wanted: The same numbers, each once.
+        points: Numbers of the variables that they depend on.
     """
 
     def __init__(
@@ -220,14 +222,18 @@ class Program:
         deadline: Deadline = NEVER,
     ) -> None:
         """Select the instructions that the wanted values need."""
-        self.wanted, self._deadline = frozenset(wanted), deadline
+        self.outputs = tuple(wanted)
+        self.wanted, self._deadline = frozenset(self.outputs), deadline
         needed = set(self.wanted)
         for number in range(len(nodes) - 1, -1, -1):
             if number in needed and nodes[number].operation != "point":
                 needed.update(nodes[number].operands)
-        self._steps = [(number, nodes[number]) for number in sorted(needed)]
+        self.steps = [(number, nodes[number]) for number in sorted(needed)]
+        self.points = frozenset(
+            node.operands[0] for _, node in self.steps if node.operation == "point"
+        )
         last: dict[int, int] = {}
-        for number, node in self._steps:
+        for number, node in self.steps:
             if node.operation != "point":
                 last |= dict.fromkeys(node.operands, number)
         # Models of many boxes are large: each is dropped after its last use.
@@ -236,11 +242,17 @@ class Program:
             if operand not in self.wanted:
                 self._done.setdefault(number, []).append(operand)
 
-    def __call__(self, variables: Sequence[Model | Along]) -> dict[int, Value]:
+    def __call__(
+        self,
+        variables: Sequence[Any],
+        applied: Callable[[str, list[Any]], Any] | None = None,
+    ) -> dict[int, Any]:
         """Evaluate the wanted values.
 
         Args:
-            variables: Models of t, x and the boxed controls.
+            variables: The variables, models or values of other kinds.
+            applied: (operation, its operands) -> the result, fractions included; None
+                for models.
 
         Returns:
             Number of a wanted value -> the value.
@@ -248,8 +260,8 @@ class Program:
         Raises:
             TimeIsUpError: If the deadline has passed.
         """
-        values: dict[int, Value] = {}
-        for place, (number, node) in enumerate(self._steps):
+        values: dict[int, Any] = {}
+        for place, (number, node) in enumerate(self.steps):
             # An instruction takes up to some milliseconds, for all boxes together.
             if place % _STEPS_A_LOOK == 0:
                 self._deadline.check()
@@ -259,7 +271,11 @@ class Program:
                 values[number] = variables[node.operands[0]]
             else:
                 operands = [values[operand] for operand in node.operands]
-                values[number] = _applied(node.operation, operands, variables[0])
+                values[number] = (
+                    _applied(node.operation, operands, variables[0])
+                    if applied is None
+                    else applied(node.operation, operands)
+                )
             for operand in self._done.get(number, ()):
                 values.pop(operand, None)
         return {number: values[number] for number in self.wanted}
@@ -277,16 +293,18 @@ def rounded(number: Fraction) -> tuple[float, float]:
 
 def as_model(value: Value, like: Enclosure) -> Enclosure:
     """Return a value as models over the same boxes as another."""
-    return like.number(*rounded(value)) if isinstance(value, Fraction) else value
+    if isinstance(value, Fraction):
+        return like.number(*rounded(value))
+    return cast("Enclosure", value)
 
 
-def times(a: Value, b: Value, like: Enclosure) -> Value:
+def times(a: Value, b: Value) -> Value:
     """Return a product."""
     if isinstance(a, Fraction):
         a, b = b, a
     if isinstance(b, Fraction):
         return a * b if isinstance(a, Fraction) else a.scaled(*rounded(b))
-    return a * b
+    return a * b  # type: ignore[operator]
 
 
 def plus(a: Value, b: Value) -> Value:
@@ -295,22 +313,22 @@ def plus(a: Value, b: Value) -> Value:
         a, b = b, a
     if isinstance(b, Fraction):
         return a + b if isinstance(a, Fraction) else a.shifted(*rounded(b))
-    return a + b
+    return a + b  # type: ignore[operator]
 
 
 def _applied(operation: str, operands: list[Value], like: Enclosure) -> Value:
     first, last = operands[0], operands[-1]
     if operation == "mul":
-        return times(first, last, like)
+        return times(first, last)
     if operation == "add" or (operation == "sub" and isinstance(last, Fraction)):
         return plus(first, last if operation == "add" else -last)
     if operation == "div" and isinstance(first, Fraction):
-        return times(inverse(as_model(last, like)), first, like)
+        return times(inverse(as_model(last, like)), first)
     if operation == "div" and isinstance(last, Fraction) and last:
-        return times(first, 1 / last, like)
+        return times(first, 1 / last)
     models = [as_model(operand, like) for operand in operands]
     if operation == "pow" and isinstance(operands[1], Fraction):
         exponent, error = rounded(operands[1])
         if error == 0.0:
             return power(models[0], exponent)
-    return FUNCTIONS[operation](*models)
+    return cast("Value", FUNCTIONS[operation](*models))

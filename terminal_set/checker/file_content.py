@@ -1,4 +1,6 @@
-"""A certificate file as data: regular, bounded in size, JSON, its digest compared.
+"""Reader of certificate files: bounded in size, JSON, its digest compared, its entries.
+
+Every entry is a number, a list or one of a few known words; nothing is executed.
 
 The digest is SHA-256 of all keys but "sha256" as JSON with sorted keys, no spaces and
 ASCII only. It detects accidents and careless edits; a file with a new digest must still
@@ -9,14 +11,29 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
 import re
 import reprlib
 import stat
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
-FORMAT = "swarmstart terminal set certificate"
+TERMINAL_SET = "swarmstart terminal set certificate"
+LOWER_BOUND = "swarmstart lower bound certificate"
 LARGEST_FILE = 10_000_000  # bytes; a genuine one has some thousands
+UNARY = frozenset("neg sq twice inv fabs sqrt sin cos tan exp log atan tanh".split())
+BINARY = frozenset("add sub mul div pow fmin fmax".split())
+
+Vector = tuple[float, ...]
+Matrix = tuple[Vector, ...]
+Limits = tuple[float | None, ...]
+Instruction = tuple[str, tuple[int, ...], float]
+T = TypeVar("T")
+
+FORMATS = [TERMINAL_SET, LOWER_BOUND]  # no set: what a file has may not be hashable
 _DIGEST = re.compile("[0-9a-f]{64}")
 
 
@@ -28,20 +45,19 @@ class DigestError(ValueError):
     """The file does not match its digest: it was changed after it was written."""
 
 
-def read_content(path: Path, format_name: str = FORMAT) -> dict[str, object]:
+def read_content(path: Path) -> dict[str, object]:
     """Read a file and compare its digest.
 
     Args:
         path: The file.
-        format_name: Required value of its key "format".
 
     Returns:
         The file as a mapping.
 
     Raises:
         OSError: If the file cannot be read.
-        CertificateFileError: If it is not a regular file, too large, or not JSON of the
-            format.
+        CertificateFileError: If it is not a regular file, too large, or not JSON of one
+            of the formats.
         DigestError: If it was changed after it was written.
     """
     try:
@@ -54,8 +70,10 @@ def read_content(path: Path, format_name: str = FORMAT) -> dict[str, object]:
         raise CertificateFileError("the file is nested too deeply") from None
     except ValueError as error:
         raise CertificateFileError(f"the file is not valid JSON: {error}") from error
-    if not isinstance(content, dict) or content.get("format") != format_name:
-        raise CertificateFileError(f'the file is no "{format_name}"')
+    if not isinstance(content, dict) or content.get("format") not in FORMATS:
+        raise CertificateFileError(
+            f'the file is no "{TERMINAL_SET}" or "{LOWER_BOUND}"'
+        )
     _compare_digest(content)
     return content
 
@@ -119,3 +137,180 @@ def _compare_digest(content: dict[str, object]) -> None:
         raise CertificateFileError(f"a number is not finite: {error}") from error
     if stated != computed:
         raise DigestError(f"the file's digest is {stated}, its content's is {computed}")
+
+
+def mapping(value: object, where: str, names: str) -> dict[str, object]:
+    """Return an object with exactly these keys, which are separated by spaces."""
+    keys = set(names.split())
+    if not isinstance(value, dict):
+        raise unusable(where, "an object", value)
+    for key in sorted(keys - set(value)):
+        raise unusable(where, f'the key "{key}"', "none")
+    for key in sorted(set(value) - keys):
+        raise unusable(where, "only the keys " + ", ".join(sorted(keys)), key)
+    return value
+
+
+def integer(value: object, where: str, least: int, most: int) -> int:
+    """Return a whole number within limits."""
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise unusable(where, "an integer", value)
+    if not least <= value <= most:
+        raise unusable(where, f"an integer from {least} to {most}", value)
+    return value
+
+
+def text(value: object, where: str) -> str:
+    """Return a text."""
+    if not isinstance(value, str):
+        raise unusable(where, "a text", value)
+    return value
+
+
+def one_of(value: object, where: str, allowed: tuple[str, ...]) -> str:
+    """Return one of some texts."""
+    if text(value, where) not in allowed:
+        raise unusable(where, " or ".join(f'"{name}"' for name in allowed), value)
+    return str(value)
+
+
+def optional(value: object, where: str, read: Callable[[object, str], T]) -> T | None:
+    """Return None, or what a reader of entries returns."""
+    return None if value is None else read(value, where)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Entries:
+    """Readers of numbers and lists, with the limits of a kind of file.
+
+    Attributes:
+        largest: Largest size of a number.
+        longest: Most entries of a list.
+        longest_tape: Most instructions of a tape.
+    """
+
+    largest: float = math.inf
+    longest: float = math.inf
+    longest_tape: int
+
+    def number(self, value: object, where: str) -> float:
+        """Return a finite number."""
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise unusable(where, "a number", value)
+        try:
+            number = float(value)
+        except OverflowError:
+            raise unusable(where, "a finite number", value) from None
+        # An integer above 2^53 would be read as another number than the written one.
+        if not math.isfinite(number) or number != value:
+            raise unusable(where, "a finite number of double precision", value)
+        if abs(number) > self.largest:
+            expected = f"a number of at most {self.largest:g} in size"
+            raise unusable(where, expected, value)
+        return number
+
+    def at_least_zero(self, value: object, where: str) -> float:
+        """Return a number that is not negative."""
+        number = self.number(value, where)
+        if number < 0.0:
+            raise unusable(where, "a number of at least 0", value)
+        return number
+
+    def positive(self, value: object, where: str) -> float:
+        """Return a number above 0."""
+        number = self.number(value, where)
+        if not number > 0.0:
+            raise unusable(where, "a number above 0", value)
+        return number
+
+    def list_of(
+        self,
+        value: object,
+        where: str,
+        length: int | None,
+        read: Callable[[object, str], T],
+    ) -> tuple[T, ...]:
+        """Return the entries of a list, each as a reader returns it.
+
+        Args:
+            value: The list.
+            where: Its place in the file.
+            length: Number of its entries; None means any.
+            read: (entry, its place) -> what is returned of it.
+        """
+        if not isinstance(value, list):
+            raise unusable(where, "a list", value)
+        if length is not None and len(value) != length:
+            raise unusable(where, f"a list of {length}", f"{len(value)} entries")
+        if len(value) > self.longest:
+            raise unusable(where, f"at most {self.longest} entries", len(value))
+        return tuple(read(entry, f"{where}[{i}]") for i, entry in enumerate(value))
+
+    def vector(self, value: object, where: str, length: int | None) -> Vector:
+        """Return a list of numbers."""
+        return self.list_of(value, where, length, self.number)
+
+    def matrix(
+        self, value: object, where: str, rows: int | None, columns: int
+    ) -> Matrix:
+        """Return a list of rows."""
+        return self.list_of(
+            value, where, rows, lambda row, at: self.vector(row, at, columns)
+        )
+
+    def limits(self, value: object, where: str, length: int) -> Limits:
+        """Return a list of numbers, each of which may be missing."""
+        return self.list_of(
+            value, where, length, lambda entry, at: optional(entry, at, self.number)
+        )
+
+    def numbers(
+        self, value: object, where: str, count: int, length: int | None
+    ) -> tuple[int, ...]:
+        """Return a list of numbers of `count` instructions."""
+        return self.list_of(
+            value, where, length, lambda entry, at: integer(entry, at, 0, count - 1)
+        )
+
+    def tape(
+        self, value: object, where: str, inputs: Mapping[str, int]
+    ) -> tuple[Instruction, ...]:
+        """Return the instructions of a tape.
+
+        Args:
+            value: The list of them.
+            where: Its place in the file.
+            inputs: Kind of an input -> number of its entries.
+        """
+        length = len(value) if isinstance(value, list) else 1
+        if not 1 <= length <= self.longest_tape:
+            raise unusable(where, f"1 to {self.longest_tape} instructions", length)
+        kept: list[Instruction] = []
+
+        def read(entry: object, at: str) -> None:
+            kept.append(self._instruction(entry, at, inputs, len(kept)))
+
+        self.list_of(value, where, None, read)
+        return tuple(kept)
+
+    def _instruction(
+        self, value: object, where: str, inputs: Mapping[str, int], number: int
+    ) -> Instruction:
+        parts = self.list_of(value, where, None, lambda part, _: part)
+        operation = text(parts[0] if parts else None, f"{where}[0]")
+        counts = dict.fromkeys(("const", *inputs), 1)
+        counts |= dict.fromkeys(UNARY, 1) | dict.fromkeys(BINARY, 2)
+        if operation not in counts:
+            raise unusable(f"{where}[0]", "a known operation", operation)
+        self.list_of(value, where, counts[operation] + 1, lambda part, _: part)
+        if operation == "const":
+            return operation, (), self.number(parts[1], f"{where}[1]")
+        # Operands are results of earlier instructions, so that there is no loop.
+        most = inputs.get(operation, number) - 1
+        if most < 0:
+            raise unusable(where, "an operation on an earlier instruction", operation)
+        operands = tuple(
+            integer(part, f"{where}[{i}]", 0, most)
+            for i, part in enumerate(parts[1:], start=1)
+        )
+        return operation, operands, 0.0

@@ -106,7 +106,7 @@ class Along:
         slope = first.scaled(two) + second.scaled(three)
         slope = slope.shifted(one)
         reach = (delta.size + delta.error + h.size + h.error) * GROWTH
-        terms = (1.0, 2.0 * reach, 3.0 * reach**2)
+        terms = (np.ones_like(reach), 2.0 * reach, 3.0 * reach**2)
         noise = sum(
             ELEMENTARY * size * term
             for size, term in zip(sizes[1:], terms, strict=True)

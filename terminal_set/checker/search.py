@@ -7,13 +7,19 @@ more than its rounding.
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.terminal_set.checker.findings import Deadline
+from swarmstart.terminal_set.checker.findings import (
+    Deadline,
+    Finding,
+    TimeIsUpError,
+    Verdict,
+)
 from swarmstart.terminal_set.checker.models import (
     GROWTH,
     ROUNDING,
@@ -21,6 +27,7 @@ from swarmstart.terminal_set.checker.models import (
     Array,
     Model,
     algebra_of,
+    down,
 )
 
 Flags = NDArray[np.bool_]
@@ -177,6 +184,65 @@ class Judgement:
     pull: Array
 
 
+def lowest(model: Model) -> Array:
+    """Return lower bounds over the boxes, square and slope of a variable combined.
+
+    Returns:
+        Shape (N,); NaN if nothing is known.
+    """
+    d, c = model.algebra.d, model.coefficients
+    total = c[0] - model.error
+    squares = np.zeros(len(c), dtype=bool)
+    parts = [c[0], model.error]
+    for a in range(d):
+        place = _square_place(model, a)
+        squares[place] = True
+        g, h = np.abs(c[1 + a]), c[place]
+        with np.errstate(all="ignore"):
+            inner = -(g * g) / (4.0 * h)
+        least = np.where(g < 2.0 * h, inner, h - g)
+        total = total + least
+        parts += [g, h]
+    rest = np.abs(c[1 + d :][~squares[1 + d :]]).sum(axis=0) * GROWTH
+    return down(total - rest, *parts, rest)
+
+
+def pulls(model: Model) -> Array:
+    """Return the variation of a model along each variable, shape (d, N)."""
+    sizes = np.abs(model.coefficients)
+    weights = model.algebra.monomials.T.astype(np.float64)
+    found: Array = weights @ sizes
+    return found
+
+
+def _square_place(model: Model, a: int) -> int:
+    exponents = [0] * model.algebra.d
+    exponents[a] = 2
+    return model.algebra.numbers[tuple(exponents)]
+
+
+def judgement(
+    below: Model,
+    boxes: Boxes,
+    *,
+    proven: Flags,
+    suspect: Flags,
+    extra: Array | float = 0.0,
+) -> Judgement:
+    """Return a judgement; loss of unknown origin counts for the wide variables.
+
+    Args:
+        below: The function that is bounded from below.
+        boxes: The boxes.
+        proven: Boxes over which the inequality holds.
+        suspect: Boxes whose middle may be a counterexample.
+        extra: Further losses by variable, shape (d, N).
+    """
+    width = boxes.upper - boxes.lower
+    shares = width / np.maximum(width.sum(axis=0), 1e-300)  # A point has no width.
+    return Judgement(proven, suspect, pulls(below) + extra + below.error * shares)
+
+
 class Task(Protocol):
     """An inequality over a set."""
 
@@ -215,13 +281,18 @@ def prove(task: Task, roots: Boxes, deadline: Deadline) -> Outcome:
     stack, count = [roots], 0
     with np.errstate(all="ignore"):
         while stack:
+            left_over = sum(batch.count for batch in stack)
+            late = Outcome(False, count, remark=f"{left_over} boxes left in the queue")
             if deadline.has_passed:
-                return Outcome(False, count, remark="time was up")
+                return late
             boxes = _filtered(*task.cut(_next_batch(stack)))
             if not boxes.count:
                 continue
             count += boxes.count
-            judged = task.judge(boxes)
+            try:
+                judged = task.judge(boxes)
+            except TimeIsUpError:
+                return late
             # The slower cut is made only for boxes that are left.
             left = boxes.only(~judged.proven)
             cut, outside = task.cut_more(left)
@@ -281,3 +352,21 @@ def _halved(boxes: Boxes, pull: Array) -> tuple[Boxes, tuple[float, ...] | None]
     wanted = np.where(unknown, boxes.upper - boxes.lower, wanted)
     halves, _ = boxes.halves(np.where(apart, wanted, -1.0).argmax(axis=0))
     return halves, None
+
+
+def finding_of(outcome: Outcome, text: str, start: float, point: str) -> Finding:
+    """Return the finding of a statement that was searched.
+
+    Args:
+        outcome: The outcome of the search.
+        text: The statement.
+        start: When it began, of `time.monotonic` [s].
+        point: What a counterexample is, such as "e".
+    """
+    effort = f"{outcome.boxes} boxes, {time.monotonic() - start:.2f} s"
+    if outcome.proven:
+        return Finding(Verdict.PROVED, f"{text} ({effort})")
+    if outcome.counterexample is not None:
+        at = ", ".join(f"{entry:.9g}" for entry in outcome.counterexample)
+        return Finding(Verdict.REFUSED, f"it is false that {text}: {point} = ({at})")
+    return Finding(Verdict.UNDECIDED, f"{text} ({effort}; {outcome.remark})")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import itertools
 import json
 import math
@@ -262,10 +261,10 @@ def looks(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_too_little_time_leaves_it_undecided_and_says_how_far_it_came(
     check: Check,
 ) -> None:
-    code, said = check(chen(), "--seconds", "1000")
+    code, said = check(chen(), "--seconds", "30")
     assert code == 4
     assert "boxes left in the queue" in said
-    assert "verdict: undecided within 1000 s" in said
+    assert "verdict: undecided within 30 s" in said
 
 
 @pytest.mark.usefixtures("looks")
@@ -274,7 +273,7 @@ def test_samples_and_closed_forms_end_at_the_deadline_too(
     check: Check, substeps: int
 ) -> None:
     """Ten thousand substeps were integrated at 200 points, whatever the time."""
-    code, said = check(formation(substeps=substeps), "--seconds", "3000")
+    code, said = check(formation(substeps=substeps), "--seconds", "100")
     assert code == 4
     assert "undecided: the rest: time was up before it could be judged" in said
 
@@ -401,28 +400,3 @@ def test_an_independent_evaluation_agrees_that_v_falls_on_the_proven_set() -> No
         ]
     )
     assert np.max(np.sum(e * (P @ rate), axis=0)) < 0
-
-
-@pytest.mark.parametrize(
-    "name",
-    "sq twice inv fabs sqrt sin cos tan exp log atan tanh neg pow3 pow-2 pow.5".split(),
-)
-def test_taylor_coefficients_over_a_ball_enclose_those_of_every_point(
-    name: str,
-) -> None:
-    jets = importlib.import_module("swarmstart.terminal_set.checker.jets")
-    floats = importlib.import_module("swarmstart.terminal_set.checker.falsification")
-    base, exponent = (name[:3], float(name[3:])) if name[:3] == "pow" else (name, None)
-    extra = [] if exponent is None else [exponent]
-    ball = jets.RAY.variable(flint.arb(0.4).union(flint.arb(0.9)), {1: flint.arb(1)})
-    jet = jets.OPERATIONS[base](ball, *(jets.RAY.constant(entry) for entry in extra))
-    h = 1e-4
-    for x in np.linspace(0.41, 0.89, 25):
-        low, at, high = (
-            floats.FLOAT_OPERATIONS[base](float(x) + shift, *extra)
-            for shift in (-h, 0, h)
-        )
-        found = [at, (high - low) / (2 * h), (high - 2 * at + low) / (2 * h * h)]
-        for k, entry in enumerate(found):
-            # Finite differences of 1e-4 are right to about 1e-6 here.
-            assert (jet.slope(k) + flint.arb(0, 1e-5)).contains(flint.arb(entry)), k

@@ -1,5 +1,4 @@
-"""The parts of the independent checker of certificates of lower bounds.
+"""What the checker knows of certificates of lower bounds.
 
-Nothing here imports CasADi or the code that finds or writes a bound: a mistake there
-must not repeat itself in the check. `swarmstart.ocp.lower_bound.check` is the command.
+`swarmstart.terminal_set.check` is the command.
 """

@@ -9,11 +9,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from pathlib import Path
 
-from swarmstart.terminal_set.checker.file_content import read_content, unusable
+from swarmstart.terminal_set.checker.file_content import (
+    Entries,
+    Instruction,
+    Limits,
+    Vector,
+    integer,
+    mapping,
+    optional,
+    unusable,
+)
 
-FORMAT = "swarmstart lower bound certificate"
 LONGEST_TAPE = 20_000  # instructions
 LONGEST_LIST = 100_000  # entries; slabs, faces, coefficients
 MOST_COORDINATES = 8  # time, states and controls are boxes of so many dimensions
@@ -23,12 +30,7 @@ MOST_PRUNINGS = 100
 HIGHEST_EXPONENT = 40
 LARGEST = 1e30  # so that powers and products neither overflow nor underflow unseen
 MOST_PRODUCTS = 50_000  # of Chebyshev polynomials, of the highest exponents
-UNARY = frozenset("neg sq twice inv fabs sqrt sin cos tan exp log atan tanh".split())
-BINARY = frozenset("add sub mul div pow fmin fmax".split())
-
-Vector = tuple[float, ...]
-Limits = tuple[float | None, ...]
-Instruction = tuple[str, tuple[int, ...], float]
+_READ = Entries(largest=LARGEST, longest=LONGEST_LIST, longest_tape=LONGEST_TAPE)
 
 TUBE = "every admissible trajectory stays in the tube"
 PRUNING = "no trajectory that costs less than the known cost leaves the set of pruning"
@@ -119,38 +121,31 @@ class Certificate:
     bound: float
 
 
-def read_certificate(path: Path) -> Certificate:
-    """Read a certificate, compare its digest and validate its entries.
-
-    Returns:
-        The statements of the certificate.
+def certificate_of(content: dict[str, object]) -> Certificate:
+    """Return the statements of a file of `LOWER_BOUND`, with its entries validated.
 
     Raises:
-        OSError: If the file cannot be read.
         CertificateFileError: If it is not a valid certificate.
-        DigestError: If it was changed after it was written.
     """
-    return _certificate(read_content(path, FORMAT))
-
-
-def _certificate(content: dict[str, object]) -> Certificate:
     keys = "format version sha256 problem tube prunings final known bound statements"
-    _mapping(content, "the file", keys)
-    if _integer(content["version"], "version", 0, 10**9) != 1:
+    mapping(content, "the file", keys)
+    if integer(content["version"], "version", 0, 10**9) != 1:
         raise unusable("version", "1", content["version"])
     problem = _problem(content["problem"])
-    tube = _mapping(content["tube"], "tube", "directions times levels")
-    times = _vector(tube["times"], "tube.times", None)
+    tube = mapping(content["tube"], "tube", "directions times levels")
+    times = _READ.vector(tube["times"], "tube.times", None)
     if len(times) < 2:  # noqa: PLR2004
         raise unusable("tube.times", "2 times or more", len(times))
     for i in range(len(times) - 1):
         if not times[i] < times[i + 1]:
             raise unusable(f"tube.times[{i + 1}]", "a later time", times[i + 1])
-    directions = _matrix(tube["directions"], "tube.directions", None, problem.n)
+    directions = _READ.matrix(tube["directions"], "tube.directions", None, problem.n)
     _check_axes(directions, problem.n)
-    prunings = tuple(
-        _pruning(entry, f"prunings[{i}]", problem.n)
-        for i, entry in enumerate(_list(content["prunings"], "prunings", None))
+    prunings = _READ.list_of(
+        content["prunings"],
+        "prunings",
+        None,
+        lambda entry, where: _pruning(entry, where, problem.n),
     )
     if len(prunings) > MOST_PRUNINGS:
         raise unusable("prunings", f"at most {MOST_PRUNINGS}", len(prunings))
@@ -162,43 +157,43 @@ def _certificate(content: dict[str, object]) -> Certificate:
         problem=problem,
         directions=directions,
         times=times,
-        levels=_matrix(tube["levels"], "tube.levels", len(times), len(directions)),
+        levels=_READ.matrix(tube["levels"], "tube.levels", len(times), len(directions)),
         prunings=prunings,
         final=_step(content["final"], "final", problem.n, with_end=True),
-        known=None if known is None else _number(known, "known"),
-        bound=_number(content["bound"], "bound"),
+        known=optional(known, "known", _READ.number),
+        bound=_READ.number(content["bound"], "bound"),
     )
 
 
 def _problem(value: object) -> Problem:
     where = "problem"
-    entry = _mapping(
+    entry = mapping(
         value,
         where,
         "n m tape rate stage end path ends x0 sizes horizon control_box state_box "
         "offset sense",
     )
-    n = _integer(entry["n"], f"{where}.n", 1, MOST_COORDINATES - 1)
-    m = _integer(entry["m"], f"{where}.m", 0, MOST_CONTROLS)
-    tape = _tape(entry["tape"], f"{where}.tape", n=n, m=m)
+    n = integer(entry["n"], f"{where}.n", 1, MOST_COORDINATES - 1)
+    m = integer(entry["m"], f"{where}.m", 0, MOST_CONTROLS)
+    tape = _READ.tape(entry["tape"], f"{where}.tape", {"t": 1, "x": n, "u": m})
     _check_sizes(entry["sizes"], f"{where}.sizes", n)
-    sense = _number(entry["sense"], f"{where}.sense")
+    sense = _READ.number(entry["sense"], f"{where}.sense")
     if abs(sense) != 1.0:
         raise unusable(f"{where}.sense", "1 or -1", sense)
     problem = Problem(
         n=n,
         m=m,
         tape=tape,
-        rate=_numbers(entry["rate"], f"{where}.rate", len(tape), n),
-        stage=_integer(entry["stage"], f"{where}.stage", 0, len(tape) - 1),
-        end=_integer(entry["end"], f"{where}.end", 0, len(tape) - 1),
-        path=_numbers(entry["path"], f"{where}.path", len(tape), None),
-        ends=_numbers(entry["ends"], f"{where}.ends", len(tape), None),
-        x0=_vector(entry["x0"], f"{where}.x0", n),
+        rate=_READ.numbers(entry["rate"], f"{where}.rate", len(tape), n),
+        stage=integer(entry["stage"], f"{where}.stage", 0, len(tape) - 1),
+        end=integer(entry["end"], f"{where}.end", 0, len(tape) - 1),
+        path=_constraints(entry["path"], f"{where}.path", len(tape)),
+        ends=_constraints(entry["ends"], f"{where}.ends", len(tape)),
+        x0=_READ.vector(entry["x0"], f"{where}.x0", n),
         horizon=_horizon(entry["horizon"], f"{where}.horizon"),
         control_box=_control_box(entry["control_box"], f"{where}.control_box", m),
         state_box=_state_box(entry["state_box"], f"{where}.state_box", n),
-        offset=_number(entry["offset"], f"{where}.offset"),
+        offset=_READ.number(entry["offset"], f"{where}.offset"),
         sense=sense,
     )
     _check_dependence(problem)
@@ -217,56 +212,24 @@ def _check_dependence(problem: Problem) -> None:
                 raise unusable(f"problem.{name}", "a value without controls", number)
 
 
-def _tape(value: object, where: str, *, n: int, m: int) -> tuple[Instruction, ...]:
-    tape = _list(value, where, None)
-    if not 1 <= len(tape) <= LONGEST_TAPE:
-        raise unusable(where, f"1 to {LONGEST_TAPE} instructions", len(tape))
-    return tuple(
-        _instruction(entry, f"{where}[{i}]", {"t": 1, "x": n, "u": m}, i)
-        for i, entry in enumerate(tape)
-    )
-
-
-def _instruction(
-    value: object, where: str, inputs: dict[str, int], number: int
-) -> Instruction:
-    parts = _list(value, where, None)
-    operation = _text(parts[0] if parts else None, f"{where}[0]")
-    counts = dict.fromkeys(("const", *inputs), 1)
-    counts |= dict.fromkeys(UNARY, 1) | dict.fromkeys(BINARY, 2)
-    if operation not in counts:
-        raise unusable(f"{where}[0]", "a known operation", operation)
-    _list(parts, where, counts[operation] + 1)
-    if operation == "const":
-        return operation, (), _number(parts[1], f"{where}[1]")
-    most = inputs.get(operation, number) - 1
-    if most < 0:
-        raise unusable(where, "an operation on an earlier instruction", operation)
-    operands = tuple(
-        _integer(part, f"{where}[{i}]", 0, most)
-        for i, part in enumerate(parts[1:], start=1)
-    )
-    return operation, operands, 0.0
-
-
 def _check_sizes(value: object, where: str, n: int) -> None:
     # The proof does not depend on them: they convert to the user's units.
-    for i, size in enumerate(_vector(value, where, n)):
+    for i, size in enumerate(_READ.vector(value, where, n)):
         if not size > 0.0:
             raise unusable(f"{where}[{i}]", "a number above 0", size)
 
 
 def _horizon(value: object, where: str) -> tuple[float, float]:
-    earliest, latest = _vector(value, where, 2)
+    earliest, latest = _READ.vector(value, where, 2)
     if not 0.0 <= earliest <= latest:
         raise unusable(where, "0 <= earliest <= latest", (earliest, latest))
     return earliest, latest
 
 
 def _control_box(value: object, where: str, m: int) -> tuple[Vector, Vector]:
-    box = _mapping(value, where, "lower upper")
-    lower = _vector(box["lower"], f"{where}.lower", m)
-    upper = _vector(box["upper"], f"{where}.upper", m)
+    box = mapping(value, where, "lower upper")
+    lower = _READ.vector(box["lower"], f"{where}.lower", m)
+    upper = _READ.vector(box["upper"], f"{where}.upper", m)
     for i in range(m):
         if not lower[i] <= upper[i]:
             raise unusable(f"{where}.upper[{i}]", f"at least {lower[i]:g}", upper[i])
@@ -274,20 +237,13 @@ def _control_box(value: object, where: str, m: int) -> tuple[Vector, Vector]:
 
 
 def _state_box(value: object, where: str, n: int) -> tuple[Limits, Limits]:
-    box = _mapping(value, where, "lower upper")
-    lower = _limits(box["lower"], f"{where}.lower", n)
-    upper = _limits(box["upper"], f"{where}.upper", n)
+    box = mapping(value, where, "lower upper")
+    lower = _READ.limits(box["lower"], f"{where}.lower", n)
+    upper = _READ.limits(box["upper"], f"{where}.upper", n)
     for i, (low, high) in enumerate(zip(lower, upper, strict=True)):
         if low is not None and high is not None and low > high:
             raise unusable(f"{where}.upper[{i}]", f"at least {low:g}", high)
     return lower, upper
-
-
-def _limits(value: object, where: str, n: int) -> Limits:
-    return tuple(
-        None if entry is None else _number(entry, f"{where}[{i}]")
-        for i, entry in enumerate(_list(value, where, n))
-    )
 
 
 def _check_axes(directions: tuple[Vector, ...], n: int) -> None:
@@ -303,49 +259,46 @@ def _check_axes(directions: tuple[Vector, ...], n: int) -> None:
 
 
 def _pruning(value: object, where: str, n: int) -> tuple[Step, Step]:
-    entry = _mapping(value, where, "come go")
+    entry = mapping(value, where, "come go")
     come = _step(entry["come"], f"{where}.come", n, with_end=False)
     return come, _step(entry["go"], f"{where}.go", n, with_end=True)
 
 
 def _step(value: object, where: str, n: int, *, with_end: bool) -> Step:
-    entry = _mapping(value, where, "polynomial slack end_slack boxes")
-    _integer(entry["boxes"], f"{where}.boxes", 0, 10**15)
+    entry = mapping(value, where, "polynomial slack end_slack boxes")
+    integer(entry["boxes"], f"{where}.boxes", 0, 10**15)
     name = f"{where}.polynomial"
     shape = "middle half exponents coefficients"
-    polynomial = _mapping(entry["polynomial"], name, shape)
-    coefficients = _vector(polynomial["coefficients"], f"{name}.coefficients", None)
-    rows = _list(polynomial["exponents"], f"{name}.exponents", len(coefficients))
-    exponents = tuple(
-        _exponents(row, f"{name}.exponents[{i}]", n) for i, row in enumerate(rows)
+    polynomial = mapping(entry["polynomial"], name, shape)
+    coefficients = _READ.vector(
+        polynomial["coefficients"], f"{name}.coefficients", None
+    )
+    exponents = _READ.list_of(
+        polynomial["exponents"],
+        f"{name}.exponents",
+        len(coefficients),
+        lambda row, at: _READ.list_of(
+            row, at, 1 + n, lambda e, place: integer(e, place, 0, HIGHEST_EXPONENT)
+        ),
     )
     if len(set(exponents)) < len(exponents):
         raise unusable(f"{name}.exponents", "each product once", "one of them twice")
     highest = [max((e[a] for e in exponents), default=0) for a in range(1 + n)]
     if math.prod(1 + e for e in highest) > MOST_PRODUCTS:
         raise unusable(f"{name}.exponents", f"{MOST_PRODUCTS} products", highest)
-    half = _vector(polynomial["half"], f"{name}.half", 1 + n)
+    half = _READ.vector(polynomial["half"], f"{name}.half", 1 + n)
     if not all(width > 0.0 for width in half):
         raise unusable(f"{name}.half", "numbers above 0", half)
     end_slack = entry["end_slack"]
     if end_slack is None and with_end:
         raise unusable(f"{where}.end_slack", "a number", end_slack)
     return Step(
-        middle=_vector(polynomial["middle"], f"{name}.middle", 1 + n),
+        middle=_READ.vector(polynomial["middle"], f"{name}.middle", 1 + n),
         half=half,
         exponents=exponents,
         coefficients=coefficients,
-        slack=_at_least_zero(entry["slack"], f"{where}.slack"),
-        end_slack=None
-        if end_slack is None
-        else _at_least_zero(end_slack, f"{where}.end_slack"),
-    )
-
-
-def _exponents(value: object, where: str, n: int) -> tuple[int, ...]:
-    return tuple(
-        _integer(entry, f"{where}[{i}]", 0, HIGHEST_EXPONENT)
-        for i, entry in enumerate(_list(value, where, 1 + n))
+        slack=_READ.at_least_zero(entry["slack"], f"{where}.slack"),
+        end_slack=optional(end_slack, f"{where}.end_slack", _READ.at_least_zero),
     )
 
 
@@ -354,93 +307,16 @@ def _check_statements(value: object, *, prunings: int) -> None:
     expected = [
         {"statement": text, "grounds": "proven"} for text in expected_claims(prunings)
     ]
-    if _list(value, "statements", len(expected)) != expected:
+    entries = _READ.list_of(value, "statements", len(expected), lambda one, _: one)
+    if list(entries) != expected:
         raise unusable("statements", "the statements of the format", value)
 
 
-def _mapping(value: object, where: str, names: str) -> dict[str, object]:
-    keys = set(names.split())
-    if not isinstance(value, dict):
-        raise unusable(where, "an object", value)
-    for key in sorted(keys - set(value)):
-        raise unusable(where, f'the key "{key}"', "none")
-    for key in sorted(set(value) - keys):
-        raise unusable(where, "only the keys " + ", ".join(sorted(keys)), key)
-    return value
-
-
-def _number(value: object, where: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise unusable(where, "a number", value)
-    try:
-        number = float(value)
-    except OverflowError:
-        raise unusable(where, "a finite number", value) from None
-    # An integer above 2^53 would be read as another number than the written one.
-    if not math.isfinite(number) or number != value:
-        raise unusable(where, "a finite number of double precision", value)
-    if abs(number) > LARGEST:
-        raise unusable(where, f"a number of at most {LARGEST:g} in size", value)
-    return number
-
-
-def _at_least_zero(value: object, where: str) -> float:
-    number = _number(value, where)
-    if number < 0.0:
-        raise unusable(where, "a number of at least 0", value)
-    return number
-
-
-def _integer(value: object, where: str, least: int, most: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, int):
-        raise unusable(where, "an integer", value)
-    if not least <= value <= most:
-        raise unusable(where, f"an integer from {least} to {most}", value)
-    return value
-
-
-def _list(value: object, where: str, length: int | None) -> list[object]:
-    if not isinstance(value, list):
-        raise unusable(where, "a list", value)
-    if length is not None and len(value) != length:
-        raise unusable(where, f"a list of {length}", f"{len(value)} entries")
-    if len(value) > LONGEST_LIST:
-        raise unusable(where, f"at most {LONGEST_LIST} entries", len(value))
-    return value
-
-
-def _text(value: object, where: str) -> str:
-    if not isinstance(value, str):
-        raise unusable(where, "a text", value)
-    return value
-
-
-def _vector(value: object, where: str, length: int | None) -> Vector:
-    return tuple(
-        _number(entry, f"{where}[{i}]")
-        for i, entry in enumerate(_list(value, where, length))
-    )
-
-
-def _matrix(
-    value: object, where: str, rows: int | None, columns: int
-) -> tuple[Vector, ...]:
-    return tuple(
-        _vector(row, f"{where}[{i}]", columns)
-        for i, row in enumerate(_list(value, where, rows))
-    )
-
-
-def _numbers(
-    value: object, where: str, count: int, length: int | None
-) -> tuple[int, ...]:
-    entries = _list(value, where, length)
-    if len(entries) > MOST_CONSTRAINTS:
-        raise unusable(where, f"at most {MOST_CONSTRAINTS} entries", len(entries))
-    return tuple(
-        _integer(entry, f"{where}[{i}]", 0, count - 1)
-        for i, entry in enumerate(entries)
-    )
+def _constraints(value: object, where: str, count: int) -> tuple[int, ...]:
+    numbers = _READ.numbers(value, where, count, None)
+    if len(numbers) > MOST_CONSTRAINTS:
+        raise unusable(where, f"at most {MOST_CONSTRAINTS} entries", len(numbers))
+    return numbers
 
 
 def expected_claims(prunings: int) -> list[str]:

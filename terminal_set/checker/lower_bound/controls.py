@@ -15,11 +15,9 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 
 from swarmstart.terminal_set.checker.evaluation import Node, Program
+from swarmstart.terminal_set.checker.file_content import Instruction
 from swarmstart.terminal_set.checker.findings import NEVER, Deadline
-from swarmstart.terminal_set.checker.lower_bound.certificate_file import (
-    Instruction,
-    Problem,
-)
+from swarmstart.terminal_set.checker.lower_bound.certificate_file import Problem
 
 Powers = tuple[int, ...]
 Terms = dict[Powers, int]

@@ -29,8 +29,8 @@ from swarmstart.terminal_set.checker.models import (
     TINY,
     Array,
     Model,
-    down,
 )
+from swarmstart.terminal_set.checker.search import pulls
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,43 +86,6 @@ def least_over_controls(fixed: Model, terms: list[Term]) -> Least:
         below, lost = _less_loss(below, term, q, v)
         pull += lost
     return Least(below, at, pull)
-
-
-def lowest(model: Model) -> Array:
-    """Return lower bounds over the boxes, square and slope of a variable combined.
-
-    Returns:
-        Shape (N,); NaN if nothing is known.
-    """
-    d, c = model.algebra.d, model.coefficients
-    total = c[0] - model.error
-    squares = np.zeros(len(c), dtype=bool)
-    parts = [c[0], model.error]
-    for a in range(d):
-        place = _square_place(model, a)
-        squares[place] = True
-        g, h = np.abs(c[1 + a]), c[place]
-        with np.errstate(all="ignore"):
-            inner = -(g * g) / (4.0 * h)
-        least = np.where(g < 2.0 * h, inner, h - g)
-        total = total + least
-        parts += [g, h]
-    rest = np.abs(c[1 + d :][~squares[1 + d :]]).sum(axis=0) * GROWTH
-    return down(total - rest, *parts, rest)
-
-
-def pulls(model: Model) -> Array:
-    """Return the variation of a model along each variable, shape (d, N)."""
-    sizes = np.abs(model.coefficients)
-    weights = model.algebra.monomials.T.astype(np.float64)
-    found: Array = weights @ sizes
-    return found
-
-
-def _square_place(model: Model, a: int) -> int:
-    exponents = [0] * model.algebra.d
-    exponents[a] = 2
-    return model.algebra.numbers[tuple(exponents)]
 
 
 def _below(q: Fraction) -> float:

@@ -21,7 +21,8 @@ from fractions import Fraction
 
 import numpy as np
 
-from swarmstart.terminal_set.checker.lower_bound.certificate_file import Step, Vector
+from swarmstart.terminal_set.checker.file_content import Vector
+from swarmstart.terminal_set.checker.lower_bound.certificate_file import Step
 from swarmstart.terminal_set.checker.models import (
     GROWTH,
     ORDER,

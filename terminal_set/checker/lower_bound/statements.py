@@ -32,7 +32,7 @@ from swarmstart.terminal_set.checker.lower_bound.tasks import (
     FaceTask,
     StepTask,
 )
-from swarmstart.terminal_set.checker.search import Outcome, prove
+from swarmstart.terminal_set.checker.search import Outcome, finding_of, prove
 
 
 def findings(certificate: Certificate, *, seconds: float) -> Iterator[Finding]:
@@ -132,10 +132,10 @@ def _faces(region: Region, deadline: Deadline) -> Finding:
             boxes += outcome.boxes
             if not outcome.proven:
                 found = dataclasses.replace(outcome, boxes=boxes)
-                return _judged(found, f"{text}, by face {face}", start)
+                return finding_of(found, f"{text}, by face {face}", start, "(t, x)")
     if exempt:
         text += f" ({exempt} pieces of faces lie beyond the bounds of the states)"
-    return _judged(Outcome(True, boxes), text, start)
+    return finding_of(Outcome(True, boxes), text, start, "(t, x)")
 
 
 def _slabs(region: Region, face: int) -> list[int]:
@@ -156,21 +156,19 @@ def _step(
     start = time.monotonic()
     outcome = prove(StepTask(step, region), region.roots(), deadline)
     text = f"V_t + L + V_x f >= -{step.slack:g} over the set, of {name}"
-    yield _judged(outcome, text, start)
+    yield finding_of(outcome, text, start, "(t, x)")
     if step.end_slack is None:
         return
     start = time.monotonic()
     earliest = region.certificate.problem.horizon[0]
     outcome = prove(EndTask(step, region), region.roots(earliest), deadline)
     text = f"V <= end cost + {step.end_slack:g} at all admissible ends, of {name}"
-    yield _judged(outcome, text, start)
+    yield finding_of(outcome, text, start, "(t, x)")
 
 
-def _judged(outcome: Outcome, text: str, start: float) -> Finding:
-    effort = f"{outcome.boxes} boxes, {time.monotonic() - start:.2f} s"
-    if outcome.proven:
-        return Finding(Verdict.PROVED, f"{text} ({effort})")
-    if outcome.counterexample is not None:
-        at = ", ".join(f"{entry:.9g}" for entry in outcome.counterexample)
-        return Finding(Verdict.REFUSED, f"it is false that {text}: (t, x) = ({at})")
-    return Finding(Verdict.UNDECIDED, f"{text} ({effort}; {outcome.remark})")
+def verdict(certificate: Certificate) -> str:
+    """Return the verdict if everything was proven again."""
+    bound, sense = certificate.bound, certificate.problem.sense
+    if sense < 0.0:
+        return f"proven again: no admissible answer is worth more than {-bound:.12g}"
+    return f"proven again: no admissible answer costs less than {bound:.12g}"

@@ -22,8 +22,6 @@ from swarmstart.terminal_set.checker.lower_bound.least import (
     Least,
     Term,
     least_over_controls,
-    lowest,
-    pulls,
 )
 from swarmstart.terminal_set.checker.lower_bound.polynomials import Expansion
 from swarmstart.terminal_set.checker.lower_bound.regions import Region, Tube
@@ -34,6 +32,8 @@ from swarmstart.terminal_set.checker.search import (
     Judgement,
     cut_by,
     is_empty,
+    judgement,
+    lowest,
 )
 
 
@@ -67,7 +67,7 @@ class _Hamiltonian:
         split, values = self.split, self._program(variables)
         fixed: Value = first
         for weight, number in zip(weights, split.drift, strict=True):
-            fixed = plus(fixed, times(weight, values[number], first))
+            fixed = plus(fixed, times(weight, values[number]))
         if self.with_stage:
             fixed = plus(fixed, values[split.stage])
         terms = []
@@ -75,7 +75,7 @@ class _Hamiltonian:
             factor: Value = Fraction(0)
             for weight, entry in zip(weights, split.columns[place], strict=True):
                 if entry is not None:
-                    factor = plus(factor, times(weight, values[entry], first))
+                    factor = plus(factor, times(weight, values[entry]))
             linear = split.linear[place]
             if self.with_stage and linear is not None:
                 factor = plus(factor, values[linear])
@@ -123,7 +123,9 @@ class StepTask:
         least = self._least(boxes)
         proven = lowest(least.below) >= -self.step.slack
         suspect = least.at.middle < -self.step.slack
-        return _judgement(least.below, least.pull, boxes, proven, suspect)
+        return judgement(
+            least.below, boxes, proven=proven, suspect=suspect, extra=least.pull
+        )
 
     def refuted(self, points: Boxes) -> Flags:
         """Say which points violate it."""
@@ -169,7 +171,7 @@ class EndTask:
         """Judge the inequality over boxes."""
         excess, slack = self._excess(boxes), self.step.end_slack or 0.0
         proven, suspect = lowest(excess) >= -slack, excess.middle < -slack
-        return _judgement(excess, np.zeros_like(boxes.lower), boxes, proven, suspect)
+        return judgement(excess, boxes, proven=proven, suspect=suspect)
 
     def refuted(self, points: Boxes) -> Flags:
         """Say which points violate it."""
@@ -234,7 +236,7 @@ class FaceTask:
                 level = level - variables[1 + i].scaled(float(direction[i]))
         # Exact here; `times` allows for its rounding to a float.
         scale = Fraction(1) / Fraction(float(direction[self._pivot]))
-        variables[1 + self._pivot] = as_model(times(level, scale, level), level)
+        variables[1 + self._pivot] = as_model(times(level, scale), level)
         return variables
 
     def _level(self, time: Model, boxes: Boxes, tube: Tube, face: int) -> Model:
@@ -311,7 +313,9 @@ class FaceTask:
         """Judge the inequality over boxes."""
         least = self._least(boxes, self.region.tube)
         proven, suspect = lowest(least.below) > 0.0, least.at.middle < 0.0
-        return _judgement(least.below, least.pull, boxes, proven, suspect)
+        return judgement(
+            least.below, boxes, proven=proven, suspect=suspect, extra=least.pull
+        )
 
     def refuted(self, points: Boxes) -> Flags:
         """Say which points of the file's own tube violate it."""
@@ -330,16 +334,6 @@ class FaceTask:
         """Return the first point, (t, x)."""
         variables = self._variables(points, self.region.stated)
         return _point(self._placed(points, variables).points(), self.region)
-
-
-def _judgement(
-    below: Model, extra: Array, boxes: Boxes, proven: Flags, suspect: Flags
-) -> Judgement:
-    """Return a judgement; loss of unknown origin counts for the wide variables."""
-    width = boxes.upper - boxes.lower
-    shares = width / np.maximum(width.sum(axis=0), 1e-300)  # A point has no width.
-    pull = pulls(below) + extra + below.error * shares
-    return Judgement(proven, suspect, pull)
 
 
 def _point(points: Boxes, region: Region) -> tuple[float, ...]:

@@ -288,12 +288,17 @@ def test_nesting_beyond_the_stack_is_unusable(check: Check) -> None:
     assert check('{"format": ' + "[" * depth + "]" * depth + "}")[0] == 2
 
 
-def test_a_certificate_of_a_terminal_set_is_unusable(check: Check) -> None:
+def test_a_certificate_with_the_format_of_another_is_unusable(check: Check) -> None:
     content = content_of(by_hand.quadratic())
     content["format"] = "swarmstart terminal set certificate"
+    content["sha256"] = digest(content)
     code, said = check(content)
     assert code == 2
-    assert 'no "swarmstart lower bound certificate"' in said
+    assert 'the file: expected the key "K"' in said
+    content["format"] = "swarmstart report"
+    code, said = check(content)
+    assert code == 2
+    assert 'no "swarmstart terminal set certificate" or "swarmstart lower bound' in said
 
 
 def test_an_unreadable_file_has_a_code_of_its_own(tmp_path: Path) -> None:

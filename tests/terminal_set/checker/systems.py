@@ -12,8 +12,9 @@ import numpy as np
 from swarmstart.arrays import Array
 from swarmstart.terminal_set.checker.certificate_file import (
     Certificate,
-    read_certificate,
+    certificate_of,
 )
+from swarmstart.terminal_set.checker.file_content import read_content
 from swarmstart.tests.terminal_set.checker.certificates_by_hand import MU, Content
 
 Field = Callable[[Array, Array], Array]
@@ -24,7 +25,7 @@ def as_read(content: Content) -> Certificate:
     with TemporaryDirectory() as folder:
         path = Path(folder) / "certificate.json"
         path.write_text(json.dumps(content))
-        return read_certificate(path)
+        return certificate_of(read_content(path))
 
 
 def chen_field(x: Array, u: Array) -> Array:

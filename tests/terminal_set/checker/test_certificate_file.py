@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 from typing import Any
 
 import pytest
@@ -150,7 +151,8 @@ def test_tape_is_limited(monkeypatch: pytest.MonkeyPatch) -> None:
     content = chen()
     tape = content["dynamics"]["tape"]
     assert certificate_file.LONGEST_TAPE == 100_000
-    monkeypatch.setattr(certificate_file, "LONGEST_TAPE", len(tape))
+    limited = dataclasses.replace(certificate_file._READ, longest_tape=len(tape))
+    monkeypatch.setattr(certificate_file, "_READ", limited)
     as_read(content)
     longer = replaced(content, ("dynamics", "tape"), [*tape, ["neg", 0]])
     for wrong in (longer, replaced(content, ("dynamics", "tape"), [])):

@@ -138,7 +138,7 @@ def test_a_reserve_that_is_rounded_is_raised_until_it_takes_nothing_away() -> No
     Q_m = ((1.0, 0.0), (0.0, -1e-10))
     assert judged(Q_m=Q_m) == [True, True]
     kept = reserve(stated(Q_m=Q_m))
-    assert kept[1, 1] > 0 and kept[0, 0] >= 1
-    assert float(kept[1, 1]) < 1e-9
-    assert reserve(stated())[0, 0] == 0
-    assert math.isclose(float(reserve(stated(Q_m=((4.0, 0), (0, 0))))[1, 1]), 4e-9)
+    assert kept[1][1] > 0 and kept[0][0] >= 1
+    assert float(kept[1][1]) < 1e-9
+    assert reserve(stated())[0][0] == 0
+    assert math.isclose(float(reserve(stated(Q_m=((4.0, 0), (0, 0))))[1][1]), 4e-9)

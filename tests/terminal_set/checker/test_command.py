@@ -10,7 +10,7 @@ from typing import NoReturn
 
 import pytest
 
-from swarmstart.terminal_set.checker.command import checked, complain, parsed
+from swarmstart.terminal_set.checker.command import Judged, checked, complain, parsed
 from swarmstart.terminal_set.checker.file_content import (
     CertificateFileError,
     DigestError,
@@ -26,16 +26,21 @@ Judge = Callable[[str], Iterable[Finding]]
 
 
 def options_of(*arguments: str) -> object:
-    return vars(parsed(arguments, program="check", description="Check a file."))
+    return vars(parsed(arguments, program="check"))
 
 
 def said_of(text: str, sampled: Sequence[str]) -> str:
     return f"as {text}" + "".join(f", sampled: {subject}" for subject in sampled)
 
 
-def code_of(read: Callable[[Path], str], judged: Judge = lambda _: [PROVED]) -> int:
-    options = parsed(["a.json"], program="check", description="Check a file.")
-    return checked(options, read=read, judged=judged, said=said_of)
+def code_of(read: Callable[[str], str], judged: Judge = lambda _: [PROVED]) -> int:
+    options = parsed(["a.json"], program="check")
+
+    def judge(file: Path) -> Judged:
+        text = read(str(file))
+        return judged(text), lambda sampled: said_of(text, sampled)
+
+    return checked(options, judge)
 
 
 def raising(error: BaseException) -> Callable[[object], NoReturn]:

@@ -22,25 +22,31 @@ from swarmstart.tests.terminal_set.checker.certificates_by_hand import certifica
 
 flint = pytest.importorskip("flint")
 
-from swarmstart.terminal_set.checker.decrease import (  # noqa: E402
-    Outcome,
-    Search,
-    Statement,
+from swarmstart.terminal_set.checker.ellipsoid_search import (  # noqa: E402
+    DecreaseTask,
 )
 from swarmstart.terminal_set.checker.ellipsoid_statements import (  # noqa: E402
-    PointwiseChange,
-    _least,
-    decrease_statement,
-    growth_statement,
-    prove_decrease,
-    prove_growth,
+    decrease_task,
+    growth_task,
+    prove_on_set,
+)
+from swarmstart.terminal_set.checker.search import (  # noqa: E402
+    Boxes,
+    Flags,
+    Outcome,
+)
+from swarmstart.tests.terminal_set.checker.changes import (  # noqa: E402
+    after_looks,
+    change_at,
+    excess_at,
+    violates,
 )
 
 P = np.array([[2.0, 0.6], [0.6, 1.0]])
 Q_M = np.array([[0.1, 0.02], [0.02, 0.3]])
 F = np.array([[-1.0, 0.7], [-0.4, -1.5]])
 E = np.array([0.3, -0.5])
-MOST_BOXES = 3000
+MOST_LOOKS = 30
 IDENTITY = [[1.0, 0.0], [0.0, 1.0]]
 TILTED = P.tolist()
 
@@ -60,19 +66,17 @@ def series(dt: float) -> np.ndarray:
 
 def test_the_change_at_a_point_is_the_form_written_out() -> None:
     V = E @ P @ E
-    change = PointwiseChange(linear(drift=0.2)).change(tuple(E))
+    change = change_at(linear(drift=0.2), E)
     expected = 2 * E @ P @ F @ E + E @ Q_M @ E + 2 * 0.2 * V
-    assert float(change.mid()) == pytest.approx(expected, rel=1e-12)
+    assert change == pytest.approx(expected, rel=1e-12)
     held = linear(0.5, integrator=0.03, drift=0.2, growth=1.4)
     after = series(0.5) @ E
     c = 0.03 + 0.2
     expected = after @ P @ after - V + E @ Q_M @ E + (2 * c + c**2) * V
-    assert float(PointwiseChange(held).change(tuple(E)).mid()) == pytest.approx(
-        expected
-    )
-    excess = PointwiseChange(held).excess(tuple(E), 0.3)
+    assert change_at(held, E) == pytest.approx(expected)
+    excess = excess_at(held, E, 0.3)
     after = series(0.3) @ E
-    assert float(excess.mid()) == pytest.approx(after @ P @ after - 1.4 * V)
+    assert excess == pytest.approx(after @ P @ after - 1.4 * V)
 
 
 @pytest.mark.parametrize("dt", [None, 0.5])
@@ -81,21 +85,22 @@ def test_the_radius_of_the_search_holds_the_ellipsoid_and_hardly_more(
 ) -> None:
     alpha = 0.7
     certificate = dataclasses.replace(linear(dt, growth=1.2), alpha=alpha)
-    statements = [decrease_statement(certificate)]
+    tasks = [decrease_task(certificate)]
     if dt is not None:
-        statements.append(growth_statement(certificate, (0.1, 0.2)))
-    for statement in statements:
-        assert alpha <= statement.radius**2 <= alpha * (1 + 1e-12)
-        T = np.array(statement.T)
-        np.testing.assert_allclose(T.T @ P @ T, np.eye(2), atol=1e-14)
+        tasks.append(growth_task(certificate))
+    for task in tasks:
+        radius = task.roots().upper[0]
+        assert (alpha <= radius**2).all() and (radius**2 <= alpha * (1 + 1e-12)).all()
+        for T in task.T:
+            np.testing.assert_allclose(T.T @ P @ T, np.eye(2), atol=1e-14)
 
 
-@pytest.mark.parametrize(("weight", "least"), [(2.0, 1.5), (-2.0, -2.5)])
-def test_the_least_of_a_weighted_v_is_at_the_end_its_sign_says(
-    weight: float, least: float
-) -> None:
-    """V / rho^2 from 3 / 4 to 5 / 4."""
-    assert _least(flint.arb(weight), flint.arb(0.25)) == least
+def prove_decrease(certificate: Certificate) -> Outcome:
+    return prove_on_set(decrease_task(certificate), NEVER)
+
+
+def prove_growth(certificate: Certificate) -> Outcome:
+    return prove_on_set(growth_task(certificate), NEVER)
 
 
 def largest_reserve(dt: float | None) -> float:
@@ -114,44 +119,41 @@ def test_a_reserve_is_proven_up_to_what_the_linear_part_has(dt: float | None) ->
     most = largest_reserve(dt)
     for share, expected in ((0.99, True), (1.01, False)):
         Q_m = tuple(map(tuple, (share * most * P).tolist()))
-        assert prove_decrease(linear(dt, Q_m=Q_m), NEVER).proven == expected
+        assert prove_decrease(linear(dt, Q_m=Q_m)).proven == expected
     zero = ((0.0, 0.0), (0.0, 0.0))
     c = math.sqrt(1 + most) - 1  # 2 c + c^2 = most
     for share, expected in ((0.99, True), (1.01, False)):
         named = "drift" if dt is None else "integrator"
         size = share * (most / 2 if dt is None else c)
         stated = linear(dt, Q_m=zero, **{named: size})
-        assert prove_decrease(stated, NEVER).proven == expected
+        assert prove_decrease(stated).proven == expected
 
 
 def test_what_counts_as_a_counterexample_is_in_the_set_and_certain() -> None:
-    growing = PointwiseChange(linear(Q_m=((9.0, 0.0), (0.0, 9.0))))
+    growing = linear(Q_m=((9.0, 0.0), (0.0, 9.0)))
     size = math.sqrt(float(E @ P @ E))
-    assert growing.violates_decrease(tuple(0.999 * E / size), 0.0)
-    assert not growing.violates_decrease(tuple(1.001 * E / size), 0.0)
-    assert not growing.violates_decrease((0.0, 0.0), 0.0)
-    falling = PointwiseChange(linear())
-    assert not falling.violates_decrease(tuple(0.5 * E), 0.0)
-    held = PointwiseChange(linear(0.5, growth=0.3))
-    assert held.violates_growth(tuple(0.5 * E), 0.01)
-    assert not held.violates_growth(tuple(0.5 * E), 1.5)
+    assert violates(growing, 0.999 * E / size)
+    assert not violates(growing, 1.001 * E / size)
+    assert not violates(growing, (0.0, 0.0))
+    assert not violates(linear(), 0.5 * E)
 
 
 @pytest.mark.parametrize("dt", [None, 0.5])
 def test_the_reserve_of_the_search_is_the_raised_one(dt: float | None) -> None:
     """Semidefinite to rounding is enough for Q_m: what is proven has no rising part."""
     Q_m = ((1.0, 0.0), (0.0, -1e-10))
-    statement = decrease_statement(linear(dt, Q_m=Q_m))
-    T = np.array(statement.T)
-    raised = np.diag([1.0 + 1e-9, 9e-10])
-    found = [[float(entry.mid()) for entry in row] for row in statement.M.tolist()]
-    np.testing.assert_allclose(found, T.T @ raised @ T, rtol=0, atol=1e-13)
+    certificate = linear(dt, Q_m=Q_m)
+    found = np.array(decrease_task(certificate).change.M, dtype=float)
+    weight = 0.0 if dt is None else -1.0
+    np.testing.assert_allclose(
+        found - weight * P, np.diag([1.0 + 1e-9, 9e-10]), rtol=0, atol=1e-13
+    )
 
 
 def test_a_proof_ends_at_the_deadline() -> None:
-    for prove in (prove_decrease, prove_growth):
+    for task in (decrease_task, growth_task):
         with pytest.raises(TimeIsUpError):
-            prove(linear(0.5, growth=1.05), Deadline(-math.inf))
+            task(linear(0.5, growth=1.05), Deadline(-math.inf))
 
 
 def cubic() -> ca.Function:
@@ -228,15 +230,24 @@ TRUE_LEVELS: dict[str, Callable[[], Certificate]] = {
 }
 
 
-def proved(statement: Statement) -> Outcome:
-    """Run the search alone: no point is looked at, only bounds of boxes count."""
-    blind = dataclasses.replace(statement, is_counterexample=lambda e, time: False)
-    return Search(blind, NEVER, MOST_BOXES).run()
+class Blind(DecreaseTask):
+    """No point is looked at, only bounds of boxes count."""
+
+    def refuted(self, points: Boxes) -> Flags:
+        return np.zeros(points.count, dtype=np.bool_)
 
 
-def with_level(certificate: Certificate, share: float) -> Statement:
+def proved(task: DecreaseTask) -> Outcome:
+    """Run the search alone, for some batches of boxes."""
+    fields = {
+        field.name: getattr(task, field.name) for field in dataclasses.fields(task)
+    }
+    return prove_on_set(Blind(**fields), after_looks(MOST_LOOKS))
+
+
+def with_level(certificate: Certificate, share: float) -> DecreaseTask:
     level = dataclasses.replace(certificate, alpha=share * certificate.alpha)
-    return decrease_statement(level)
+    return decrease_task(level)
 
 
 @pytest.mark.parametrize("name", TRUE_LEVELS)
@@ -252,10 +263,9 @@ def test_a_level_is_proven_below_the_true_one_and_not_above(name: str) -> None:
 def test_a_state_that_breaks_the_decrease_ends_the_search(name: str) -> None:
     certificate = TRUE_LEVELS[name]()
     certificate = dataclasses.replace(certificate, alpha=1.1 * certificate.alpha)
-    outcome = Search(decrease_statement(certificate), NEVER, MOST_BOXES).run()
+    outcome = prove_decrease(certificate)
     assert not outcome.proven and outcome.counterexample is not None
-    points = PointwiseChange(certificate)
-    assert points.violates_decrease(outcome.counterexample, 0.0)
+    assert violates(certificate, outcome.counterexample)
 
 
 def rotation(P: list[list[float]], growth: float, dt: float) -> Certificate:
@@ -275,10 +285,9 @@ def test_growth_is_proven_above_the_true_one_and_not_below(
         turned = scipy.linalg.expm(dt * np.array([[0.0, 1.0], [-1.0, 0.0]]))
         largest = float(scipy.linalg.eigh(turned.T @ P @ turned, P)[0][-1])
     above = rotation(P.tolist(), 1.02 * largest, dt)
-    assert prove_growth(above, NEVER).proven
+    assert prove_growth(above).proven
     for share in (0.98, 0.7):
         below = rotation(P.tolist(), share * largest, dt)
-        outcome = prove_growth(below, NEVER)
+        outcome = prove_growth(below)
         assert not outcome.proven and outcome.counterexample is not None
-        statement = growth_statement(below, (0.9 * dt if dt < 1 else 1.5, min(dt, 1.6)))
-        assert not proved(statement).proven
+        assert not proved(growth_task(below)).proven

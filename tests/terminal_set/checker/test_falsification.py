@@ -4,35 +4,31 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Sequence
 
 import numpy as np
 import pytest
 
 flint = pytest.importorskip("flint")
 
+from swarmstart.arrays import Array  # noqa: E402
 from swarmstart.terminal_set.checker import falsification  # noqa: E402
 from swarmstart.terminal_set.checker.certificate_file import (  # noqa: E402
-    BINARY,
-    UNARY,
     Certificate,
-    Vector,
 )
 from swarmstart.terminal_set.checker.ellipsoid_statements import (  # noqa: E402
-    PointwiseChange,
+    change_of,
 )
 from swarmstart.terminal_set.checker.falsification import (  # noqa: E402
-    FLOAT_OPERATIONS,
     REFINEMENT,
     SAMPLES,
     TIMES,
-    SampledMotion,
     check_growth_by_samples,
     check_integrator,
     check_refuted,
     find_counterexample,
 )
 from swarmstart.terminal_set.checker.findings import NEVER, Verdict  # noqa: E402
+from swarmstart.terminal_set.checker.models import Model  # noqa: E402
 from swarmstart.tests.terminal_set.checker.certificates_by_hand import (  # noqa: E402
     Content,
     chen,
@@ -43,47 +39,23 @@ from swarmstart.tests.terminal_set.checker.certificates_by_hand import (  # noqa
 )
 from swarmstart.tests.terminal_set.checker.systems import (  # noqa: E402
     as_read,
-    chen_field,
     runge_kutta,
     unicycle_field,
 )
 
 
-@pytest.mark.parametrize(
-    ("name", "arguments", "result"),
-    [
-        ("add", (3.0, 0.5), 3.5), ("sub", (3.0, 0.5), 2.5), ("mul", (3.0, 0.5), 1.5),
-        ("div", (3.0, 0.5), 6.0), ("pow", (3.0, 2.0), 9.0), ("fmin", (3.0, 0.5), 0.5),
-        ("fmax", (3.0, 0.5), 3.0), ("neg", (3.0,), -3.0), ("sq", (-3.0,), 9.0),
-        ("twice", (3.0,), 6.0), ("inv", (4.0,), 0.25), ("fabs", (-3.0,), 3.0),
-        ("sqrt", (9.0,), 3.0), ("sin", (0.5,), math.sin(0.5)),
-        ("cos", (0.5,), math.cos(0.5)), ("tan", (0.5,), math.tan(0.5)),
-        ("exp", (0.5,), math.exp(0.5)), ("log", (0.5,), math.log(0.5)),
-        ("atan", (0.5,), math.atan(0.5)), ("tanh", (0.5,), math.tanh(0.5)),
-    ],
-)  # fmt: skip
-def test_operations_on_floats(
-    name: str, arguments: Sequence[float], result: float
-) -> None:
-    assert FLOAT_OPERATIONS[name](*arguments) == result
-    assert set(FLOAT_OPERATIONS) == UNARY | BINARY
-
-
 @pytest.mark.parametrize("steps", [1, 5])
 def test_motion_is_integrated_with_the_input_held(steps: int) -> None:
     certificate = as_read(formation())
-    motion, rng = SampledMotion(certificate, NEVER), np.random.default_rng(0)
+    change, rng = change_of(certificate), np.random.default_rng(0)
     x_ref, u_ref = np.array(certificate.x_ref), np.array(certificate.u_ref)
-    for _ in range(3):
-        e = 0.3 * rng.normal(size=4)
+    states = 0.3 * rng.normal(size=(4, 3))
+    found = falsification._after(change, states, 0.75, steps)
+    for e, moved in zip(states.T, found.T, strict=True):
         u = u_ref - np.array(certificate.K) @ e
         ours = runge_kutta(unicycle_field, x_ref + e, u, 0.75, steps)
         own = runge_kutta(unicycle_field, x_ref, u_ref, 0.75, steps)
-        found = motion.moved(e.tolist(), 0.75, steps)
-        np.testing.assert_allclose(found, ours - own, rtol=1e-11, atol=1e-12)
-    x, u = np.array([0.3, -1.7]), np.array([0.9])
-    rate = SampledMotion(as_read(chen()), NEVER).rate(x.tolist(), u.tolist())
-    np.testing.assert_allclose(rate, chen_field(x, u), rtol=1e-14)
+        np.testing.assert_allclose(moved, ours - own, rtol=1e-11, atol=1e-12)
 
 
 def refuted(e: float, **changes: object) -> Content:
@@ -139,33 +111,19 @@ def test_nothing_is_refuted_if_nothing_is_stated() -> None:
     assert check_refuted(as_read(scalar()), NEVER).verdict is Verdict.SKIPPED
 
 
-def noted(monkeypatch: pytest.MonkeyPatch, bad: Vector | None = None) -> list[Vector]:
-    """Note the points that are looked at; none is a counterexample but one."""
-    seen: list[Vector] = []
-
-    def violates(_: object, e: Vector, time: float) -> bool:
-        assert time == 0
-        seen.append(e)
-        return bad is not None and bool(np.allclose(e, bad, rtol=1e-12, atol=0))
-
-    monkeypatch.setattr(PointwiseChange, "violates_decrease", violates)
-    return seen
-
-
 def test_axes_near_the_centre_and_the_boundary_are_tried_and_spheres(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     certificate = as_read(chen(P=[[4.0, 1.0], [1.0, 1.0]], alpha=0.25, refuted=None))
-    seen = noted(monkeypatch)
-    assert find_counterexample(certificate, NEVER) is None
+    seen = falsification._candidates(certificate).T
     P = np.array(certificate.P)
     T = np.linalg.inv(np.linalg.cholesky(P)).T
     axes = [
         side * share * 0.5 * T[:, j]
-        for share in (1e-4, 0.999) for j in (0, 1) for side in (1, -1)
+        for share in (1e-4, 0.999) for side in (1, -1) for j in (0, 1)
     ]  # fmt: skip
     np.testing.assert_allclose(seen[: len(axes)], axes, rtol=1e-12, atol=1e-18)
-    rest = np.array(seen[len(axes) :])
+    rest = seen[len(axes) :]
     assert rest.shape == (2 * SAMPLES, 2)
     V = np.einsum("ki,ij,kj->k", rest, P, rest)
     boundary, centre = V[:SAMPLES] / 0.25, V[SAMPLES:] / 0.25
@@ -174,17 +132,26 @@ def test_axes_near_the_centre_and_the_boundary_are_tried_and_spheres(
     angles = np.sort(np.arctan2(*np.linalg.solve(T, rest[:SAMPLES].T)))
     assert np.diff(angles).max() < 0.3  # All directions.
     bad = seen[5]
-    noted(monkeypatch, bad)
+
+    def fails(change: object, e: list[Model], alpha: float) -> Array:
+        near = [
+            np.isclose(x.middle, b, rtol=1e-12) for x, b in zip(e, bad, strict=True)
+        ]
+        return np.asarray(np.all(near, axis=0))
+
+    monkeypatch.setattr(falsification, "fails", fails)
     found = find_counterexample(certificate, NEVER)
     assert found is not None and found.verdict is Verdict.REFUSED
     assert ", ".join(f"{entry:.6g}" for entry in bad) in found.text
+    monkeypatch.setattr(falsification, "fails", lambda *_: np.zeros(408, dtype=bool))
+    assert find_counterexample(certificate, NEVER) is None
 
 
 def test_samples_of_the_inside_are_uniform_in_volume_but_off_the_centre(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     certificate = as_read(chen(alpha=0.25, refuted=None))
-    inside = np.array(list(falsification._inside(certificate)))
+    inside = falsification._inside(certificate).T
     assert inside.shape == (SAMPLES, 2)
     P = np.array(certificate.P)
     shares = np.sqrt(np.einsum("ki,ij,kj->k", inside, P, inside) / 0.25)
@@ -200,7 +167,7 @@ def test_samples_of_the_inside_are_uniform_in_volume_but_off_the_centre(
             return mu + sigma
 
     monkeypatch.setattr(random, "Random", Nothing)
-    near = np.array(list(falsification._inside(certificate)))
+    near = falsification._inside(certificate).T
     shares = np.sqrt(np.einsum("ki,ij,kj->k", near, P, near) / 0.25)
     np.testing.assert_allclose(shares, 0.01, rtol=1e-12)
 
@@ -242,33 +209,30 @@ def test_error_of_floats_is_allowed_for(monkeypatch: pytest.MonkeyPatch) -> None
     for apart, verdict in ((0.9e-10, Verdict.SAMPLED), (1.1e-10, Verdict.REFUSED)):
 
         def moved(
-            _: object, e: Vector, time: float, steps: int, apart: float = apart
-        ) -> Vector:
+            _: object, e: Array, time: float, steps: int, apart: float = apart
+        ) -> Array:
             assert (time, steps) in ((0.5, 1), (0.5, REFINEMENT))
-            return (e[0] * (0.5 + apart * (steps > 1)),)
+            return e * (0.5 + apart * (steps > 1))
 
-        monkeypatch.setattr(SampledMotion, "moved", moved)
+        monkeypatch.setattr(falsification, "_after", moved)
         assert check_integrator(certificate, NEVER).verdict is verdict
 
 
 @pytest.mark.parametrize(
     ("flow", "words"), [(1.0, "does not decrease"), (-1.0, "does not decrease"),
-                        (math.nan, "by nan of"), (0.99, "is within")]
+                        (math.nan, "not defined near e"), (0.99, "is within")]
 )  # fmt: skip
 def test_flow_that_does_not_decrease_is_refused(
     monkeypatch: pytest.MonkeyPatch, flow: float, words: str
 ) -> None:
-    monkeypatch.setattr(SampledMotion, "moved", lambda _, e, *__: (e[0] * flow,))
+    monkeypatch.setattr(falsification, "_after", lambda _, e, *__: e * flow)
     found = check_integrator(held(), NEVER)
     assert words in found.text
     assert (found.verdict is Verdict.SAMPLED) is (flow == 0.99)
 
 
 def test_motion_that_is_not_defined_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    def moved(*_: object) -> Vector:
-        raise ValueError("math domain error")
-
-    monkeypatch.setattr(SampledMotion, "moved", moved)
+    monkeypatch.setattr(falsification, "_after", lambda _, e, *__: e * math.nan)
     for found in (
         check_integrator(held(), NEVER),
         check_growth_by_samples(held(growth=2.0), NEVER),
@@ -283,16 +247,16 @@ def test_steps_are_those_of_the_certificate(monkeypatch: pytest.MonkeyPatch) -> 
     content = signed(replaced(content, ("margins", "between_samples"), between))
     asked: list[tuple[float, int]] = []
 
-    def moved(_: object, e: Vector, time: float, steps: int) -> Vector:
+    def moved(_: object, e: Array, time: float, steps: int) -> Array:
         asked.append((time, steps))
-        return (0.5 * e[0],)
+        return 0.5 * e
 
-    monkeypatch.setattr(SampledMotion, "moved", moved)
+    monkeypatch.setattr(falsification, "_after", moved)
     check_integrator(as_read(content), NEVER)
-    assert asked == [(0.5, 3 * REFINEMENT), (0.5, 3)] * SAMPLES
+    assert asked == [(0.5, 3 * REFINEMENT), (0.5, 3)]
     asked.clear()
     check_growth_by_samples(as_read(content), NEVER)
-    assert asked == [(0.5 * i / TIMES, 3) for i in range(1, TIMES + 1)] * SAMPLES
+    assert asked == [(0.5 * i / TIMES, 3) for i in range(1, TIMES + 1)]
 
 
 def test_integrator_without_a_stated_error_is_left_out() -> None:
@@ -316,11 +280,11 @@ def test_integrator_without_a_stated_error_is_left_out() -> None:
 def test_growth_between_samples_is_that_of_the_squares(
     monkeypatch: pytest.MonkeyPatch, grown: float, growth: float, verdict: Verdict
 ) -> None:
-    def moved(_: object, e: Vector, time: float, steps: int) -> Vector:
+    def moved(_: object, e: Array, time: float, steps: int) -> Array:
         # It grows at one of the instants only.
-        return (e[0] * (grown if time == 0.5 * 3 / TIMES else 0.1),)
+        return e * (grown if time == 0.5 * 3 / TIMES else 0.1)
 
-    monkeypatch.setattr(SampledMotion, "moved", moved)
+    monkeypatch.setattr(falsification, "_after", moved)
     found = check_growth_by_samples(held(growth=growth), NEVER)
     assert found.verdict is verdict
     if grown in (1.2, -1.2):
@@ -333,5 +297,6 @@ def test_norm_is_that_of_p() -> None:
     certificate = as_read(chen(refuted=None))
     e = (0.5, -0.25)
     exact = math.sqrt(float(np.array(e) @ np.array(certificate.P) @ e))
-    assert falsification._norm(certificate, e) == pytest.approx(exact, rel=1e-14)
-    assert math.isnan(falsification._norm(certificate, (1e200, 1.0)))
+    found = falsification._norm(certificate, np.array([[*e], [1e200, 1.0]]).T)
+    assert found[0] == pytest.approx(exact, rel=1e-14)
+    assert math.isnan(found[1])

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from swarmstart.terminal_set.checker.evaluation import FUNCTIONS
 from swarmstart.terminal_set.checker.models import Model, algebra_of
+from swarmstart.terminal_set.checker.rays import Along
 
 flint = pytest.importorskip("flint")
 arb = flint.arb
@@ -161,7 +162,8 @@ def test_a_batch_is_its_boxes_one_by_one() -> None:
         x, y, z = (
             algebra.variable(i, middle[i, which], radius[i, which]) for i in range(3)
         )
-        return FUNCTIONS["div"](FUNCTIONS["exp"](x.scaled(0.1)) * y, z)
+        found: Model = FUNCTIONS["div"](FUNCTIONS["exp"](x.scaled(0.1)) * y, z)
+        return found
 
     whole = value(slice(None))
     for k in range(7):
@@ -206,3 +208,44 @@ def test_the_rounding_of_numbers_is_enclosed(name: str) -> None:
         exact = BINARY[name](arb(float(a[k])), arb(float(b[k])))
         assert_encloses(one, (0.0,), exact)
         assert model.error[k] < 1e-11
+
+
+@pytest.mark.parametrize("name", [*UNARY, *BINARY])
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(a=middles, b=middles, r=radii, s=st.tuples(shares, shares))
+def test_values_along_rays_are_enclosed_with_their_slopes(
+    name: str, a: float, b: float, r: float, s: tuple[float, float]
+) -> None:
+    """a + rho (1 + r s_1) and b - rho, rho = r (1 + s_0): g(rho) = g(0) + rho slope."""
+    algebra = algebra_of(2)
+    rho = algebra.variable(0, np.array([r]), np.array([r]))
+    y = algebra.variable(1, np.zeros(1), np.array([r]))
+    a = abs(a) + 4 * r if name == "pow" else a
+    start = [y.scaled(0.5).shifted(a), rho.number(b)]
+    slopes = [y.shifted(1.0), rho.number(-1.0)]
+    number = 1 if name in UNARY else 2
+    along = [Along(p, q, rho) for p, q in zip(start, slopes, strict=True)][:number]
+    with np.errstate(all="ignore"):
+        found = FUNCTIONS[name](*along)
+        value = found.value
+    exact = (UNARY | BINARY)[name]
+    p = arb(r) * arb(s[1])
+    at = [arb(a) + p * arb(0.5), arb(b)][:number]
+    far = arb(r) * (1 + arb(s[0]))
+    moved = [at[0] + far * (1 + p), arb(b) - far][:number]
+    assert_encloses(found.at, s, exact(*at))
+    assert_encloses(value, s, exact(*moved))
+    if far > 0:
+        assert_encloses(found.slope, s, (exact(*moved) - exact(*at)) / far)
+
+
+@pytest.mark.parametrize("name", UNARY)
+def test_slopes_along_short_rays_are_thin(name: str) -> None:
+    """So that a box at the centre of a set can be decided at all."""
+    algebra = algebra_of(1)
+    rho = algebra.variable(0, np.array([1e-3]), np.array([1e-3]))
+    found = FUNCTIONS[name](Along(rho.number(0.7), rho.number(1.0), rho))
+    slope = (UNARY[name](arb(0.7) + arb(1e-6)) - UNARY[name](arb(0.7))) / arb(1e-6)
+    assert abs(found.slope.middle[0] - float(slope.mid())) < 1e-2
+    linear = found.slope.coefficients[1:].sum(axis=0)
+    assert found.slope.error[0] < 1e-6 and np.abs(linear) < 1e-2

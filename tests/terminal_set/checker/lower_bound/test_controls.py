@@ -13,7 +13,7 @@ from swarmstart.ocp.lower_bound.stated.answer import Evidence
 from swarmstart.terminal_set.checker.evaluation import Program, as_model
 from swarmstart.terminal_set.checker.lower_bound.certificate_file import (
     Problem,
-    _certificate,
+    certificate_of,
 )
 from swarmstart.terminal_set.checker.lower_bound.controls import Split, split
 from swarmstart.terminal_set.checker.models import algebra_of
@@ -44,7 +44,7 @@ def problem_of(rate: ca.SX, stage: ca.SX) -> Problem:
         known=np.inf,
         bound=0.0,
     )
-    return _certificate(certificate_content(evidence)).problem
+    return certificate_of(certificate_content(evidence)).problem
 
 
 def evaluated(parts: Split, t: float, x: np.ndarray, u: np.ndarray) -> np.ndarray:

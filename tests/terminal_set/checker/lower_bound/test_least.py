@@ -11,9 +11,9 @@ from swarmstart.arrays import Array
 from swarmstart.terminal_set.checker.lower_bound.least import (
     Term,
     least_over_controls,
-    lowest,
 )
 from swarmstart.terminal_set.checker.models import Algebra, Model, algebra_of
+from swarmstart.terminal_set.checker.search import lowest
 
 
 def random_model(rng: np.random.Generator, algebra: Algebra, count: int) -> Model:

@@ -17,9 +17,8 @@ from swarmstart.ocp.lower_bound.stated.answer import (
     Step,
     Tube,
 )
-from swarmstart.terminal_set.checker.lower_bound.certificate_file import _certificate
+from swarmstart.terminal_set.checker.lower_bound.certificate_file import certificate_of
 from swarmstart.terminal_set.checker.lower_bound.controls import split
-from swarmstart.terminal_set.checker.lower_bound.least import lowest
 from swarmstart.terminal_set.checker.lower_bound.regions import (
     Region,
     pruned_by,
@@ -30,7 +29,7 @@ from swarmstart.terminal_set.checker.lower_bound.tasks import (
     FaceTask,
     StepTask,
 )
-from swarmstart.terminal_set.checker.search import Boxes
+from swarmstart.terminal_set.checker.search import Boxes, lowest
 from swarmstart.tests.ocp.lower_bound import evidence_by_hand as by_hand
 
 T, X, U = ca.SX.sym("t"), ca.SX.sym("x", 2), ca.SX.sym("u", 2)
@@ -96,7 +95,7 @@ def random_evidence(rate: ca.SX) -> Evidence:
 
 
 def region_of(evidence: Evidence) -> Region:
-    certificate = _certificate(certificate_content(evidence))
+    certificate = certificate_of(certificate_content(evidence))
     tube = stated_tube(certificate)
     return Region(certificate, split(certificate.problem), tube, tube)
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from swarmstart.tests.terminal_set.checker.test_boxes import held, points
 
 from swarmstart.terminal_set.checker.lower_bound.regions import Tube
 from swarmstart.terminal_set.checker.search import Boxes
+from swarmstart.tests.terminal_set.checker.test_boxes import held, points
 
 
 def random_tube(rng: np.random.Generator, slabs: int = 13, faces: int = 7) -> Tube:
