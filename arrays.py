@@ -1,6 +1,6 @@
 """Array: the type of the project's arrays of real numbers, for annotations.
 
-What must not import this package has an alias of its own: the checker of lower bounds,
+What must not import this package has an alias of its own: the checker of certificates,
 and the judge of the tests.
 """
 

@@ -44,7 +44,7 @@ FILES = {
             "level_search", "drift", "certification", "ellipsoid", "stability",
             "matrix_equations", "linearisation",
         )),
-        "terminal_set/checker/*.py",
+        "terminal_set/checker/*.py", "terminal_set/checker/*/*.py",
     ),
     "statuses": tuple(f"ocp/*/{name}.py" for name in (
         "status", "solution", "checking", "constraints", "separation", "optimality",
@@ -112,6 +112,24 @@ MORE_TESTS: Mapping[str, tuple[str, ...]] = {
         "tests/terminal_set/checker/test_closed_form.py",
         "tests/terminal_set/checker/test_closed_form_edges.py",
         "tests/terminal_set/checker/test_statements_by_parts.py",
+    ),
+    "terminal_set/checker/ellipsoid_search.py": (
+        "tests/terminal_set/checker/test_ellipsoid_statements.py",
+    ),
+    "terminal_set/checker/models.py": ("tests/terminal_set/checker/test_functions.py",),
+    "terminal_set/checker/rays.py": ("tests/terminal_set/checker/test_functions.py",),
+    "terminal_set/checker/evaluation.py": (
+        "tests/terminal_set/checker/test_functions.py",
+    ),
+    "terminal_set/checker/search.py": (
+        "tests/terminal_set/checker/test_boxes.py",
+        "tests/terminal_set/checker/test_ellipsoid_search.py",
+        "tests/terminal_set/checker/lower_bound/test_least.py",
+    ),
+    "terminal_set/checker/lower_bound/*.py": (
+        "tests/terminal_set/checker/lower_bound/test_tasks.py",
+        "tests/terminal_set/checker/lower_bound/test_tube.py",
+        "tests/ocp/lower_bound/test_check.py",
     ),
     "terminal_set/checker/motion.py": ("tests/terminal_set/checker/test_drift.py",),
 }

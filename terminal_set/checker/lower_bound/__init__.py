@@ -1,4 +1,4 @@
-"""What the checker knows of certificates of lower bounds.
+"""Checks of certificates of lower bounds.
 
 `swarmstart.terminal_set.check` is the command.
 """
