@@ -34,11 +34,11 @@ from swarmstart.arrays import Array
 from swarmstart.ocp.lower_bound.basis import Basis
 from swarmstart.ocp.lower_bound.stated.statement import Affine, Statement
 from swarmstart.ocp.lower_bound.taylor_form import (
-    PADDING,
     Expansion,
     TaylorForm,
     least_quadratic,
 )
+from swarmstart.terminal_set.interval_arithmetic import PADDING
 
 GRID = 9
 MOST_CANDIDATES = 729

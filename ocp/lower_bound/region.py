@@ -20,9 +20,8 @@ from swarmstart.ocp.lower_bound.hamiltonian import Margin
 from swarmstart.ocp.lower_bound.proving import halved
 from swarmstart.ocp.lower_bound.stated.answer import Polynomial, Pruning, Tube
 from swarmstart.ocp.lower_bound.stated.statement import Statement
-from swarmstart.ocp.lower_bound.taylor_form import PADDING
 from swarmstart.ocp.lower_bound.tubes import tube_set as tubes
-from swarmstart.terminal_set.interval_arithmetic import interval_function
+from swarmstart.terminal_set.interval_arithmetic import PADDING, interval_function
 
 Mask = NDArray[np.bool_]
 LAST = 5

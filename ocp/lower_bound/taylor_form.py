@@ -15,19 +15,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations_with_replacement
 
 import casadi as ca
 import numpy as np
 
 from swarmstart.arrays import Array
 from swarmstart.terminal_set.interval_arithmetic import (
-    IntervalEvaluation,
-    interval_function,
+    PADDING,
+    Derivatives,
+    middle_and_radius,
 )
-
-PADDING = 1e-12
-"""Padding of sums of products, relative to the sum of their sizes; above rounding."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,26 +68,13 @@ class TaylorForm:
             UnknownIntervalOperationError: If an operation has no interval form, or its
                 derivatives jump.
         """
-        d = self.coordinates = int(point.numel())
-        self.functions = len(functions)
-        self.pairs = list(combinations_with_replacement(range(d), 2))
-        triples = list(combinations_with_replacement(range(d), 3))
-        self._triples = triples
+        self.coordinates, self.functions = int(point.numel()), len(functions)
+        derivatives = Derivatives(functions, point, parameters)
+        self.pairs, self._triples = derivatives.pairs, derivatives.triples
+        self._low, self._third = derivatives.of(0, 1, 2), derivatives.of(3)
         # Orders of iii, of iij and of ijk, by the number of different entries.
         orders = {1: 1.0, 2: 3.0, 3: 6.0}
-        self._orders = np.array([orders[len(set(one))] / 6 for one in triples])
-        low: list[ca.SX] = []
-        third: list[ca.SX] = []
-        for function in functions:
-            slope = ca.gradient(function, point)
-            full = ca.jacobian(slope, point)
-            bends = ca.vertcat(*[full[i, j] for i, j in self.pairs])
-            turns = ca.jacobian(bends, point)
-            low.append(ca.vertcat(function, slope, bends))
-            third += [turns[self.pairs.index((i, j)), k] for i, j, k in triples]
-        inputs = ca.vertcat(point, parameters)
-        self._low = _intervals(ca.vertcat(*low), inputs)
-        self._third = _intervals(ca.vertcat(*third), inputs)
+        self._orders = np.array([orders[len(set(one))] / 6 for one in self._triples])
 
     def expanded(self, lower: Array, upper: Array, parameters: Array) -> Expansion:
         """Return the functions about the middles of boxes.
@@ -107,7 +91,7 @@ class TaylorForm:
         given = np.repeat(parameters[:, None], count, axis=1)
         at = np.vstack([middle, given])
         # Intervals without width: only rounding makes the results wider.
-        center, radius = _center_and_radius(*self._low(at, at))
+        center, radius = middle_and_radius(*self._low(at, at))
         size = 1 + d + len(self.pairs)
         center, radius = (part.reshape(k, size, count) for part in (center, radius))
         rest, pull = self._third_order(lower, upper, given, reach)
@@ -150,18 +134,6 @@ class TaylorForm:
                 for axis in (i, j, k):
                     pull[:, axis] += term
         return rest, pull
-
-
-def _intervals(expression: ca.SX, inputs: ca.SX) -> IntervalEvaluation:
-    column = ca.cse(ca.densify(expression))
-    return interval_function(ca.Function("a_lower_bound", [inputs], [column]))
-
-
-def _center_and_radius(low: Array, high: Array) -> tuple[Array, Array]:
-    """Return middles, and radii with room for the rounding of the middle."""
-    with np.errstate(invalid="ignore", over="ignore"):
-        size = np.maximum(np.abs(low), np.abs(high))
-        return (low + high) / 2, (high - low) / 2 + PADDING * size
 
 
 def least_quadratic(

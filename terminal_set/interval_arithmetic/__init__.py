@@ -16,13 +16,21 @@ from swarmstart.terminal_set.interval_arithmetic.tape import (
     Instruction,
     tape_of,
 )
+from swarmstart.terminal_set.interval_arithmetic.taylor import (
+    PADDING,
+    Derivatives,
+    middle_and_radius,
+)
 
 __all__ = [
+    "PADDING",
+    "Derivatives",
     "Instruction",
     "IntervalEvaluation",
     "Kinks",
     "UnknownIntervalOperationError",
     "expanded_tape",
     "interval_function",
+    "middle_and_radius",
     "tape_of",
 ]

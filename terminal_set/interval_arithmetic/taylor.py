@@ -1,4 +1,4 @@
-"""Upper bounds of a function on the cells of a ball, by Taylor's theorem.
+"""Derivatives in intervals, and bounds of a function on the cells of a ball by them.
 
 A direction is u = w / |w| with w on a face of the cube [-1, 1]^n, and a point of the
 ball is z = rho w / |w|. So 2n boxes of (rho, w), the cells, cover the ball exactly.
@@ -25,6 +25,7 @@ Source: Neumaier (1990), Interval Methods for Systems of Equations; Makino and B
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import copy
 from itertools import combinations_with_replacement
 
@@ -44,6 +45,48 @@ PADDING = 1e-12
 """Padding of sums of products, relative to the sum of their sizes; above rounding."""
 
 
+class Derivatives:
+    """Derivatives of functions up to the third order, in intervals.
+
+    Attributes:
+        pairs: i <= j of each second derivative.
+        triples: i <= j <= k of each third derivative.
+    """
+
+    def __init__(
+        self, functions: Sequence[ca.SX], point: ca.SX, parameters: ca.SX | None = None
+    ) -> None:
+        """Form the derivatives.
+
+        Args:
+            functions: Scalars in the point and the parameters.
+            point: Coordinates, shape (d, 1).
+            parameters: Further inputs, shape (p, 1); None means that there are none.
+        """
+        d = range(point.numel())
+        self.pairs = [(i, j) for i in d for j in d if i <= j]
+        self.triples = list(combinations_with_replacement(d, 3))
+        self._inputs = point if parameters is None else ca.vertcat(point, parameters)
+        self._orders: list[tuple[ca.SX, ca.SX, ca.SX, ca.SX]] = []
+        for function in functions:
+            slope = ca.gradient(function, point)
+            full = ca.jacobian(slope, point)
+            bends = ca.vertcat(*[full[pair] for pair in self.pairs])
+            turns = ca.jacobian(bends, point)
+            third = [turns[self.pairs.index((i, j)), k] for i, j, k in self.triples]
+            self._orders.append((function, slope, bends, ca.vertcat(*third)))
+
+    def of(self, *orders: int, takes_jumps: bool = False) -> IntervalEvaluation:
+        """Return the evaluation of derivatives, one function after another.
+
+        Args:
+            orders: 0 for the value, 1 for slopes, and so on to 3.
+            takes_jumps: See `evaluated`.
+        """
+        column = ca.vertcat(*[all_[order] for all_ in self._orders for order in orders])
+        return evaluated(ca.densify(column), self._inputs, takes_jumps=takes_jumps)
+
+
 class TaylorForm:
     """Upper bounds of a function on cells."""
 
@@ -58,17 +101,12 @@ class TaylorForm:
             UnknownIntervalOperationError: If c has an operation without interval form.
         """
         e = ca.SX.sym("e", len(T))
-        value = c(e)
         self._kinks = Kinks(c)
-        hessian, gradient = ca.hessian(value, e)
-        self._pairs, pairs = _symmetric_entries(len(T), 2)
-        self._triples, triples = _symmetric_entries(len(T), 3)
-        bends = ca.vertcat(*[hessian[pair] for pair in pairs])
-        turns = ca.jacobian(bends, e)
-        third = [turns[int(self._pairs[i, j]), k] for i, j, k in triples]
+        derivatives = Derivatives([c(e)], e)
+        self._pairs = _symmetric_entries(len(T), derivatives.pairs)
+        self._triples = _symmetric_entries(len(T), derivatives.triples)
         self._value_and_slope, self._hessian, self._third = (
-            evaluated(column, e, takes_jumps=True)
-            for column in (ca.vertcat(value, gradient), bends, ca.vertcat(*third))
+            derivatives.of(*orders, takes_jumps=True) for orders in ((0, 1), (2,), (3,))
         )
         self._T, self._size = T, np.abs(T)
 
@@ -228,7 +266,7 @@ def evaluated(
     Raises:
         UnknownIntervalOperationError: If it has an operation without interval form.
     """
-    function = ca.Function("the_change_of_V", [v], [ca.cse(expression)])
+    function = ca.Function("what_is_bounded", [v], [ca.cse(expression)])
     return interval_function(function, takes_jumps=takes_jumps)
 
 
@@ -240,23 +278,22 @@ def middle_and_radius(low: Array, high: Array) -> tuple[Array, Array]:
 
 
 def _symmetric_entries(
-    size: int, order: int
-) -> tuple[NDArray[np.intp], list[tuple[int, ...]]]:
+    size: int, different: Sequence[tuple[int, ...]]
+) -> NDArray[np.intp]:
     """Return the number of the distinct entry for each entry of a symmetric tensor.
 
     Args:
         size: Range of each index.
-        order: Number of indices.
+        different: Indices of the distinct entries, each in order.
 
     Returns:
-        Numbers of the distinct entries, shape (size,) * order; their indices.
+        Numbers of the distinct entries, shape (size,) * order.
     """
-    different = list(combinations_with_replacement(range(size), order))
     numbers = {indices: number for number, indices in enumerate(different)}
-    entries = np.empty((size,) * order, dtype=np.intp)
+    entries = np.empty((size,) * len(different[0]), dtype=np.intp)
     for indices in np.ndindex(entries.shape):
         entries[indices] = numbers[tuple(sorted(indices))]
-    return entries, different
+    return entries
 
 
 def _twice_along(tensor: Array, d: Array) -> Array:
