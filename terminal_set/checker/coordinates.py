@@ -121,9 +121,10 @@ def rotation(matrix: Floats) -> Floats:
     a = [row[:] for row in matrix]
     vectors = [[float(i == j) for j in range(n)] for i in range(n)]
     for _ in range(_SWEEPS):
-        rest = sum(a[i][j] ** 2 for i in range(n) for j in range(n) if i != j)
+        # Products: powers of floats raise an error if they overflow.
+        rest = sum(a[i][j] * a[i][j] for i in range(n) for j in range(n) if i != j)
         # Squares: the entries beside the diagonal are below rounding.
-        if rest <= 1e-34 * sum(a[i][j] ** 2 for i in range(n) for j in range(n)):
+        if rest <= 1e-34 * sum(a[i][j] * a[i][j] for i in range(n) for j in range(n)):
             break
         for i in range(n):
             for j in range(i + 1, n):

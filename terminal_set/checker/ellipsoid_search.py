@@ -244,6 +244,8 @@ class DecreaseTask:
     def largest(self) -> float:
         """The largest quotient of the quadratic part of c and |w|^2, rounded."""
         forms = quadratic_forms(self.change, self.T, self.times)
+        if not np.isfinite(forms).all():
+            return float("inf")
         return float(max(np.linalg.eigvalsh(form)[-1] for form in forms))
 
 

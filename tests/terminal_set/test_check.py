@@ -250,6 +250,13 @@ def test_an_equality_in_the_linear_part_is_never_proven(check: Check) -> None:
     assert check(signed(content | {"Q_m": [[5.999]]}))[0] == 0
 
 
+@pytest.mark.parametrize("size", [1e150, 1e200, -1e300])
+def test_numbers_that_overflow_prove_nothing(check: Check, size: float) -> None:
+    """A power of floats raised an error."""
+    dynamics = replaced(chen(), ("dynamics", "tape", 3, 1), size)["dynamics"]
+    assert check(chen(dynamics=dynamics, refuted=None))[0] in (3, 4)
+
+
 @pytest.fixture
 def looks(monkeypatch: pytest.MonkeyPatch) -> None:
     """A clock on which every look takes a second."""
