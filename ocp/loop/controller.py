@@ -339,11 +339,10 @@ class RecedingHorizon:
             plan: The plan.
             number: Number of the interval.
         """
-        stated, lowered = self.planner.stated, self.planner.lowered
-        if not stated.features:
+        found = self.planner.lowered.acting(plan.controls, plan.x0)
+        if found is None:
             return None
-        found = lowered.acting(plan.controls, plan.x0)
-        return found[: stated.flown_controls, number]
+        return found[: self.planner.stated.flown_controls, number]
 
     def _profile(self, plan: Plan, length: float, pieces: int | None = None) -> Profile:
         """Return the controls of a plan over its horizon.

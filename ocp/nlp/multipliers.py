@@ -125,12 +125,17 @@ def multipliers_of(point: NlpPoint, stated: OptimalControlProblem) -> Multiplier
         costates=(of_parts[0][:nx] / sizes_x[:, None])[:own],
         controls=controls,
         states=states[:own],
-        path=_named((*stated.stated, *stated.soft), (), of_path),
+        path=_named(
+            (
+                *_as_stated(stated.stated, core.stated),
+                *_as_stated(stated.soft, core.soft),
+            ),
+            of_path,
+        ),
         terminal={
             name: values[:, 0]
             for name, values in _named(
-                stated.terminal_constraints,
-                core.terminal_constraints,
+                _as_stated(stated.terminal_constraints, core.terminal_constraints),
                 found[last:soft],
             ).items()
         },
@@ -156,15 +161,22 @@ def _of_parts(point: NlpPoint, cost: float) -> list[Array]:
 
 
 def _named(
-    stated: Sequence[Constraint], core: Sequence[Constraint], found: Sequence[Array]
+    constraints: Sequence[Constraint], found: Sequence[Array]
 ) -> dict[str, Array]:
     """Return multipliers by the names of their constraints, which are made unique."""
     named: dict[str, Array] = {}
-    for number, values in enumerate(found):
-        name = label((stated if number < len(stated) else core)[number])
+    for constraint, values in zip(constraints, found, strict=True):
+        name = label(constraint)
         again = sum(1 for used in named if used == name or used.startswith(f"{name} ("))
         named[f"{name} ({again + 1})" if name in named else name] = values
     return named
+
+
+def _as_stated(
+    stated: Sequence[Constraint], core: Sequence[Constraint]
+) -> tuple[Constraint, ...]:
+    """Return the constraints as they are stated, and those that rewrites append."""
+    return (*stated, *core[len(stated) :])
 
 
 def _of_starts(core: OptimalControlProblem, multipliers: Array) -> dict[str, float]:

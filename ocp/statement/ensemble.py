@@ -209,6 +209,10 @@ def _of(
     # Number of control sequences: one for all members, or one for each.
     branches = 1 if risk.robust_horizon is None else len(copies)
     costs = _stacked_costs(risk)
+    own_names = {
+        name: [one.named(name) for one in copies] if branches > 1 else [name]
+        for name in problem.model.control_names
+    }
     return replace(
         problem,
         model=_stacked_model(problem, copies, branches),
@@ -244,6 +248,7 @@ def _of(
         # The time is the same for all members.
         clock=copies[0].named(problem.clock) if problem.clock else "",
         periodic=[one.named(name) for one in copies for name in problem.periodic],
+        features=[one.of_members(own_names) for one in problem.features],
     )
 
 

@@ -1,5 +1,6 @@
 """Feature: a part of a statement that a rewrite removes; see rewrites/rewrite.py."""
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from swarmstart.ocp.common.errors import InvalidProblemError
@@ -8,6 +9,15 @@ from swarmstart.ocp.common.expressions import shortened
 
 class Feature:
     """A part of a problem's statement besides its fields."""
+
+    def of_members(self, names: Mapping[str, Sequence[str]]) -> "Feature":
+        """Return the feature of an ensemble whose members have controls of their own.
+
+        Args:
+            names: Name of a control of the problem -> its names in the members.
+        """
+        del names
+        return self
 
     def require(self, problem: Any) -> None:
         """Raise if the feature does not go with a problem that is being stated.

@@ -796,6 +796,6 @@ def require_held(problems: Iterable[OptimalControlProblem]) -> None:
             )
         if problem.features:
             raise InvalidProblemError(
-                "a team and a dual mode use controls that act at once: features must "
-                f"be empty, got {shortened(list(problem.features))}"
+                "a team and a dual mode take no delays and no other features: features "
+                f"must be empty, got {shortened(list(problem.features))}"
             )

@@ -159,7 +159,9 @@ def _reason_for_none(problem: OptimalControlProblem) -> str:
         return f"{model.nx} states, at most {MOST_STATES} are possible"
     lacks = {
         "the model jumps at the end of an interval": model.jumps,
-        "controls are delayed, or have another feature": bool(problem.features),
+        "a control is delayed, or the problem has another feature": bool(
+            problem.features
+        ),
         "the model has algebraic equations": model.algebraic is not None,
         "the model or the problem has signals": bool(problem.ns),
         "parameters are decided": bool(problem.decided),

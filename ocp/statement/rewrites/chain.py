@@ -209,13 +209,18 @@ class Lowered:
             controls = link.rewrite.controls(x0[link.places], controls)
         return controls
 
-    def acting(self, controls: Array, x0: Array) -> Array:
-        """Return the controls that the model's equations receive, shape (nu, N).
+    def acting(self, controls: Array, x0: Array) -> Array | None:
+        """Return the controls that the model's equations receive; None: the same ones.
 
         Args:
             controls: Controls of the core, shape (nu, N).
             x0: Initial state of the core.
+
+        Returns:
+            Shape (nu, N).
         """
+        if all(type(link.rewrite).acting is Rewrite.acting for link in self.links):
+            return None
         for link in reversed(self.links):
             controls = link.rewrite.acting(link.before, x0[link.places], controls)
         return controls

@@ -10,7 +10,7 @@ Source: Åström and Wittenmark (1997), Computer-Controlled Systems, 2.3, for th
 of a sampled system with a delay.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -87,6 +87,16 @@ class TransportDelay(Rewrite):
                 raise InvalidProblemError(
                     f"delay of {name!r} must be finite and at least 0 s, got {delay}"
                 )
+
+    def of_members(self, names: Mapping[str, Sequence[str]]) -> "TransportDelay":
+        """Return the same delays of all members' controls."""
+        return TransportDelay(
+            {
+                own: delay
+                for name, delay in self.seconds.items()
+                for own in names.get(name, [name])
+            }
+        )
 
     def require(self, problem: OptimalControlProblem) -> None:
         """Raise if the delays do not go with a problem.

@@ -71,7 +71,10 @@ def rows_of(flight: Flight[P], trajectory: Trajectory) -> tuple[Array, Array, Ar
         begin = float(times[step, 0])
         first = states[:, step, 0]
         if linear is None:
-            path = plant.until_end(first, controls[:, step, :-1], begin)
+            held = controls[:, step, :-1]
+            if decision.acting is not None:
+                held = decision.acting
+            path = plant.until_end(first, held, begin)
         else:
             path = plant.along_until_end(first, controls[:, step], begin)
         states[:, step, -2] = path[:, -1]

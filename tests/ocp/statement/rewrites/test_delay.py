@@ -25,12 +25,14 @@ from swarmstart.ocp import (
     Model,
     OpenLoop,
     OptimalControlProblem,
+    PathConstraint,
     Planner,
     Plant,
     RecedingHorizon,
     SteppedPlant,
     Team,
     TransportDelay,
+    ensemble,
     lower_bound,
     phases,
     simulate,
@@ -38,6 +40,7 @@ from swarmstart.ocp import (
 )
 from swarmstart.ocp.loop.team import Agent
 from swarmstart.ocp.statement.rewrites.chain import lowered
+from swarmstart.ocp.statement.rewrites.rewrite import Rewrite
 
 X, U = ca.SX.sym("x", 2), ca.SX.sym("u")
 DT, FORCE = 0.2, Bounds(controls=(-2, 2))
@@ -176,6 +179,60 @@ def test_open_loop_flies_the_plan() -> None:
     np.testing.assert_allclose(flown.states, answer.states, atol=1e-6)
 
 
+def test_members_of_an_ensemble_with_controls_of_their_own_are_late_alike() -> None:
+    k = ca.SX.sym("k")
+    damped = Model(
+        states=X, controls=U, ode=ca.vertcat(X[1], U - k * X[1]), parameters=k
+    )
+    one = cart(2 * DT, model=damped)
+    every = ensemble(one, {"k": [0.5, 0.5]}, robust_horizon=2)
+    assert lowered(every).core.model.nx == 2 * (2 + 2)
+    both = solve(every, [1.0, 0.0], search=None, seed=0)
+    alone = solve(cart(2 * DT), [1.0, 0.0], search=None, seed=0)
+    assert both.cost == pytest.approx(alone.cost, rel=1e-7)
+    plant = Plant(
+        damped, dt=DT, substeps=8, parameters=lambda t: np.full((1, t.size), 0.5)
+    )
+    flown = simulate(plant, controller(every), [1.0, 0.0], steps=4, seed=0)
+    single = simulate(
+        Plant(CART, dt=DT, substeps=8), controller(cart(2 * DT)), [1.0, 0.0], steps=4,
+        seed=0,
+    )  # fmt: skip
+    np.testing.assert_allclose(flown.states, single.states, atol=1e-6)
+
+
+class Braked(Rewrite):
+    """A feature that appends a path constraint: the control is at least -1."""
+
+    role = "braked"
+
+    def accepts(self, problem: OptimalControlProblem) -> bool:
+        return True
+
+    def apply(self, problem: OptimalControlProblem) -> OptimalControlProblem:
+        limit = PathConstraint(
+            expression=problem.model.controls, lower=-1.0, name="braked"
+        )
+        return replace(problem, constraints=[*problem.constraints, limit])
+
+
+def test_constraint_of_a_feature_has_a_multiplier_by_its_name() -> None:
+    soft = PathConstraint(expression=X[0], upper=0.9, weight=0.1, name="near")
+    answer = solve(
+        cart(0.0, features=[Braked()], constraints=[soft]), [1.0, 0.0], search=None,
+        lanes=0, seed=0,
+    )  # fmt: skip
+    assert answer.controls.min() == pytest.approx(-1.0, abs=1e-6)
+    assert answer.multipliers is not None
+    assert set(answer.multipliers.path) == {"near", "braked"}
+    assert np.abs(answer.multipliers.path["braked"]).max() > 0.01
+    loop = simulate(
+        Plant(CART, dt=DT, substeps=4), controller(cart(0.0, features=[Braked()])),
+        [1.0, 0.0], steps=2, seed=0,
+    )  # fmt: skip
+    assert [decision.acting for decision in loop.decisions] == [None, None]
+
+
 def test_no_delay_changes_nothing() -> None:
     stated = cart(0.0)
     assert lowered(stated).links == ()
@@ -239,10 +296,10 @@ def test_others_refuse_delays() -> None:
     stated = cart(2 * DT)
     with pytest.raises(InvalidProblemError, match="no delays or other features"):
         phases([stated, stated])
-    with pytest.raises(InvalidProblemError, match="use controls that act at once"):
+    with pytest.raises(InvalidProblemError, match="take no delays"):
         Team([Agent(controller=controller(stated))])
     bound = lower_bound(stated, [1.0, 0.0])
-    assert "controls are delayed" in bound.reason
+    assert "a control is delayed" in bound.reason
 
 
 @pytest.mark.parametrize("given", [[1.0, 2.0], [[1.0], [2.0]], [np.nan], [[]]])
