@@ -40,6 +40,8 @@ RENAMED = {
     "search.bounds": "search.bound_handling",
 }
 """Keys of earlier versions -> their replacements."""
+_OF_EXPRESSION = {"at_least": "lower", "at_most": "upper"}
+"""Limits of a distance -> those of an expression."""
 _COSTS = ("stage_cost", "terminal_cost")
 _HORIZON, _GRID = ("prediction.horizon_s",), ("prediction.intervals",)
 OTHER_WORDS = {
@@ -284,6 +286,13 @@ def _with_point(document: Document, path: tuple[str | int, ...]) -> str:
     return f"; if {number} is one number, write {number.replace(',', '.')}"
 
 
+def _at(data: Any, path: Sequence[str | int]) -> Any:
+    """Return the part of plain data at a path."""
+    for part in path:
+        data = data[part]
+    return data
+
+
 def _unknown_key(
     document: Document, path: tuple[str | int, ...], model: type[Any]
 ) -> str:
@@ -297,6 +306,8 @@ def _unknown_key(
         hint = f"did you mean {' or '.join(ours)}?"
     if key in known:  # Another form of this part takes it.
         hint = "it goes with other keys than those that are given"
+        if "expression" in _at(document.data, path[:-1]) and key in _OF_EXPRESSION:
+            hint = f"of an expression write {_OF_EXPRESSION[key]}"
     return f"expected a known key, found {shown_value(path[-1])}; {hint}"
 
 

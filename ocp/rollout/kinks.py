@@ -54,12 +54,12 @@ PARTS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5)
 _SMOOTHED = (ca.OP_FABS, ca.OP_FMIN, ca.OP_FMAX)
 _OF_TABLE = "; of a linear table: use method='bspline'"
 _WITHOUT_KINK = {
-    "fmax(": "write max(a, b) as a slack: a further control s with s >= a and s >= b, "
-    "if larger values cost more; and max(a, b) <= c as a <= c and b <= c" + _OF_TABLE,
-    "fmin(": "write min(a, b) as a slack: a further control s with s <= a and s <= b, "
-    "if smaller values cost more; and min(a, b) >= c as a >= c and b >= c" + _OF_TABLE,
-    "fabs(": "write abs(a) as a slack: a further control s with s >= a and s >= -a, "
-    "if larger values cost more; and abs(a) <= c as a <= c and a >= -c",
+    "fmax(": "write fmax(a, b) as a slack: a further control s with s >= a and s >= b, "
+    "if larger values cost more; and fmax(a, b) <= c as a <= c and b <= c" + _OF_TABLE,
+    "fmin(": "write fmin(a, b) as a slack: a further control s with s <= a and s <= b, "
+    "if smaller values cost more; and fmin(a, b) >= c as a >= c and b >= c" + _OF_TABLE,
+    "fabs(": "write fabs(a) as a slack: a further control s with s >= a and s >= -a, "
+    "if larger values cost more; and fabs(a) <= c as a <= c and a >= -c",
 }
 """Beginning of a switch's name -> how to state the problem without this kink."""
 _ROUND_IT = (

@@ -22,6 +22,11 @@ SHOWN = 3
 """Number of optima that a summary shows."""
 
 
+def _s(count: int) -> str:
+    """Return the end of a noun behind a number."""
+    return "" if count == 1 else "s"
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Tried:
     """Result of one start.
@@ -93,7 +98,7 @@ class Lanes:
         shown = [f"{sense * one.cost:.7g} ({one.count})" for one in self.optima[:SHOWN]]
         more = len(self.optima) - SHOWN
         listed = ", ".join(shown) + (f" and {more} more" if more > 0 else "")
-        said = f"{self.starts} starts: {listed or 'no optimum'}"
+        said = f"{self.starts} start{_s(self.starts)}: {listed or 'no optimum'}"
         ended = (
             (self.unfinished, "unfinished"),
             (self.infeasible, "infeasible"),
@@ -146,7 +151,8 @@ class Repair:
         times = "once" if self.attempts == 1 else f"{self.attempts} times"
         how = f"up to {self.checks} times the checks" if self.checks > 1 else ""
         if self.margins:
-            how += f"{' and ' if how else ''}margins on {self.margins} row(s)"
+            rows = f"{self.margins} row{_s(self.margins)}"
+            how += f"{' and ' if how else ''}margins on {rows}"
         return f"solved again {times}{' with ' if how else ''}{how}"
 
     @property
@@ -154,7 +160,8 @@ class Repair:
         """The account in one line."""
         ended = "confirmed" if self.succeeded else "not confirmed"
         return (
-            f"{self.tried}: {ended}; {self.evaluations} evaluations, "
+            f"{self.tried}: {ended}; {self.evaluations} "
+            f"evaluation{_s(self.evaluations)}, "
             f"{self.seconds:.2g} s"
         )
 

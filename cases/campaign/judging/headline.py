@@ -22,6 +22,7 @@ from swarmstart.cases.campaign.judging.judgement import (
 from swarmstart.cases.campaign.judging.report import listed
 from swarmstart.cases.campaign.judging.statistics import LEVEL, holm_of_those_that_can
 from swarmstart.cases.campaign.trials.solver_names import NULL_HYPOTHESIS
+from swarmstart.cases.format.document import counted
 
 PLAIN = "ipopt"
 NAMED = 2
@@ -95,9 +96,9 @@ def _alone(content: Content) -> str:
         low = "" if row["deterministic"] else _interval_words(row)
         return (
             f"{name} has a feasible answer on {scenarios[0]['name']} in "
-            f"{row['feasible']} of {row['runs']} runs, {row['near'][0]} of them within "
-            f"{_near(content)} of the best known{low}; one solver, so nothing is "
-            "compared"
+            f"{row['feasible']} of {counted(row['runs'], 'run')}, {row['near'][0]} of "
+            f"them within {_near(content)} of the best known{low}; one solver, so "
+            "nothing is compared"
         )
     always = [s for s in scenarios if s["rows"][0]["feasible"] == s["rows"][0]["runs"]]
     return (
@@ -214,7 +215,7 @@ def _gain(content: Content, null: str) -> str:
     return (
         f"no solver is shown to come {near} in more seeds than {null}, or to find "
         f"cheaper answers, on {_on(content['scenarios'], content['scenarios'])} "
-        f"({len(content['seeds'])} seeds)"
+        f"({counted(len(content['seeds']), 'seed')})"
     )
 
 
@@ -230,7 +231,7 @@ def _where(content: Content, names: Sequence[str]) -> str:
 
 
 def _seeds(content: Content) -> str:
-    return f"{len(content['seeds'])} seeds, Holm-adjusted p <= {LEVEL:g}"
+    return f"{counted(len(content['seeds']), 'seed')}, Holm-adjusted p <= {LEVEL:g}"
 
 
 def _counted(content: Content, names: Sequence[str], solver: str, null: str) -> str:
@@ -310,8 +311,12 @@ def _spent(content: Content, row: Content) -> str:
     if content["judges_seconds"] and row["seconds_p50"] is not None:
         return f" in {row['seconds_p50']:.2g} s"
     if row["evaluations_median"] is not None:
-        return f" with {row['evaluations_median']:g} evaluations"
+        return f" with {_evaluations(row['evaluations_median'])}"
     return ""
+
+
+def _evaluations(median: float) -> str:
+    return f"{median:g} evaluation{'' if median == 1 else 's'}"
 
 
 def _unsolved(content: Content) -> str:

@@ -16,6 +16,7 @@ from swarmstart.cases.drawing.panels import Panel, bounds_of
 from swarmstart.cases.drawing.report import svg
 from swarmstart.cases.drawing.report.tracks import Series, Tracks
 from swarmstart.cases.drawing.wording import number
+from swarmstart.cases.format.document import counted
 
 if TYPE_CHECKING:
     from markupsafe import Markup
@@ -146,7 +147,7 @@ def solver_panel(tracks: Tracks, *, name: str = "flight") -> PanelDrawn | None:
         held=True,
         alt=f"Solver's time of each step: median {_told(float(np.median(seconds)))} s,"
         f" longest {_told(float(np.nanmax(seconds)))} s; {said}; {late} of "
-        f"{seconds.size} steps took longer than the step itself.",
+        f"{counted(seconds.size, 'step')} took longer than the step itself.",
     )
 
 

@@ -115,8 +115,8 @@ def caption(tracks: Tracks) -> list[str]:
     if missing and not tracks.is_one_plan:
         said.append(
             f"Crosses in the panel of the solver's time: the {missing} of "
-            f"{tracks.without_plan.size} steps at which a vehicle planned, but found "
-            "no feasible plan."
+            f"{counted(tracks.without_plan.size, 'step')} at which a vehicle planned, "
+            "but found no feasible plan."
         )
     broken = int(tracks.linear_breaks.sum())
     if broken:

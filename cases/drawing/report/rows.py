@@ -115,7 +115,7 @@ def against_first(row: Mapping[str, Any]) -> str:
         if is_number(test[name])
     ]
     told = "; ".join(part for part in (test["words"], ", ".join(numbers)) if part)
-    verdict = "" if told.startswith(f"{test['verdict']}: ") else test["verdict"]
+    verdict = "" if told.startswith(test["verdict"]) else test["verdict"]
     return ": ".join(part for part in (verdict, told) if part)
 
 

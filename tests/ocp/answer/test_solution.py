@@ -468,7 +468,9 @@ def test_kinks_that_are_touched_are_told_of_a_polished_answer() -> None:
     assert status is SolutionStatus.FEASIBLE
     assert reason.startswith("the path touches a kink or jump of fabs")
     advice = verified(problem, plan, [0]).advice
-    assert advice.startswith("write abs(a) as a slack: a further control s with s >= a")
+    assert advice.startswith(
+        "write fabs(a) as a slack: a further control s with s >= a"
+    )
     searched = ranked(problem, planned(planner, [1, 1]))
     assert searched == (SolutionStatus.FEASIBLE, "it was searched, not polished")
 

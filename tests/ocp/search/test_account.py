@@ -64,3 +64,8 @@ def test_every_start_of_the_lanes_is_counted_once(search: Any) -> None:
         others = account.unfinished + account.infeasible + account.lost
         assert counted + others == account.starts
         assert account.infeasible + account.lost > 0
+
+
+def test_a_single_start_is_no_plural() -> None:
+    assert lanes(1).line().startswith("1 start: ")
+    assert lanes(2).line().startswith("2 starts: ")

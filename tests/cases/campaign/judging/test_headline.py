@@ -151,7 +151,7 @@ def test_a_difference_on_one_of_many_scenarios_may_be_chance() -> None:
          "Solvers are not compared: 6 seeds, 7 are needed; on s nothing is gained: "
          "ipopt once finds the same cost with 4000 evaluations."),
         ({"s": {"ipopt": [3.0]}},
-         "ipopt has a feasible answer on s in 1 of 1 runs, 1 of them within 1 % of the "
+         "ipopt has a feasible answer on s in 1 of 1 run, 1 of them within 1 % of the "
          "best known; one solver, so nothing is compared."),
         ({"s": {"de": [3.0] * 2}, "t": {"de": [3.0, INF]}},
          "de has a feasible answer in every run on 1 of 2 scenarios; one solver, so "

@@ -90,7 +90,7 @@ def test_a_plan_at_a_kink_says_why_it_is_no_optimum_and_what_would_help(
     _, result, reason, advice, *_ = sentences(done)
     assert result.endswith("but not shown to be a local optimum.")
     assert reason.startswith("Reason: the path touches a kink or jump of fabs(")
-    assert advice.startswith("Advice: write abs(a) as a slack: ")
+    assert advice.startswith("Advice: write fabs(a) as a slack: ")
     summary = done.summary()
     assert f"Reason: {summary['reason']}." == reason
     assert f"Advice: {summary['advice']}." == advice

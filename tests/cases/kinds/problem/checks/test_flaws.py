@@ -89,6 +89,10 @@ def test_what_is_wrong_is_said_where_it_stands(
         ("path: [{expression: angle, upper: 1, soft: {quadratic: kk}}]", "'kk'"),
         ("path: [{distance: [angle, speed]}]", "either at_least or at_most"),
         (
+            "path: [{expression: angle, at_most: 1}]",
+            "'at_most'; of an expression write upper",
+        ),
+        (
             "path: [{distances: [angle], at_least: 1}]",
             "'at_least'; it goes with other keys than those that are given",
         ),
