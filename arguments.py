@@ -18,6 +18,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from numbers import Real
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -109,6 +110,7 @@ def a_number(
     most: float = math.inf,
     below: float = math.inf,
     finite: bool = True,
+    nan: bool = False,
 ) -> Check:
     """Real numbers in a range; a bool is none.
 
@@ -117,7 +119,8 @@ def a_number(
         above: Number that all are larger than.
         most: Largest number.
         below: Number that all are smaller than.
-        finite: Whether infinities are refused; NaN is refused in any case.
+        finite: Whether infinities are refused, and NaN as well.
+        nan: Whether NaN is accepted, for an error of its own that follows.
     """
 
     def accepts(value: Any) -> bool:
@@ -128,8 +131,8 @@ def a_number(
             real = float(value)
         except OverflowError:
             return False
-        if finite and not math.isfinite(real):
-            return False
+        if math.isnan(real) or (finite and math.isinf(real)):
+            return nan and math.isnan(real)
         # Infinities mean no limit, and are allowed if finite is False.
         return least <= real <= most and (
             (real > above or above == -math.inf) and (real < below or below == math.inf)
@@ -223,8 +226,9 @@ def several(check: Check, words: str) -> Check:
     accepts = check.accepts
 
     def accept_all(values: Any) -> bool:
-        # An array without axes cannot be iterated over.
-        is_vector = isinstance(values, np.ndarray) and values.ndim > 0
+        # An array without axes cannot be iterated over, and the type of an empty one
+        # is not that of the elements which it lacks.
+        is_vector = isinstance(values, np.ndarray) and values.size > 0 < values.ndim
         is_sequence = is_vector or isinstance(values, Sequence)
         is_text = isinstance(values, str | bytes)
         return is_sequence and not is_text and all(map(accepts, values))
@@ -252,6 +256,17 @@ def function(words: str = "a function") -> Check:
     return Check(lambda value: callable(value) and not isinstance(value, type), words)
 
 
+def having(*names: str, words: str) -> Check:
+    """Objects, no classes, that have some attributes."""
+    return Check(
+        lambda value: (
+            not isinstance(value, type) and all(hasattr(value, name) for name in names)
+        ),
+        words,
+    )
+
+
+PATH = either(text(longest=4000), of_kind(Path, "a path"))
 FLAG = of_kind((bool, np.bool_), "True or False")
 RNG = of_kind(np.random.Generator, "a numpy.random.Generator")
 

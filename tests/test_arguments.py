@@ -21,9 +21,11 @@ from swarmstart.arguments import (
     choice,
     either,
     function,
+    having,
     mapping,
     optional,
     reals,
+    several,
     text,
 )
 from swarmstart.errors import InvalidArgumentError
@@ -108,3 +110,22 @@ def test_the_message_of_a_huge_value_is_short() -> None:
 def test_a_check_of_an_argument_that_there_is_not_is_refused() -> None:
     with pytest.raises(TypeError, match=r"no arguments of .*: \['weight'\]"):
         checked(weight=a_count())(half)
+
+
+def test_an_empty_array_is_no_sequence_of_elements() -> None:
+    accepts = several(a_count(), "counts").accepts
+    assert accepts([]) and accepts(np.array([1, 2]))
+    assert not accepts(np.zeros(0))
+
+
+def test_an_object_is_known_by_its_attributes_and_is_no_class() -> None:
+    accepts = having("real", "imag", words="a number").accepts
+    assert accepts(1.0)
+    assert not accepts(float) and not accepts("1")
+
+
+def test_nan_is_a_number_only_if_its_own_error_follows() -> None:
+    nan = float("nan")
+    assert not a_number(finite=False).accepts(nan)
+    assert a_number(finite=False, nan=True).accepts(nan)
+    assert not a_number(above=0, nan=True).accepts(-1.0)

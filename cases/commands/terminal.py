@@ -21,11 +21,12 @@ import textwrap
 import threading
 import time as clock
 from collections.abc import Iterator, Sequence
+from numbers import Integral
 from types import TracebackType
 from typing import TYPE_CHECKING, Self, TextIO
 
 from swarmstart.cases.format.document import printable
-from swarmstart.errors import SwarmstartError
+from swarmstart.errors import InvalidArgumentError, SwarmstartError
 
 if TYPE_CHECKING:
     from rich.progress import Progress as RichProgress
@@ -198,6 +199,12 @@ def first_sign(*, quiet: bool) -> Iterator[None]:
         logger.setLevel(before)
 
 
+def _require(name: str, value: object, kind: type, allowed: str) -> None:
+    """Raise unless a value is of a type; `arguments` would import NumPy here."""
+    if not isinstance(value, kind) or (kind is Integral and isinstance(value, bool)):
+        raise InvalidArgumentError(name, value, allowed)
+
+
 class Progress:
     """A context in which `update` may be called after every step.
 
@@ -210,7 +217,12 @@ class Progress:
         Args:
             title: Name of the work.
             quiet: Whether to stay silent.
+
+        Raises:
+            InvalidArgumentError: If one is of another type.
         """
+        _require("title", title, str, "text")
+        _require("quiet", quiet, bool, "True or False")
         self._title, self._quiet = title, quiet
         self._began = self._said = clock.monotonic()
         # The first step compiles, so the pace is taken from its end: (time, steps).
@@ -238,7 +250,15 @@ class Progress:
             done: Steps finished.
             total: Steps in all; 0 if their number is unknown.
             what: The part of the work that is being done.
+
+        Raises:
+            InvalidArgumentError: If one is of another type, or a number is negative.
         """
+        for name, count in (("done", done), ("total", total)):
+            _require(name, count, Integral, "an integer of at least 0")
+            if count < 0:
+                raise InvalidArgumentError(name, count, "an integer of at least 0")
+        _require("what", what, str, "text")
         now = clock.monotonic()
         if self._pace_from is None and done:
             self._pace_from = now, done

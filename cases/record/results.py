@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmstart.arguments import PATH, checked
 from swarmstart.arrays import Array
 from swarmstart.cases.format.document import shown
 from swarmstart.cases.format.yaml_reader import read_yaml
@@ -32,6 +33,7 @@ from swarmstart.cases.record.files import (
     is_temporary,
     locked,
     read_arrays,
+    said,
     write_arrays,
     write_json,
 )
@@ -186,6 +188,7 @@ def _saved(
     return folder
 
 
+@checked(folder=PATH)
 def load(folder: str | Path) -> Record:
     """Return the record that a run, or `save` of a result, has written to a folder.
 
@@ -210,9 +213,15 @@ def load(folder: str | Path) -> Record:
         (2, 21)
     """
     folder = Path(folder)
-    is_run = (folder / MARK).is_file()
-    mark = folder / (MARK if is_run else RESULT)
-    if not mark.is_file():
+    try:
+        is_run = (folder / MARK).is_file()
+        mark = folder / (MARK if is_run else RESULT)
+        is_finished = mark.is_file()
+    except OSError as error:  # A name that is too long, or a folder that is closed
+        raise RecordError(
+            f"{folder}: expected a folder that can be read: {said(error)}"
+        ) from error
+    if not is_finished:
         raise RecordError(
             f"{folder}: expected a finished record with {MARK} or {RESULT}, found "
             f"{'neither' if folder.is_dir() else 'no such folder'}"

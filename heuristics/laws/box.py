@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.arguments import a_count, checked, optional, reals
 from swarmstart.arrays import Array
-from swarmstart.errors import InvalidArgumentError, SwarmstartError
+from swarmstart.errors import InvalidArgumentError, SwarmstartError, brief
 from swarmstart.machine_code import Count, kernel
 
 BoundHandling = Literal["clip", "absorb", "reflect", "midpoint", "redraw", "none"]
@@ -200,7 +200,7 @@ def _numbers(name: str, given: ArrayLike) -> Array:
             raise TypeError("text and complex numbers are not converted")
         return numbers.astype(np.float64)
     except (TypeError, ValueError) as error:
-        problem = f"{name} must be a vector of numbers, got {given!r}"
+        problem = f"{name} must be a vector of numbers, got {brief(given)}"
         raise InvalidBoxError(problem, lower=given, upper=given) from error
 
 

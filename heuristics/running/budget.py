@@ -14,7 +14,7 @@ from typing import NamedTuple, cast
 
 import numpy as np
 
-from swarmstart.errors import SwarmstartError
+from swarmstart.errors import SwarmstartError, brief
 from swarmstart.heuristics.laws.algorithm import State
 from swarmstart.heuristics.laws.order import RunningOrder
 from swarmstart.machine_code import kernel
@@ -92,17 +92,17 @@ class Budget:
             if value is not None and not _is_count(value):
                 message = (
                     f"{name} must be an integer of at least 1 and below 2^62, "
-                    f"got {value!r}"
+                    f"got {brief(value)}"
                 )
                 raise InvalidBudgetError(message, self)
         seconds, target = self.seconds, self.target
         if seconds is not None and not (_is_number(seconds) and 0.0 < seconds < np.inf):
-            message = f"seconds must be finite and above 0, got {seconds!r}"
+            message = f"seconds must be finite and above 0, got {brief(seconds)}"
             raise InvalidBudgetError(message, self)
         if target is not None and not (
             _is_number(target) and -np.inf <= target <= np.inf
         ):
-            message = f"target must be a number, got {target!r}"
+            message = f"target must be a number, got {brief(target)}"
             raise InvalidBudgetError(message, self)
 
     def limits(self) -> Limits:
@@ -131,7 +131,7 @@ def budget_of(given: Budget | int) -> Budget:
     if not _is_count(given):
         raise InvalidBudgetError(
             "budget must be a Budget, or an integer of at least 1 (evaluations), "
-            f"got {given!r}",
+            f"got {brief(given)}",
             None,
         )
     return Budget(evaluations=int(given))

@@ -10,7 +10,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from swarmstart.arguments import checked, function, optional
+from swarmstart.arguments import checked, function, of_kind, optional
 from swarmstart.arrays import Array
 from swarmstart.heuristics.laws.algorithm import Algorithm, InvalidSettingsError
 from swarmstart.heuristics.laws.box import Box
@@ -62,12 +62,12 @@ FINISHED = {
 }
 
 
-@checked(
-    InvalidSettingsError,
-    on_generation=optional(function()),
-    on_advance=optional(function()),
-    on_best=optional(function()),
+_WATCHERS = dict.fromkeys(
+    ("on_generation", "on_advance", "on_best"), optional(function())
 )
+
+
+@checked(InvalidSettingsError, **_WATCHERS)
 def minimize(  # noqa: PLR0913
     objective: Objective,
     box: Box | ArrayLike | None = None,
@@ -153,6 +153,7 @@ def minimize(  # noqa: PLR0913
     )
 
 
+@checked(InvalidSettingsError, search=of_kind(Search, "a Search"), **_WATCHERS)
 def run(
     search: Search,
     objective: Objective,
@@ -417,7 +418,7 @@ def values_of(
 
 
 def _require_callable(objective: object) -> None:
-    if not callable(objective):
+    if not callable(objective) or isinstance(objective, type):
         raise InvalidEvaluationError(
             "objective must be a function: population of shape (dim, size) -> cost, "
             f"or (cost, violation), each (size,); got {type(objective).__name__}",

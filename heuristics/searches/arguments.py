@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from swarmstart.arguments import MOST_WORK, SEED, a_count, a_number, checked, optional
+from swarmstart.errors import brief
 from swarmstart.heuristics.laws.algorithm import (
     Algorithm,
     InvalidSettingsError,
@@ -43,10 +44,12 @@ ALGORITHMS: Mapping[str, type[Algorithm]] = {
 PAIR = (2,)
 """Shape of the bounds of one variable."""
 
+_EVALUATIONS = a_count(least=1, most=MOST_WORK)
 FEWEST = 400
 """Least number of evaluations for which L-SHADE is the default."""
 
 
+@checked(InvalidSettingsError, evaluations=optional(_EVALUATIONS))
 def algorithm_of(
     given: Algorithm | type[Algorithm] | str | None, evaluations: int | None = None
 ) -> Algorithm:
@@ -122,7 +125,7 @@ def box_of(given: Box | ArrayLike | None, bounds: Box | ArrayLike | None = None)
     if pairs.ndim != len(PAIR) + 1 or pairs.shape[1:] != PAIR:
         problem = (
             "bounds must be pairs (lower, upper), one for each variable, "
-            f"got {chosen!r}"
+            f"got {brief(chosen)}"
         )
         raise InvalidBoxError(problem, lower=(), upper=())
     return Box(lower=pairs[:, 0], upper=pairs[:, 1])
@@ -164,7 +167,7 @@ def generator_of(
         raise InvalidSettingsError("seed", seed, allowed) from error
 
 
-@checked(InvalidSettingsError, evaluations=optional(a_count(least=1, most=MOST_WORK)))
+@checked(InvalidSettingsError, evaluations=optional(_EVALUATIONS))
 def default_algorithm(evaluations: int | None) -> Algorithm:
     """Return the default algorithm for a budget.
 

@@ -14,7 +14,7 @@ from swarmstart.ocp.answer.planner import Planner
 from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.common.presentation import ProgressCallback, of_budget, tell_nothing
 from swarmstart.ocp.nlp.polish import Polished, Polisher, is_better
-from swarmstart.ocp.rollout.fitness import NOTHING, Known
+from swarmstart.ocp.rollout.fitness import KNOWN, NOTHING, Known
 from swarmstart.ocp.search.search_space import TrajectoryFamily, space_of
 
 
@@ -23,7 +23,7 @@ from swarmstart.ocp.search.search_space import TrajectoryFamily, space_of
     planner=of_kind(Planner, "a Planner"),
     x0=reals(),
     budget=of_kind(Budget, "a Budget"),
-    known=of_kind(Known, "a Known"),
+    known=KNOWN,
     family=optional(of_kind(TrajectoryFamily, "a TrajectoryFamily")),
     rng=RNG,
     progress=function(),

@@ -13,9 +13,16 @@ import math
 from dataclasses import dataclass
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 
-from swarmstart.arguments import a_number, checked, of_kind, optional, reals
+from swarmstart.arguments import (
+    a_number,
+    checked,
+    of_kind,
+    optional,
+    reals,
+    text,
+)
 from swarmstart.ocp.common.errors import refused
-from swarmstart.ocp.lower_bound.stated.answer import BoundKind, LowerBound
+from swarmstart.ocp.lower_bound.stated.answer import SENSE, BoundKind, LowerBound
 
 _DIGITS, _GAP_DIGITS = 6, 2
 _SHORT = Decimal("1e-4"), Decimal("1e7")
@@ -26,6 +33,15 @@ _WHOLE = 1.0
 """Gap above which the difference is written instead of a percentage."""
 
 
+@checked(
+    refused,
+    kind=of_kind(BoundKind, "a BoundKind"),
+    value=optional(a_number()),
+    reason=text(longest=10_000),
+    sense=SENSE,
+    cost=optional(a_number()),
+    tolerance=a_number(least=0),
+)
 @dataclass(frozen=True, kw_only=True, slots=True)
 class OptimalityGap:
     """Bound of the optimum, or the reason why there is none, next to an answer.
@@ -97,6 +113,7 @@ class OptimalityGap:
         """Value, kind and gap in one line."""
         return self.told("the answer")
 
+    @checked(refused, answer=text())
     def told(self, answer: str) -> str:
         """Return value, kind and gap in one line.
 

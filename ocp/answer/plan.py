@@ -39,8 +39,10 @@ from typing import Any, TypedDict
 import numpy as np
 from numpy.typing import ArrayLike
 
+from swarmstart.arguments import checked
 from swarmstart.arrays import Array
-from swarmstart.ocp.common.errors import InvalidProblemError
+from swarmstart.ocp.common.errors import InvalidProblemError, refused
+from swarmstart.ocp.lower_bound.stated.answer import SENSE
 from swarmstart.ocp.nlp.multipliers import Duals, duals_of
 from swarmstart.ocp.nlp.optimality import NlpPoint
 from swarmstart.ocp.nlp.polish import is_better
@@ -95,6 +97,7 @@ class SearchReport:
     lanes: Lanes | None = None
     without_lanes: str = ""
 
+    @checked(refused, sense=SENSE)
     def lines(self, sense: float = 1.0) -> list[str]:
         """Return a line on the local solves in lanes during the search, or no line.
 
@@ -107,6 +110,7 @@ class SearchReport:
             return [f"  searched    without lanes: {self.without_lanes}"]
         return []
 
+    @checked(refused, sense=SENSE)
     def told(self, sense: float = 1.0) -> dict[str, Any] | None:
         """Return the same as a dictionary for JSON; None if the search uses no lanes.
 

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from swarmstart.arguments import (
     FLAG,
     RNG,
+    Check,
     a_count,
     checked,
     either,
@@ -58,9 +59,10 @@ from swarmstart.ocp.nlp.polish import (
 )
 from swarmstart.ocp.nlp.polish_options import PolishOptions
 from swarmstart.ocp.nlp.start import Start
-from swarmstart.ocp.nlp.watching import UNWATCHED, Answer, Watch
+from swarmstart.ocp.nlp.watching import UNWATCHED, WATCH, Answer, Watch
 from swarmstart.ocp.rollout.checking import Checker, Excess
 from swarmstart.ocp.rollout.fitness import (
+    KNOWN,
     NOTHING,
     Fitness,
     Known,
@@ -107,6 +109,13 @@ _SOURCES = {
     "the guess": Source.GUESS,
 }
 """Origins of starts that are no cold ones."""
+_VALUE = Check(
+    lambda value: (
+        isinstance(value, tuple) and reals().accepts(value) and np.shape(value) == (2,)
+    ),
+    "a pair (cost, violation)",
+)
+_GUESS = optional(either(reals(), of_kind(Start, "a Start")))
 _BASINS = 3
 """Number of basins to polish if there are decisions besides the controls."""
 
@@ -147,6 +156,7 @@ def _turned(search: SearchSettings) -> SearchSettings:
     family=optional(of_kind(TrajectoryFamily, "a TrajectoryFamily")),
     backend=optional(text()),
     lanes=a_count(),
+    watch=WATCH,
 )
 class Planner:
     """Search and polish of one problem, compiled once.
@@ -283,6 +293,7 @@ class Planner:
             return None
         return ManyStarts(self.fitness, self.polisher, self._lanes)
 
+    @checked(refused, x0=reals(), known=KNOWN, guess=_GUESS)
     def posed(
         self, x0: ArrayLike, known: Known = NOTHING, guess: Array | Start | None = None
     ) -> tuple[ArrayLike, Known, Array | Start | None]:
@@ -320,9 +331,9 @@ class Planner:
     @checked(
         refused,
         x0=reals(),
-        known=of_kind(Known, "a Known"),
-        guess=optional(either(reals(), of_kind(Start, "a Start"))),
-        candidates=optional(reals()),
+        known=KNOWN,
+        guess=_GUESS,
+        candidates=optional(reals(axes=3)),
         near=FLAG,
         last_cost=optional(reals(axes=0)),
         in_loop=FLAG,
@@ -626,8 +637,9 @@ class Planner:
         refused,
         controls=reals(),
         x0=reals(),
-        known=of_kind(Known, "a Known"),
+        known=KNOWN,
         source=of_kind(Source, "a Source"),
+        value=optional(_VALUE),
     )
     def evaluated(
         self,
@@ -750,7 +762,7 @@ class Planner:
 
         return lambda evaluations, best: watch.advanced(evaluations, best, answer)
 
-    @checked(refused, x0=reals(), known=of_kind(Known, "a Known"))
+    @checked(refused, x0=reals(), known=KNOWN)
     def outside(self, x0: ArrayLike, known: Known = NOTHING) -> list[Excess]:
         """Return the constraints that an initial state breaks for any control.
 

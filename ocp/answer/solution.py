@@ -26,7 +26,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from swarmstart.arguments import a_number, checked, of_kind, optional
+from swarmstart.arguments import FLAG, a_number, checked, of_kind, optional, reals
 from swarmstart.arrays import Array
 from swarmstart.ocp.answer.optimality_gap import OptimalityGap
 from swarmstart.ocp.answer.plan import Plan, guess_of, start_of
@@ -40,6 +40,7 @@ from swarmstart.ocp.nlp.polish import SAME_COST
 from swarmstart.ocp.nlp.polish_options import IpoptOptions, PolishStatus
 from swarmstart.ocp.nlp.start import Start
 from swarmstart.ocp.rollout.fitness import (
+    KNOWN,
     NOTHING,
     Known,
     at_nodes,
@@ -436,6 +437,16 @@ def _ranges(names: tuple[str, ...], rows: Array) -> str:
     return "; ".join(parts) + (f"; and {more} more" if more > 0 else "")
 
 
+@checked(
+    refused,
+    problem=of_kind(OptimalControlProblem | Tracer, "an OptimalControlProblem"),
+    plan=of_kind(Plan, "a Plan"),
+    x0=reals(),
+    known=KNOWN,
+    tolerance=a_number(least=0),
+    settled=FLAG,
+    advised=FLAG,
+)
 def verified(  # noqa: PLR0913 - a plan and how it is judged
     problem: OptimalControlProblem | Tracer,
     plan: Plan,

@@ -46,7 +46,7 @@ from swarmstart.ocp.nlp.polish_options import (
     PolishOptions,
 )
 from swarmstart.ocp.nlp.start import Start
-from swarmstart.ocp.rollout.fitness import NOTHING, Known
+from swarmstart.ocp.rollout.fitness import KNOWN, NOTHING, Known
 from swarmstart.ocp.search.many_starts import LANES
 from swarmstart.ocp.search.settings import SearchGiven, search_settings
 from swarmstart.ocp.statement.problem import OptimalControlProblem
@@ -88,7 +88,7 @@ class BoundInterrupted(KeyboardInterrupt):
     problem=of_kind(OptimalControlProblem, "an OptimalControlProblem"),
     x0=reals(),
     guess=optional(either(reals(), of_kind(Start, "a Start"))),
-    known=of_kind(Known, "a Known"),
+    known=KNOWN,
     repair=FLAG,
     lanes=optional(a_count()),
     start=choice(get_args(StartRule)),

@@ -25,7 +25,9 @@ from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any, TypeVar, cast
 
 import casadi as ca
+import numpy as np
 
+from swarmstart.arguments import Check, either, of_kind, reals
 from swarmstart.ocp.common.errors import InvalidProblemError
 
 LONGEST_SHOWN = 60
@@ -36,6 +38,13 @@ _LONGEST_FOLDED = 20 * LONGEST_SHOWN
 T = TypeVar("T")
 _WEIGHTS = ("weight", "quadratic_weight")
 _TABLES = ("LinearInterpolant", "BSplineInterpolant")
+
+
+EXPRESSION = of_kind((ca.SX, ca.MX, ca.DM), "a CasADi expression")
+ROWS = Check(
+    either(EXPRESSION, either(reals(), of_kind((list, tuple), ""))).accepts,
+    "a CasADi expression, numbers, or a list of rows",
+)
 
 
 def shortened(value: object) -> str:
@@ -110,6 +119,8 @@ def as_column(role: str, expression: ca.SX) -> ca.SX:
         ) from error
     if min(column.shape) > 1:
         raise InvalidProblemError(f"{role} must be a vector, got shape {column.shape}")
+    if column.is_constant() and bool(np.isnan(np.array(ca.evalf(column))).any()):
+        raise InvalidProblemError(f"{role} must not be NaN, got {column}")
     return ca.densify(ca.reshape(column, -1, 1))
 
 

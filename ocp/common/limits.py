@@ -7,12 +7,15 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from swarmstart.arguments import a_count
 from swarmstart.arrays import Array
-from swarmstart.ocp.common.errors import InvalidProblemError
+from swarmstart.errors import brief
+from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.common.expressions import shortened
 
 Limit = float | Sequence[float] | Array
 """One number for all, or one for each row."""
+_COUNT = a_count(least=1)
 
 
 def limits_of(role: str, limits: Sequence[Limit], size: int) -> tuple[Array, Array]:
@@ -32,7 +35,7 @@ def limits_of(role: str, limits: Sequence[Limit], size: int) -> tuple[Array, Arr
     except (TypeError, ValueError) as error:
         raise InvalidProblemError(
             f"limits of the {role} must be a pair (lower, upper) of numbers or of "
-            f"{size} numbers, got {limits!r}"
+            f"{size} numbers, got {brief(limits)}"
         ) from error
     if not np.all((lower <= upper) & (lower < np.inf) & (upper > -np.inf)):
         raise InvalidProblemError(
@@ -61,7 +64,7 @@ def scales_given(role: str, scale: Limit | None, size: int) -> Array | None:
     except (TypeError, ValueError) as error:
         raise InvalidProblemError(
             f"scale of the {role} must be a positive number or {size} of them, "
-            f"got {scale!r}"
+            f"got {brief(scale)}"
         ) from error
     if not np.all((scales > 0) & (scales < np.inf)):
         raise InvalidProblemError(f"scale of the {role} must be positive, got {scale}")
@@ -82,7 +85,7 @@ def sizes_given(given: object, names: Sequence[str]) -> dict[str, float]:
     if not isinstance(given, Mapping):
         raise InvalidProblemError(
             "scales must be a mapping of names of states and controls to sizes, got "
-            f"{given!r}"
+            f"{brief(given)}"
         )
     unknown = [name for name in given if name not in names]
     if unknown:
@@ -141,7 +144,7 @@ def require_number(role: str, number: object) -> float:
     # A bool is a Real in Python.
     if isinstance(number, bool) or not isinstance(number, Real):
         raise InvalidProblemError(
-            f"{role} must be a number, got {number!r} ({type(number).__name__})"
+            f"{role} must be a number, got {brief(number)} ({type(number).__name__})"
         )
     return float(number)
 
@@ -152,10 +155,8 @@ def require_count(role: str, count: int) -> None:
     Raises:
         InvalidProblemError: With the value given.
     """
-    if not isinstance(count, int | np.integer) or count < 1:
-        raise InvalidProblemError(
-            f"{role} must be an integer of at least 1, got {count}"
-        )
+    if not _COUNT.accepts(count):
+        raise refused(role, count, _COUNT.allowed)
 
 
 def require_seconds(role: str, seconds: object) -> None:

@@ -11,7 +11,9 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any
 
+from swarmstart.arguments import FLAG, PATH, checked
 from swarmstart.heuristics import Budget
+from swarmstart.ocp.common.errors import refused
 
 _DRAWING, _RECORD = "swarmstart.cases.drawing", "swarmstart.cases.record"
 PRESENTATIONS = {
@@ -47,6 +49,7 @@ class Presented:
         """
         return self._presented("plot")
 
+    @checked(refused, folder=PATH, force=FLAG)
     def save(self, folder: str | Path, *, force: bool = False) -> Path:
         """Write the result into a folder, for `swarmstart.load`; return the folder.
 

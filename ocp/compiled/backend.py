@@ -15,11 +15,12 @@ from typing import Literal, Protocol, get_args
 import casadi as ca
 import numpy as np
 
+from swarmstart.arguments import checked, optional, text
 from swarmstart.arrays import Array
+from swarmstart.errors import brief
 from swarmstart.heuristics import Pointers
-from swarmstart.ocp.common.errors import InvalidProblemError
+from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.compiled.engine import NoCompilerError, machine
-from swarmstart.ocp.compiled.vectors.vector_ir import FORMATS
 from swarmstart.tape import UnknownOperationError
 
 Backend = Literal["auto", "llvm", "casadi"]
@@ -162,6 +163,7 @@ def _allocate(function: ca.Function, size: int) -> _Buffers:
     )
 
 
+@checked(refused, backend=optional(text()))
 def chosen_backend(backend: str | None = None) -> str:
     """Return the backend that will be tried first: "llvm" or "casadi".
 
@@ -177,7 +179,7 @@ def chosen_backend(backend: str | None = None) -> str:
     if asked not in BACKENDS:
         raise InvalidProblemError(
             f"backend (or {VARIABLE}) must be one of {', '.join(BACKENDS)}, "
-            f"got {asked!r}"
+            f"got {brief(asked)}"
         )
     if asked == "casadi":
         return asked
@@ -217,15 +219,3 @@ def warn_of_casadi(reason: str) -> None:
         BackendWarning,
         stacklevel=3,
     )
-
-
-def require_precision(precision: str) -> None:
-    """Validate the name of a precision.
-
-    Raises:
-        InvalidProblemError: If there is no such precision.
-    """
-    if precision not in FORMATS:
-        raise InvalidProblemError(
-            f"precision must be one of {', '.join(FORMATS)}, got {precision!r}"
-        )

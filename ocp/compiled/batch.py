@@ -13,21 +13,33 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from swarmstart.arguments import FLAG, checked, of_kind, optional, text
+from swarmstart.arguments import (
+    FLAG,
+    a_count,
+    checked,
+    choice,
+    of_kind,
+    optional,
+    reals,
+    text,
+)
 from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import InvalidProblemError, refused
-from swarmstart.ocp.common.limits import require_count
-from swarmstart.ocp.compiled.backend import (
-    chosen_backend,
-    require_precision,
-    warn_of_casadi,
-)
+from swarmstart.ocp.compiled.backend import chosen_backend, warn_of_casadi
 from swarmstart.ocp.compiled.engine import NoCompilerError
 from swarmstart.ocp.compiled.simd import Prepared, Shapes, SimdBatch, compile_flat
-from swarmstart.ocp.compiled.vectors.vector_ir import Precision
+from swarmstart.ocp.compiled.vectors.vector_ir import FORMATS, Precision
 from swarmstart.tape import UnknownOperationError, expanded
 
+_OPTIONS = {
+    "function": of_kind(ca.Function, "a casadi.Function"),
+    "backend": optional(text()),
+    "precision": choice(FORMATS),
+    "threads": a_count(least=1),
+}
 
+
+@checked(refused, **_OPTIONS)
 class BatchFunction:
     """A function of populations; made by `compile_batch`.
 
@@ -76,7 +88,7 @@ class BatchFunction:
         Raises:
             InvalidProblemError: If number or shapes of the arguments do not fit.
         """
-        arrays = [np.asarray(a) for a in arguments]
+        arrays = _numbers(arguments)
         shapes = tuple([a.shape for a in arrays])
         small = self._small.get(shapes)
         if small is not None:
@@ -110,7 +122,7 @@ class BatchFunction:
         """
         if self.backend != "llvm":
             raise InvalidProblemError("prepare needs machine code, got backend casadi")
-        arrays = [np.asarray(a) for a in arguments]
+        arrays = _numbers(arguments)
         differs, size = self._checked(arrays)
         prepared = self._kernel(differs).prepare(size)
         for buffer, given in zip(prepared.arguments, arrays, strict=True):
@@ -169,13 +181,19 @@ class BatchFunction:
         )
 
 
-@checked(
-    refused,
-    function=of_kind(ca.Function, "a casadi.Function"),
-    backend=optional(text()),
-    precision=text(),
-    gradient=FLAG,
-)
+def _numbers(arguments: Sequence[ArrayLike]) -> list[Array]:
+    """Return arguments as arrays; real numbers only, as the buffers hold no others."""
+    try:
+        arrays = [np.asarray(a) for a in arguments]
+    except ValueError as error:
+        raise refused("arguments", arguments, reals().allowed) from error
+    for array in arrays:
+        if array.dtype.kind not in "biuf":
+            raise refused("arguments", array, reals().allowed)
+    return arrays
+
+
+@checked(refused, **_OPTIONS, gradient=FLAG)
 def compile_batch(
     function: ca.Function,
     *,
@@ -220,8 +238,6 @@ def compile_batch(
     """
     if function.n_in() == 0:
         raise InvalidProblemError(f"{function.name()} has no argument to vary")
-    require_precision(precision)
-    require_count("threads", threads)
     if gradient:
         function = with_gradient(function)
     return BatchFunction(

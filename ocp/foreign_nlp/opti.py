@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from swarmstart.arguments import SEED, checked, either, mapping, of_kind, optional
+from swarmstart.arguments import SEED, checked, either, mapping, of_kind, optional, text
 from swarmstart.heuristics import Budget
 from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.common.expressions import shortened
@@ -42,6 +42,7 @@ BoundsGiven = Mapping[Any, ArrayLike] | Sequence[tuple[Any, ArrayLike]]
     ),
     options=optional(mapping(words="a mapping of options")),
     seed=SEED,
+    solver=text(),
 )
 def warm_start(  # noqa: PLR0913 - one added line says it all
     nlp: ca.Opti | Mapping[str, Any],
@@ -229,7 +230,13 @@ def _asked(
     """Return the bounds given by the user, as (indices in x, lower, upper)."""
     pairs = bounds.items() if isinstance(bounds, Mapping) else bounds
     found = []
-    for variable, limits in pairs:
+    for pair in pairs:
+        if not isinstance(pair, tuple | list) or len(pair) != len(("of", "limits")):
+            raise InvalidProblemError(
+                "bounds must be pairs of a variable and its (lower, upper), got "
+                f"{shortened(pair)}"
+            )
+        variable, limits = pair
         try:
             lower, upper = (float(side) for side in np.array(limits, dtype=np.float64))
         except (TypeError, ValueError) as error:

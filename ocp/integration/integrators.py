@@ -23,7 +23,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.ocp.common.errors import InvalidProblemError
+from swarmstart.arguments import a_count, a_number, checked, of_kind, text
+from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.common.limits import require_count
 from swarmstart.ocp.integration.rodas import Rate, prepared, rodas4
 from swarmstart.ocp.system.model import Model, rate_of
@@ -86,6 +87,8 @@ def verifying_integrator(method: str) -> Integrator:
 
 PARTS = 5
 """Number of parts of the first stiff step after a jump; see the module's head."""
+_MOST_PARTS = 100
+"""Largest number of parts: the first of them would be 4^-99 of the step."""
 MORE_PARTS = 8
 """Number of parts for a first part of 5e-5 of the step instead of 3e-3."""
 INSIDE = 1e-9
@@ -151,6 +154,14 @@ def _stiffly(
     return x
 
 
+@checked(
+    refused,
+    model=of_kind(Model, "a Model"),
+    dt=a_number(above=0),
+    method=text(),
+    substeps=a_count(least=1),
+    parts=a_count(least=1, most=_MOST_PARTS),
+)
 def held_step(
     model: Model,
     dt: float,

@@ -36,6 +36,7 @@ Argument: TypeAlias = Any
 FEWEST = {"linear": 2, "bspline": 4}
 """Smallest number of breakpoints of each input."""
 _MOST_INPUTS = 2
+_NUMBERS = reals()
 
 
 @checked(
@@ -129,7 +130,7 @@ class Table:
             return cast("ca.SX", matrix)  # MX; see Argument.
         try:
             expressions = [ca.SX(a) for a in arguments]
-        except (NotImplementedError, TypeError) as error:
+        except (NotImplementedError, TypeError, RuntimeError) as error:
             found = ", ".join(shortened(a) for a in arguments)
             raise InvalidProblemError(
                 f"{self.name} takes CasADi expressions or numbers, got {found}"
@@ -154,7 +155,13 @@ class Table:
             InvalidProblemError: If the number of arguments is wrong.
         """
         self._require_inputs(len(arguments))
-        given = np.broadcast_arrays(*[np.asarray(a, dtype=float) for a in arguments])
+        for argument in arguments:
+            if not _NUMBERS.accepts(argument):
+                raise refused("arguments", argument, _NUMBERS.allowed)
+        try:
+            given = np.broadcast_arrays(*[np.asarray(a, float) for a in arguments])
+        except ValueError as error:
+            raise InvalidProblemError(f"{self.name}: {error}") from error
         if not given[0].size:
             return np.empty(given[0].shape)
         symbols = [ca.SX.sym("x") for _ in given]
@@ -171,12 +178,11 @@ class Table:
 
     def _numbers(self, role: str, given: ArrayLike) -> Array:
         """Return a locked copy of finite numbers."""
-        try:
-            numbers = np.array(given, dtype=np.float64)
-        except (TypeError, ValueError) as error:
+        if not _NUMBERS.accepts(given):
             raise InvalidProblemError(
                 f"{self.name}: {role} must be numbers, got {shortened(given)}"
-            ) from error
+            )
+        numbers = np.array(given, dtype=np.float64)
         if not np.isfinite(numbers).all():
             raise InvalidProblemError(
                 f"{self.name}: {role} must be finite, got {shortened(given)}"

@@ -22,6 +22,7 @@ from swarmstart.arguments import (
     of_kind,
     optional,
     reals,
+    several,
 )
 from swarmstart.arrays import Array
 from swarmstart.heuristics import generator_of
@@ -75,6 +76,7 @@ class Step:
     state_names=NAMES,
     control_names=NAMES,
     output_names=NAMES,
+    decisions=several(of_kind(Decision, "a Decision"), "a sequence of Decisions"),
     outputs=reals(array=True),
 )
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -349,6 +351,11 @@ def simulate(  # noqa: PLR0913 - a closed loop in one call
     return collected(plant_of(plant, controller.dt), flown)
 
 
+@checked(
+    refused,
+    plant=of_kind(Plant | SteppedPlant, "a Plant or a SteppedPlant"),
+    steps=several(of_kind(Step, "a Step"), "a sequence of Steps"),
+)
 def collected(plant: Plant | SteppedPlant, steps: Sequence[Step]) -> Trajectory:
     """Join finished steps, numbered from 0 without a gap, to a trajectory.
 

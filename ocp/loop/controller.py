@@ -33,6 +33,7 @@ from swarmstart.arguments import (
     of_kind,
     optional,
     reals,
+    several,
 )
 from swarmstart.arrays import Array
 from swarmstart.ocp.answer.improving import improved
@@ -59,7 +60,7 @@ _SHOWN = 6
 """Number of controls that a summary shows."""
 
 
-SEEN = of_kind((list, tuple), "a sequence of arrays")
+SEEN = several(reals(axes=2), "a sequence of arrays with 2 axes")
 
 
 class Mode(Enum):
@@ -71,7 +72,10 @@ class Mode(Enum):
 
 @checked(
     refused,
-    control=reals(),
+    control=reals(axes=1),
+    plans=several(of_kind(Plan, "a Plan"), "a sequence of Plans"),
+    mode=of_kind(Mode, "a Mode"),
+    profile=optional(of_kind(Profile, "a Profile")),
     start=optional(reals()),
     dt=optional(a_number(above=0)),
     is_last=FLAG,
@@ -157,9 +161,15 @@ def known_at(
     times = problem.expected_times
     times = time + times * (1.0 if length is None else length / times[-1])
     rows = () if reference is None else (reference(times),)
+    try:
+        signals = np.vstack([np.empty((0, times.size)), *rows, *seen])
+    except ValueError as error:
+        raise InvalidProblemError(
+            f"signals must have {times.size} columns, one for each time: {error}"
+        ) from error
     return Known(
         parameters=() if parameters is None else parameters(time),
-        signals=np.vstack([np.empty((0, times.size)), *rows, *seen]),
+        signals=signals,
         time=time,
     )
 
@@ -327,6 +337,7 @@ class RecedingHorizon:
             decided=decided,
         )
 
+    @checked(refused, plan=of_kind(Plan, "a Plan"))
     def flown(self, plan: Plan) -> Array:
         """Return the controls or knots of a plan that one plant receives."""
         stated, lowered = self.planner.stated, self.planner.lowered

@@ -39,8 +39,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from swarmstart.arguments import checked, of_kind
+from swarmstart.arguments import INDICES, a_number, checked, of_kind, reals
 from swarmstart.arrays import Array
+from swarmstart.errors import brief
 from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.loop.closed_loop import Trajectory
 from swarmstart.ocp.loop.plant import Plant
@@ -56,6 +57,7 @@ BLOCK = 2**20
 """Number of pairs times pieces that are processed together."""
 MOST_HALVINGS = 50
 """Largest number of halvings; then a piece is shorter than the rounding of its ends."""
+_PAIRS = {"curves": reals(array=True, axes=4), "first": INDICES, "second": INDICES}
 _EACH = np.arange(DEGREE + 1)
 _SUMS = (_EACH[:, None] + _EACH).ravel()
 _CHOICES = np.outer(choices(DEGREE, _EACH), choices(DEGREE, _EACH)).ravel()
@@ -67,6 +69,7 @@ _FRONT_HALF = choices(_EACH, _EACH[:, None]) / 2.0**_EACH
 _BACK_HALF = _FRONT_HALF[::-1, ::-1]
 
 
+@checked(refused, step=a_number(above=0), curves=reals(array=True, axes=3))
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class DenseOutput:
     """Continuous path of a closed-loop run.
@@ -80,6 +83,7 @@ class DenseOutput:
     step: float
     curves: Array
 
+    @checked(refused, times=reals(finite=True))
     def __call__(self, times: ArrayLike) -> Array:
         """Return the states at given times, shape (nx, n).
 
@@ -87,7 +91,11 @@ class DenseOutput:
             times: Times within the run, shape (n,) [s].
         """
         elapsed = np.atleast_1d(np.asarray(times, dtype=np.float64)) / self.step
-        piece = np.clip(elapsed.astype(int), 0, self.curves.shape[1] - 1)
+        pieces = self.curves.shape[1]
+        # A piece beyond either end still has the values of its neighbour, continued.
+        if elapsed.ndim > 1 or not ((elapsed >= -1) & (elapsed <= pieces + 1)).all():
+            raise refused("times", times, f"in [0, {pieces * self.step:g}], shape (n,)")
+        piece = np.clip(elapsed.astype(int), 0, pieces - 1)
         s, k = (elapsed - piece)[:, None], np.arange(DEGREE + 1)
         weights = choices(DEGREE, k) * s**k * (1.0 - s) ** (DEGREE - k)
         return np.asarray(np.einsum("xnk,nk->xn", self.curves[:, piece], weights))
@@ -151,6 +159,7 @@ def interpolate(plant: Plant, trajectory: Trajectory) -> DenseOutput:
     return DenseOutput(step=h, curves=np.stack([a, *inner, b], axis=-1))
 
 
+@checked(refused, **_PAIRS)
 def smallest_distance(curves: Array, first: Indices, second: Indices) -> float:
     """Return the smallest distance of any pair over all time.
 
@@ -178,6 +187,7 @@ def smallest_distance(curves: Array, first: Indices, second: Indices) -> float:
     return _extreme(curves, first, second, sign=1)
 
 
+@checked(refused, **_PAIRS)
 def largest_distance(curves: Array, first: Indices, second: Indices) -> float:
     """Return the largest distance of any pair over all time; see `smallest_distance`.
 
@@ -218,8 +228,14 @@ def _substeps(plant: Plant, trajectory: Trajectory) -> int:
 
 def _extreme(curves: Array, first: Indices, second: Indices, *, sign: int) -> float:
     """Return the distance with the smallest sign |r|."""
+    first, second = np.asarray(first), np.asarray(second)
     if not first.size:
         raise InvalidProblemError("expected at least one pair of points, got none")
+    if first.shape != second.shape or max(first.max(), second.max()) >= len(curves):
+        raise InvalidProblemError(
+            f"pairs must be as many numbers of the {len(curves)} points as others, got "
+            f"{brief(first)} and {brief(second)}"
+        )
     bends, best = _bends(curves), np.inf
     for i, j in _blocks(first, second, pieces=curves.shape[2]):
         ends, low = _bounds(curves, bends[i] + bends[j], i, j, sign=sign)

@@ -269,7 +269,10 @@ class LocalTeam:
         rng: np.random.Generator,
     ) -> Decision:
         """Let every agent plan in order; see Controller."""
-        states = state.reshape(len(self.agents), self._nx)
+        shape = len(self.agents), self._nx
+        if np.size(state) != shape[0] * shape[1]:
+            raise refused("state", state, f"an array of {shape[0] * shape[1]} numbers")
+        states = np.reshape(state, shape)
         shown = self._last_plans(states, previous)
         plans: dict[int, Plan] = {}
         for number in self.order:

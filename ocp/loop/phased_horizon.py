@@ -67,6 +67,21 @@ _SHORTEST = 0.01
 _ROUNDING = 1e-9
 
 
+_PROBLEMS = several(
+    of_kind(OptimalControlProblem, "a problem"), "a sequence of problems"
+)
+_VALUES = mapping(values=a_number(), words="a mapping of names to finite numbers")
+
+
+@checked(
+    refused,
+    stated=_PROBLEMS,
+    period=a_number(above=0),
+    left=several(of_kind(Phases, "Phases"), "a sequence of Phases"),
+    planners=several(of_kind(Planner, "a Planner"), "a sequence of Planners"),
+    model=of_kind(Model, "a Model"),
+    parameters=_VALUES,
+)
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class PhasedHorizon:
     """Controller that plans the remaining phases; made by `phased_horizon`.
@@ -131,7 +146,7 @@ class PhasedHorizon:
     @checked(
         refused,
         substeps=a_count(least=1),
-        parameters=mapping(words="a mapping of names to numbers"),
+        parameters=_VALUES,
     )
     def plant(
         self, *, substeps: int, parameters: Mapping[str, float] = NO_PARAMETERS
@@ -174,7 +189,9 @@ class PhasedHorizon:
     ) -> Decision:
         """Return the decision of a new plan at the state's time; see Controller."""
         del time  # It is a state of the plant.
-        values = dict(zip(self.model.state_names, state.tolist(), strict=True))
+        if np.size(state) != self.model.nx:
+            raise refused("state", state, f"an array of shape ({self.model.nx},)")
+        values = dict(zip(self.model.state_names, map(float, state), strict=True))
         # A whole number up to rounding.
         number = min(max(round(values[PHASE]), 0), len(self.stated) - 1)
         planner = self.planners[number]
@@ -285,12 +302,10 @@ class PhasedHorizon:
 @checked(
     refused,
     polish=optional(of_kind(PolishOptions, "IpoptOptions or NlpOptions")),
-    stated=several(
-        of_kind(OptimalControlProblem, "a problem"), "a sequence of problems"
-    ),
+    stated=_PROBLEMS,
     period=a_number(above=0),
     linkages=of_kind((list, tuple), "a sequence of linkages"),
-    parameters=mapping(words="a mapping of names to numbers"),
+    parameters=_VALUES,
 )
 def phased_horizon(
     stated: Sequence[OptimalControlProblem],

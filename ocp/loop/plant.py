@@ -23,6 +23,7 @@ from swarmstart.arguments import (
     a_number,
     checked,
     function,
+    having,
     mapping,
     of_kind,
     optional,
@@ -44,12 +45,19 @@ from swarmstart.ocp.system.algebraic import SOLVED_WITHIN
 from swarmstart.ocp.system.model import Model, jump_of, outputs_of, unsolved_of
 
 NOTHING_DECIDED: Mapping[str, float] = MappingProxyType({})
+_SECONDS = a_number(above=0)
+_ROWS, _TIMES = reals(array=True, axes=2), reals(array=True, axes=1)
+_STEP = {
+    "state": reals(array=True, axes=1),
+    "control": reals(array=True),
+    "time": a_number(),
+}
 
 
 @checked(
     refused,
     model=of_kind(Model, "a Model"),
-    dt=a_number(above=0),
+    dt=_SECONDS,
     substeps=a_count(least=1),
     parameters=optional(function()),
     signals=optional(function()),
@@ -212,7 +220,7 @@ class Plant:
         states[:, -1] = np.array(jumped).ravel()
         return states
 
-    @checked(refused, state=reals(axes=1), control=reals(array=True), time=a_number())
+    @checked(refused, **_STEP)
     def until_end(self, state: Array, control: Array, time: float = 0.0) -> Array:
         """Return the states of a call, without the jump at the end of the interval.
 
@@ -321,6 +329,7 @@ class Plant:
         again._decided = {n: values.get(n, old) for n, old in self._decided.items()}
         return again
 
+    @checked(refused, times=_TIMES)
     def varying(self, times: Array) -> Array:
         """Return the model's signals and time at given times, shape (ns, n).
 
@@ -331,6 +340,7 @@ class Plant:
         rows += [times[None, :]] if self.model.time.numel() else []
         return np.vstack([np.empty((0, times.size)), *rows])
 
+    @checked(refused, states=_ROWS, controls=_ROWS, times=_TIMES)
     def outputs(self, states: Array, controls: Array, times: Array) -> Array:
         """Return the outputs of the model, shape (ny, n).
 
@@ -357,6 +367,7 @@ class Plant:
         """The model's names of the controls."""
         return self.model.control_names
 
+    @checked(refused, times=_TIMES)
     def parameters(self, times: Array) -> Array:
         """Return the parameters held over steps of the integrator, shape (np, n).
 
@@ -396,7 +407,9 @@ class Steps(Protocol):
         """
 
 
-@checked(refused, dt=a_number(above=0))
+@checked(
+    refused, steps=having("step", words="an object with step(x, u, dt)"), dt=_SECONDS
+)
 class SteppedPlant:
     """An object with `step(x, u, dt)` as a plant with one step per interval.
 
@@ -437,6 +450,7 @@ class SteppedPlant:
         """Return the same plant with control intervals of another length [s]."""
         return SteppedPlant(self._steps, dt=dt)
 
+    @checked(refused, **_STEP)
     def __call__(self, state: Array, control: Array, time: float = 0.0) -> Array:
         """Return the state after the interval, shape (nx, 1); see Plant."""
         if self._system is not None:
@@ -457,6 +471,7 @@ class SteppedPlant:
         """Number of states, of a system of python-control; else None: not known."""
         return None if self._system is None else len(self.state_names)
 
+    @checked(refused, states=_ROWS, controls=_ROWS, times=_TIMES)
     def outputs(self, states: Array, controls: Array, times: Array) -> Array:
         """Return the outputs of a system of python-control, shape (ny, n); see Plant.
 

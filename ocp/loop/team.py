@@ -17,6 +17,7 @@ from swarmstart.arguments import (
     RNG,
     a_number,
     checked,
+    function,
     of_kind,
     optional,
     reals,
@@ -146,7 +147,7 @@ class Team:
                         f"{problems[number].nodes}"
                     )
         models = [problem.model for problem in problems]
-        self._splits = np.cumsum([m.nx for m in models])[:-1]
+        *self._splits, self._nx = np.cumsum([m.nx for m in models])
 
     def __repr__(self) -> str:
         """Return the number of agents and the order in which they plan."""
@@ -164,6 +165,8 @@ class Team:
     @checked(refused, state=reals(axes=1))
     def split(self, state: Array) -> list[Array]:
         """Return the state of each agent, as views of the stacked state (nx,)."""
+        if np.size(state) != self._nx:
+            raise refused("state", state, f"an array of shape ({self._nx},)")
         return np.split(state, self._splits)
 
     @checked(
@@ -191,6 +194,7 @@ class Team:
         plans = self.plans(state, replan)
         return Decision(control=first_controls(plans), plans=plans)
 
+    @checked(refused, state=reals(axes=1), make=function())
     def plans(self, state: Array, make: MakePlan) -> tuple[Plan, ...]:
         """Return the agents' plans, made in planning order, returned in agents' order.
 

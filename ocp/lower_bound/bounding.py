@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from threadpoolctl import threadpool_limits
 
-from swarmstart.arguments import SEED, checked, function, of_kind
+from swarmstart.arguments import SEED, a_number, checked, function, of_kind, reals
 from swarmstart.machine_code import working
 from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.common.expressions import shortened
@@ -36,7 +36,7 @@ from swarmstart.ocp.lower_bound.stated.statement import (
     statement_of,
 )
 from swarmstart.ocp.lower_bound.tubes.tube import NoTubeError, tube_of
-from swarmstart.ocp.rollout.fitness import NOTHING, Known
+from swarmstart.ocp.rollout.fitness import KNOWN, NOTHING, Known
 from swarmstart.ocp.rollout.status import SolutionStatus
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 from swarmstart.terminal_set.interval_arithmetic import (
@@ -64,7 +64,9 @@ class Answered(Protocol):
 @checked(
     refused,
     problem=of_kind(OptimalControlProblem, "an OptimalControlProblem"),
-    known=of_kind(Known, "a Known"),
+    known=KNOWN,
+    x0=reals(),
+    work=a_number(above=0),
     seed=SEED,
     progress=function(),
 )
@@ -124,12 +126,6 @@ def lower_bound(  # noqa: PLR0913 - everything but the problem has a default
         >>> bound.kind.is_bound, bool(bound.value <= 0.7616)
         (True, True)
     """
-    if not isinstance(problem, OptimalControlProblem):
-        raise InvalidProblemError(
-            f"lower_bound takes an OptimalControlProblem, got {shortened(problem)}"
-        )
-    if not 0 < require_number("work", work) < math.inf:
-        raise InvalidProblemError(f"work must be a number above 0, got {work}")
     require_seconds("seconds", seconds)
     cpu = clock.process_time()
     try:

@@ -28,9 +28,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from swarmstart.arguments import FLAG, INDICES, checked, of_kind, optional, reals
 from swarmstart.arrays import Array
 from swarmstart.heuristics.running import heeded
-from swarmstart.ocp.common.errors import InvalidProblemError, SolveError
+from swarmstart.ocp.common.errors import InvalidProblemError, SolveError, refused
 from swarmstart.ocp.nlp.nlp_solvers import (
     MOST_CORRECTIONS,
     FixedSteps,
@@ -52,6 +53,7 @@ from swarmstart.ocp.nlp.start import Carried, Start
 from swarmstart.ocp.nlp.transcription import Given, Limits, NonlinearProgram
 from swarmstart.ocp.nlp.watching import (
     UNWATCHED,
+    WATCH,
     Answer,
     Ratios,
     Watch,
@@ -59,6 +61,7 @@ from swarmstart.ocp.nlp.watching import (
     work_of,
 )
 from swarmstart.ocp.rollout.fitness import (
+    KNOWN,
     NOTHING,
     Fitness,
     Known,
@@ -192,6 +195,18 @@ class Polished:
         )
 
 
+def _require_controls(held: Sequence[int], nu: int) -> None:
+    """Raise unless the numbers are those of controls."""
+    if any(number >= nu for number in held):
+        raise refused("held", held, f"numbers of the {nu} controls")
+
+
+@checked(
+    refused,
+    fitness=of_kind(Fitness, "a Fitness"),
+    options=optional(of_kind(PolishOptions, "IpoptOptions or NlpOptions")),
+    watch=WATCH,
+)
 class Polisher:
     """An NLP solver on the multiple-shooting NLP of one problem, built once.
 
@@ -244,6 +259,17 @@ class Polisher:
         if self._choice is None:
             self._solvers(None).near()
 
+    @checked(
+        refused,
+        controls=reals(),
+        x0=reals(),
+        known=KNOWN,
+        states=optional(reals()),
+        is_guess=FLAG,
+        near=FLAG,
+        held=INDICES,
+        carried=optional(of_kind(Carried, "multipliers of an earlier answer")),
+    )
     def __call__(  # noqa: PLR0913 - a guess, what is known of it and what is held
         self,
         controls: Array,
@@ -283,6 +309,7 @@ class Polisher:
         """
         problem, fitness = self._fitness.problem, self._fitness
         controls = bounded_controls(problem, controls)
+        _require_controls(held, problem.model.nu)
         before = fitness.value(controls, x0, known)
         if states is None:
             states = fitness.states(controls, x0, known)

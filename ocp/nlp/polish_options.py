@@ -23,7 +23,6 @@ from swarmstart.arguments import (
     text,
 )
 from swarmstart.ocp.common.errors import InvalidProblemError, refused
-from swarmstart.ocp.common.limits import require_count
 
 _NEAR: Mapping[str, Any] = MappingProxyType(
     {"mu_init": 1e-5, "bound_push": 1e-6, "bound_frac": 1e-6, "slack_bound_push": 1e-6,
@@ -63,7 +62,7 @@ _QUIET: Mapping[str, Mapping[str, Any]] = MappingProxyType(
     refused,
     tolerance=a_number(above=0),
     max_seconds=optional(a_number(above=0, finite=False)),
-    max_iterations=a_count(),
+    max_iterations=a_count(least=1),
     options=mapping(keys=text(), words="a mapping of options"),
 )
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -92,18 +91,6 @@ class IpoptOptions:
     tolerance: float = 1e-8
     max_seconds: float | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        """Validate the values that IPOPT would refuse later."""
-        require_count("max_iterations", self.max_iterations)
-        if not self.tolerance > 0:
-            raise InvalidProblemError(
-                f"tolerance must be positive, got {self.tolerance}"
-            )
-        if self.max_seconds is not None and not self.max_seconds > 0:
-            raise InvalidProblemError(
-                f"max_seconds must be positive, got {self.max_seconds}"
-            )
 
     @property
     def plugin(self) -> str:
@@ -165,6 +152,7 @@ class NlpOptions:
                 f"ipopt or sqpmethod, got {self.plugin!r}"
             )
 
+    @checked(refused, near=FLAG, warm=FLAG)
     def settings(self, *, near: bool, warm: bool = False) -> dict[str, Any]:
         """Return the options as CasADi takes them.
 

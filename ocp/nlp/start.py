@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from swarmstart.arguments import FLAG, checked, mapping, optional, reals
+from swarmstart.arguments import FLAG, checked, having, mapping, optional, reals
 from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import refused
 from swarmstart.ocp.nlp.collocation import inner_unknowns
@@ -47,6 +47,7 @@ Key = tuple[Hashable, ...]
     states=optional(reals()),
     x0=optional(reals()),
     is_guess=FLAG,
+    carried=optional(having("placed", words="multipliers of an earlier answer")),
     decided=mapping(words="a mapping of names to numbers"),
 )
 class Start(NamedTuple):

@@ -26,6 +26,7 @@ from typing import Any, NamedTuple, Protocol
 import casadi as ca
 import numpy as np
 
+from swarmstart.arguments import having
 from swarmstart.arrays import Array
 from swarmstart.heuristics import SearchResult
 from swarmstart.heuristics.running import Individual
@@ -210,6 +211,7 @@ class Unwatched:
 
 
 UNWATCHED = Unwatched()
+WATCH = having("is_over", "searching", words="an observer with the methods of Watch")
 
 
 class WorkAlone(Unwatched):

@@ -19,6 +19,7 @@ from swarmstart.arguments import (
     a_count,
     a_number,
     checked,
+    choice,
     of_kind,
     optional,
     reals,
@@ -28,16 +29,15 @@ from swarmstart.arrays import Array
 from swarmstart.heuristics import Pointers
 from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.common.expressions import symbol_names
-from swarmstart.ocp.common.limits import numbers_of, require_count
+from swarmstart.ocp.common.limits import numbers_of
 from swarmstart.ocp.compiled.backend import (
     BatchEvaluator,
     BoundEvaluator,
     CasadiMap,
     evaluator,
-    require_precision,
 )
 from swarmstart.ocp.compiled.simd import Ticking, compile_rollout
-from swarmstart.ocp.compiled.vectors.vector_ir import Precision
+from swarmstart.ocp.compiled.vectors.vector_ir import FORMATS, Precision
 from swarmstart.ocp.integration.rodas import FIRST, MOST_TICKS
 from swarmstart.ocp.rollout.scaling import Sizes
 from swarmstart.ocp.rollout.shooting import Shooting, shooting_of
@@ -102,7 +102,13 @@ class BlockObjective(Objective):
         return None
 
 
-@checked(refused, time=a_number(), previous=optional(reals()))
+@checked(
+    refused,
+    parameters=reals(),
+    signals=reals(),
+    time=a_number(),
+    previous=optional(reals()),
+)
 class Known(NamedTuple):
     """Known data of one planning problem besides its initial state.
 
@@ -136,6 +142,7 @@ class Known(NamedTuple):
 
 
 NOTHING = Known()
+KNOWN = of_kind(Known, "a Known")
 
 LEAST_COST, MOST_COST = 1e-4, 1e3
 """Range around the cost's natural size; a trajectory's cost within it is its size."""
@@ -143,7 +150,13 @@ LEAST_STATE = 1e-8
 """The same range for the natural size of a state of a stiff problem."""
 
 
-@checked(refused, backend=optional(text()), precision=text(), threads=a_count(least=1))
+@checked(
+    refused,
+    problem=of_kind(OptimalControlProblem | Shooting, "an OptimalControlProblem"),
+    backend=optional(text()),
+    precision=choice(FORMATS),
+    threads=a_count(least=1),
+)
 class Fitness:
     """Evaluator of one problem, compiled once, for any initial state.
 
@@ -191,8 +204,6 @@ class Fitness:
             InvalidProblemError: If the backend or the precision is unknown, or
                 `threads` is not a positive whole number.
         """
-        require_precision(precision)
-        require_count("threads", threads)
         self.shooting = shooting = shooting_of(problem)
         self.problem = problem = shooting.problem
         decided = problem.start_decisions
@@ -219,7 +230,7 @@ class Fitness:
         """Name of the backend that evaluates populations."""
         return self._evaluate.backend
 
-    @checked(refused, x0=reals(), known=of_kind(Known, "a Known"))
+    @checked(refused, x0=reals(), known=KNOWN)
     def objective(self, x0: ArrayLike, known: Known = NOTHING) -> Objective:
         """Return population (decisions, size) -> cost (size,) and violation (size,).
 
@@ -233,7 +244,7 @@ class Fitness:
         bound = self._evaluate.bind(self.arguments(x0, known))
         return Objective(bound, self.problem.decisions)
 
-    @checked(refused, controls=reals(), x0=reals(), known=of_kind(Known, "a Known"))
+    @checked(refused, controls=reals(), x0=reals(), known=KNOWN)
     def value(
         self, controls: Array, x0: ArrayLike, known: Known = NOTHING
     ) -> tuple[float, float]:
@@ -248,7 +259,7 @@ class Fitness:
         cost, violation = objective(self.decision(controls, x0)[:, None])
         return float(cost[0]), float(violation[0])
 
-    @checked(refused, controls=reals(), x0=reals(), known=of_kind(Known, "a Known"))
+    @checked(refused, controls=reals(), x0=reals(), known=KNOWN)
     def states(self, controls: Array, x0: ArrayLike, known: Known = NOTHING) -> Array:
         """Return the states at the nodes, shape (nx, nodes).
 
@@ -259,7 +270,7 @@ class Fitness:
         """
         return self.followed(controls, x0, known)[0]
 
-    @checked(refused, controls=reals(), x0=reals(), known=of_kind(Known, "a Known"))
+    @checked(refused, controls=reals(), x0=reals(), known=KNOWN)
     def followed(
         self, controls: Array, x0: ArrayLike, known: Known = NOTHING
     ) -> tuple[Array, float]:
@@ -277,6 +288,7 @@ class Fitness:
         states, outside = self._trajectory(self.decision(controls, x0), *shared)
         return np.array(states), float(outside)
 
+    @checked(refused, x0=reals(), states=reals(), known=KNOWN)
     def with_threshold(
         self, x0: ArrayLike, states: Array, known: Known
     ) -> tuple[ArrayLike, Array]:
@@ -310,6 +322,7 @@ class Fitness:
             [epigraph.costs if epigraph else ca.SX(0, 1)],
         )
 
+    @checked(refused, controls=reals(), x0=reals())
     def decision(self, controls: Array, x0: ArrayLike) -> Array:
         """Return the decision vector of controls, which need not be finite.
 

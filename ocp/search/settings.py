@@ -145,6 +145,9 @@ class Memetic:
 
 
 SearchAlgorithm = Algorithm | Multistart | Memetic
+_ALGORITHM = either(
+    ALGORITHM, of_kind((Multistart, Memetic), "a Multistart or a Memetic")
+)
 """Algorithms that search a planning problem."""
 NAMED: dict[str, type[Multistart] | type[Memetic]] = {
     "multistart": Multistart,
@@ -152,6 +155,11 @@ NAMED: dict[str, type[Multistart] | type[Memetic]] = {
 }
 
 
+@checked(
+    refused,
+    algorithm=_ALGORITHM,
+    evaluations=optional(a_count(least=1, most=MOST_WORK)),
+)
 def population_of(
     algorithm: SearchAlgorithm, evaluations: int | None = None
 ) -> Algorithm | None:
@@ -173,9 +181,7 @@ def population_of(
 
 @checked(
     refused,
-    algorithm=either(
-        ALGORITHM, of_kind((Multistart, Memetic), "a Multistart or a Memetic")
-    ),
+    algorithm=_ALGORITHM,
     budget=of_kind(Budget, "a Budget"),
     order=optional(of_kind(Order, "an order as feasibility_first() makes it")),
     warm_start=text(),
@@ -284,6 +290,19 @@ def search_settings(
             given in addition to settings.
         InvalidSettingsError: If there is no such algorithm.
     """
+    # Without a search, too: a wrong budget is a mistake even if nothing is searched.
+    if isinstance(budget, int | np.integer) and not isinstance(budget, bool):
+        budget = Budget(evaluations=int(budget))
+    if budget is not None and not isinstance(budget, Budget):
+        raise InvalidProblemError(
+            "budget must be a Budget or a number of evaluations, "
+            f"got {shortened(budget)}"
+        )
+    if order is not None and not isinstance(order, Order):
+        raise InvalidProblemError(
+            "order must be an order such as feasibility_first(), "
+            f"got {shortened(order)}"
+        )
     if search is None or (isinstance(search, str) and search == "none"):
         return None
     if isinstance(search, SearchSettings):
@@ -296,19 +315,8 @@ def search_settings(
     of_lanes = _of_lanes(search)
     if budget is None:
         several = isinstance(of_lanes, Multistart)
-        budget = MULTISTART_EVALUATIONS if several else EVALUATIONS
-    if isinstance(budget, int | np.integer) and not isinstance(budget, bool):
-        budget = Budget(evaluations=int(budget))
-    if not isinstance(budget, Budget):
-        raise InvalidProblemError(
-            "budget must be a Budget or a number of evaluations, "
-            f"got {shortened(budget)}"
-        )
-    if order is not None and not isinstance(order, Order):
-        raise InvalidProblemError(
-            "order must be an order such as feasibility_first(), "
-            f"got {shortened(order)}"
-        )
+        evaluations = MULTISTART_EVALUATIONS if several else EVALUATIONS
+        budget = Budget(evaluations=evaluations)
     algorithm = of_lanes or algorithm_of(search, budget.evaluations)  # type: ignore[arg-type]
     return SearchSettings(algorithm=algorithm, budget=budget, order=order)
 

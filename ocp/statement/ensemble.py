@@ -31,8 +31,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from swarmstart.arguments import RNG, a_count, checked, of_kind, optional, text
+from swarmstart.arguments import RNG, a_count, checked, of_kind, optional, reals, text
 from swarmstart.arrays import Array
+from swarmstart.errors import brief
 from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.common.expressions import shortened, symbol_names
 from swarmstart.ocp.common.limits import require_choice, require_number
@@ -49,6 +50,7 @@ Sampler = Callable[[np.random.Generator], Mapping[str, float]]
 @checked(
     refused,
     problem=of_kind(OptimalControlProblem, "an OptimalControlProblem"),
+    weights=optional(reals()),
     risk=text(),
     samples=optional(a_count(least=1)),
     rng=optional(RNG),
@@ -371,13 +373,12 @@ def _values(problem: OptimalControlProblem, given: Values) -> tuple[list[str], A
             f"parameters must be values of some of {', '.join(free) or 'nothing'}, "
             f"got {len(rows)} row(s) for {', '.join(map(str, names)) or 'nothing'}"
         )
-    try:
-        values = np.array(rows, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    if not reals().accepts(rows):
         raise InvalidProblemError(
             "parameters must have as many values, numbers, of each, got "
             f"{shortened(given)}"
-        ) from error
+        )
+    values = np.array(rows, dtype=np.float64)
     if values.ndim != 2 or not values.size or not np.isfinite(values).all():  # noqa: PLR2004
         raise InvalidProblemError(
             f"parameters must have finite values for each member, got {values}"
@@ -395,6 +396,8 @@ def _named_rows(own: Sequence[str], given: Values) -> tuple[list[str], list[Any]
         return list(given), list(given.values())
     if not (isinstance(given, Sequence) and all(isinstance(m, Mapping) for m in given)):
         # Values of a single parameter may be given as one row.
+        if not reals().accepts(given):
+            raise refused("parameters", given, "values by name, or an array of them")
         return list(own), list(np.atleast_2d(np.asarray(given)))
     members: list[Mapping[str, float]] = [dict(m) for m in given]
     names = list(members[0]) if members else []
@@ -408,15 +411,12 @@ def _named_rows(own: Sequence[str], given: Values) -> tuple[list[str], list[Any]
 
 def _weights(given: ArrayLike | None, members: int) -> Array:
     """Return the weights, scaled to sum one."""
-    try:
-        weights = np.ones(members) if given is None else np.array(given, np.float64)
-    except (TypeError, ValueError) as error:
-        raise InvalidProblemError(f"weights must be numbers, got {given!r}") from error
+    weights = np.ones(members) if given is None else np.array(given, np.float64)
     good = weights.shape == (members,) and np.isfinite(weights).all()
     if not (good and (weights > 0).all()):
         raise InvalidProblemError(
             f"weights must be {members} positive numbers, one for each member, "
-            f"got {given!r}"
+            f"got {brief(given)}"
         )
     scaled: Array = weights / weights.sum()
     scaled.flags.writeable = False

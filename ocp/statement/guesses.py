@@ -4,17 +4,23 @@ They are zero, the middle of the bounds, a user's own within the bounds, or an e
 plan shifted by one interval.
 """
 
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from swarmstart.arguments import checked, choice, of_kind, reals
 from swarmstart.arrays import Array
-from swarmstart.ocp.common.errors import InvalidProblemError
+from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.statement.decisions import whole
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 
+Appended = Literal["zero", "last"]
+"""End of a shifted plan: zero controls, or the plan's own last ones."""
+_PROBLEM = of_kind(OptimalControlProblem, "an OptimalControlProblem")
 
+
+@checked(refused, problem=_PROBLEM)
 def zero_controls(problem: OptimalControlProblem) -> Array:
     """Return zero controls, or the bound nearest to zero if zero is not allowed.
 
@@ -69,10 +75,12 @@ def bounded_controls(problem: OptimalControlProblem, guess: ArrayLike) -> Array:
     return whole(within, problem.integer, problem.control_limits)
 
 
-Appended = Literal["zero", "last"]
-"""End of a shifted plan: zero controls, or the plan's own last ones."""
-
-
+@checked(
+    refused,
+    problem=_PROBLEM,
+    controls=reals(array=True, axes=2),
+    append=choice(get_args(Appended)),
+)
 def shifted_controls(
     problem: OptimalControlProblem, controls: Array, append: Appended = "zero"
 ) -> Array:

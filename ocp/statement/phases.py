@@ -24,7 +24,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from swarmstart.arguments import checked, of_kind, reals, several
+from swarmstart.arguments import NAMES, checked, of_kind, reals, several
 from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.common.expressions import symbol_names, symbol_of
@@ -39,6 +39,7 @@ CLOCK, COUNTER = "time", "intervals done"
 """Names of the states for the time [s] and the number of finished intervals."""
 
 
+@checked(refused, problem=of_kind(OptimalControlProblem, "a problem"), first=NAMES)
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Phases:
     """Several phases joined to one problem; made by `phases`.

@@ -132,6 +132,7 @@ class Costs(NamedTuple):
     integrator=text(),
     blocks=INDICES,
     risk=optional(of_kind(Risk, "a Risk")),
+    epigraph=optional(of_kind(Epigraph, "an Epigraph")),
 )
 @dataclass(frozen=True, eq=False)  # No slots: cached properties need a dict.
 class OptimalControlProblem:

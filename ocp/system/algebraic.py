@@ -53,8 +53,11 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.ocp.common.errors import InvalidProblemError
+from swarmstart.arguments import a_count, checked
+from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.common.expressions import (
+    EXPRESSION,
+    ROWS,
     SymbolMap,
     as_column,
     in_sx,
@@ -64,7 +67,7 @@ from swarmstart.ocp.common.expressions import (
     symbol_names,
     symbol_of,
 )
-from swarmstart.ocp.common.limits import Limit, require_count, vector_of
+from swarmstart.ocp.common.limits import Limit, vector_of
 from swarmstart.ocp.system.constraints import PathConstraint
 
 _EXPRESSIONS = ("solution", "unsolved", "residual", "size", "start")
@@ -78,6 +81,9 @@ _RESIDUAL_SCALE = 1e-4  # with a path tolerance of 1e-4: 1e-8 more
 _ROOTS = (2.0, 3.0)  # sqrt(2 + k), sqrt(3 + k): test points of dg/dz
 
 
+@checked(
+    refused, symbols=EXPRESSION, residual=ROWS, start=ROWS, iterations=a_count(least=1)
+)
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class AlgebraicEquations:
     """Equations 0 = g(x, z, u, p) that determine the algebraic variables z.
@@ -113,7 +119,6 @@ class AlgebraicEquations:
 
     def __post_init__(self) -> None:
         """Validate the fields that can be checked without the model."""
-        require_count("iterations", self.iterations)
         scale = _numbers("scale", self.scale)
         if not (scale > 0).all():
             raise InvalidProblemError(

@@ -35,10 +35,20 @@ from typing import Literal, NamedTuple, Protocol, cast, get_args
 import casadi as ca
 import numpy as np
 
-from swarmstart.arguments import checked, text
+from swarmstart.arguments import (
+    Check,
+    checked,
+    of_kind,
+    optional,
+    reals,
+    several,
+    text,
+)
 from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.common.expressions import (
+    EXPRESSION,
+    ROWS,
     as_column,
     as_symbolic_column,
     require_known,
@@ -99,6 +109,29 @@ class Constraint(Protocol):
         """Return 1 for each row that an indicator counts as broken, (m, 1)."""
 
 
+def _pair(check: Check) -> Check:
+    """A pair (lower, upper) of what another check accepts."""
+    accepts = several(check, "").accepts
+    return optional(
+        Check(
+            lambda value: accepts(value) and len(value) == len(Limits.__args__),
+            f"a pair (lower, upper), each {check.allowed}",
+        )
+    )
+
+
+@checked(
+    refused,
+    controls=_pair(ROWS),
+    states=_pair(ROWS),
+    search=_pair(reals()),
+    state_scale=optional(reals()),
+    # Which controls there are is known to the problem only.
+    integer=several(
+        of_kind((int, float, str, np.integer), "a number or a name"),
+        "a sequence of numbers or names",
+    ),
+)
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Bounds:
     """Box bounds on controls and states.
@@ -141,18 +174,22 @@ class _Limited:
     lower: Limit
     upper: Limit
 
+    @checked(refused, value=EXPRESSION)
     def rows(self, value: ca.SX) -> Rows:
         """Return the value and its limits."""
         return Rows(value, np.asarray(self.lower), np.asarray(self.upper))
 
+    @checked(refused, value=EXPRESSION)
     def smooth(self, value: ca.SX) -> Rows:
         """Return the value and its limits."""
         return self.rows(value)
 
+    @checked(refused, start=EXPRESSION, end=EXPRESSION)
     def excess(self, start: ca.SX, end: ca.SX) -> ca.SX:
         """Return the excess of each row at the check's end."""
         return row_excess(self.rows(end))  # Its start is the end of the check before.
 
+    @checked(refused, excess=EXPRESSION)
     def indicated(self, excess: ca.SX) -> ca.SX:
         """Return 1 for each row beyond its limits."""
         return excess > 0

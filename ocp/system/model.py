@@ -21,9 +21,18 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from swarmstart.arguments import NAMES, a_number, checked, optional, reals, text
+from swarmstart.arguments import (
+    NAMES,
+    a_number,
+    checked,
+    of_kind,
+    optional,
+    reals,
+    text,
+)
 from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.common.expressions import (
+    ROWS,
     SymbolMap,
     as_column,
     require_known,
@@ -60,6 +69,8 @@ CHANGES = ("ode", "next_state")
     control_names=NAMES,
     signature=text(),
     dt=optional(a_number(above=0)),
+    symbol_map=of_kind(SymbolMap, "a SymbolMap"),
+    elimination=of_kind(Elimination, "an Elimination"),
 )
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Model:
@@ -406,6 +417,7 @@ class Model:
         more = {"signals": self.signals, "time": self.time}
         return found | {role: s for role, s in more.items() if s.numel()}
 
+    @checked(refused, role=text(), expression=ROWS)
     def sx(self, role: str, expression: ca.SX | ca.MX) -> ca.SX:
         """Return an expression in the model's SX symbols, without algebraic variables.
 
@@ -483,6 +495,7 @@ class Model:
         return f"Model with {'; '.join(parts)}"
 
 
+@checked(refused, model=of_kind(Model, "a Model"))
 def right_hand_side(model: Model) -> ca.Function:
     """Return f(x, u, p) -> x' of a model as a `casadi.Function`.
 

@@ -31,7 +31,7 @@ import numpy as np
 from swarmstart.arguments import checked, text
 from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import InvalidProblemError, refused
-from swarmstart.ocp.common.expressions import as_symbolic_column, shortened
+from swarmstart.ocp.common.expressions import EXPRESSION, as_symbolic_column, shortened
 from swarmstart.ocp.common.limits import (
     Limit,
     require_choice,
@@ -104,16 +104,19 @@ class Separation:
         """The relative position."""
         return self.relative
 
+    @checked(refused, value=EXPRESSION)
     def rows(self, value: ca.SX) -> Rows:
         """Return |r| >= distance [m]."""
         return Rows(ca.norm_2(value), np.array([self.distance]), np.array([np.inf]))
 
+    @checked(refused, value=EXPRESSION)
     def smooth(self, value: ca.SX) -> Rows:
         """Return (|r|^2 - d^2) / 2d >= 0: metres near the limit, smooth everywhere."""
         limit = self.distance + self.smooth_margin
         over = (ca.sumsqr(value) - limit**2) / (2 * limit)
         return Rows(over, np.array([0.0]), np.array([np.inf]))
 
+    @checked(refused, start=EXPRESSION, end=EXPRESSION)
     def excess(self, start: ca.SX, end: ca.SX) -> ca.SX:
         """Return the distance by which r is too near [m]."""
         if self.along == "points":
@@ -123,6 +126,7 @@ class Separation:
             nearest = nearest_on_segment(start, end, shortest=shortest)
         return self.distance + self.margin - ca.norm_2(nearest)
 
+    @checked(refused, excess=EXPRESSION)
     def indicated(self, excess: ca.SX) -> ca.SX:
         """Return 1 at or below the limit (5.16)."""
         return excess >= 0
@@ -174,20 +178,24 @@ class Connection:
         """The relative position."""
         return self.relative
 
+    @checked(refused, value=EXPRESSION)
     def rows(self, value: ca.SX) -> Rows:
         """Return |r| <= distance [m]."""
         return Rows(ca.norm_2(value), np.array([-np.inf]), np.array([self.distance]))
 
+    @checked(refused, value=EXPRESSION)
     def smooth(self, value: ca.SX) -> Rows:
         """Return (|r|^2 - d^2) / 2d <= 0: metres near the limit, smooth everywhere."""
         limit = self.distance - self.margin
         over = (ca.sumsqr(value) - limit**2) / (2 * limit)
         return Rows(over, np.array([-np.inf]), np.array([0.0]))
 
+    @checked(refused, start=EXPRESSION, end=EXPRESSION)
     def excess(self, start: ca.SX, end: ca.SX) -> ca.SX:
         """Return the distance by which r is too far at the check's end [m]."""
         return ca.norm_2(end) - (self.distance - self.margin)
 
+    @checked(refused, excess=EXPRESSION)
     def indicated(self, excess: ca.SX) -> ca.SX:
         """Return 1 beyond the limit."""
         return excess > 0

@@ -41,7 +41,7 @@ from swarmstart.arguments import (
     text,
 )
 from swarmstart.arrays import Array
-from swarmstart.errors import SwarmstartError
+from swarmstart.errors import InvalidArgumentError, SwarmstartError
 from swarmstart.terminal_set.certificates.certificate import Certificate
 from swarmstart.terminal_set.linear.arrays import (
     Mask,
@@ -106,7 +106,7 @@ class ForeignCertificateError(SwarmstartError, ValueError):
 
 
 @checked(
-    alpha=a_number(finite=False),
+    alpha=a_number(finite=False, nan=True),
     dt=optional(a_number()),
     design=text(),
     certificate=optional(of_kind(Certificate, "a Certificate")),
@@ -256,6 +256,10 @@ class TerminalSet:
         """
         import control  # Takes about a second.
 
+        nu, nx = self.K.shape
+        for role, given, size in (("states", states, nx), ("controls", controls, nu)):
+            if len(given) not in (0, size):
+                raise InvalidArgumentError(role, given, f"{size} names, or empty")
         # Its time step 0 means continuous.
         return control.StateSpace(
             [], [], [], -self.K, 0 if self.dt is None else self.dt,
@@ -331,6 +335,11 @@ def sampled_terminal_set(
     return _set_up_to_bounds(K, P, reference, dt)
 
 
+@checked(
+    dynamics=of_kind(ca.Function, "a casadi.Function"),
+    reference=of_kind(Reference, "a Reference"),
+    kappa=a_number(finite=False, nan=True),
+)
 def continuous_terminal_set(
     dynamics: ca.Function,
     reference: Reference,

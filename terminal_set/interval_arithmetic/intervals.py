@@ -22,6 +22,7 @@ from typing import Protocol
 import casadi as ca
 import numpy as np
 
+from swarmstart.arguments import FLAG, checked, of_kind
 from swarmstart.arrays import Array
 from swarmstart.errors import SwarmstartError
 from swarmstart.machine_code import done
@@ -108,6 +109,7 @@ class _Program:
     registers: int
 
 
+@checked(function=of_kind(ca.Function, "a casadi.Function"), takes_jumps=FLAG)
 def interval_function(
     function: ca.Function, *, takes_jumps: bool = False
 ) -> IntervalEvaluation:

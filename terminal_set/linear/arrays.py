@@ -154,10 +154,7 @@ def bound_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> A
         NotFiniteError: If the value holds NaN or no real numbers.
         InvalidShapeError: If the shape differs.
     """
-    try:  # Complex numbers and texts are refused, not converted.
-        array = np.asarray(value).astype(np.float64, casting="same_kind")
-    except (TypeError, ValueError) as error:
-        raise NotFiniteError(name) from error
+    array = _real_array(name, value).astype(np.float64)
     if array.ndim != len(shape) or not all(
         found == size or (size is None and found > 0)
         for found, size in zip(array.shape, shape, strict=True)
@@ -180,13 +177,22 @@ def columns_of(name: str, value: ArrayLike, size: int) -> Array:
         The value as a float array.
 
     Raises:
+        NotFiniteError: If the value holds no real numbers.
         InvalidShapeError: If the number of rows differs.
     """
-    columns = np.asarray(value, dtype=np.float64)
+    columns = _real_array(name, value)
     if columns.ndim not in {1, 2} or len(columns) != size:
         expected = (size,) if columns.ndim < 2 else (size, None)  # noqa: PLR2004
         raise InvalidShapeError(name, columns.shape, expected)
     return columns
+
+
+def _real_array(name: str, value: ArrayLike) -> Array:
+    """Return a float array, without a copy if it is one."""
+    try:  # Complex numbers and texts are refused, not converted.
+        return np.asarray(value).astype(np.float64, casting="same_kind", copy=False)
+    except (TypeError, ValueError) as error:
+        raise NotFiniteError(name) from error
 
 
 def read_only(array: Array) -> Array:

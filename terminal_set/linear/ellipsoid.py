@@ -24,6 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from swarmstart.arguments import MOST, a_count, a_number, checked, text
 from swarmstart.arrays import Array
 from swarmstart.errors import SwarmstartError
 from swarmstart.terminal_set.linear.arrays import (
@@ -35,6 +36,9 @@ from swarmstart.terminal_set.linear.arrays import (
     positive_definite,
     read_only,
 )
+
+_AXIS = a_count(least=-MOST)
+"""Any integer: an axis that there is not has an error of its own."""
 
 
 @dataclass(eq=False)
@@ -59,6 +63,7 @@ class InvalidPlaneError(SwarmstartError, ValueError):
         )
 
 
+@checked(alpha=a_number(finite=False, nan=True))
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Ellipsoid:
     """The set e'Pe <= alpha around the origin.
@@ -99,6 +104,7 @@ class Ellipsoid:
         columns = columns_of("e", e, len(self.P))
         return np.asarray(np.einsum("i...,ij,j...->...", columns, self.P, columns))
 
+    @checked(tolerance=a_number())
     def contains(self, e: ArrayLike, *, tolerance: float = 0.0) -> Mask:
         """Return whether e'Pe <= alpha (1 + tolerance).
 
@@ -141,6 +147,7 @@ class Ellipsoid:
         on_ball = np.sqrt(self.alpha) * columns / lengths
         return np.asarray(np.linalg.solve(np.linalg.cholesky(self.P).T, on_ball))
 
+    @checked(i=_AXIS, j=_AXIS, count=a_count(least=2))
     def shadow(self, i: int, j: int, *, count: int = 201) -> Array:
         """Outline the projection on the plane of two axes, as for a figure.
 
@@ -191,6 +198,7 @@ class SaturatedReferenceError(SwarmstartError, ValueError):
         )
 
 
+@checked(name=text())
 def smaller_side(
     name: str, reference: ArrayLike, *, lower: ArrayLike, upper: ArrayLike
 ) -> Array:
@@ -368,6 +376,7 @@ def level_from_states(P: ArrayLike, e_max: ArrayLike) -> float:
     return _level(_squared_reach(P, np.eye(len(P))), _room("e_max", e_max, len(P)))
 
 
+@checked(alpha=a_number(finite=False, nan=True))
 def input_excess(K: ArrayLike, P: ArrayLike, alpha: float, u_max: ArrayLike) -> Array:
     """Compute the largest value of each input on an ellipsoid, relative to its bound.
 

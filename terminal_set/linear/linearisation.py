@@ -21,6 +21,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
 
+from swarmstart.arguments import a_number, checked, of_kind
 from swarmstart.arrays import Array
 from swarmstart.errors import SwarmstartError
 from swarmstart.terminal_set.linear.arrays import (
@@ -52,6 +53,7 @@ class InvalidDynamicsError(SwarmstartError, ValueError):
         )
 
 
+@checked(dynamics=of_kind(ca.Function, "a casadi.Function"))
 def linearise(
     dynamics: ca.Function, x_ref: ArrayLike, u_ref: ArrayLike
 ) -> tuple[Array, Array]:
@@ -86,6 +88,7 @@ def linearise(
     )
 
 
+@checked(dt=a_number(finite=False, nan=True))
 def hold(A: ArrayLike, B: ArrayLike, dt: float) -> tuple[Array, Array]:
     """Sample a linear system whose input is held over each step (zero-order hold).
 
@@ -153,6 +156,7 @@ def _block(A: ArrayLike, B: ArrayLike, dt: float) -> tuple[Array, int]:
     return block * dt, nx
 
 
+@checked(dt=a_number(finite=False, nan=True))
 def held_spectral_radius(A: ArrayLike, B: ArrayLike, K: ArrayLike, dt: float) -> float:
     """Compute the spectral radius of a gain whose input is held: max |eig(Ad - Bd K)|.
 

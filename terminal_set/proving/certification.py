@@ -141,6 +141,7 @@ class ProofOptions:
             raise NotPositiveError("max_seconds", self.max_seconds)
 
 
+@checked(weights=of_kind(Weights, "Weights"))
 def certified_terminal_set(
     dynamics: ca.Function,
     reference: Reference,

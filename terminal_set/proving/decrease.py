@@ -19,6 +19,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from swarmstart.arguments import FLAG, checked, of_kind, optional, reals
 from swarmstart.arrays import Array
 from swarmstart.errors import SwarmstartError
 from swarmstart.terminal_set.certificates.design import TerminalSet
@@ -48,6 +49,14 @@ class MovingCentreError(SwarmstartError, ValueError):
         )
 
 
+_FUNCTION = of_kind(ca.Function, "a casadi.Function")
+_CHANGE = {
+    "terminal_set": of_kind(TerminalSet, "a TerminalSet"),
+    "Q_m": optional(reals()),
+}
+
+
+@checked(motion=_FUNCTION, is_held=FLAG)
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Change:
     """The change of V(e) = e'Pe under a linear law.
@@ -100,6 +109,7 @@ class Change:
             object.__setattr__(self, name, value)
 
 
+@checked(dynamics=_FUNCTION, **_CHANGE)
 def continuous_change(
     dynamics: ca.Function, terminal_set: TerminalSet, *, Q_m: ArrayLike | None = None
 ) -> Change:
@@ -117,6 +127,7 @@ def continuous_change(
     return _change(dynamics, terminal_set, Q_m, is_held=False)
 
 
+@checked(step=_FUNCTION, **_CHANGE)
 def held_change(
     step: ca.Function, terminal_set: TerminalSet, *, Q_m: ArrayLike | None = None
 ) -> Change:

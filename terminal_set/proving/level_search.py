@@ -24,14 +24,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from swarmstart.arguments import RNG, a_number, checked, function, of_kind, several
 from swarmstart.arrays import Array
-from swarmstart.errors import SwarmstartError
+from swarmstart.errors import InvalidArgumentError, SwarmstartError
 from swarmstart.machine_code import now, working
 from swarmstart.terminal_set.certificates.certificate import Proof, Refutation
 from swarmstart.terminal_set.certificates.design import TerminalSet
 from swarmstart.terminal_set.linear.ellipsoid import Ellipsoid
 from swarmstart.terminal_set.proving.decrease import Change
-from swarmstart.terminal_set.proving.proof import prove_level, refuted_level
+from swarmstart.terminal_set.proving.proof import (
+    CHANGE,
+    WORK,
+    prove_level,
+    refuted_level,
+)
 
 FIRST_SHARE = 0.92
 """Fraction of the refuted level that is tried first: with six states more takes too
@@ -73,6 +79,7 @@ class ProvenLevel:
         return self.proof.alpha if self.proof.proven else 0.0
 
 
+@checked(change=CHANGE, alpha_max=a_number(finite=False, nan=True), rng=RNG, work=WORK)
 def proven_level(
     change: Change,
     alpha_max: float,
@@ -218,6 +225,7 @@ class Candidate:
     size: float
 
 
+@checked(ellipsoid=of_kind(Ellipsoid, "an Ellipsoid"))
 def log_volume(ellipsoid: Ellipsoid) -> float:
     """Compute the logarithm of an ellipsoid's volume, relative to the unit ball's.
 
@@ -228,6 +236,14 @@ def log_volume(ellipsoid: Ellipsoid) -> float:
     return float(len(ellipsoid.P) * np.log(ellipsoid.alpha) - log_determinant) / 2
 
 
+@checked(
+    design=function(),
+    change=function(),
+    scales=several(a_number(), "a sequence of numbers"),
+    rng=RNG,
+    size=function(),
+    work=WORK,
+)
 def largest_proven_set(
     design: Callable[[float], TerminalSet],
     change: Callable[[TerminalSet], Change],
@@ -257,12 +273,18 @@ def largest_proven_set(
     found = []
     for scale in scales:
         designed = design(scale)
+        if not isinstance(designed, TerminalSet):
+            raise InvalidArgumentError(
+                "design", designed, "a function to a TerminalSet"
+            )
         with working():
             level = proven_level(change(designed), designed.alpha, rng=rng, work=work)
         measured = -np.inf
         if level.alpha > 0:
             designed = replace(designed, alpha=level.alpha)
-            measured = float(size(designed.ellipsoid))
+            measured = size(designed.ellipsoid)
+            if not a_number(finite=False).accepts(measured):
+                raise InvalidArgumentError("size", measured, "a function to a number")
         found.append(
             Candidate(scale=scale, terminal_set=designed, level=level, size=measured)
         )

@@ -33,6 +33,7 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
+from swarmstart.arguments import RNG, a_count, a_number, checked, of_kind
 from swarmstart.arrays import Array
 from swarmstart.machine_code import now
 from swarmstart.terminal_set.certificates.certificate import Proof, Refutation
@@ -58,8 +59,16 @@ Boxes = tuple[Array, Array]
 """Lower and upper corners of boxes of (rho, w), each (1 + nx, m)."""
 Start = tuple[float, Array]
 """A radius and a direction, shape (nx,), of length 1."""
+CHANGE = of_kind(Change, "a Change")
+WORK = a_number(least=0)
 
 
+@checked(
+    change=CHANGE,
+    alpha=a_number(finite=False, nan=True),
+    max_boxes=a_count(),
+    work=WORK,
+)
 def prove_level(
     change: Change,
     alpha: float,
@@ -82,6 +91,7 @@ def prove_level(
         NotPositiveError: If alpha is not positive and finite.
         UnknownIntervalOperationError: If c has an operation without interval form.
     """
+    alpha = float(alpha)
     if not 0 < alpha < np.inf:
         raise NotPositiveError("alpha", alpha)
     began = clock.perf_counter()
@@ -221,6 +231,7 @@ def _counterexample(c: ca.Function, T: Array, boxes: Undecided) -> Array | None:
     return np.asarray(e[:, nearest])
 
 
+@checked(change=CHANGE, alpha_max=a_number(finite=False, nan=True), rng=RNG)
 def refuted_level(
     change: Change,
     *,
@@ -241,6 +252,7 @@ def refuted_level(
     Raises:
         NotPositiveError: If alpha_max is not positive and finite.
     """
+    alpha_max = float(alpha_max)
     if not 0 < alpha_max < np.inf:
         raise NotPositiveError("alpha_max", alpha_max)
     c, P = change.function, change.P

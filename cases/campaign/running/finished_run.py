@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from swarmstart.arguments import a_number, checked
 from swarmstart.cases.campaign.running.claims import judged
 from swarmstart.cases.format.document import counted
 from swarmstart.cases.format.kind import Flight, Measure, Posed
@@ -250,6 +251,7 @@ class Run:
         """Return the trajectory as a `control.TimeResponseData`; see there."""
         return self.trajectory.to_time_response()
 
+    @checked(time=a_number())
     def linearised(self, time: float) -> control.StateSpace:
         """Return the linear system of the plant near a point of the run.
 

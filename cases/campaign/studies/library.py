@@ -27,6 +27,7 @@ from numpy.typing import ArrayLike
 from swarmstart.arguments import (
     FLAG,
     NAMES,
+    PATH,
     Check,
     a_count,
     checked,
@@ -180,7 +181,7 @@ class Row:
 @checked(
     scenario=_SCENARIO,
     seed=a_count(most=math.inf),
-    out=optional(_SCENARIO),
+    out=optional(PATH),
     variant=optional(text()),
     search=optional(text()),
     polish=optional(text()),

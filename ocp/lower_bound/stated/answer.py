@@ -32,7 +32,18 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.arguments import a_number, checked
+from swarmstart.arguments import (
+    MOST_WORK,
+    Check,
+    a_count,
+    a_number,
+    checked,
+    having,
+    of_kind,
+    optional,
+    reals,
+    text,
+)
 from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import refused
 from swarmstart.ocp.lower_bound.stated.statement import Statement
@@ -58,6 +69,27 @@ class BoundKind(Enum):
         return self in (BoundKind.PROVEN, BoundKind.TRIVIAL)
 
 
+SENSE = Check(
+    lambda value: (
+        value is not True and isinstance(value, float | int) and abs(value) == 1
+    ),
+    "1 or -1",
+)
+
+
+@checked(
+    refused,
+    kind=of_kind(BoundKind, "a BoundKind"),
+    value=reals(axes=0),
+    reason=text(longest=10_000),
+    degree=a_count(),
+    slack=a_number(finite=False),
+    boxes=a_count(most=MOST_WORK),
+    cpu_seconds=a_number(least=0),
+    set_name=text(),
+    evidence=optional(having("statement", "tube", words="an Evidence")),
+    sense=SENSE,
+)
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class LowerBound:
     """A limit of the cost that any answer to a problem can reach.

@@ -162,8 +162,8 @@ def test_layer_after_a_jump_is_followed_at_any_rate(rate: float) -> None:
 @pytest.mark.parametrize(
     ("dt", "options", "message"),
     [
-        (0.0, {}, "dt must be positive, got 0.0"),
-        (np.nan, {}, "dt must be positive, got nan"),
+        (0.0, {}, "dt must be a finite number above 0, got 0.0"),
+        (np.nan, {}, "dt must be a finite number above 0, got nan"),
         (
             1.0,
             {"method": "rk5"},
