@@ -61,6 +61,7 @@ MovingLimit = Limit | ca.SX | Sequence[float | ca.SX]
 MOVING = "moving bounds of the "
 """Name of the path constraint of moving bounds, followed by "controls" or "states"."""
 Limits = tuple[Limit, Limit]
+_SIDES = ("lower", "upper")
 
 
 class Rows(NamedTuple):
@@ -114,7 +115,7 @@ def _pair(check: Check) -> Check:
     accepts = several(check, "").accepts
     return optional(
         Check(
-            lambda value: accepts(value) and len(value) == len(Limits.__args__),
+            lambda value: accepts(value) and len(value) == len(_SIDES),
             f"a pair (lower, upper), each {check.allowed}",
         )
     )

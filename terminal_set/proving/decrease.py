@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 
 from swarmstart.arguments import FLAG, checked, of_kind, optional, reals
 from swarmstart.arrays import Array
-from swarmstart.errors import SwarmstartError
+from swarmstart.errors import InvalidArgumentError, SwarmstartError
 from swarmstart.terminal_set.certificates.design import TerminalSet
 from swarmstart.terminal_set.linear.arrays import (
     InvalidShapeError,
@@ -109,7 +109,7 @@ class Change:
             object.__setattr__(self, name, value)
 
 
-@checked(dynamics=_FUNCTION, **_CHANGE)
+@checked(InvalidArgumentError, dynamics=_FUNCTION, **_CHANGE)
 def continuous_change(
     dynamics: ca.Function, terminal_set: TerminalSet, *, Q_m: ArrayLike | None = None
 ) -> Change:
@@ -127,7 +127,7 @@ def continuous_change(
     return _change(dynamics, terminal_set, Q_m, is_held=False)
 
 
-@checked(step=_FUNCTION, **_CHANGE)
+@checked(InvalidArgumentError, step=_FUNCTION, **_CHANGE)
 def held_change(
     step: ca.Function, terminal_set: TerminalSet, *, Q_m: ArrayLike | None = None
 ) -> Change:
