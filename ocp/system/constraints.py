@@ -368,8 +368,11 @@ def fixed_and_moving(
         return (-np.inf, np.inf), []
     if not isinstance(limits, tuple | list) or not any(map(_is_moving, limits)):
         return limits, []  # type: ignore[return-value] # Checked as numbers.
-    numbers, rows, sides = [], [], []
-    for given, none, side in zip(limits, (-np.inf, np.inf), (1, -1), strict=True):
+    # The limit is 0 and so constant, as a path constraint requires.
+    numbers, rows, ranges = [], [], []
+    for given, none, side in zip(
+        limits, (-np.inf, np.inf), ((0.0, np.inf), (-np.inf, 0.0)), strict=True
+    ):
         column = _column(role, given, int(symbols.numel()))
         require_known(f"bounds of the {role}", column, known)
         fixed = np.full(column.numel(), none)
@@ -377,16 +380,12 @@ def fixed_and_moving(
             if column[i].is_constant():
                 fixed[i] = float(column[i])
             else:
-                # The limit is 0 and so constant, as a path constraint requires.
                 rows.append(symbols[i] - column[i])
-                sides.append(side)
+                ranges.append(side)
         numbers.append(fixed)
-    upward = np.array(sides) > 0
+    lower, upper = np.reshape(ranges, (-1, 2)).T
     constraint = PathConstraint(
-        expression=ca.vertcat(*rows),
-        lower=np.where(upward, 0.0, -np.inf),
-        upper=np.where(upward, np.inf, 0.0),
-        name=f"{MOVING}{role}",
+        expression=ca.vertcat(*rows), lower=lower, upper=upper, name=f"{MOVING}{role}"
     )
     return (numbers[0], numbers[1]), [constraint]
 
@@ -441,7 +440,7 @@ def _set_weights(constraint: PathConstraint) -> None:
                     f"{role} must be at least 0 and finite, got {column[i]}"
                 )
         # Without rows the column may be empty, too: no division by 0.
-        column = ca.repmat(column, size // column.numel() if size else 1, 1)
+        column = ca.repmat(column, size // max(column.numel(), 1), 1)
         object.__setattr__(constraint, role, column)
 
 

@@ -379,6 +379,7 @@ def test_problem_tells_what_is_soft() -> None:
         ({"weight": np.nan}, "weight must be at least 0 and finite, got nan"),
         ({"quadratic_weight": [1, 2, 3]}, "quadratic_weight must be one or 2"),
         ({"weight": 1, "upper": np.inf}, "a limit in every row"),
+        ({"weight": 1, "upper": [1.0, np.inf]}, "a limit in every row"),
         ({"weight": 1, "measure": "indicator"}, "the measure 'excess'"),
     ],
 )

@@ -11,7 +11,12 @@ from swarmstart.ocp import (
     PathConstraint,
     TerminalConstraint,
 )
-from swarmstart.ocp.system.constraints import Rows, limited, row_excess
+from swarmstart.ocp.system.constraints import (
+    Rows,
+    fixed_and_moving,
+    limited,
+    row_excess,
+)
 from swarmstart.tests.ocp.excesses import excess_of
 
 X = ca.SX.sym("x", 2)
@@ -75,6 +80,7 @@ def test_path_excess_sums_scaled_rows_at_the_end() -> None:
     assert excess_of(graded)(end, nowhere) == 0
     counted = PathConstraint(measure="indicator", **limits)  # type: ignore[arg-type]
     assert excess_of(counted)(nowhere, end) == 2
+    assert excess_of(counted)(nowhere, np.array([-1.0, 2.0])) == 0  # At its limits.
     assert counted.rows(X).values.numel() == 2  # a range is one row
 
 
@@ -100,6 +106,48 @@ def test_limits_are_copied_and_read_only() -> None:
     assert kept[0] == 1.0
     with pytest.raises(ValueError, match="read-only"):
         kept[0] = 9.0
+
+
+def test_weights_of_a_soft_constraint_are_columns_of_one_for_each_row() -> None:
+    for given, rows, expected in (
+        (3.0, 2, [3.0, 3.0]),
+        ([4.0, 5.0], 2, [4.0, 5.0]),
+        (6.0, 1, [6.0]),
+        (7.0, 0, []),
+        ([], 0, []),
+    ):
+        soft = PathConstraint(expression=ca.SX.sym("x", rows), upper=1.0, weight=given)
+        for weight, numbers in zip(soft.weights, (expected, [0.0] * rows), strict=True):
+            assert weight.shape == (rows, 1)
+            assert [float(weight[i]) for i in range(rows)] == numbers
+
+
+def test_moving_bounds_are_rows_and_the_numbers_beside_them_stay() -> None:
+    s = ca.SX.sym("s", 2)
+    inf = np.inf
+    for limits, numbers, rows in (
+        # Limits; the numbers that stay; of each row symbol - bound with its limits.
+        (None, ((-inf,), (inf,)), []),
+        ((-3, [4, 5]), ((-3,), (4, 5)), []),
+        (
+            ([-1, s[0]], [s[1], 1]),
+            ((-1, -inf), (inf, 1)),
+            [(20 - 5, 0, inf), (10 - 7, -inf, 0)],
+        ),
+        # One expression bounds all symbols.
+        ((-8, s[0]), ((-8, -8), (inf, inf)), [(5, -inf, 0), (15, -inf, 0)]),
+        ((s, 9), ((-inf, -inf), (9, 9)), [(5, 0, inf), (13, 0, inf)]),
+        ((ca.SX(2), 3), ((2, 2), (3, 3)), []),
+    ):
+        found, moving = fixed_and_moving("controls", limits, X, {"signals": s})
+        assert tuple(tuple(np.ravel(side)) for side in found) == numbers
+        for constraint in moving:
+            assert constraint.name == "moving bounds of the controls"
+            value = ca.Function("value", [X, s], [constraint.expression])
+            values = np.array(value([10, 20], [5, 7])).ravel()
+            sides = np.ravel(constraint.lower), np.ravel(constraint.upper)
+            assert list(zip(values, *sides, strict=True)) == rows
+        assert bool(moving) or not rows
 
 
 @pytest.mark.parametrize(
