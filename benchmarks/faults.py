@@ -69,6 +69,7 @@ MORE_TESTS: Mapping[str, tuple[str, ...]] = {
     "ocp/answer/improving.py": ("tests/ocp/test_improving_settled.py",),
     "ocp/answer/solution.py": ("tests/ocp/answer/test_said.py",),
     "ocp/rollout/kinks.py": ("tests/ocp/rollout/test_smoothing.py",),
+    "ocp/rollout/scaling.py": ("tests/ocp/rollout/test_sizes_by_hand.py",),
     "ocp/rollout/status.py": (
         "tests/ocp/rollout/test_stiffness.py",
         "tests/ocp/test_status_advice.py",

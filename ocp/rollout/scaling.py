@@ -196,7 +196,7 @@ class Sizing:
     def _from_the_start(self, costs: list[Array]) -> list[Array]:
         """Return costs, counted from the first value if they move with the origin."""
         return [
-            value - value[:, :1] if moved.any() and np.ptp(value) > 0 else value
+            value - value[:, :1] if moved[0] and np.ptp(value) > 0 else value
             for value, moved in zip(costs, self._moved[:2], strict=True)
         ]
 
