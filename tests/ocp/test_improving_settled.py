@@ -1,6 +1,10 @@
 """Perturbed starts lead down from a saddle, and nowhere from a flat minimum."""
 
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import repeat
+from types import SimpleNamespace
+from typing import Any, cast
 
 import casadi as ca
 import numpy as np
@@ -18,9 +22,12 @@ from swarmstart.ocp import (
     solve,
 )
 from swarmstart.ocp.answer import improving
-from swarmstart.ocp.answer.improving import STARTS, settled
+from swarmstart.ocp.answer.improving import STARTS, Settled, settled
 from swarmstart.ocp.nlp.optimality import Curvature, curvature
+from swarmstart.ocp.nlp.polish import SAME_COST, Polished
+from swarmstart.ocp.nlp.polish_options import PolishStatus
 from swarmstart.ocp.rollout.fitness import NOTHING
+from swarmstart.ocp.search.account import Restarts
 
 X, U = ca.SX.sym("x"), ca.SX.sym("u")
 
@@ -160,3 +167,206 @@ def test_solve_says_local_optimum_of_what_is_settled_only() -> None:
     )
     assert saddle.status is SolutionStatus.CONVERGED
     np.testing.assert_allclose(np.abs(saddle.controls), 2, atol=1e-6)
+
+
+FLAT = scalar(ca.SX(0), (X - 0.5) ** 2)
+
+
+class Descents:
+    """A planner whose polish gives prescribed answers, each with 3 evaluations.
+
+    Attributes:
+        planner: The planner.
+        plan: A plan at a flat point, of cost 1 and with 10 evaluations.
+        starts: Controls that the polish started from.
+    """
+
+    def __init__(
+        self,
+        monkeypatch: pytest.MonkeyPatch,
+        *,
+        iterations: int = 1,
+        answers: Iterator[dict[str, Any]] | None = None,
+        cost: float = 1.0,
+        bent: Callable[[object], Curvature] = lambda _: Curvature.FLAT,
+    ) -> None:
+        real, plan = planned(FLAT)
+        answers = repeat({}) if answers is None else answers
+        self.plan = replace(plan, cost=cost, evaluations=10, starts=None)
+        self.starts: list[np.ndarray] = []
+
+        def polisher(
+            controls: np.ndarray, x0: Any, _: object, *, near: bool
+        ) -> Polished:
+            assert near
+            self.starts.append(controls)
+            answer = {"cost": cost, "violation": 0.0, **next(answers)}
+            found = {
+                "controls": controls, "x0": np.array(x0), "improved": True,
+                "status": PolishStatus.CONVERGED, "iterations": iterations,
+                "evaluations": 3, "point": plan.point, **answer,
+            }  # fmt: skip
+            return Polished(**found)
+
+        monkeypatch.setattr(improving, "curvature", bent)
+        self.planner = cast(
+            Planner,
+            SimpleNamespace(
+                polisher=polisher, fitness=real.fitness, evaluated=real.evaluated
+            ),
+        )
+
+    def settled(self, **changes: Any) -> Settled:
+        plan = replace(self.plan, **changes)
+        rng = np.random.default_rng(7)
+        return settled(self.planner, plan, [0.0], NOTHING, rng=rng)
+
+
+def account(starts: int, iterations: int, better: int = 0) -> Restarts:
+    return Restarts(starts=starts, iterations=iterations, better=better, seconds=0.0)
+
+
+@pytest.mark.parametrize(
+    ("iterations", "before", "starts", "is_settled"),
+    [
+        (1, [], 20, True),
+        (5, [], 20, True),  # 100 iterations in any case.
+        (7, [], 15, True),
+        (20, [], 5, True),  # The least that decides.
+        (21, [], 5, True),
+        (25, [], 4, False),
+        (100, [], 1, False),
+        (10, [200, 300], 10, True),  # A fifth of 500 is 100,
+        (10, [300, 400], 14, True),  # of 700 it is 140.
+        (10, [100, 300], 10, True),
+        (10, [5000], 20, True),
+    ],
+)
+def test_starts_take_a_fifth_of_the_iterations_before_them_or_a_hundred(
+    monkeypatch: pytest.MonkeyPatch,
+    iterations: int,
+    before: list[int],
+    starts: int,
+    is_settled: bool,
+) -> None:
+    descents = Descents(monkeypatch, iterations=iterations)
+    tried = [SimpleNamespace(iterations=count) for count in before]
+    found = descents.settled(starts=SimpleNamespace(tried=tried) if before else None)
+    assert found.restarts == account(starts, starts * iterations)
+    assert found.is_settled == is_settled
+    assert found.plan.evaluations == 10 + 3 * starts
+    np.testing.assert_array_equal(found.plan.controls, descents.plan.controls)
+
+
+def test_starts_of_a_large_problem_end_after_two_million_rows(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Iterations times rows: 2,000,000 go on, and a row more does not."""
+    for rows, starts in (
+        (10_000, 20),
+        (20_000, 11),
+        (50_000, 5),
+        (50_001, 4),
+        (100_001, 2),
+    ):
+        descents = Descents(monkeypatch, iterations=10)
+        point = SimpleNamespace(lam_g=np.zeros(rows))
+        found = descents.settled(
+            point=point, starts=SimpleNamespace(tried=[SimpleNamespace(iterations=9e3)])
+        )
+        assert found.restarts == account(starts, 10 * starts)
+        assert found.is_settled == (starts == 20)
+
+
+def test_starts_are_as_far_away_as_a_thousandth_to_a_tenth_of_the_controls(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The controls' size is the width of their bounds, 4."""
+    descents = Descents(monkeypatch)
+    descents.settled()
+    rng, controls = np.random.default_rng(7), descents.plan.controls
+    for start in descents.starts:
+        part = np.exp(rng.uniform(np.log(1e-3), np.log(1e-1)))
+        move = 4 * part * rng.standard_normal((1, 3))
+        np.testing.assert_allclose(start - controls, move, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("cost", "answer", "is_better"),
+    [
+        (5.0, {"cost": 5 * (1 - 1.01e-6)}, True),
+        (5.0, {"cost": 5 * (1 - 0.99e-6)}, False),
+        (-5.0, {"cost": -5 * (1 + 1.01e-6)}, True),
+        (-5.0, {"cost": -5 * (1 + 0.99e-6)}, False),
+        (5.0, {"cost": 4.0, "violation": FLAT.tolerance}, True),
+        (5.0, {"cost": 4.0, "violation": 1.01 * FLAT.tolerance}, False),
+        (5.0, {"cost": 4.0, "status": PolishStatus.ITERATION_LIMIT}, False),
+        (5.0, {"cost": 6.0}, False),
+    ],
+)
+def test_start_is_better_if_it_converged_to_a_lower_cost_within_the_tolerance(
+    monkeypatch: pytest.MonkeyPatch,
+    cost: float,
+    answer: dict[str, Any],
+    is_better: bool,
+) -> None:
+    assert SAME_COST == 1e-6
+    bent = iter([Curvature.FLAT, Curvature.POSITIVE])
+    descents = Descents(
+        monkeypatch, cost=cost, answers=iter([{}, answer, *[{}] * 18]),
+        bent=lambda _: next(bent),
+    )  # fmt: skip
+    found = descents.settled()
+    assert found.is_settled
+    expected = account(2, 2, better=1) if is_better else account(20, 20)
+    assert found.restarts == expected
+    assert found.plan.cost == (answer["cost"] if is_better else cost)
+
+
+def test_near_a_cost_of_zero_the_natural_size_says_what_is_better(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    planner, plan = planned(FLAT)
+    sizes = planner.fitness.arguments.sizes_along(
+        plan.controls, plan.states, [0.0], NOTHING
+    )
+    for part, better in ((1.01, 1), (0.99, 0)):
+        fall = {"cost": -part * 1e-6 * sizes.cost}
+        descents = Descents(
+            monkeypatch, cost=0.0, answers=iter([fall, *[{"cost": 0.0}] * 60])
+        )
+        found = descents.settled()
+        assert found.restarts is not None and found.restarts.better == better
+
+
+def test_way_down_is_followed_from_each_better_point_and_counted_together(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of 100 iterations the third start leaves 70 to those from its better point."""
+    answers = iter([{}, {}, {"cost": 0.5}, *[{"cost": 0.5}] * 7])
+    descents = Descents(monkeypatch, iterations=10, answers=answers)
+    found = descents.settled()
+    assert found.restarts == account(10, 100, better=1)
+    assert found.is_settled
+    assert found.plan.cost == 0.5
+    assert found.plan.evaluations == 10 + 10 * 3
+    assert found.plan.source is Source.POLISH
+    np.testing.assert_allclose(found.plan.controls, descents.starts[2])
+    # A point that is better each time is left undecided after three of them.
+    answers = iter([{"cost": -float(k)} for k in range(5)])
+    found = Descents(monkeypatch, answers=answers).settled()
+    assert (found.restarts, found.is_settled) == (account(3, 3, better=3), False)
+    assert found.plan.cost == -2.0
+
+
+def test_saddle_is_no_minimum_even_if_no_start_leads_down(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for bent, is_settled, starts in (
+        (Curvature.NEGATIVE, False, 20),
+        (Curvature.FLAT, True, 20),
+        (Curvature.POSITIVE, True, 0),
+    ):
+        found = Descents(monkeypatch, bent=lambda _, bent=bent: bent).settled()  # type: ignore[misc]
+        assert found.is_settled == is_settled
+        assert found.restarts == (account(starts, starts) if starts else None)

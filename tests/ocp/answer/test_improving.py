@@ -30,12 +30,14 @@ from swarmstart.ocp import (
 from swarmstart.ocp.answer import improving
 from swarmstart.ocp.answer.improving import (
     Answer,
+    Settled,
     followed_down,
     repaired,
     settled_answer,
 )
 from swarmstart.ocp.rollout.checking import Excess
 from swarmstart.ocp.rollout.fitness import NOTHING
+from swarmstart.ocp.search.account import Repair
 
 X, U = ca.SX.sym("x"), ca.SX.sym("u")
 
@@ -106,6 +108,25 @@ def test_only_a_stationary_answer_of_unknown_curvature_is_looked_at() -> None:
     for other in (sure, broken, kinked, moving):
         assert looked_at(planner, other) is other
     assert looked_at(planner_of(SADDLE, polish=None), before) is before
+
+
+def test_states_of_restarts_are_those_at_the_checks_of_the_planner_that_is_used(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A repair may have had more checks than the user's problem."""
+    planner, used = planner_of(SADDLE), planner_of(replace(SADDLE, checks=4))
+    plans: list[Plan] = []
+
+    def noted(_: Planner, plan: Plan, *__: Any, **___: Any) -> Settled:
+        plans.append(plan)
+        return Settled(plan, False, None)
+
+    monkeypatch.setattr(improving, "settled", noted)
+    before = answered(planner)
+    rng = np.random.default_rng(0)
+    settled_answer(planner, Answer(before, used, NOTHING), [0.0], NOTHING, rng)
+    assert [plan.states.shape for plan in plans] == [(1, 9)]
+    np.testing.assert_array_equal(plans[0].states[:, ::4], before.plan.states)
 
 
 def followed(planner: Planner, solution: Solution) -> Solution:
@@ -200,7 +221,7 @@ class Rounds:
             elif name == "added":
                 self.coarser.append(given[3])
             elif name == "tightened":
-                self.shared.append(how["for_all"])
+                self.shared.append(how.get("for_all", 0.0))
             found = original(*given, **how)
             if name == "Planner":
                 self.planners.append(found)
@@ -255,6 +276,153 @@ def test_each_attempt_has_more_checks_and_margins_that_fall_with_their_distance(
     assert rounds.shared == pytest.approx([0, *(w / 2 / 4 for w in wanted)])
     assert found.verified_violation == pytest.approx(0.025 / 2)  # The best of them.
     assert rounds.answers == []
+    tried = "solved again 3 times with up to 4 times the checks and margins on 1 row(s)"
+    assert found.repair is not None and found.repair.tried == tried
+    assert not found.repair.succeeded
+    assert (
+        found.repair.evaluations == found.plan.evaluations - solution.plan.evaluations
+    )
+    assert found.reason == f"{solution.reason}; {tried}, in vain"
+    assert found.advice == (
+        "use more intervals (4), or leave more room than 0.025 at row"
+    )
+
+
+def test_margin_for_all_rows_is_that_of_the_row_that_breaks_most(
+    above: tuple[Planner, Solution], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    planner, solution = above
+
+    def twice(amount: float) -> Solution:
+        one = broken(solution, amount)
+        (excess,) = one.path.broken
+        other = replace(excess, amount=amount / 10, scale=0.1, above=False)
+        return replace(one, path=replace(one.path, broken=(excess, other)))
+
+    rounds = Rounds(monkeypatch, [twice(0.2), twice(0.1), twice(0.05)])
+    rng = np.random.default_rng(0)
+    repaired(planner, twice(0.4), [0.0], NOTHING, rng=rng)
+    # Relative to their scales they are broken by 0.1 and 0.2 in the second attempt.
+    first, second = 1.25 * 0.02 / (1 - 0.5), 1.5 * 0.01 / (1 - 0.5)
+    assert rounds.shared == pytest.approx([0, first / 0.1 / 4, second / 0.1 / 4])
+
+
+def test_attempts_are_counted_with_their_largest_margins_and_checks(
+    monkeypatch: pytest.MonkeyPatch, above: tuple[Planner, Solution]
+) -> None:
+    """The first one of segments is solved as points, without margins."""
+    planner = planner_of(stated(U**2, (X - 1) ** 2, APART))
+    solution = answered(planner)
+    last = broken(solution, 0, confirmed=True)
+    evaluations = solution.plan.evaluations + 7
+    last = replace(last, plan=replace(last.plan, evaluations=evaluations))
+    Rounds(monkeypatch, [broken(solution, 0.4), broken(solution, 0.2), last])
+    before = broken(solution, 0.4)
+    found = repaired(planner, before, [0.0], NOTHING, rng=np.random.default_rng(0))
+    assert found.solution.repair == Repair(
+        attempts=3, checks=2, margins=1, evaluations=7, seconds=0.0, succeeded=True
+    )
+    assert found.solution.reason == last.reason
+
+
+def costly(
+    monkeypatch: pytest.MonkeyPatch, answers: list[Solution], solution: Solution
+) -> tuple[Rounds, Answer]:
+    """Return the repair of an answer of cost 1 that breaks its row, with answers."""
+    planner = planner_of(ABOVE)
+    rounds = Rounds(monkeypatch, answers)
+    before = broken(solution, 0.4, cost=1.0)
+    before = replace(before, plan=replace(before.plan, cost=1.0))
+    rng = np.random.default_rng(0)
+    return rounds, repaired(planner, before, [0.0], NOTHING, rng=rng)
+
+
+def confirmed(solution: Solution, cost: float, size: float = 1.0) -> Solution:
+    """Return a confirmed answer of some cost, whose parts have the size `size`."""
+    good = broken(solution, 0.0, cost=cost, confirmed=True)
+    path = replace(good.path, magnitude=size)
+    return replace(good, path=path, plan=replace(good.plan, cost=cost))
+
+
+@pytest.mark.parametrize(
+    ("higher", "size", "is_replaced"),
+    [(0.9e-4, 1.0, False), (1.1e-4, 1.0, True), (1.1e-4, 2.0, False)],
+)
+def test_margins_that_cost_a_ten_thousandth_are_replaced_by_checks(
+    above: tuple[Planner, Solution],
+    monkeypatch: pytest.MonkeyPatch,
+    higher: float,
+    size: float,
+    is_replaced: bool,
+) -> None:
+    _, solution = above
+    answers = [confirmed(solution, 1.0 + higher, size), confirmed(solution, 1.0, size)]
+    rounds, found = costly(monkeypatch, answers, solution)
+    assert [p.problem.checks for p in rounds.planners] == [1, 4][: 1 + is_replaced]
+    assert found.solution.plan.cost == (1.0 if is_replaced else 1.0 + higher)
+    assert found.planner is rounds.planners[-1]
+
+
+@pytest.mark.parametrize(("saved", "goes_on"), [(14.5e-4, False), (15.5e-4, True)])
+def test_checks_replace_margins_while_a_fifteenth_of_what_they_save_is_noticed(
+    above: tuple[Planner, Solution],
+    monkeypatch: pytest.MonkeyPatch,
+    saved: float,
+    goes_on: bool,
+) -> None:
+    """Margins fall to a sixteenth, so a fifteenth of what was saved is still left."""
+    _, solution = above
+    costs = [1.1, 1.1 - saved, 1.1 - saved - 1e-5]
+    answers = [confirmed(solution, cost) for cost in costs]
+    rounds, found = costly(monkeypatch, answers, solution)
+    assert [p.problem.checks for p in rounds.planners] == [1, 4, 16][: 2 + goes_on]
+    assert found.solution.plan.cost == costs[1 + goes_on]
+    assert found.solution.repair == Repair(
+        attempts=2 + goes_on,
+        checks=16 if goes_on else 4,
+        margins=1,
+        evaluations=0,
+        seconds=0.0,
+        succeeded=True,
+    )
+    # Each time with four times the checks, margins need a sixteenth of the room.
+    assert rounds.coarser == [1.0, 1 / 4, 1 / 4][: 2 + goes_on]
+
+
+def test_checks_stay_as_they_are_until_an_answer_with_them_is_confirmed(
+    above: tuple[Planner, Solution], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, solution = above
+    answers = [confirmed(solution, 2.0), *[broken(solution, 0.1) for _ in range(3)]]
+    rounds, found = costly(monkeypatch, answers, solution)
+    assert [p.problem.checks for p in rounds.planners] == [1, 4, 4, 4]
+    assert rounds.coarser == [1.0, 1 / 4, 1.0, 1.0]
+    assert found.solution.plan.cost == 2.0
+
+
+def test_checks_are_added_while_the_states_at_all_of_them_are_not_too_many(
+    above: tuple[Planner, Solution], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two intervals with 4 checks have 8 states, with 16 checks 32."""
+    _, solution = above
+    for most, checks in ((7, [1]), (8, [1, 4]), (31, [1, 4]), (32, [1, 4, 16])):
+        monkeypatch.setattr(improving, "_MOST_STATES", most)
+        answers = [confirmed(solution, cost) for cost in (4.0, 3.0, 3.0)]
+        rounds, _ = costly(monkeypatch, answers, solution)
+        assert [p.problem.checks for p in rounds.planners] == checks
+    monkeypatch.undo()
+    x = ca.SX.sym("x", 2)
+    problem = replace(
+        ABOVE,
+        model=Model(states=x, controls=U, ode=ca.vertcat(x[1], U)),
+        terminal_cost=0,
+        stage_cost=0,
+        constraints=[],
+        intervals=5,
+        checks=2,
+    )
+    small = [improving._is_small(problem, factor) for factor in (249, 250, 251)]
+    assert small == [True, True, False]  # 20 states each, at most 5000.
 
 
 @pytest.mark.parametrize("last", [0.1, 0.9])

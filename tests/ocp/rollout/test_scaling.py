@@ -295,14 +295,19 @@ def test_cost_along_a_trajectory_is_the_sum_of_its_parts(
     double_integrator: Model,
 ) -> None:
     """The signs differ, so a sum of the costs themselves would be smaller."""
-    x, u = double_integrator.states, double_integrator.controls
-    problem = pushed(double_integrator, stage_cost=u, terminal_cost=-5 * x[0], checks=2)
+    x, u, p = double_integrator.states, double_integrator.controls, ca.SX.sym("p")
+    problem = pushed(
+        replace(double_integrator, parameters=p),
+        stage_cost=p * u,
+        terminal_cost=-5 * x[0],
+        checks=2,
+    )
     controls = np.array([[1, -1, 1, -2, 1, 2.0]])
     states = np.zeros((2, 13))
     states[0, -1] = 3
     nothing = np.empty((0, 13))
-    along = Sizing(problem).cost_along(states, controls, NONE, nothing)
-    assert along == pytest.approx(0.5 * 8 + 15)
+    along = Sizing(problem).cost_along(states, controls, np.array([3.0]), nothing)
+    assert along == pytest.approx(0.5 * 3 * 8 + 15)
 
 
 @pytest.mark.parametrize("integrator", ["stiff", "rk4"])

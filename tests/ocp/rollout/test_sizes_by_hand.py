@@ -84,6 +84,7 @@ def test_rows_and_cost_follow_their_rules_at_every_edge() -> None:
         x[0] + ca.sqrt(x[1] - 5),  # NaN at the start.
         x[0] + 1 / x[2],  # Infinite there.
         x[1] - 1 / x[2],
+        x[0] + ca.log(x[2] + 0.1),  # NaN beside it.
     ]
     others = [x[0] * x[1], u[0] * u[1], x[2] ** 2, ca.log(x[2]), 1e9 * u[0] * x[2] ** 2]
     others += [1e-8 * x[0] ** 2 + 7 * x[2] ** 2, 1 / x[2] ** 2, 0 * x[0] ** 2]
