@@ -720,7 +720,7 @@ def _differences(
     off = np.abs(path.states[:, -1] - plan.states[:, -1])
     if path.missed is not None:
         off = np.abs(path.missed).sum(axis=1)
-    rounding = _ROUNDINGS * np.abs(path.states[:, [0, -1]]).max(axis=1)
+    rounding = _ROUNDINGS * np.abs(path.states[:, -1])
     beyond = off - (tolerance * scale + _NOTHING_MOVES * sizes.states + rounding)
     if (beyond > 0).any():
         i = int(np.argmax(beyond / np.maximum(scale, 1e-300)))

@@ -2,6 +2,8 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
 
 import casadi as ca
 import numpy as np
@@ -24,8 +26,11 @@ from swarmstart.ocp import (
     solve,
     verified,
 )
-from swarmstart.ocp.answer.solution import _whole
-from swarmstart.ocp.rollout.fitness import NOTHING
+from swarmstart.ocp.answer import solution
+from swarmstart.ocp.answer.solution import _ranges, _spread, _whole
+from swarmstart.ocp.rollout.fitness import NOTHING, Known
+from swarmstart.ocp.rollout.status import Growth
+from swarmstart.ocp.search.account import Repair, Restarts
 from swarmstart.tests.ocp.two_valleys import two_valleys
 
 
@@ -544,3 +549,175 @@ def test_whole_numbers_are_told_beside_the_relaxed_problem(
     for number in ("5", "4", "0.25", "0.2", "0"):
         told = told.replace(f"{{{number}}}", f"{sense * float(number):.6g}")
     assert _whole(plan, sense).startswith(f"whole numbers {told}")
+
+
+def test_outputs_at_the_nodes_have_the_control_of_the_interval_after_them() -> None:
+    outputs = {"double": 2 * X, "push": U}
+    problem = OptimalControlProblem(
+        Model(states=X, controls=U, ode=U, outputs=outputs),
+        horizon=3.0,
+        intervals=3,
+        checks=2,
+    )
+    planner = Planner(problem, search=None, backend="casadi")
+    found = verified(problem, planned(planner, [1, -2, 5], 0.5), [0.5])
+    np.testing.assert_allclose(found.outputs[0], [1, 2, 3, 1, -1, 4, 9])
+    np.testing.assert_array_equal(found.outputs[1], [1, 1, -2, -2, 5, 5, 5])
+    assert found.output_names == ("double", "push")
+    assert "outputs     double 1 to 9 in [-1, 9]; push 1 to 5 in [-2, 5]" in str(found)
+
+
+@pytest.mark.parametrize("shape", ["constant", "linear"])
+def test_linear_system_is_that_of_the_path_at_its_time(shape: str) -> None:
+    """x' = t s u^2 / 2000 + p x^2 / 2 has the slopes p x and t s u / 1000."""
+    p, s, t, wanted = (ca.SX.sym(name) for name in ("p", "s", "t", "wanted"))
+    problem = OptimalControlProblem(
+        Model(
+            states=X, controls=U, parameters=p, signals=s, time=t,
+            ode=t * s * U**2 / 2e3 + p * X**2 / 2,
+        ),
+        horizon=2.0, intervals=2, checks=2, signals=wanted,
+        bounds=Bounds(controls=(-9, 9)), control_shape=shape,
+    )  # fmt: skip
+    planner = Planner(problem, search=None, backend="casadi")
+    signals = np.array([[1.0, 3.0, 5.0, 7.0, 9.0], 5 * [50.0]])
+    known = Known(parameters=[0.5], signals=signals, time=10.0)
+    x0, posed, _ = planner.posed([0.1], known)
+    count = planner.problem.model.nu, planner.problem.intervals
+    plan = planner.evaluated(
+        np.ones(count) * [[2.0, 3.0]], x0, known=posed, source=Source.GUESS
+    )
+    found = verified(planner.tracer, plan, x0, posed)
+    for time in (0.0, 0.25, 0.8, 1.0, 1.7, 2.0):
+        system = found.linearised(time)
+        x = np.interp(time, found.path.times, found.path.states[0])
+        u = [2.0, 3.0][int(time >= 1.0)]
+        if shape == "linear":
+            u = float(np.interp(time, [0.0, 1.0, 2.0], found.controls[0]))
+        assert system.A[0, 0] == pytest.approx(0.5 * x, rel=1e-6)
+        assert system.B[0, 0] == pytest.approx((10 + time) * (1 + 4 * time) * u / 1e3)
+
+
+def test_parts_of_a_summary_have_their_order(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem, planner = drift()
+    plain = verified(problem, planned(planner, [0, 0]), [0])
+    labels = "Solution: reason advice cost violation source horizon states controls"
+
+    def first_words(solution: Solution) -> list[str]:
+        return [line.split()[0] for line in str(solution).splitlines()]
+
+    assert first_words(plain)[:9] == labels.split()
+    repair = Repair(
+        attempts=1, checks=2, margins=0, evaluations=3, seconds=0.0, succeeded=True
+    )
+    restarts = Restarts(starts=1, iterations=2, better=0, seconds=0.0)
+    full = replace(
+        plain,
+        decided={"gain": 1.5},
+        member_costs=np.array([3.0, 1.0, 2.0]),
+        repair=repair,
+        restarts=restarts,
+    )
+    monkeypatch.setattr(Solution, "gap", SimpleNamespace(words="so far"))
+    labels = (
+        "Solution: reason advice cost bound members violation source horizon decided "
+        "states controls"
+    )
+    words = first_words(full)
+    assert words[:12] == labels.split()
+    assert words[-2:] == ["repair", "restarts"]
+    assert "  members     3, costs from 1 (number 1) to 3 (number 0)" in str(full)
+
+
+def test_ranges_are_those_of_the_numbers_in_a_row() -> None:
+    rows = np.array([[1.0, -2.0, 0.5], [3.0, np.nan, 4.0], 3 * [np.nan]])
+    assert _ranges(("a", "b", "c"), rows) == (
+        "a 1 to 0.5 in [-2, 1]; b 3 to 4 in [3, 4]; c nan to nan in none"
+    )
+    assert _ranges((), np.empty((0, 3))) == "none"
+    assert _spread(np.array([2.0, -1.0, 7.0, 7.0])) == (
+        "4, costs from -1 (number 1) to 7 (number 2)"
+    )
+
+
+def test_cost_that_no_start_has_is_told_with_its_origin() -> None:
+    problem, planner = drift(4.0)
+    found = verified(problem, planned(planner, [0, 0]), [0])
+    restarts = Restarts(starts=1, iterations=2, better=1, seconds=0.0)
+    vain = replace(restarts, better=0)
+
+    def afterwards(costs: list[float], **more: Any) -> list[str]:
+        tried = [SimpleNamespace(cost=cost) for cost in costs]
+        starts = cast(Any, SimpleNamespace(tried=tried))
+        return replace(found, **more)._afterwards(starts)
+
+    for costs in ([], [4.0], [7.0, 4.0 + 3.9e-6]):
+        assert afterwards(costs) == []
+    for more, by in (
+        ({}, "rounding kinks"),
+        ({"restarts": vain}, "rounding kinks"),
+        ({"repair": object(), "restarts": vain}, "repair"),
+        ({"repair": object(), "restarts": restarts}, "restarts"),
+    ):
+        assert afterwards([7.0, 4.0 + 4.1e-6], **more) == [f"  afterwards  4, by {by}"]
+
+
+def test_cost_or_violation_that_is_no_number_is_no_answer() -> None:
+    problem, planner = drift()
+    plan = replace(planned(planner, [0, 0]), feasible=False)
+    for cost, violation in ((np.nan, 1.0), (1.0, np.inf), (np.inf, np.nan)):
+        told = replace(plan, cost=cost, violation=violation)
+        found = verified(problem, told, [0])
+        assert found.status is SolutionStatus.NOT_FINITE
+        assert found.reason == "the cost is not a finite number"
+    found = verified(problem, replace(plan, cost=1.0, violation=1.0), [0])
+    assert found.status is SolutionStatus.INFEASIBLE
+    assert found.reason == "the best point found breaks constraints by 1 in all"
+
+
+def test_growth_is_that_from_the_states_at_which_the_intervals_begin(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of the finer path, or of a plan that is judged interval by interval."""
+    seen: list[tuple[np.ndarray, np.ndarray]] = []
+
+    def noted(_: object, states: np.ndarray, controls: np.ndarray, *__: object) -> Any:
+        seen.append((states, controls))
+        return Growth(1.0, 0.0, 1.0, 2.0, 0.5)
+
+    monkeypatch.setattr(solution, "growth_along", noted)
+    problem, planner = drift(intervals=4, checks=3, terminal=[X - 9])
+    plan = planned(planner, [1, 2, -2, 1])
+    verified(problem, plan, [0])
+    ends = plan.states[:, ::3] + np.array([[0.0, 0.1, 0.2, 0.3, 0.4]])
+    states = plan.states + np.linspace(0.0, 0.4, 13)
+    found = verified(problem, replace(plan, ends=ends, states=states), [0])
+    for (begins, controls), expected in zip(
+        seen, ([0, 0.25, 0.75, 0.25], [0, 0.35, 0.95, 0.55]), strict=True
+    ):
+        np.testing.assert_allclose(begins, [expected], atol=1e-12)
+        np.testing.assert_array_equal(controls, plan.controls)
+    told = "judged interval by interval, since a deviation grows 2.7-fold from 0 s to 1"
+    assert told in found.reason
+
+
+def test_fast_mode_is_looked_for_if_the_solver_failed_or_nothing_is_confirmed() -> None:
+    """u is 0: the stiff state rests, so that the answer is confirmed all the same."""
+    problem = OptimalControlProblem(
+        Model(states=X, controls=U, ode=-500 * X + U), horizon=2.0, intervals=4,
+        substeps=1, stage_cost=U**2, bounds=Bounds(controls=(-1, 1)),
+    )  # fmt: skip
+    planner = Planner(problem, search=None, backend="casadi")
+    plan = planned(planner, [0, 0, 0, 0])
+    failed = replace(plan, polish_status=PolishStatus.NUMERICAL_FAILURE)
+    for one, advised, stiff in (
+        (plan, True, False), (failed, True, True), (failed, False, False)
+    ):  # fmt: skip
+        found = verified(problem, one, [0], advised=advised)
+        assert found.status is SolutionStatus.FEASIBLE
+        assert ("the model is stiff" in found.advice) is stiff
+    wrong = replace(plan, cost=9.0)
+    for advised in (True, False):
+        found = verified(problem, wrong, [0], advised=advised)
+        assert found.status is SolutionStatus.MISMATCH
+        assert ("the model is stiff" in found.advice) is advised

@@ -21,6 +21,7 @@ from swarmstart.ocp import (
     solve,
     verified,
 )
+from swarmstart.ocp.rollout import status
 from swarmstart.ocp.rollout.path import Tracer
 from swarmstart.ocp.rollout.scaling import Sizing
 from swarmstart.ocp.rollout.shooting import Shooting
@@ -223,3 +224,118 @@ def test_signals_of_model_and_costs_are_told_apart() -> None:
     answer = solve(implicit, [1.0], known=known, search=None, backend="casadi", seed=0)
     assert answer.status.is_confirmed, answer
     np.testing.assert_allclose(answer.controls, 0.5, atol=1e-2)
+
+
+def many(substeps: int = 1, **stated: object) -> OptimalControlProblem:
+    """x' = -u x over 100 intervals of 1 s, one point each, by Euler's steps."""
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    given = {"integrator": "euler", "checks": 1, **stated}
+    return OptimalControlProblem(
+        Model(states=x, controls=u, ode=-u * x), horizon=100.0, intervals=100,
+        substeps=substeps, stage_cost=x**2, **given,  # type: ignore[arg-type]
+    )  # fmt: skip
+
+
+def rates_of(fast: int, rate: float) -> Array:
+    """Return rates of 1/2, but of another value in some intervals all over."""
+    rates = np.full((1, 100), 0.5)
+    rates[0, np.linspace(0, 99, fast).astype(int)] = rate
+    return rates
+
+
+@pytest.mark.parametrize(("count", "named"), [(24, False), (25, True)])
+def test_a_quarter_of_the_points_makes_a_mode_the_cause(
+    count: int, named: bool
+) -> None:
+    """By a step of 2.001 a mode grows a thousandth only."""
+    assert (found(many(), rates_of(count, 2.001)) is not None) == named
+
+
+@pytest.mark.parametrize(
+    ("count", "substeps", "growth", "named"),
+    [
+        (10, 1, 3.9, False),  # 10 log 3.9 is 13.6,
+        (10, 1, 3.99, True),  # 10 log 3.99 is 13.84, and log 10^6 13.82.
+        (10, 1, 100.0, True),
+        (9, 1, 100.0, False),  # One step counts for log 4 at most.
+        (2, 4, 100.0, False),  # In four steps as four times: 8 log 4,
+        (3, 4, 100.0, True),  # and 12 log 4, which is 16.6.
+    ],
+)
+def test_growth_by_a_million_makes_a_mode_the_cause(
+    count: int, substeps: int, growth: float, named: bool
+) -> None:
+    """1 - h rate is the factor of a step; h is 1 s over the substeps."""
+    rates = rates_of(count, (1 + growth) * substeps)
+    mode = found(many(substeps), rates, x0=np.array([1e-280]))
+    assert (mode is not None) == named
+    if mode is not None:
+        assert mode.growth == pytest.approx(np.log(growth))
+        assert mode.rate == pytest.approx((1 + growth) * substeps)
+        assert mode.substeps == np.ceil((1 + growth) * substeps / 1.4)
+
+
+def test_steps_between_checks_count_as_many() -> None:
+    """Two points in each interval of 1 s: 8 of 200, each for one step."""
+    rates = rates_of(4, 2 * 101.0)
+    assert found(many(checks=2), rates, x0=np.array([1e-280])) is None
+    rates = rates_of(5, 2 * 101.0)
+    assert found(many(checks=2), rates, x0=np.array([1e-280])) is not None
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"),
+    [
+        # A step of 0.1 s by Euler is stable for |1 + z / 10| <= 1.
+        ([-20.0], None),
+        ([-20.1, 3.0], (20.1, np.log(1.01), 58, True)),
+        ([-20.1, -30.0, -25.0], (30.0, np.log(2.0), 86, True)),
+        # Circles through 0 and -20: at -1 the edge is sqrt(19).
+        ([-1 + 4.35j, -1 - 4.35j], None),
+        ([-1 + 4.37j, -1 - 4.37j], (abs(1 + 4.37j), None, 41, False)),
+        ([-15.0 + 15j, -15.0 - 15j], (15 * 2**0.5, None, 61, True)),
+        ([0.0, 50.0, 50j, -50j], None),  # What does not decay is not too fast.
+        ([-1e308], None),  # No number of substeps would do.
+    ],
+)
+def test_fast_mode_is_the_fastest_that_decays_but_grows_in_a_step(
+    values: list[complex], expected: tuple[float, float | None, int, bool] | None
+) -> None:
+    problem = many(40, integrator="euler")
+    problem = replace(problem, horizon=400.0)  # Intervals of 4 s in 40 steps.
+    mode = status._too_fast(problem, 7.0, np.array(values, dtype=np.complex128))
+    if expected is None or mode is None:
+        assert mode is expected is None
+        return
+    rate, growth, substeps, is_stiff = expected
+    assert (mode.time, mode.substeps, mode.is_stiff) == (7.0, substeps, is_stiff)
+    assert mode.rate == pytest.approx(rate)
+    if growth is not None:
+        assert mode.growth == pytest.approx(growth)
+
+
+def test_growth_beyond_all_numbers_is_growth() -> None:
+    """With rk4, whose R(z) is a sum of terms with both signs: inf - inf."""
+    mode = status._too_fast(many(integrator="rk4"), 0.0, np.array([-1e100 + 0j]))
+    assert mode is not None and mode.growth > 700.0
+    assert mode.substeps == np.ceil(1e100 / 2.5)
+
+
+def test_substeps_are_advised_up_to_a_thousand() -> None:
+    problem = linear([[-1.0]])
+    for substeps, told in ((1000, True), (1001, False)):
+        mode = FastMode(
+            time=0.0, rate=9e4, growth=1.0, substeps=substeps, is_stiff=True
+        )
+        advice = advice_for(problem, Found(SolutionStatus.MISMATCH, ""), mode)
+        assert advice.endswith("use integrator='stiff'") is not told
+        assert advice.endswith(f"set substeps to at least {substeps}") is told
+
+
+def test_first_fast_point_is_named_of_a_path_that_explodes() -> None:
+    """Later ones may come from the explosion; the implicit path has them all."""
+    rates = np.full((1, 100), 0.5)
+    rates[0, 10:80], rates[0, 50] = 1e5, 9e5
+    mode = found(many(), rates)
+    assert mode is not None
+    assert (mode.time, mode.rate) == (10.0, pytest.approx(1e5))
