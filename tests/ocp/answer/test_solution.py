@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from swarmstart.ocp import (
+    AlgebraicEquations,
     Bounds,
     Integrator,
     IpoptOptions,
@@ -28,6 +29,7 @@ from swarmstart.ocp import (
 )
 from swarmstart.ocp.answer import solution
 from swarmstart.ocp.answer.solution import _ranges, _spread, _whole
+from swarmstart.ocp.lower_bound.stated.answer import LowerBound
 from swarmstart.ocp.rollout.fitness import NOTHING, Known
 from swarmstart.ocp.rollout.status import Growth
 from swarmstart.ocp.search.account import Repair, Restarts
@@ -256,6 +258,68 @@ def test_path_may_be_broken_by_its_tolerance_itself() -> None:
         found = verified(problem, planned(planner, [end, end]), [0])
         assert found.status is status
         assert found.verified_violation == end - 1
+
+
+def test_end_may_be_broken_by_the_path_tolerance_itself() -> None:
+    edge = 2.0**-10
+    goal = TerminalConstraint(expression=X - 1, scale=1.0)
+    problem, planner = drift(terminal=[goal], tolerance=1.0, path_tolerance=edge)
+    for end, agrees in ((1 + edge, True), (1 + 2 * edge, False)):
+        found = verified(problem, planned(planner, [end, end]), [0])
+        assert found.reason.startswith("on the finer path") is not agrees
+        assert found.status.is_confirmed is agrees
+
+
+def test_what_intervals_miss_counts_together_for_each_state() -> None:
+    """Three gaps of 4e-4 of the size of a state, and one of 9e-4 in each."""
+    x = ca.SX.sym("x", 2)
+    problem = OptimalControlProblem(
+        Model(states=x, controls=U, ode=ca.vertcat(U, U)), horizon=4.0, intervals=4,
+        bounds=Bounds(controls=(-2, 2), states=([-1, -10], [1, 10])),
+    )  # fmt: skip
+    planner = Planner(problem, search=None, backend="casadi")
+    plan = planner.evaluated(np.zeros((1, 4)), [0, 0], source=Source.GUESS)
+    for gaps, told in (
+        ([[0, 0, 0, 0], [0, 0, 0, 0]], ""),
+        ([[3, -3, 0, 3], [30, -30, 0, 30]], ""),
+        ([[9, 0, 0, 0], [0, 90, 0, 0]], ""),
+        ([[4, -4, 0, 4], [0, 0, 0, 0]], "state x_0 ends at"),
+        ([[4, 0, 0, 4], [40, 40, -40, 0]], "state x_1 ends at"),
+    ):
+        misses = np.array(gaps) * 1e-4 * 2
+        ends = np.cumsum(np.hstack([np.zeros((2, 1)), misses]), axis=1)
+        found = verified(problem, replace(plan, ends=ends, states=ends), [0, 0])
+        assert found.status.is_confirmed is (told == "")
+        assert found.reason.startswith(told)
+
+
+def test_algebraic_variables_have_the_control_of_the_interval_after_a_node() -> None:
+    """z + x - 2 u - p s = 0."""
+    z, p, s = ca.SX.sym("z"), ca.SX.sym("p"), ca.SX.sym("s")
+    problem = OptimalControlProblem(
+        Model(
+            states=X, controls=U, parameters=p, signals=s, ode=0 * z + U,
+            algebraic=AlgebraicEquations(
+                symbols=z, residual=z + X - 2 * U - p * s
+            ),
+        ),
+        horizon=2.0, intervals=2, checks=2,
+    )  # fmt: skip
+    planner = Planner(problem, search=None, backend="casadi")
+    known = Known(parameters=[3.0], signals=np.array([[1.0, 2.0, 3.0, 4.0, 5.0]]))
+    plan = planner.evaluated(
+        np.array([[1.0, -2.0]]), [0.5], known=known, source=Source.GUESS
+    )
+    found = verified(problem, plan, [0.5], known)
+    controls = np.array([1.0, 1.0, -2.0, -2.0, -2.0])
+    expected = 2 * controls - found.states[0] + 3 * known.signals[0]
+    np.testing.assert_allclose(found.algebraic, [expected])
+    assert verified(*_simple()).algebraic.shape == (0, 3)
+
+
+def _simple() -> tuple[OptimalControlProblem, Plan, list[float]]:
+    problem, planner = drift()
+    return problem, planned(planner, [0, 0]), [0.0]
 
 
 def test_broken_rows_are_counted_beside_the_worst() -> None:
@@ -521,6 +585,11 @@ def test_optima_of_lanes_have_the_costs_of_their_controls(sense: int) -> None:
     # Each of two intervals in either valley; which of them comes first is the same.
     assert 2 <= len(costs) <= 4 and costs == sorted(costs)
     assert found.cost == pytest.approx(sense * costs[0], abs=1e-5)
+    last = found.optima[-1]
+    polished_last = last.solution()
+    assert polished_last.status is SolutionStatus.CONVERGED
+    assert polished_last.states[0, 0] == 0.0
+    np.testing.assert_allclose(polished_last.states, last.states, atol=1e-4)
     assert solve(problem, [0.0], search=None, lanes=0, seed=0).optima == ()
     planner = Planner(problem, search=None)
     guess = planner.evaluated(np.zeros((1, 2)), [0.0], source=Source.GUESS)
@@ -721,3 +790,39 @@ def test_fast_mode_is_looked_for_if_the_solver_failed_or_nothing_is_confirmed() 
         found = verified(problem, wrong, [0], advised=advised)
         assert found.status is SolutionStatus.MISMATCH
         assert ("the model is stiff" in found.advice) is advised
+
+
+def test_gap_is_that_of_the_finer_cost_within_a_thousandth_of_its_size(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked: list[tuple[Any, ...]] = []
+
+    def noted(bound: LowerBound, cost: float | None, *, tolerance: float) -> str:
+        asked.append((bound, cost, tolerance))
+        return "gap"
+
+    monkeypatch.setattr(solution.OptimalityGap, "of", noted)
+    bound = LowerBound.__new__(LowerBound)
+    problem, planner = drift(5.0, -1.0)
+    found = verified(problem, planned(planner, [0, 0]), [0])
+    assert found.gap is None and asked == []
+    assert replace(found, bound=bound).gap == found.beside(bound) == "gap"
+    broken = replace(found, status=SolutionStatus.BROKEN)
+    assert broken.beside(bound) == "gap"
+    assert [cost for _, cost, _ in asked] == [pytest.approx(4.0)] * 2 + [None]
+    assert all(one is bound for one, _, _ in asked)
+    assert [tolerance for _, _, tolerance in asked] == pytest.approx([6e-3] * 3)
+
+
+def test_answer_has_multipliers_if_it_was_polished_and_is_a_guess_for_any_grid() -> (
+    None
+):
+    problem, planner = drift((U - 1) ** 2)
+    searched = verified(problem, planned(planner, [1, 1]), [0])
+    assert searched.multipliers is None
+    found = verified(problem, polished(problem), [0])
+    assert found.multipliers is not None
+    assert found.multipliers.costates.shape == (1, 2)
+    assert found.as_guess().controls.shape == (1, 2)
+    other, _ = drift((U - 1) ** 2, intervals=5)
+    assert found.as_guess(other).controls.shape == (1, 5)

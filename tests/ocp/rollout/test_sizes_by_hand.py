@@ -178,6 +178,20 @@ def test_cost_of_nothing_or_beyond_all_numbers_has_the_size_one() -> None:
         assert sizes_of(problem, [0.0]).cost == pytest.approx(expected)
 
 
+def test_price_of_a_soft_limit_is_part_of_the_size_of_the_cost() -> None:
+    """u^2 + 6 max(u, 0) is 7 at 1 and 4 at -2, for 2 s; the row has no weight."""
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    problem = OptimalControlProblem(
+        Model(states=x, controls=u, ode=u), horizon=2.0, intervals=2,
+        stage_cost=u**2, bounds=Bounds(controls=(-2, 1)),
+        constraints=[PathConstraint(expression=u, upper=0.0, weight=6.0), u <= 9],
+    )  # fmt: skip
+    found = sizes_of(problem, [0.0])
+    assert found.cost == pytest.approx(14.0)
+    assert [row.tolist() for row in found.rows] == [[9.0], [2.0]]
+    np.testing.assert_allclose(found.weights, [1 / 9])
+
+
 @pytest.mark.parametrize(
     ("lower", "upper", "middle"),
     [
