@@ -318,10 +318,11 @@ class Sizing:
             reach = self._reached(at, states, controls, guess)
             found = np.where(states > 0, states, reach)
             if np.array_equal(found, states):
-                both = self._needed(at, np.concatenate([states, controls]))
+                sizes = np.concatenate([states, controls])
+                both = self._needed(at, sizes)
+                if np.array_equal(both, sizes):
+                    break  # No further size follows.
                 found, controls = both[:nx], both[nx:]
-                if np.array_equal(found, states) and not controls.all():
-                    break
             states = found
         return states, controls
 

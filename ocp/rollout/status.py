@@ -303,9 +303,8 @@ def _points(
         if np.isfinite(found).all():
             times, states = problem.times[:-1], found[:, :-1]
             controls = np.repeat(controls[:, ::every], problem.checks, axis=1)
+    # The initial state is finite, so there is at least one such point.
     finite = np.flatnonzero(np.isfinite(states).all(axis=0))
-    if not finite.size:
-        return np.empty(0), states[:, :0], controls[:, :0]
     places = finite[np.linspace(0, finite.size - 1, _LOOKED_AT).astype(int)]
     return times[places], states[:, places], controls[:, places]
 

@@ -89,6 +89,21 @@ def test_growth_ends_where_the_states_are_not_finite() -> None:
         states[:] = 1.0
 
 
+def test_growth_ends_where_one_state_alone_is_not_finite() -> None:
+    """x' = 3 x beside a state that is lost after 1 s."""
+    problem = OptimalControlProblem(
+        Model(states=X, controls=U, ode=ca.vertcat(3 * X[0], U)),
+        horizon=2.0,
+        intervals=4,
+    )
+    states = np.ones((2, 4))
+    states[1, 2:] = np.inf
+    found = growth_along(
+        Shooting(problem), states, np.zeros((1, 4)), Known(), np.ones(2)
+    )
+    assert found == pytest.approx((3.0, 0.0, 1.0, 3.0, 0.0))
+
+
 def test_growth_ends_at_a_slope_that_is_not_finite() -> None:
     """x' = 2 sqrt(x) has the slope 1 / sqrt(x)."""
     problem = OptimalControlProblem(

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from fractions import Fraction
 from itertools import product
+from types import SimpleNamespace
 from typing import Any
 
 import casadi as ca
@@ -320,6 +322,34 @@ def test_a_kink_at_the_reference_is_bounded_by_the_slopes_of_its_sides(
     for radius in (1e-9, 1.0, 1e6):
         for side in (-1.0, 1.0):
             assert is_shown(change, (0.0, radius), side=side) == falls
+
+
+def test_sum_of_both_parts_beside_a_kink_is_never_below_the_whole() -> None:
+    """As real numbers, though the rest is a rounded difference."""
+    rng = np.random.default_rng(0)
+    exponents = rng.uniform(-8, 8, (2, 400))
+    whole, centre = rng.choice([-1.0, 1.0], (2, 400)) * 10.0**exponents
+    centre[:100] = -whole[:100] * (1 + 1e-14)
+    centre[100:200] = whole[100:200] * (1 + 1e-14)
+
+    def slopes(lower: Array, upper: Array) -> tuple[None, tuple[Array]]:
+        return None, ((centre if (upper[0] == 0.0).all() else whole).copy(),)
+
+    def bends(*_: Array) -> tuple[None, tuple[Array, Array]]:
+        return None, (np.zeros(400), np.zeros(400))
+
+    def kinks(*_: Array) -> tuple[Array, Array]:
+        return np.ones(400, bool), np.zeros(400, bool)
+
+    bounds = DecreaseBounds(change_of(lambda e: -e + ca.fabs(e) / 2, is_held=False))
+    bounds._rays = SimpleNamespace(slopes=slopes, bends=bends, kinks=kinks)  # type: ignore[assignment]
+    lower, upper = (np.array([[rho] * 400, [1.0] * 400]) for rho in (0.0, 0.5))
+    quadratic, rest = bounds._about_centre(lower, upper)
+    for parts, exact in zip(zip(quadratic, rest, strict=True), whole, strict=True):
+        total = sum(map(Fraction, map(float, parts)))
+        assert Fraction(float(exact)) <= total
+        reserve = 1e-11 * sum(map(abs, map(float, parts)))
+        assert float(total - Fraction(float(exact))) <= reserve
 
 
 def test_a_margin_counts_beside_the_slopes() -> None:

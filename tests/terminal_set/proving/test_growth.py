@@ -129,6 +129,10 @@ def test_of_a_kink_at_the_centre_nothing_is_proven_and_nothing_tried() -> None:
     assert not proof.proven and proof.boxes == 0
     later = of_one(lambda e, t: e + 0.1 * ca.fmax(t - 0.5 + 0 * e, 0.0) * e)
     assert prove_growth(later, 4.0, 2.0).boxes == 0
+    e, t = ca.SX.sym("e", 2), ca.SX.sym("t")
+    moved = (1 + 0.1 * ca.fmax(t - 0.5, 0.0)) * e
+    motion = ca.Function("motion", [e, t], [moved])
+    assert prove_growth(Hold(motion=motion, P=np.eye(2), dt=1.0), 4.0, 2.0).boxes == 0
 
 
 def test_the_growth_over_an_interval_of_times_counts_and_not_that_in_its_middle() -> (
