@@ -101,7 +101,7 @@ class Kinks:
         by_interval = sides.reshape(len(self.names), intervals, -1)
         low, high = by_interval.min(axis=2), by_interval.max(axis=2)
         moves = np.where(np.isfinite(reach), reach, 0.0)
-        sizes = np.maximum(np.abs(sides), moves).max(axis=1, initial=0)
+        sizes = np.maximum(np.abs(sides), moves).max(axis=1)
         near = _TOUCHES * sizes[:, None]
         crossed = ((low <= near) & (high >= -near)).any(axis=1)
         # A side that stays at a whole number is at its step; one that leaves it is not.
@@ -253,7 +253,7 @@ def smoothed(
 def kink_sizes(
     problem: OptimalControlProblem | Shooting, x0: ArrayLike, known: Known
 ) -> list[float]:
-    """Return the size of each kink around a start, one if it is zero there.
+    """Return the size of each kink around a start; one for zero and for no number.
 
     Args:
         problem: The problem, or its compiled functions. The list is empty without
@@ -280,8 +280,8 @@ def kink_sizes(
         for part in (0.0, 0.618, -0.382)  # The moves of scaling.py.
         for u in controls
     ]
-    largest = np.nan_to_num(np.max(found, axis=0), nan=0.0, posinf=0.0).ravel()
-    return [float(size) if size > 0 else 1.0 for size in largest]
+    largest = np.max(found, axis=0).ravel()
+    return [float(size) if 0 < size < np.inf else 1.0 for size in largest]
 
 
 class _Kinked:

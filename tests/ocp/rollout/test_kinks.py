@@ -169,6 +169,16 @@ def test_path_near_a_switch_touches_it_however_small_its_own_numbers() -> None:
     assert not touched("fabs", [[1e-5, 2e-5], [3e-5, 4e-5]])
 
 
+@pytest.mark.parametrize("reach", [np.inf, np.nan])
+def test_reach_that_is_no_number_leaves_the_sides_as_sizes(reach: float) -> None:
+    """As of the root of a state that is 0; a millionth of 3e-7 is near."""
+    kinks = kinks_of(stated(cost=ca.fabs(X[0])))
+    reaches = np.full((1, 2), reach)
+    for off, is_near in ((1e-7, False), (2e-13, True)):
+        found = kinks.touched(np.array([[off, 3e-7]]), reaches, 1)
+        assert bool(found) is is_near
+
+
 def least(cost: ca.SX, bound: float = 1.0) -> SolutionStatus:
     """Return the status of min over u of the cost, x' = u from 0 over 1 s."""
     x, u = ca.SX.sym("x"), U

@@ -1,5 +1,7 @@
 """Kinks rounded less and less: values, sizes, least fuel against a linear program."""
 
+from collections.abc import Callable
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -42,6 +44,35 @@ def test_kinks_have_the_sizes_of_what_they_compare() -> None:
     assert sorted(sizes)[1:] == pytest.approx([3.0, 3.4], abs=0.5)
     scaled = kink_sizes(kinked(2.0**9), [2.0**9, 0.0], NOTHING)
     np.testing.assert_array_equal(np.array(scaled), 2.0**9 * np.array(sizes))
+
+
+@pytest.mark.parametrize(
+    ("side", "size"),
+    [
+        (lambda x, u: 0 * u, None),  # No kink: it is constant.
+        (lambda x, u: x[1] ** 2 * u, 1.0),  # 0 at all points,
+        (lambda x, u: ca.log(x[1] - 9), 1.0),  # no number at any of them,
+        (lambda x, u: 1 / x[1], 1.0),  # or infinite.
+        (lambda x, u: u, 3.0),
+        (lambda x, u: u + 1, 3.0),  # From -2 to 3.
+        (lambda x, u: x[0] - 5, 4.0 + 0.382 * 8),  # x_0 is 1, and 8 its size.
+        (lambda x, u: x[0] + 5, 6.0 + 0.618 * 8),
+    ],
+)
+def test_size_of_a_kink_is_the_largest_of_its_side_about_the_start(
+    side: Callable[[ca.SX, ca.SX], ca.SX], size: float | None
+) -> None:
+    x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+    problem = OptimalControlProblem(
+        Model(states=x, controls=u, ode=ca.vertcat(u, 0)),
+        horizon=2.0,
+        intervals=4,
+        stage_cost=ca.fabs(side(x, u)),
+        bounds=Bounds(controls=(-3, 2)),
+        scales={"x_0": 8.0, "x_1": 1e-300},
+    )
+    sizes = kink_sizes(problem, [1.0, 0.0], NOTHING)
+    assert sizes == pytest.approx([] if size is None else [size])
 
 
 def test_no_kink_is_left_in_the_model_the_costs_or_the_constraints() -> None:
