@@ -37,6 +37,7 @@ from swarmstart.ocp.answer.repair import (
     place_of,
     slack_at_checks,
     tightened,
+    with_more_checks,
 )
 from swarmstart.ocp.rollout.checking import Excess
 from swarmstart.ocp.rollout.fitness import NOTHING
@@ -325,6 +326,56 @@ def test_later_attempts_look_more_often_on_the_same_steps_if_these_can_be_shared
 ) -> None:
     problem = moving(substeps=substeps)
     assert [finer_checks(problem, attempt) for attempt in range(3)] == times
+
+
+@pytest.mark.parametrize(
+    ("substeps", "times", "shared"), [(4, 2, 2), (5, 2, 3), (1, 4, 1), (6, 4, 2)]
+)
+def test_more_checks_have_steps_as_long_and_signals_in_between(
+    substeps: int, times: int, shared: int
+) -> None:
+    s = ca.SX.sym("s", 2)
+    problem = moving(signals=s, checks=3, substeps=substeps, intervals=2)
+    known = Known(signals=np.array([np.arange(7.0) ** 2, 10.0 - np.arange(7.0)]))
+    finer, there = with_more_checks(problem, known, times)
+    assert (finer.checks, finer.substeps, finer.intervals) == (3 * times, shared, 2)
+    at = np.linspace(0, 6, 6 * times + 1)
+    expected = [np.interp(at, np.arange(7), row) for row in np.asarray(known.signals)]
+    np.testing.assert_allclose(there.signals, expected, atol=1e-12)
+    assert there.parameters is known.parameters
+
+
+def test_excess_of_the_tolerance_itself_needs_no_margin() -> None:
+    """Nor does one that is no number; what needs one comes in order."""
+    edge = 2.0**-10
+    line = PathConstraint(expression=X[0], upper=9.0)
+    problem = moving(line, line, line, line, line, path_tolerance=edge)
+    answer = evaluated(problem, [0.0] * 4)
+    amounts = (2 * edge, 4 * edge * (1 + 1e-9), np.inf, 8 * edge, 2 * edge)
+    broken = tuple(excess(k, amount) for k, amount in enumerate(amounts))
+    solution = replace(answer, path=replace(answer.path, broken=broken))
+    found = needed(problem, solution, [0, 0], NOTHING)
+    assert [e.constraint for e in found] == [3, 1]
+
+
+def test_margins_leave_soft_constraints_as_they_are() -> None:
+    soft = PathConstraint(expression=X[1], upper=1.0, weight=2.0)
+    apart = Separation(relative=X - 50, distance=2.0)
+    problem = moving(apart, soft)
+    tight = tightened(problem, [excess(0, 0.1)])
+    assert [c.weight is not None for c in tight.soft] == [True]
+    assert tight.soft[0].upper == pytest.approx([1.0])
+    (same,) = at_points(problem).soft
+    assert same is problem.soft[0]
+
+
+def test_chord_that_only_touches_needs_no_margin() -> None:
+    """Along y = 0 the disc of radius 1/2 about (2, 1/2) is touched, not cut."""
+    for height, count in ((0.5, 0), (0.5 - 2.0**-30, 1)):
+        stated = disc(X, centre=[1.5, height], radius=0.5, along="segments")
+        problem = moving(stated, path_tolerance=0.5)
+        found = needed(problem, evaluated(problem, [0.0] * 4), [0, 0], NOTHING)
+        assert len(found) == count
 
 
 def test_chord_of_points_that_move_by_signals_is_cut_where_it_is() -> None:
