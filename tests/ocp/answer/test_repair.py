@@ -207,6 +207,24 @@ def test_slack_is_that_at_the_checks_the_start_left_out(
     assert slack[0, 0] == pytest.approx(0, abs=1e-12)
 
 
+@pytest.mark.parametrize("times", [1, 2, 4])
+def test_slack_counts_signals_and_parameters_at_its_own_checks(times: int) -> None:
+    """x_0 = t below 2 p - s with s = |t - 3|, linear from node to node."""
+    s, p = ca.SX.sym("s"), ca.SX.sym("p")
+    problem = replace(
+        moving(checks=2, signals=s),
+        model=Model(states=X, controls=U, parameters=p, ode=ca.vertcat(1, U)),
+        constraints=[PathConstraint(expression=2 * p - s - X[0], lower=0)],
+    )
+    known = Known(parameters=[2.75], signals=np.abs(problem.times - 3.0)[None])
+    planner = Planner(problem, search=None, backend="casadi")
+    controls = np.zeros((1, 4))
+    plan = planner.evaluated(controls, [0, 0], known=known, source=Source.GUESS)
+    answer = verified(problem, plan, [0, 0], known)
+    slack = slack_at_checks(Tracer(problem), answer, [0, 0], known, times)
+    assert slack[0, 0] == pytest.approx(5.5 - 1 - 4)  # Least at the end.
+
+
 def test_margins_fall_with_the_square_of_the_distance_of_checks() -> None:
     first, other = excess(0, 0.1), excess(1, 0.4)
     before = added({}, [first], {}, 1.0)
