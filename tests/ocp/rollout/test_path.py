@@ -260,6 +260,31 @@ def test_magnitude_adds_what_the_cost_takes_off(
     assert path.magnitude == pytest.approx(moved + 18 + 21 + 5 * 11**2, rel=1e-6)
 
 
+@pytest.mark.parametrize("checks", [1, 3])
+def test_step_costs_count_the_state_and_signal_at_the_beginning_of_each_interval(
+    checks: int,
+) -> None:
+    """x = t; the signal is 10 t at the nodes; p is 3."""
+    p = ca.SX.sym("p")
+    problem = OptimalControlProblem(
+        Model(states=X, controls=U, parameters=p, ode=ca.vertcat(1, U)),
+        horizon=4.0, intervals=4, checks=checks, signals=S,
+        step_cost=X[0] * U + S * p, initial_cost=X[1] * S + p,
+        terminal_cost=X[0] * S - p,
+    )  # fmt: skip
+    controls = np.array([[2.0, 3.0, 1.0, -3.0]])
+    path = traced(
+        problem, controls, [0, -2], parameters=np.array([3.0]),
+        signals=5.0 + 10 * problem.times[None],
+    )  # fmt: skip
+    steps = np.arange(4) * controls[0] + 3 * (5 + 10 * np.arange(4))
+    first, end = -2 * 5 + 3, 4 * 45 - 3
+    assert path.cost == pytest.approx(steps.sum() + first + end)
+    # The end is counted from its value where x begins, -3.
+    size = np.abs(steps).sum() + abs(first) + end + 3
+    assert path.magnitude == pytest.approx(size)
+
+
 def test_worst_constraint_of_its_size_comes_first() -> None:
     rows = [
         PathConstraint(expression=X[1], upper=1, scale=10.0, name="mild"),
