@@ -20,6 +20,8 @@ from swarmstart.cases.format.parts import Part, Range
 from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.cases.kinds.formation_flight.scenario import FormationScenario
 from swarmstart.cases.kinds.planar import (
+    METRE,
+    SAME_PLACE_M,
     PlanarState,
     PlantPart,
     Point,
@@ -247,6 +249,12 @@ def test_rates_of_the_models_are_those_of_the_equations(
     expected = [push, turn, 5 * math.cos(0.4), 5 * math.sin(0.4)]
     np.testing.assert_allclose(found, expected)
     assert model.state_names == ("speed_m_s", "heading_rad", "x_m", "y_m")
+
+
+def test_units_of_the_chapter_are_metres_and_its_places_exact() -> None:
+    """A billionth of a metre is rounding only; so a penalty of 1 is one of 1 m."""
+    assert METRE == 1.0
+    assert SAME_PLACE_M == 1e-9
 
 
 def test_turn_that_is_unknown_is_refused() -> None:

@@ -13,6 +13,7 @@ import pydantic
 import pytest
 
 from swarmstart.cases.campaign.engine.cells import Cell, Outcome
+from swarmstart.cases.campaign.studies import replication
 from swarmstart.cases.campaign.studies.replication import (
     ChapterClaim,
     PartOfClaim,
@@ -248,6 +249,58 @@ def test_a_part_is_of_a_scenario_or_computed() -> None:
     ):
         with pytest.raises(pydantic.ValidationError, match="scenario with claim or"):
             PartOfClaim.model_validate(content)
+
+
+def test_a_part_of_a_claim_has_its_defaults_and_limits() -> None:
+    stated: dict[str, Any] = {"scenario": "a", "claim": "1"}
+    part = PartOfClaim.model_validate(stated)
+    assert (part.width, part.share, part.seeds, part.least) == (0.0, 1.0, 3, 1)
+    assert (part.tolerance, part.relation, part.over) == (0.25, "==", "every")
+    assert not part.guarantee and not part.beside and part.against is None
+    for key, allowed, refused in (
+        ("share", 1.0, 1.01),
+        ("share", 0.01, 0.0),
+        ("seeds", 1, 0),
+        ("least", 1, 0),
+    ):
+        one = PartOfClaim.model_validate(stated | {key: allowed})
+        assert getattr(one, key) == allowed
+        with pytest.raises(pydantic.ValidationError, match=key):
+            PartOfClaim.model_validate(stated | {key: refused})
+    with pytest.raises(pydantic.ValidationError, match="parts"):
+        ChapterClaim.model_validate({"id": 1, "text": "a"})
+
+
+@pytest.mark.parametrize(
+    ("stated", "values", "verdict"),
+    [
+        ({}, [1.0, 1.0], Verdict.HOLDS),
+        ({}, [], Verdict.NOT_JUDGED),
+        ({"least": 3}, [1.0, 1.0], Verdict.NOT_JUDGED),
+        ({"least": 2}, [1.0, 1.0], Verdict.HOLDS),
+        ({"width": 0.5}, [1.5, 0.5], Verdict.HOLDS),
+        ({"width": 0.5}, [1.51, 0.49], Verdict.FAILS),
+        ({"share": 0.5}, [1.0, 7.0], Verdict.HOLDS),
+        ({"share": 0.51}, [1.0, 7.0], Verdict.IN_PART),
+        ({"over": "median"}, [0.0, 1.0, 9.0], Verdict.HOLDS),
+        ({"guarantee": True}, [1.0, 1.0], Verdict.NOT_SHOWN),
+        ({"beside": True}, [9.0], Verdict.BESIDE),
+        # Compared with another run: by pairs only if there are several.
+        ({"against": {"steps": 3}, "seeds": 1}, [1.0], Verdict.HOLDS),
+        ({"against": {"steps": 3}, "seeds": 2}, [1.0, None], Verdict.NOT_JUDGED),
+    ],
+)
+def test_settings_of_a_part_decide_how_its_values_are_judged(
+    stated: dict[str, Any], values: list[float | None], verdict: Verdict
+) -> None:
+    part = PartOfClaim.model_validate(
+        {"scenario": "a", "measure": "m", "bound": 1.0, **stated}
+    )
+    plan = PlannedPart(
+        part=part, claim=replication._own_claim(part), variant="", reason="why",
+        cells=(), commands=(),
+    )  # fmt: skip
+    assert replication._verdict(plan, values)[0] is verdict
 
 
 OWN = b"""

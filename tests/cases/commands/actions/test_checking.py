@@ -1,11 +1,16 @@
 """`check`: every variant is looked at, and what they share is said once."""
 
+import argparse
 from importlib.resources import files
 from pathlib import Path
 
 import pytest
 
-from swarmstart.cases.commands.actions.checking import angle_warnings, check
+from swarmstart.cases.commands.actions.checking import (
+    angle_warnings,
+    check,
+    check_command,
+)
 from swarmstart.cases.format.flaws import InvalidScenarioError
 
 V = (files("swarmstart.cases") / "scenarios" / "formation_v.yaml").read_text()
@@ -46,3 +51,34 @@ def test_an_angle_of_more_than_a_turn_in_halves_may_be_in_degrees(
 ) -> None:
     settings = {"heading_rad": sign * angle, "speed": 90.0}
     assert len(angle_warnings(settings)) == is_doubtful
+
+
+def test_angle_is_told_with_its_place_and_only_below_an_angles_key() -> None:
+    settings = {
+        "uavs": [{"heading_rad": 1.0}, {"heading_rad": 90, "x_m": 90.0}],
+        "limits_rad": [-45.5, 0.5, True],
+        "turn_rad": {"width": 90.0, "end_rad": -8.0},
+    }
+    assert [text.split(" is more")[0] for text in angle_warnings(settings)] == [
+        "uavs.1.heading_rad = 90",
+        "limits_rad.0 = -45.5",
+        "turn_rad.end_rad = -8",
+    ]
+
+
+def test_exit_code_of_several_files_is_the_worst_of_theirs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """2 for an invalid file, 5 for one that cannot be read."""
+    invalid = tmp_path / "invalid.yaml"
+    invalid.write_text("schema: 1\n")
+    missing = tmp_path / "missing.yaml"
+    for names, code in (
+        (["passing_side"], 0),
+        ([invalid, "passing_side"], 2),
+        ([invalid, missing], 5),
+        ([missing, invalid, "passing_side"], 5),
+    ):
+        options = argparse.Namespace(scenarios=[str(name) for name in names])
+        assert check_command(options) == code
+        assert capsys.readouterr().out.count(": valid") == names.count("passing_side")
