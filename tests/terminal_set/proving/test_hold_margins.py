@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import time
+from types import SimpleNamespace
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -16,7 +18,7 @@ from swarmstart.terminal_set import (
     sampled_terminal_set,
 )
 from swarmstart.terminal_set.proving import hold_margins
-from swarmstart.terminal_set.proving.decrease import held_change
+from swarmstart.terminal_set.proving.decrease import Change, held_change
 from swarmstart.terminal_set.proving.drift import linear_decrease
 from swarmstart.terminal_set.proving.flow_error import FlowError
 from swarmstart.terminal_set.proving.hold_margins import (
@@ -197,3 +199,115 @@ def test_no_try_at_a_margin_may_take_longer_than_all_of_them(
     with pytest.raises(CoarseHoldError):
         held(HoldBounds(inputs=20.0, states=np.inf, drift=0.0), until=until)
     assert len(granted) > 1 and max(granted) < until
+
+
+def margins_of(
+    monkeypatch: pytest.MonkeyPatch,
+    growths: list[tuple[float, bool]],
+    *,
+    refuted: float | None = None,
+    states: float = 100.0,
+    relative: float = 0.02,
+) -> tuple[ProvableHold, list[float]]:
+    """Return a hold whose measurements are prescribed, and the measured levels."""
+    levels: list[float] = []
+
+    def measured(level: float, _: object) -> tuple[float, bool]:
+        levels.append(level)
+        return growths[min(len(levels), len(growths)) - 1]
+
+    motion: Any = SimpleNamespace(measured=measured, holds=[None] * 3)
+    change = Change(
+        motion=ca.Function("motion", [e := ca.SX.sym("e")], [e / 2]),
+        P=2 * np.eye(1), Q_m=0.1 * np.eye(1), is_held=True,
+    )  # fmt: skip
+    counterexample = None if refuted is None else SimpleNamespace(alpha=refuted)
+    for name, value in (
+        ("refuted_level", lambda *_, **__: counterexample),
+        (
+            "_affordable_error",
+            lambda _, top, *__: (top, FlowError(relative=relative, boxes=7)),
+        ),
+    ):
+        monkeypatch.setattr(hold_margins, name, value)
+    bounds = HoldBounds(inputs=8.0, states=states, drift=0.01)
+    rng = np.random.default_rng(0)
+    return provable_hold(motion, change, bounds, rng=rng, until=np.inf), levels
+
+
+def test_margins_are_made_of_what_is_measured_and_proven(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """With c = 0.02 + 0.01; a growth of 1.3 is stated as 1.43 at least, or twice it."""
+    c, least = 0.03, 1.1 * 1.3
+    for states, top, growth in (
+        (100.0, 8.0, ((100 / 8) ** 0.5 - c) ** 2),  # 12.3: there is room for twice.
+        (15.0, 8.0, ((15 / 8) ** 0.5 - c) ** 2),  # 1.79: as much as there is.
+        (9.0, 9.0 / (least**0.5 + c) ** 2, least),  # None is left.
+    ):
+        found, levels = margins_of(monkeypatch, [(1.3, True)], states=states)
+        assert levels == [8.0]
+        assert found.top == pytest.approx(top, rel=1e-12)
+        expected = min(2 * least, growth)
+        assert found.margins.growth == pytest.approx(expected, rel=1e-8)
+        assert found.margins.substeps == 3 and found.margins.boxes == 7
+        assert found.margins.integrator_error == 0.02
+        assert not found.margins.growth_is_proven
+        np.testing.assert_allclose(found.change.Q_m, 0.1 + 2 * (2 * c + c**2))
+    shrinking, _ = margins_of(monkeypatch, [(0.5, True)])
+    assert shrinking.margins.growth == pytest.approx(2 * 1.05)
+
+
+@pytest.mark.parametrize(
+    ("growths", "refuted", "levels"),
+    [
+        ([(np.inf, True), (1.2, True)], None, [8, 4]),
+        ([(np.nan, True), (np.inf, True), (1.2, True)], None, [8, 4, 2]),
+        # One that grows is looked at again, and halved unless a state refutes it.
+        ([(1.2, False), (1.2, False), (1.2, False), (1.2, True)], None, [8, 8, 4, 2]),
+        ([(1.2, False)], 5.0, [8, 5]),
+        ([(1.2, False), (np.inf, False), (1.2, False)], 5.0, [8, 5, 2.5]),
+        ([(np.inf, True)], None, [8 / 2**k for k in range(41)]),
+    ],
+)
+def test_level_is_halved_until_the_model_is_defined_and_falls(
+    monkeypatch: pytest.MonkeyPatch,
+    growths: list[tuple[float, bool]],
+    refuted: float | None,
+    levels: list[float],
+) -> None:
+    found, measured = margins_of(monkeypatch, growths, refuted=refuted, states=np.inf)
+    assert measured == levels
+    assert found.top == levels[-1] or not np.isfinite(growths[-1][0])
+    assert (found.refutation is None) == (refuted is None)
+
+
+@pytest.mark.parametrize(
+    ("top", "halvings"), [(64.0, 6), (1.5, 0), (1.83 * 2, 1), (1.84 * 2, 2)]
+)
+def test_error_is_asked_for_until_it_is_known_to_be_affordable_or_not(
+    monkeypatch: pytest.MonkeyPatch, top: float, halvings: int
+) -> None:
+    """It is a tenth of the level; 2 c + c^2 is half of a decrease of 0.8 at 1.832."""
+    asked: list[float] = []
+
+    def rising(
+        _: object, alpha: float, *, enough: float, useless: float, until: float
+    ) -> FlowError:
+        asked.append(alpha)
+        assert enough == pytest.approx(0.005 * 0.8 / 2)
+        assert useless == pytest.approx(0.5 * 0.8 / 2)
+        assert until - hold_margins.now() == pytest.approx(100.0, rel=0.05)
+        return FlowError(relative=alpha / 10, boxes=1)
+
+    monkeypatch.setattr(hold_margins, "prove_flow_error", rising)
+    motion: Any = SimpleNamespace(residual=None, holds=[None])
+    until = hold_margins.now() + 400.0
+    level, error = hold_margins._affordable_error(motion, top, 0.8, until)
+    most = 10 * (1.4**0.5 - 1)
+    assert asked[: halvings + 1] == [top / 2**k for k in range(halvings + 1)]
+    assert min(top, most / 1.05) <= level <= most
+    assert error.relative == pytest.approx(level / 10)
+    # Between a level and twice it, by their ratios, until these are 1.05.
+    assert len(asked) - halvings - 1 <= np.ceil(np.log2(np.log(2) / np.log(1.05)))
+    assert len(asked) == 1 or len(asked) > halvings + 1

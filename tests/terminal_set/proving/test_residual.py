@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TypeVar
 
 import casadi as ca
@@ -121,6 +122,73 @@ def test_rounding_of_the_start_is_that_of_all_that_is_added(
     half = (start.upper - start.lower)[:, 0] / 2
     assert half[0] == pytest.approx(reach + 0.25 * (3 + 5 + reach), rel=1e-9)
     assert half[1] == pytest.approx(GAIN * (reach + 0.25 * (5 + reach)), rel=1e-9)
+
+
+def test_rounding_of_spread_tube_and_slopes_is_that_of_their_sizes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Made visible: a quarter, of x' = 3 x^2 / 2 with e = z / 2 and f_x = 3 x."""
+    monkeypatch.setattr(residual_module, "PADDING", 0.25)
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    f = ca.Function("f", [x, u], [1.5 * x**2 + 0 * u])
+    own = law(np.array([[GAIN]]), np.array([[P]]), np.zeros(1))
+    residual = Residual(f, own, dt=0.1, substeps=1)
+    start = residual.start(0, np.array([[5.0]]), np.full((1, 1), 2.0))
+    half = (start.upper - start.lower)[:, 0] / 2
+    assert half[0] == pytest.approx((2 + 0.25 * (2 + 5)) / 2, rel=1e-9)
+    assert half[1] == pytest.approx(GAIN * half[0], rel=1e-9)
+    exact = residual.start(0, np.array([[5.0]]), np.zeros((1, 1)))
+    narrow = replace(exact, lower=np.full((2, 1), 2.5), upper=np.full((2, 1), 2.5))
+    (middle, radius), _ = residual.field(narrow, (0.0, 0.0), 0.2)
+    assert middle[0, 0, 0] == pytest.approx(7.5, rel=1e-9)
+    length = 0.5 * (1 + residual.off + 0.25)
+    reserve = (0.25 + residual.off) * 7.5
+    assert radius[0, 0, 0] == pytest.approx(3 * 0.2 * length + reserve, rel=1e-9)
+
+
+def test_products_of_matrices_enclose_all_and_no_more() -> None:
+    """[1, 3] times [4, 6] is [4, 18], which is 10 and 8 beyond it."""
+    ends = np.array([[1.0]]), np.array([[3.0]])
+    factor = np.array([[[5.0]]]), np.array([[[1.0]]])
+    middle, radius = residual_module._product(*ends, factor)
+    assert middle[0, 0, 0] + radius[0, 0, 0] == pytest.approx(18, rel=1e-9)
+    rng = np.random.default_rng(0)
+    low, width = rng.normal(size=(6, 5)), rng.random((6, 5))
+    slopes, blur = rng.normal(size=(5, 3, 2)), rng.random((5, 3, 2))
+    middle, radius = residual_module._product(low, low + width, (slopes, blur))
+    assert middle.shape == radius.shape == (5, 2, 2)
+    reached = np.zeros_like(radius)
+    for _ in range(300):
+        left = (low + width * rng.integers(0, 2, low.shape)).T.reshape(5, 2, 3)
+        right = slopes + blur * rng.choice([-1.0, 1.0], blur.shape)
+        reached = np.maximum(reached, np.abs(left @ right - middle))
+    assert np.all(reached <= radius)
+    assert np.all(reached >= 0.5 * radius)
+
+
+@pytest.mark.parametrize("number", [1, 2])
+def test_a_later_step_begins_in_a_box_of_all_its_states_and_slopes(
+    number: int,
+) -> None:
+    residual = squared(substeps=3)
+
+    def after(z: float) -> float:
+        x, u = 0.3 + z / 2, -GAIN * z / 2
+        for _ in range(number):
+            x = step(x, u, DT / 3)
+        return x
+
+    start = residual.start(number, np.array([[0.4]]), np.array([[0.3]]))
+    middle, radius = start.slopes[0][0, 0, 0], start.slopes[1][0, 0, 0]
+    slopes = []
+    for z in np.linspace(0.1, 0.7, 13):
+        assert start.lower[0, 0] <= after(z) <= start.upper[0, 0]
+        # By e, which is z / 2.
+        slopes.append((after(z + 1e-6) - after(z - 1e-6)) / 1e-6)
+    assert middle - radius <= min(slopes) + 1e-7
+    assert middle + radius >= max(slopes) - 1e-7
+    assert radius <= 2 * (max(slopes) - min(slopes))
+    assert start.upper[0, 0] - start.lower[0, 0] <= 2 * (after(0.7) - after(0.1))
 
 
 @pytest.mark.parametrize("number", [0, 1, 2, 3])
