@@ -15,6 +15,7 @@ from swarmstart.terminal_set import (
     sampled_terminal_set,
 )
 from swarmstart.terminal_set.certificates.certificate import Refutation
+from swarmstart.terminal_set.proving import proof
 from swarmstart.terminal_set.proving.decrease import (
     Change,
     continuous_change,
@@ -167,3 +168,20 @@ def test_a_change_of_zero_is_no_decrease(change: float, is_refuted: bool) -> Non
         assert (found.alpha, found.change) == (25.0, 0.0)
     lost = np.array([np.nan, 1.0])
     assert _checked(ca.Function("c", [e], [change]), np.eye(2), lost) is None
+
+
+def test_rays_are_followed_to_the_first_radius_without_a_decrease() -> None:
+    """c is small, 0 on the line e_0 = 1, with e_0 = 2 z_0; the nearest come first."""
+    e = ca.SX.sym("e", 2)
+    c, T = ca.Function("c", [e], [1e-9 * (e[0] - 1)]), np.diag([2.0, 3.0])
+    grid = np.geomspace(proof.SMALLEST * 10, 10, proof.RADII)
+    found = proof._on_rays(c, T, 10.0, rng())
+    assert len(found) == proof.STARTS
+    radii = [rho for rho, _ in found]
+    # Along the axis the line is met at 1/2.
+    assert radii == sorted(radii) and radii[0] == grid[grid >= 0.5][0]
+    for rho, u in found:
+        assert np.linalg.norm(u) == pytest.approx(1)
+        (place,) = np.flatnonzero(grid == rho)
+        assert grid[place] * 2 * u[0] >= 1 > grid[place - 1] * 2 * u[0]
+    assert proof._on_rays(c, T, 0.49, rng()) == []
