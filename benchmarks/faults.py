@@ -102,6 +102,9 @@ MORE_TESTS: Mapping[str, tuple[str, ...]] = {
         "tests/terminal_set/proving/test_growth.py",
         "tests/terminal_set/proving/test_held_motion.py",
     ),
+    "terminal_set/proving/level_search.py": (
+        "tests/terminal_set/proving/test_choice.py",
+    ),
     "terminal_set/proving/proof.py": ("tests/terminal_set/proving/test_refutation.py",),
     "terminal_set/checker/findings.py": (
         "tests/terminal_set/checker/test_motion.py",

@@ -93,6 +93,9 @@ def test_distances_of_pairs_and_of_those_asked_for() -> None:
     assert largest_pair_distance(positions) == 5.0
     assert largest_pair_distance(positions, pairs=[(0, 2), (2, 1)]) == 4.0
     assert smallest_range(positions, Point(x_m=3, y_m=-2)) == 2.0
+    for order in itertools.permutations(((0, 0), (3, 4), (3, 0))):
+        assert smallest_pair_distance(standing(*order)) == 3.0
+        assert largest_pair_distance(standing(*order)) == 5.0
 
 
 def test_without_a_pair_there_is_no_distance() -> None:

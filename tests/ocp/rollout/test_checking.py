@@ -186,6 +186,50 @@ def test_start_outside_may_come_back_inside(
     assert [(e.amount, e.time) for e in found] == ([] if told is None else [told])
 
 
+def test_start_outside_by_the_tolerance_itself_is_inside() -> None:
+    edge = 2.0**-10
+    row = PathConstraint(expression=X[0], upper=1, scale=2)
+    problem = posed(constraints=[row], tolerance=edge)
+    assert at_start(problem, [1 + 2 * edge, 0]) == []
+    assert len(at_start(problem, [1 + 2 * edge + 1e-9, 0])) == 1
+
+
+@pytest.mark.parametrize(("beyond", "count"), [(0.0, 0), (1e-9, 1)])
+def test_excess_of_a_start_outside_may_grow_by_the_path_tolerance_itself(
+    beyond: float, count: int
+) -> None:
+    row = PathConstraint(expression=X[0], upper=1, scale=1)
+    problem = posed(constraints=[row], path_tolerance=2.0**-4)
+    outside = at_start(problem, [3, 0])
+    path = [3, 1 + 2 * (1 + 2.0**-4) + beyond, 0.9]
+    assert len(along(problem, [path, [0] * 3], outside=outside)) == count
+
+
+def test_state_after_the_last_jump_counts_but_for_rows_with_controls() -> None:
+    """The parameter is 2; at the end x jumps from (0, 0) to (5, 7)."""
+    p = ca.SX.sym("p")
+    problem = OptimalControlProblem(
+        Model(states=X, controls=U, parameters=p, ode=ca.vertcat(X[1], U)),
+        horizon=2.0,
+        intervals=4,
+        constraints=[
+            PathConstraint(expression=p * X[0], upper=1, scale=1),
+            PathConstraint(expression=X[1] + U, upper=1, scale=1),
+        ],
+    )
+    parameter, none = np.array([2.0]), np.empty((0, 3))
+    sizes = Sizing(problem)(np.zeros(2), parameter, np.empty((0, problem.nodes)))
+    points = Points(np.arange(3.0), np.zeros((2, 3)), np.zeros((1, 3)), none)
+    left = Points(np.array([2.0]), np.array([[5.0], [7.0]]), np.zeros((1, 1)),
+                  none[:, :1])  # fmt: skip
+    checker = Checker(problem)
+    assert checker.along(points, parameter, sizes, outside=[]) == []
+    (found,) = checker.along(points, parameter, sizes, outside=[], left=left)
+    assert (found.constraint, found.amount, found.time) == (0, 9.0, 2.0)
+    (first,) = checker.at_start(np.ones(2), parameter, np.empty(0), lambda: sizes)
+    assert (first.constraint, first.amount) == (0, 1.0)
+
+
 def test_answer_from_a_start_outside_is_confirmed_once_it_is_inside() -> None:
     """Such an answer used to count as broken between the checks."""
     problem = posed(

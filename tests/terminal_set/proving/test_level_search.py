@@ -158,3 +158,21 @@ def test_a_model_that_is_not_defined_everywhere_gets_a_smaller_set() -> None:
     )
     assert 0 < level.alpha < found.alpha
     assert Ellipsoid(P=found.P, alpha=level.alpha).extent()[0] < 1
+
+
+def test_a_try_gets_its_share_of_the_work_that_is_left(
+    upright: tuple[Change, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    granted: list[float] = []
+
+    def tried(_: Change, alpha: float, *, max_boxes: int, work: float) -> Proof:
+        granted.append(work)
+        return Proof(proven=False, alpha=alpha, boxes=max_boxes, seconds=0.0)
+
+    monkeypatch.setattr(level_search, "prove_level", tried)
+    now = level_search.now()
+    search = level_search._LevelSearch(upright[0], 4.0, now + 1000.0)
+    for share in (0.25, 0.7, 1.0):
+        assert not search.proves(4.0, share)
+    assert granted == pytest.approx([250.0, 700.0, 1000.0], rel=1e-2)
+    assert search.level.alpha == 0.0

@@ -185,3 +185,33 @@ def test_rays_are_followed_to_the_first_radius_without_a_decrease() -> None:
         (place,) = np.flatnonzero(grid == rho)
         assert grid[place] * 2 * u[0] >= 1 > grid[place - 1] * 2 * u[0]
     assert proof._on_rays(c, T, 0.49, rng()) == []
+
+
+@pytest.mark.parametrize(
+    ("answers", "level"),
+    [
+        ([None, 0.7, 0.3, None], 0.3),
+        ([1.0, None], 1.0),
+        ([1.0 + 1e-9, None, 2.0], None),  # Pushed beyond the level that is asked for.
+        ([None, None], None),
+    ],
+)
+def test_nearest_counterexample_within_the_level_is_taken(
+    answers: list[float | None], level: float | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    left = iter(answers)
+
+    def checked(*_: object) -> Refutation | None:
+        alpha = next(left)
+        return (
+            None if alpha is None else Refutation(alpha=alpha, e=np.ones(1), change=0.0)
+        )
+
+    monkeypatch.setattr(proof, "_checked", checked)
+    start = (0.9, np.ones(1))
+    monkeypatch.setattr(proof, "_on_rays", lambda *_: [start])
+    monkeypatch.setattr(proof, "_nearest", lambda *_: [np.ones(1)] * (len(answers) - 1))
+    motion = ca.Function("motion", [e := ca.SX.sym("e")], [-e])
+    change = Change(motion=motion, P=np.eye(1), Q_m=np.zeros((1, 1)), is_held=False)
+    found = refuted_level(change, alpha_max=1.0, rng=rng())
+    assert (None if found is None else found.alpha) == level
