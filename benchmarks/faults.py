@@ -68,6 +68,7 @@ MORE_TESTS: Mapping[str, tuple[str, ...]] = {
     ),
     "ocp/answer/improving.py": ("tests/ocp/test_improving_settled.py",),
     "ocp/answer/solution.py": ("tests/ocp/answer/test_said.py",),
+    "ocp/loop/dual_mode.py": ("tests/terminal_set/test_rest.py",),
     "ocp/rollout/kinks.py": ("tests/ocp/rollout/test_smoothing.py",),
     "ocp/rollout/scaling.py": ("tests/ocp/rollout/test_sizes_by_hand.py",),
     "ocp/rollout/status.py": (

@@ -400,7 +400,9 @@ def _resting_input(
 ) -> Array:
     """Return the input that gives the states their velocity, or nearly so."""
     lower, upper = limits
-    middle = np.where(np.isfinite(lower + upper), (lower + upper) / 2, 0.0)
+    with np.errstate(invalid="ignore"):  # Of a control without bounds.
+        middle = (lower + upper) / 2
+    middle = np.where(np.isfinite(middle), middle, 0.0)
     # least_squares needs a start within the bounds.
     start = np.clip(middle, lower, upper)
     slopes = dynamics.factory("slopes", ["x", "u"], ["jac:xdot:u"])

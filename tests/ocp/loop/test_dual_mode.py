@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import casadi as ca
 import numpy as np
 import pytest
 from scipy.linalg import expm
@@ -25,6 +26,7 @@ from swarmstart.ocp import (
     simulate,
     stack_models,
 )
+from swarmstart.ocp.loop import dual_mode
 from swarmstart.terminal_set import (
     ProofOptions,
     Reference,
@@ -290,3 +292,61 @@ def test_refuses_a_certificate_that_was_changed(
         forged = replace(terminal_set, alpha=changed.alpha, certificate=changed)
         with pytest.raises(UncertifiedSetError, match=found):
             DualMode(team, sets=[forged] * 2, targets=[moving, moving])
+
+
+def driven(gain: float) -> ca.Function:
+    """x'' = gain u_0 + u_1^2 / 100 - 9.81 sin x, and a state that u_1 alone drives."""
+    x, u = ca.SX.sym("x", 3), ca.SX.sym("u", 2)
+    push = gain * u[0] + u[1] ** 2 / 100
+    xdot = ca.vertcat(x[1], push - 9.81 * ca.sin(x[0]), u[1] - 2)
+    return ca.Function("driven", [x, u], [xdot], ["x", "u"], ["xdot"])
+
+
+@pytest.mark.parametrize("gain", [1e-6, 1.0, 1e6])
+@pytest.mark.parametrize(
+    ("wanted", "limits"),
+    [
+        (None, (-np.inf, np.inf)),
+        (None, (0.0, np.inf)),  # One bound alone gives no middle.
+        (None, (-1.0, 1.0)),  # The input lies on a bound,
+        (None, (1.0, 3.0)),  # or on the other one.
+        (0.3, (-50.0, 70.0)),
+    ],
+)
+def test_resting_input_is_exact_also_on_a_bound(
+    gain: float, wanted: float | None, limits: tuple[float, float]
+) -> None:
+    """u_1 is 2 and u_0 such that the rest of the torque is zero, or the velocity."""
+    angle = float(np.arcsin((gain * (1.0 / gain) + 0.04) / 9.81))
+    x_ref = np.array([angle, 0.2, 0.0])
+    rate = 0.0 if wanted is None else wanted
+    velocity = None if wanted is None else np.array([0.2, wanted, 0.0])
+    if wanted is None:
+        x_ref[1] = 0.0
+    expected = (rate + 9.81 * np.sin(angle) - 0.04) / gain
+    lower = np.array([limits[0] / gain, -5.0])
+    upper = np.array([limits[1] / gain, 5.0])
+    found = dual_mode._resting_input(driven(gain), x_ref, velocity, (lower, upper))
+    np.testing.assert_allclose(found, [expected, 2.0], rtol=1e-9)
+    assert np.all((lower <= found) & (found <= upper))
+
+
+def test_input_that_cannot_rest_comes_as_near_as_its_bounds_allow() -> None:
+    """The torque would have to be 9.81, of at most 3; the other input is in reach."""
+    x_ref = np.array([np.pi / 2, 0.0, 0.0])
+    bounds = np.array([-3.0, 1.0]), np.array([3.0, 5.0])
+    found = dual_mode._resting_input(driven(1.0), x_ref, None, bounds)
+    assert found[0] == pytest.approx(3.0, abs=1e-6)
+    # Least squares of 3 + u^2 / 100 - 9.81 and u - 2.
+    tried = np.linspace(1, 5, 400_001)
+    best = tried[np.argmin((3 + tried**2 / 100 - 9.81) ** 2 + (tried - 2) ** 2)]
+    assert found[1] == pytest.approx(best, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    "values", [[1.0], [1.0, 2.0, 3.0], [[1.0, 2.0]], [1.0, np.nan], [np.inf, 1.0]]
+)
+def test_vector_of_another_size_or_without_numbers_is_refused(values: object) -> None:
+    np.testing.assert_array_equal(dual_mode._vector("at", (1, 2), 2), [1.0, 2.0])
+    with pytest.raises(InvalidProblemError, match="at must be 2 finite numbers, got"):
+        dual_mode._vector("at", values, 2)  # type: ignore[arg-type]

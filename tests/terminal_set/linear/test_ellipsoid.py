@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -90,7 +92,15 @@ def test_what_is_no_ellipsoid_is_refused(ellipsoid: Ellipsoid) -> None:
         ellipsoid.boundary(np.zeros(4))
 
 
-@pytest.mark.parametrize(("i", "j"), [(1, 1), (0, 4), (-1, 2)])
+def test_the_shadow_of_every_two_axes_is_as_wide_as_the_set(
+    ellipsoid: Ellipsoid,
+) -> None:
+    for i, j in itertools.permutations(range(4), 2):
+        width = ellipsoid.shadow(i, j, count=3601).max(axis=1)
+        np.testing.assert_allclose(width, ellipsoid.extent()[[i, j]], rtol=1e-5)
+
+
+@pytest.mark.parametrize(("i", "j"), [(1, 1), (0, 0), (0, 4), (4, 0), (-1, 2), (2, -1)])
 def test_a_plane_that_is_none_is_refused(ellipsoid: Ellipsoid, i: int, j: int) -> None:
     with pytest.raises(InvalidPlaneError, match="two different axes from 0 to 3"):
         ellipsoid.shadow(i, j)

@@ -101,3 +101,11 @@ def test_arrays_of_the_wrong_kind_are_refused() -> None:
         level_from_inputs(np.eye(3), P, [1.0])
     with pytest.raises(IndefiniteMatrixError, match="P must be positive definite"):
         level_from_inputs(K, np.diag([1.0, 0.0]), [1.0])
+
+
+@pytest.mark.parametrize("alpha", [0.0, -1.0, np.inf, np.nan])
+def test_excess_at_a_level_that_is_none_is_refused(alpha: float) -> None:
+    one = np.ones((1, 1))
+    assert input_excess(2 * one, 4 * one, 9.0, [6.0]) == pytest.approx([0.5])
+    with pytest.raises(NotPositiveError, match="alpha must be a positive number"):
+        input_excess(one, one, alpha, [1.0])

@@ -5,6 +5,7 @@ import pytest
 
 from swarmstart.terminal_set import (
     InvalidShapeError,
+    MovingReferenceError,
     NotFiniteError,
     Reference,
     SaturatedReferenceError,
@@ -39,3 +40,42 @@ def test_arrays_of_the_wrong_kind_are_refused() -> None:
         Reference(x_ref=two, u_ref=0 * one, u_lower=-one, u_upper=one, x_lower=-2 * one)
     with pytest.raises(NotFiniteError, match="x_ref must hold finite real numbers"):
         Reference(x_ref=one * np.inf, u_ref=0 * one, u_lower=-one, u_upper=one)
+
+
+@pytest.mark.parametrize(
+    ("bounds", "room"),
+    [
+        ({}, [np.inf, np.inf]),
+        ({"x_lower": [10.0, -2.0]}, [5.0, 2.0]),
+        ({"x_upper": [16.0, np.inf]}, [1.0, np.inf]),
+        ({"x_lower": [10.0, -2.0], "x_upper": [30.0, 1.0]}, [5.0, 1.0]),
+    ],
+)
+def test_states_without_a_bound_on_a_side_have_all_the_room_there(
+    bounds: dict[str, list[float]], room: list[float]
+) -> None:
+    reference = Reference(
+        x_ref=np.array([15.0, 0.0]), u_ref=np.zeros(1), u_lower=-np.ones(1),
+        u_upper=np.ones(1),
+        **{name: np.array(bound) for name, bound in bounds.items()},
+    )  # fmt: skip
+    np.testing.assert_array_equal(reference.e_max, room)
+    np.testing.assert_array_equal(reference.rates, [0.0, 0.0])
+
+
+@pytest.mark.parametrize("speed", [1.0, -1.0, 0.25, 0.0])
+def test_states_with_bounds_do_not_move_and_others_may(speed: float) -> None:
+    def moving(velocity: list[float]) -> Reference:
+        return Reference(
+            x_ref=np.array([15.0, 0.0]), u_ref=np.zeros(1), u_lower=-np.ones(1),
+            u_upper=np.ones(1), x_lower=np.array([10.0, -np.inf]),
+            velocity=np.array(velocity),
+        )  # fmt: skip
+
+    np.testing.assert_array_equal(moving([0.0, speed]).rates, [0.0, speed])
+    if speed:
+        with pytest.raises(MovingReferenceError) as told:
+            moving([speed, 0.0])
+        assert (told.value.entry, told.value.velocity) == (0, speed)
+    with pytest.raises(InvalidShapeError, match=r"velocity must have shape \(2,\)"):
+        moving([0.0])
