@@ -339,3 +339,28 @@ def test_first_fast_point_is_named_of_a_path_that_explodes() -> None:
     mode = found(many(), rates)
     assert mode is not None
     assert (mode.time, mode.rate) == (10.0, pytest.approx(1e5))
+
+
+def test_points_are_those_of_the_path_or_of_an_implicit_one_if_it_explodes() -> None:
+    """x' = -u x: with u = 1/2 the path is looked at, with 1e5 the nodes of another."""
+    problem, start, known = many(), np.ones(1), Known()
+    shooting, nothing, none = Shooting(problem), np.empty(0), np.empty((0, 101))
+    sizes = Sizing(problem)(start, nothing, none)
+    for rate in (0.5, 1e5):
+        rates = np.full((1, 100), 0.5)
+        rates[0, 3:] = rate
+        path = Tracer(shooting)(rates, start, nothing, none, sizes)
+        times, states, controls = status._points(problem, path, start, known)
+        if rate == 0.5:
+            assert np.isin(times, path.times).all() and times.size == 100
+            columns = np.searchsorted(path.times, times)
+            np.testing.assert_array_equal(states, path.states[:, columns])
+            np.testing.assert_array_equal(controls, path.controls[:, columns])
+        else:
+            assert not np.isfinite(path.states).all()
+            np.testing.assert_array_equal(times, np.arange(100.0))
+            np.testing.assert_array_equal(controls, rates)
+            np.testing.assert_allclose(
+                states[0, :4], np.exp(-np.arange(4) / 2), rtol=1e-4
+            )
+            assert np.abs(states[0, 4:]).max() < 1e-3

@@ -1,6 +1,8 @@
 """Distances to keep: measured rows, their smooth form, and errors."""
 
 from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -13,10 +15,18 @@ from swarmstart.ocp import (
     Connection,
     Constraint,
     InvalidProblemError,
+    PathConstraint,
     Separation,
+    TerminalConstraint,
     disc,
 )
-from swarmstart.ocp.system.separation import nearest_on_segment
+from swarmstart.ocp.system.separation import (
+    as_path,
+    as_terminal,
+    known_scales,
+    label,
+    nearest_on_segment,
+)
 from swarmstart.tests.ocp.excesses import excess_of
 
 X, Y = ca.SX.sym("x", 2), ca.SX.sym("y", 3)
@@ -270,3 +280,90 @@ def test_centre_comes_in_many_forms(centre: object) -> None:
 def test_refuses_what_is_no_distance(make: Callable[[], object], message: str) -> None:
     with pytest.raises(InvalidProblemError, match=message):
         make()
+
+
+@pytest.mark.parametrize(
+    ("limits", "scales"),
+    [
+        ({"lower": [-1, 0], "upper": [2, 0.5]}, [3.0, 0.5]),  # The widths of ranges.
+        ({"lower": [-1, 7], "upper": [np.inf, 7]}, [np.nan, np.nan]),
+        ({"lower": 4, "upper": 9, "scale": [2, 3]}, [2.0, 3.0]),
+    ],
+)
+def test_scale_of_a_range_is_its_width_unless_one_is_given(
+    limits: dict[str, Any], scales: list[float]
+) -> None:
+    found = known_scales(PathConstraint(expression=X, **limits))
+    np.testing.assert_array_equal(found, scales)
+
+
+def test_connection_that_is_as_long_as_allowed_is_not_counted() -> None:
+    tied = Connection(relative=X, distance=5.0)
+    excess = tied.excess(X, X)
+    counted = ca.Function("counted", [X], [tied.indicated(excess)])
+    for place, count in (((3.0, 4.0), 0), ((3.0, 4.1), 1), ((0.5, 5.25), 1)):
+        assert float(counted(place)) == count
+
+
+def test_constraint_is_named_by_its_name_its_expression_or_its_symbols() -> None:
+    part = ca.sin(X[0]) * ca.exp(X[1])
+    folded = part + ca.sqrt(part**2 + part)
+    for expression, name, told in (
+        (X[0], "mine", "mine"),
+        (X[0] - X[1], "", "(x_0-x_1)"),
+        (folded, "", "a constraint of x_0, x_1"),
+        (folded, "mine", "mine"),
+    ):
+        stated = PathConstraint(expression=expression, upper=1, name=name)
+        assert label(stated) == told
+    # A long text that begins with its symbols is cut.
+    cut = label(PathConstraint(expression=ca.vertcat(X, X, X, X, X, X), upper=1))
+    assert cut.startswith("[x_0, x_1") and not cut.startswith("a constraint")
+
+
+class Own:
+    """A constraint of a user."""
+
+    expression = X
+
+    def excess(self) -> None:
+        """The parts that are looked for."""
+
+    def smooth(self) -> None:
+        """As above."""
+
+
+def test_path_constraints_are_taken_in_every_form_and_nothing_else() -> None:
+    stated = as_path(X[0] <= 3)
+    assert isinstance(stated, PathConstraint)
+    assert (stated.upper, stated.lower) == ([3.0], [-np.inf])
+    assert stated.name == "(x_0<=3)"
+    own, apart = Own(), Separation(relative=X, distance=1.0)
+    assert as_path(own) is own and as_path(apart) is apart
+    lacking = SimpleNamespace(expression=X, excess=None)
+    for refused in (5.0, "x", (X, 1), lacking):
+        with pytest.raises(InvalidProblemError, match="constraints must hold Path"):
+            as_path(refused)
+    with pytest.raises(InvalidProblemError, match="belongs in the list `terminal`"):
+        as_path(TerminalConstraint(expression=X))
+
+
+def test_terminal_constraints_are_taken_in_every_form_and_nothing_else() -> None:
+    own = TerminalConstraint(expression=X)
+    assert as_terminal(own) is own
+    for entry, lower, upper in (
+        (X, [0, 0], [0, 0]),
+        (X[0] >= 3, [3], [np.inf]),
+        ((X, 2.0), [2, 2], [2, 2]),
+        ((X, [2.0, 5.0]), [2, 5], [2, 5]),
+    ):
+        found = as_terminal(entry)
+        np.testing.assert_array_equal(found.lower, lower)
+        np.testing.assert_array_equal(found.upper, upper)
+    for refused in ((X,), (X, 1.0, 2.0), [X, 1.0], "x", 5.0, ()):
+        with pytest.raises(InvalidProblemError, match="terminal must hold TerminalCo"):
+            as_terminal(refused)
+    apart = Separation(relative=X, distance=1.0)
+    for path in (PathConstraint(expression=X), apart):
+        with pytest.raises(InvalidProblemError, match=r"got a .*: use TerminalConstr"):
+            as_terminal(path)
