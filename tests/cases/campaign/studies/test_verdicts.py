@@ -67,6 +67,7 @@ def test_a_ratio_is_the_run_by_the_one_it_is_compared_with(
 
 def test_there_is_no_ratio_of_what_is_not_defined_nor_of_lists() -> None:
     assert ratio(None, 4.0, reason="there is no obstacle") is None
+    assert ratio(5.0, 4.0, reason="there is no obstacle") == 1.25
     assert ratio([1.0], [2.0], reason="") is None
 
 
@@ -131,6 +132,31 @@ def test_half_and_double_weigh_the_same() -> None:
         paired_verdict(values, "<=", 1.0) for values in (ratios, inverse)
     )
     assert one == other
+
+
+def test_nothing_and_infinity_weigh_the_same() -> None:
+    """As half and double do: a pair of each is a tie."""
+    ratios = [0.0, math.inf, 0.5, 0.6, 0.7, 0.8, 0.9]
+    inverse = [math.inf, 0.0, *[1 / ratio for ratio in ratios[2:]]]
+    (_, one), (_, other) = (
+        paired_verdict(values, "<=", 1.0) for values in (ratios, inverse)
+    )
+    assert one == other
+
+
+@pytest.mark.parametrize(
+    ("ratios", "verdict"),
+    [
+        ([-0.5, 0.5, 0.55, 0.6, 0.7, 0.8], Verdict.HOLDS),
+        # One that is 1.5 below 1, and five that are less above it.
+        ([-0.5, 1.5, 1.6, 1.7, 1.8, 1.9], Verdict.NO_DIFFERENCE),
+        ([-0.5, 2.6, 2.7, 2.8, 2.9, 3.0, 3.1, 3.2], Verdict.FAILS),
+    ],
+)
+def test_ratios_of_both_signs_count_by_their_distance_from_1(
+    ratios: list[float], verdict: Verdict
+) -> None:
+    assert paired_verdict(ratios, "<=", 0.9)[0] is verdict
 
 
 def test_a_run_that_never_settles_counts_as_far_worse() -> None:
