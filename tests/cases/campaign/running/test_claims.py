@@ -9,6 +9,7 @@ import pytest
 from swarmstart.cases.campaign.running.claims import (
     RELATIONS,
     assignments_of,
+    claim_assignments,
     holds,
     judged,
     value_at,
@@ -136,3 +137,25 @@ def test_a_search_by_name_is_set_before_its_other_settings() -> None:
     assert assignments_of(settings) == (
         "search={name: cpso}", "b.x=1.5", "search.size=20", 'a="y"',
     )  # fmt: skip
+
+
+def test_run_that_judges_a_claim_is_given_what_differs_and_a_whole_search() -> None:
+    """The settings have a search of size 20."""
+    name = value_at(SETTINGS, "search.name")
+    for when, expected in (
+        ({}, ()),
+        ({"search.size": 20, "search.name": name}, ()),
+        ({"search.size": 30}, ("search.size=30",)),
+        ({"search.name": "ga", "a.b": 1}, ("search={name: ga}", "a.b=1")),
+        # Another search has another default size, so that 20 is stated again.
+        ({"search.size": 20, "search.name": "ga"}, ("search={name: ga}",
+                                                    "search.size=20")),
+    ):  # fmt: skip
+        assert claim_assignments(claim(when=when), SETTINGS) == expected
+
+
+def test_variant_is_the_first_of_what_a_run_would_need() -> None:
+    asked = claim(variant="literal", when={"search.size": 30, "search.name": "ga"})
+    assert why_not(asked, SETTINGS, "corrected") == (
+        "a run with variant = literal, search.size = 30, search.name = ga"
+    )
