@@ -197,8 +197,8 @@ class Solution(Presented):
     path: Path
     plan: Plan
     compile_seconds: float = 0.0
-    algebraic: Array = field(default_factory=lambda: np.empty((0, 0)))
-    member_costs: Array = field(default_factory=lambda: np.empty(0))
+    algebraic: Array
+    member_costs: Array
     bound: LowerBound | None = None
     repair: Repair | None = None
     restarts: Restarts | None = None

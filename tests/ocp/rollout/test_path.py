@@ -358,6 +358,21 @@ def test_reach_of_a_state_that_keeps_zero_is_that_of_what_is_written() -> None:
         np.testing.assert_allclose(path.reach, [2, 2, reach, 0], atol=1e-12)
 
 
+@pytest.mark.parametrize("intervals", [1, 3])
+def test_state_that_only_the_last_jump_leaves_outside_is_found(intervals: int) -> None:
+    """x' = 0 and x+ = x + u: the sum of the controls is 5, at the end of 6 s."""
+    x = ca.SX.sym("x")
+    problem = OptimalControlProblem(
+        Model(states=x, controls=U, ode=ca.SX(0), next_state=x + U), horizon=6.0,
+        intervals=intervals,
+        constraints=[PathConstraint(expression=x, upper=3.0, scale=1.0)],
+    )  # fmt: skip
+    controls = np.array([[2.0, 1.0, 2.0][-intervals:]])
+    controls[0, -1] += 5.0 - controls.sum()
+    (found,) = traced(problem, controls, [0.0]).broken
+    assert (found.amount, found.time, found.constraint) == (2.0, 6.0, 0)
+
+
 def test_intervals_that_begin_anew_miss_the_next_ones_begin() -> None:
     """x' = u; each interval starts from a state of its own."""
     x = ca.SX.sym("x")

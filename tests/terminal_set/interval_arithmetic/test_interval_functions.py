@@ -278,10 +278,25 @@ def test_so_do_those_of_two(
     np.testing.assert_allclose(found, [bottom, top], rtol=4e-15, atol=4e-15)
 
 
-@pytest.mark.parametrize("name", ["sqrt", "exp", "erf", "acos", "cosh", "sin"])
-def test_rounding_never_leaves_the_range_of_a_function(name: str) -> None:
-    ends = {"sqrt": (0, 1), "exp": (-800, 0), "erf": (-9, 9), "acos": (0, 1)}
-    low, high = ends.get(name, (-4, 4))
-    bottom, top = evaluated(name, [low], [high])
-    assert bottom[0] >= {"erf": -1, "sin": -1, "cosh": 1}.get(name, 0)
-    assert top[0] <= {"erf": 1, "sin": 1}.get(name, np.inf)
+@pytest.mark.parametrize(
+    ("name", "box", "least", "most"),
+    [
+        ("sin", (-4, 4), -1, 1),
+        ("cos", (0.5, 9), -1, 1),
+        ("tanh", (-40, 40), -1, 1),
+        ("erf", (-9, 9), -1, 1),
+        ("cosh", (-4, 4), 1, np.inf),
+        ("exp", (-800, 0), 0, np.inf),
+        ("expm1", (-800, 0), -1, np.inf),
+        ("sqrt", (0, 1), 0, np.inf),
+        ("acosh", (1, 2), 0, np.inf),
+        ("acos", (0, 1), 0, np.inf),
+    ],
+)
+def test_rounding_never_leaves_the_range_of_a_function(
+    name: str, box: tuple[float, float], least: float, most: float
+) -> None:
+    """Whose ends are taken on these boxes, or nearly so."""
+    bottom, top = evaluated(name, [box[0]], [box[1]])
+    assert bottom[0] == least
+    assert top[0] == most if most == 1 else np.isfinite(top[0])
