@@ -175,7 +175,7 @@ def test_places_are_nearer_than_allowed_only_below_the_distance() -> None:
     # Both are 5 m apart now.
     assert [*near_place_flaws(uavs[1:], ("target",), 5.0, [8, 9])] == []
     ((place, told),) = near_place_flaws(uavs[1:], ("target",), 5.001, [8, 9])
-    assert place == ("uavs", 1, "target") and "UAV 8, found 5 m" in told
+    assert place == ("uavs", 1, "target") and "UAV 8, found 5 m" in str(told)
 
 
 def test_bounds_of_stacked_states_are_those_of_the_speeds() -> None:

@@ -359,7 +359,7 @@ def test_more_checks_have_steps_as_long_and_signals_in_between(
     assert (finer.checks, finer.substeps, finer.intervals) == (3 * times, shared, 2)
     at = np.linspace(0, 6, 6 * times + 1)
     expected = [np.interp(at, np.arange(7), row) for row in np.asarray(known.signals)]
-    np.testing.assert_allclose(there.signals, expected, atol=1e-12)
+    np.testing.assert_allclose(np.asarray(there.signals), expected, atol=1e-12)
     assert there.parameters is known.parameters
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any, Literal, cast
 
 import casadi as ca
 import numpy as np
@@ -28,6 +28,7 @@ from swarmstart.ocp import (
     verified,
 )
 from swarmstart.ocp.answer import solution
+from swarmstart.ocp.answer.optimality_gap import OptimalityGap
 from swarmstart.ocp.answer.solution import _ranges, _spread, _whole
 from swarmstart.ocp.lower_bound.stated.answer import LowerBound
 from swarmstart.ocp.rollout.fitness import NOTHING, Known
@@ -306,13 +307,14 @@ def test_algebraic_variables_have_the_control_of_the_interval_after_a_node() -> 
         horizon=2.0, intervals=2, checks=2,
     )  # fmt: skip
     planner = Planner(problem, search=None, backend="casadi")
-    known = Known(parameters=[3.0], signals=np.array([[1.0, 2.0, 3.0, 4.0, 5.0]]))
+    signals = np.array([[1.0, 2.0, 3.0, 4.0, 5.0]])
+    known = Known(parameters=[3.0], signals=signals)
     plan = planner.evaluated(
         np.array([[1.0, -2.0]]), [0.5], known=known, source=Source.GUESS
     )
     found = verified(problem, plan, [0.5], known)
     controls = np.array([1.0, 1.0, -2.0, -2.0, -2.0])
-    expected = 2 * controls - found.states[0] + 3 * known.signals[0]
+    expected = 2 * controls - found.states[0] + 3 * signals[0]
     np.testing.assert_allclose(found.algebraic, [expected])
     assert verified(*_simple()).algebraic.shape == (0, 3)
 
@@ -637,7 +639,9 @@ def test_outputs_at_the_nodes_have_the_control_of_the_interval_after_them() -> N
 
 
 @pytest.mark.parametrize("shape", ["constant", "linear"])
-def test_linear_system_is_that_of_the_path_at_its_time(shape: str) -> None:
+def test_linear_system_is_that_of_the_path_at_its_time(
+    shape: Literal["constant", "linear"],
+) -> None:
     """x' = t s u^2 / 2000 + p x^2 / 2 has the slopes p x and t s u / 1000."""
     p, s, t, wanted = (ca.SX.sym(name) for name in ("p", "s", "t", "wanted"))
     problem = OptimalControlProblem(
@@ -797,18 +801,22 @@ def test_gap_is_that_of_the_finer_cost_within_a_thousandth_of_its_size(
 ) -> None:
     asked: list[tuple[Any, ...]] = []
 
-    def noted(bound: LowerBound, cost: float | None, *, tolerance: float) -> str:
-        asked.append((bound, cost, tolerance))
-        return "gap"
+    told = cast(OptimalityGap, object())
 
-    monkeypatch.setattr(solution.OptimalityGap, "of", noted)
+    def noted(
+        bound: LowerBound, cost: float | None, *, tolerance: float
+    ) -> OptimalityGap:
+        asked.append((bound, cost, tolerance))
+        return told
+
+    monkeypatch.setattr(OptimalityGap, "of", noted)
     bound = LowerBound.__new__(LowerBound)
     problem, planner = drift(5.0, -1.0)
     found = verified(problem, planned(planner, [0, 0]), [0])
     assert found.gap is None and asked == []
-    assert replace(found, bound=bound).gap == found.beside(bound) == "gap"
+    assert replace(found, bound=bound).gap is found.beside(bound) is told
     broken = replace(found, status=SolutionStatus.BROKEN)
-    assert broken.beside(bound) == "gap"
+    assert broken.beside(bound) is told
     assert [cost for _, cost, _ in asked] == [pytest.approx(4.0)] * 2 + [None]
     assert all(one is bound for one, _, _ in asked)
     assert [tolerance for _, _, tolerance in asked] == pytest.approx([6e-3] * 3)

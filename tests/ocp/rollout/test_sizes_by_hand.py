@@ -3,6 +3,7 @@
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -41,14 +42,15 @@ def points() -> Iterator[tuple[list[float], list[float]]]:
     The third state starts outside its bounds, so these do not cut its points.
     """
     low, middle, high = (-1.0, -0.75 - 4.0), (1.0, -0.75), (3.0, -0.75 + 4.0)
-    moves = [((0.0, 0.0, 0.0), u) for u in (middle, low, high)]
+    moves: list[tuple[list[float], tuple[float, float]]]
+    moves = [([0.0, 0.0, 0.0], u) for u in (middle, low, high)]
     for i, part in itertools.product(range(3), (0.618, -0.382)):
         alone = [0.0, 0.0, 0.0]
         alone[i] = part * STATES[i]
-        moves.append((tuple(alone), middle))  # type: ignore[arg-type]
+        moves.append((alone, middle))
     for part in (0.618, -0.382):
-        together = tuple(part * size for size in STATES)
-        moves += [(together, u) for u in (middle, low, high)]  # type: ignore[list-item]
+        together = [part * size for size in STATES]
+        moves += [(together, u) for u in (middle, low, high)]
     for move, u in moves:
         x = [a + b for a, b in zip(START, move, strict=True)]
         yield [max(x[0], 1.0), min(x[1], 5.5), x[2]], [*u]
@@ -108,11 +110,12 @@ def test_rows_and_cost_follow_their_rules_at_every_edge() -> None:
         for lower, upper in ((-INF, INF), (-2.0, 3.0), *sides):
             stated.append((expression, lower, upper))
             expected.append(size_by_hand(values, moved, lower, upper))
-    rows, lower, upper = zip(*stated, strict=True)
-    given = {"expression": ca.vertcat(*rows), "lower": lower, "upper": upper}
     ends = [k for k, (e, _, _) in enumerate(stated) if not ca.depends_on(e, u)][:50]
-    end = {name: [values[k] for k in ends] for name, values in (
-        ("lower", lower), ("upper", upper))}  # fmt: skip
+
+    def rows_of(chosen: Sequence[int]) -> dict[str, Any]:
+        rows, lower, upper = zip(*[stated[k] for k in chosen], strict=True)
+        return {"expression": ca.vertcat(*rows), "lower": lower, "upper": upper}
+
     stage, terminal = 5 + u[0] * x[1] - x[0] ** 2, x[1] * x[0] - 8 * x[0]
     problem = OptimalControlProblem(
         Model(states=x, controls=u, ode=ca.vertcat(u, x[0] * u[0])),
@@ -125,10 +128,8 @@ def test_rows_and_cost_follow_their_rules_at_every_edge() -> None:
             states=([*LEAST_X], [*MOST_X]),
             state_scale=1.0,
         ),
-        constraints=[PathConstraint(**given)],  # type: ignore[arg-type]
-        terminal=[
-            TerminalConstraint(expression=ca.vertcat(*[rows[k] for k in ends]), **end)
-        ],
+        constraints=[PathConstraint(**rows_of(range(len(stated))))],
+        terminal=[TerminalConstraint(**rows_of(ends))],
         scales=SCALES,
     )
     found = Sizing(problem)(np.array(START), NONE, np.empty((0, 3)), GUESS)
@@ -289,7 +290,7 @@ def test_free_start_has_the_width_of_its_range_unless_bounds_give_one() -> None:
         start={"x_0": Free(-3.0, 5.0), "x_1": Free(-2.0, 2.0)},
     )
     for states, expected in (((-INF, INF), [8, 4]), (([-9, -INF], 9), [18, 4])):
-        bounds = Bounds(controls=(-1, 1), states=states)  # type: ignore[arg-type]
+        bounds = Bounds(controls=(-1, 1), states=states)
         found = sizes_of(replace(problem, bounds=bounds), [0.0, 0.0])
         np.testing.assert_array_equal(found.states[:2], expected)
 

@@ -1,6 +1,7 @@
 """Constraints: excesses by hand, relations as limits, and errors."""
 
 from collections.abc import Callable
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -125,7 +126,7 @@ def test_weights_of_a_soft_constraint_are_columns_of_one_for_each_row() -> None:
 def test_moving_bounds_are_rows_and_the_numbers_beside_them_stay() -> None:
     s = ca.SX.sym("s", 2)
     inf = np.inf
-    for limits, numbers, rows in (
+    cases: tuple[tuple[Any, Any, list[Any]], ...] = (
         # Limits; the numbers that stay; of each row symbol - bound with its limits.
         (None, ((-inf,), (inf,)), []),
         ((-3, [4, 5]), ((-3,), (4, 5)), []),
@@ -138,7 +139,8 @@ def test_moving_bounds_are_rows_and_the_numbers_beside_them_stay() -> None:
         ((-8, s[0]), ((-8, -8), (inf, inf)), [(5, -inf, 0), (15, -inf, 0)]),
         ((s, 9), ((-inf, -inf), (9, 9)), [(5, 0, inf), (13, 0, inf)]),
         ((ca.SX(2), 3), ((2, 2), (3, 3)), []),
-    ):
+    )
+    for limits, numbers, rows in cases:
         found, moving = fixed_and_moving("controls", limits, X, {"signals": s})
         assert tuple(tuple(np.ravel(side)) for side in found) == numbers
         for constraint in moving:

@@ -338,8 +338,9 @@ def test_path_constraints_are_taken_in_every_form_and_nothing_else() -> None:
     assert isinstance(stated, PathConstraint)
     assert (stated.upper, stated.lower) == ([3.0], [-np.inf])
     assert stated.name == "(x_0<=3)"
-    own, apart = Own(), Separation(relative=X, distance=1.0)
-    assert as_path(own) is own and as_path(apart) is apart
+    for own in (Own(), Separation(relative=X, distance=1.0)):
+        kept: object = as_path(own)
+        assert kept is own
     lacking = SimpleNamespace(expression=X, excess=None)
     for refused in (5.0, "x", (X, 1), lacking):
         with pytest.raises(InvalidProblemError, match="constraints must hold Path"):

@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from swarmstart.machine_code import now
 from swarmstart.terminal_set import (
     CoarseHoldError,
     Reference,
@@ -297,12 +298,12 @@ def test_error_is_asked_for_until_it_is_known_to_be_affordable_or_not(
         asked.append(alpha)
         assert enough == pytest.approx(0.005 * 0.8 / 2)
         assert useless == pytest.approx(0.5 * 0.8 / 2)
-        assert until - hold_margins.now() == pytest.approx(100.0, rel=0.05)
+        assert until - now() == pytest.approx(100.0, rel=0.05)
         return FlowError(relative=alpha / 10, boxes=1)
 
     monkeypatch.setattr(hold_margins, "prove_flow_error", rising)
     motion: Any = SimpleNamespace(residual=None, holds=[None])
-    until = hold_margins.now() + 400.0
+    until = now() + 400.0
     level, error = hold_margins._affordable_error(motion, top, 0.8, until)
     most = 10 * (1.4**0.5 - 1)
     assert asked[: halvings + 1] == [top / 2**k for k in range(halvings + 1)]

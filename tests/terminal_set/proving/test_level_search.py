@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from swarmstart.benchmarks.terminal_set_systems import SYSTEMS
+from swarmstart.machine_code import now
 from swarmstart.terminal_set import (
     Change,
     Ellipsoid,
@@ -170,8 +171,7 @@ def test_a_try_gets_its_share_of_the_work_that_is_left(
         return Proof(proven=False, alpha=alpha, boxes=max_boxes, seconds=0.0)
 
     monkeypatch.setattr(level_search, "prove_level", tried)
-    now = level_search.now()
-    search = level_search._LevelSearch(upright[0], 4.0, now + 1000.0)
+    search = level_search._LevelSearch(upright[0], 4.0, now() + 1000.0)
     for share in (0.25, 0.7, 1.0):
         assert not search.proves(4.0, share)
     assert granted == pytest.approx([250.0, 700.0, 1000.0], rel=1e-2)

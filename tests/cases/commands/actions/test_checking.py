@@ -73,12 +73,13 @@ def test_exit_code_of_several_files_is_the_worst_of_theirs(
     invalid = tmp_path / "invalid.yaml"
     invalid.write_text("schema: 1\n")
     missing = tmp_path / "missing.yaml"
-    for names, code in (
+    cases: tuple[tuple[list[Path | str], int], ...] = (
         (["passing_side"], 0),
         ([invalid, "passing_side"], 2),
         ([invalid, missing], 5),
         ([missing, invalid, "passing_side"], 5),
-    ):
+    )
+    for names, code in cases:
         options = argparse.Namespace(scenarios=[str(name) for name in names])
         assert check_command(options) == code
         assert capsys.readouterr().out.count(": valid") == names.count("passing_side")
