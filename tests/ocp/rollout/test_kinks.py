@@ -171,7 +171,7 @@ def test_path_near_a_switch_touches_it_however_small_its_own_numbers() -> None:
 
 @pytest.mark.parametrize("reach", [np.inf, np.nan])
 def test_reach_that_is_no_number_leaves_the_sides_as_sizes(reach: float) -> None:
-    """As of the root of a state that is 0; a millionth of 3e-7 is near."""
+    """The root of a state that is 0 has such a slope; a millionth of 3e-7 is near."""
     kinks = kinks_of(stated(cost=ca.fabs(X[0])))
     reaches = np.full((1, 2), reach)
     for off, is_near in ((1e-7, False), (2e-13, True)):

@@ -296,7 +296,7 @@ def test_so_do_those_of_two(
 def test_rounding_never_leaves_the_range_of_a_function(
     name: str, box: tuple[float, float], least: float, most: float
 ) -> None:
-    """Whose ends are taken on these boxes, or nearly so."""
+    """Its ends are taken on these boxes, or nearly so."""
     bottom, top = evaluated(name, [box[0]], [box[1]])
     assert bottom[0] == least
     assert top[0] == most if most == 1 else np.isfinite(top[0])

@@ -325,7 +325,7 @@ def test_a_kink_at_the_reference_is_bounded_by_the_slopes_of_its_sides(
 
 
 def test_sum_of_both_parts_beside_a_kink_is_never_below_the_whole() -> None:
-    """As real numbers, though the rest is a rounded difference."""
+    """This is so for real numbers, though the rest is a rounded difference."""
     rng = np.random.default_rng(0)
     exponents = rng.uniform(-8, 8, (2, 400))
     whole, centre = rng.choice([-1.0, 1.0], (2, 400)) * 10.0**exponents

@@ -135,7 +135,7 @@ def test_half_and_double_weigh_the_same() -> None:
 
 
 def test_nothing_and_infinity_weigh_the_same() -> None:
-    """As half and double do: a pair of each is a tie."""
+    """Half and double do, too: a pair of each is a tie."""
     ratios = [0.0, math.inf, 0.5, 0.6, 0.7, 0.8, 0.9]
     inverse = [math.inf, 0.0, *[1 / ratio for ratio in ratios[2:]]]
     (_, one), (_, other) = (
