@@ -50,8 +50,6 @@ POINTS = 64
 BOXES_OF_A_DOUBLING = 2000
 """Number of boxes after which a bound may be twice as loose."""
 MOST_BOXES = 200_000
-LARGEST = 0.4
-"""Value of c above which no decrease can be proven."""
 FASTEST = 30.0
 """Largest product of logarithmic norm and hold."""
 THINNEST = 1e-9
@@ -79,7 +77,7 @@ def prove_flow_error(
     alpha: float,
     *,
     enough: float,
-    useless: float = LARGEST,
+    useless: float,
     until: float = np.inf,
 ) -> FlowError:
     """Prove a bound of the distance between the Runge-Kutta map and the flow.

@@ -330,7 +330,7 @@ class Own:
         """The parts that are looked for."""
 
     def smooth(self) -> None:
-        """As above."""
+        """The other part."""
 
 
 def test_path_constraints_are_taken_in_every_form_and_nothing_else() -> None:

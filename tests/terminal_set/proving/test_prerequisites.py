@@ -106,3 +106,13 @@ def test_a_gain_that_does_not_survive_its_hold_is_refused_with_the_longest() -> 
     with pytest.raises(HeldTooLongError) as caught:
         require_stable_hold(A, B, gain.K, 2 * longest)
     assert caught.value.longest == pytest.approx(longest, rel=1e-9)
+
+
+def test_flow_that_keeps_all_lengths_needs_no_more_substeps() -> None:
+    """x' = 0: neither the flow nor the map shortens a deviation."""
+    rest = TerminalSet(
+        K=np.zeros((1, 1)), P=np.eye(1), alpha=1.0, x_ref=np.zeros(1),
+        u_ref=np.zeros(1), dt=None, design="own",
+    )  # fmt: skip
+    none = np.zeros((1, 1))
+    require_enough_substeps(none, none, rest, dt=1.0, substeps=1)
