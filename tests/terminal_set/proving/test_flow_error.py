@@ -323,6 +323,47 @@ def test_between_the_ends_of_a_cell_slopes_bound_what_its_middle_does_not(
         assert bound == pytest.approx(worst, rel=1e-9)
 
 
+class Slanted:
+    """A residual of two states: M z at a point, and slopes M +- R elsewhere."""
+
+    nx, substeps, h, off = 2, 1, 0.1, 0.0
+
+    def __init__(self, M: Array, R: Array) -> None:
+        self._M, self._R = M, R
+
+    def start(self, number: int, middle: Array, reach: Array) -> Array:
+        return middle
+
+    def fourth(self, start: Array, times: tuple[float, float]) -> object:
+        value, shape = self._M @ start, (start.shape[1], 2, 2)
+        slopes = (np.broadcast_to(matrix, shape) for matrix in (self._M, self._R))
+        return (value, 0 * value), tuple(slopes)
+
+
+@pytest.mark.parametrize("size", [0.0, 0.3, 10.0])
+@pytest.mark.parametrize("low", [0.5, 0.9, 0.999])
+def test_directions_beside_the_middle_are_bounded_by_the_largest_slopes(
+    size: float, low: float
+) -> None:
+    """r4(z) = M z_m + J (z - z_m) with J up to M +- R, z_m on the ray in the middle."""
+    M = size * np.array([[1.0, -0.5], [0.25, 0.75]])
+    R = np.array([[3.0, 1.0], [2.0, 4.0]])
+    search = ErrorSearch(Slanted(M, R), 1.0, np.inf)  # type: ignore[arg-type]
+    measure = search.relative_residual(Piece(step=0, times=(0.0, 0.1)))
+    cells = Cells(np.array([[low], [1.0], [-0.4]]), np.array([[1.0], [1.0], [0.4]]))
+    with np.errstate(all="ignore"):
+        (bound,), _, _ = measure(cells)
+    rng = np.random.default_rng(0)
+    rho, w = rng.uniform(low, 1, 4000), rng.uniform(-0.4, 0.4, 4000)
+    w[:2000] = np.sign(w[:2000]) * 0.4
+    z = rho * np.stack([np.ones(4000), w]) / np.hypot(1, w)
+    middle = np.array([(low + 1) / 2, 0.0])
+    J = M + R * rng.choice([-1.0, 1.0], (4000, 2, 2))
+    found = M @ middle + np.einsum("kij,jk->ki", J, z - middle[:, None])
+    worst = float((np.linalg.norm(found, axis=1) / rho).max())
+    assert worst <= bound < 3 * worst
+
+
 def test_rounding_of_values_that_nearly_cancel_is_allowed_for() -> None:
     large, blur = 1e8, 1e-4  # Of both values; their rounding is less.
     near = Affine(large, large + 1, slope=1 / 0.75, radius=0.0, blur=blur)
