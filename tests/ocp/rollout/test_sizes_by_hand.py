@@ -19,7 +19,7 @@ from swarmstart.ocp import (
     ensemble,
 )
 from swarmstart.ocp.rollout.scaling import Sizes, Sizing
-from swarmstart.ocp.statement.lowering import lowered
+from swarmstart.ocp.statement.rewrites.chain import lowered
 
 INF, NONE = np.inf, np.empty(0)
 START = (1.5, 4.9, 0.0)

@@ -10,6 +10,7 @@ from swarmstart.tests.system.walk.wrong_values import Call, Calls, record, with_
 def calls() -> Calls:
     """Return the calls by name, each with valid arguments by name."""
     finished = made.finished()
+    folder = finished.folder or ""
     return {
         "compare": with_defaults(
             ss.compare,
@@ -29,8 +30,8 @@ def calls() -> Calls:
         "Run": record(finished),
         "Run.linearised": Call(finished.linearised, {"time": 0.0}),
         "Row": record(made.rows()[0]),
-        "load": Call(ss.load, {"folder": finished.folder}),
-        "Record": record(ss.load(finished.folder)),
+        "load": Call(ss.load, {"folder": folder}),
+        "Record": record(ss.load(folder)),
         "Progress": with_defaults(ss.Progress, title="swing-up"),
         "Progress.update": Call(
             ss.Progress("swing-up", quiet=True).update,

@@ -9,6 +9,7 @@ import numpy as np
 
 import swarmstart as ss
 from swarmstart import ocp
+from swarmstart.ocp import Controller
 from swarmstart.tests.system.walk import made
 from swarmstart.tests.system.walk.wrong_values import Call, Calls, record, with_defaults
 
@@ -51,7 +52,7 @@ def _plants() -> Calls:
     }
 
 
-def _decide(controller: ss.RecedingHorizon, nx: int = 2) -> Call:
+def _decide(controller: Controller, nx: int = 2) -> Call:
     return Call(
         controller.decide,
         {"time": 0.0, "state": np.zeros(nx), "previous": None, "rng": made.rng()},

@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import cache
 from pathlib import Path
 from tempfile import mkdtemp
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -159,7 +160,7 @@ def local_planner() -> ss.Planner:
     return ss.Planner(own, search=None, polish=ss.IpoptOptions())
 
 
-def local_parts() -> dict[str, object]:
+def local_parts() -> dict[str, Any]:
     return {"planners": {0: local_planner()}, "range": 10.0, "position": (0,)}
 
 
