@@ -45,6 +45,11 @@ def seeds_content(
         "seeds": list(range(len(outcomes))),
         "failures": [outcome.failure for outcome in outcomes],
         "status": [None if one is None else one["status"] for one in results],
+        # Runs that an earlier version left have neither.
+        **{
+            role: [None if one is None else one.get(role) or None for one in results]
+            for role in ("reason", "advice")
+        },
         "feasible": [one is not None and one["feasible"] for one in results],
         "measures": _measures(results),
         "claims": _claims(results),

@@ -106,6 +106,8 @@ def flown_trial(finished: Run) -> FlightResult:
             for claim in finished.claims
         ],
         track=_track(finished),
+        reason=finished.ended.reason,
+        advice=finished.ended.advice,
     )
 
 

@@ -102,6 +102,8 @@ class FlightResult(TrialResult):
         measures: Measures by name.
         claims: Judged claims: "id", "text", "gate", "holds".
         track: "time" [s] and "states" by name at some instants.
+        reason: Reason for the status of a single plan; empty for other runs.
+        advice: Advice on what to change; empty if there is none.
     """
 
     of: ClassVar[str] = "flight"
@@ -110,6 +112,8 @@ class FlightResult(TrialResult):
     measures: Mapping[str, Any]
     claims: Sequence[Mapping[str, Any]]
     track: Mapping[str, Any]
+    reason: str = ""
+    advice: str = ""
 
 
 def finite(value: Any) -> Any:

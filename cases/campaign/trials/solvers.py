@@ -107,6 +107,17 @@ def budget_of(text: str) -> dict[str, float | int]:
     return budget
 
 
+def with_unit(text: str) -> str:
+    """Return a budget that `budget_of` reads, with the unit of each number.
+
+    Example:
+        >>> with_unit("500"), with_unit("4000evals|5s")
+        ('500evals', '4000evals|5s')
+    """
+    parts = [part.strip() for part in text.split("|")]
+    return "|".join(f"{p}evals" if p[-1:].isdigit() else p for p in parts)
+
+
 def seconds_of(text: str) -> float:
     """Return a length of time [s].
 

@@ -55,7 +55,7 @@ from swarmstart.cases.campaign.trials.solver_names import (
     Solver,
     solvers_of,
 )
-from swarmstart.cases.campaign.trials.solvers import budget_of, seconds_of
+from swarmstart.cases.campaign.trials.solvers import budget_of, seconds_of, with_unit
 from swarmstart.cases.commands.actions.shared_options import allowing
 from swarmstart.cases.commands.terminal import (
     DONE,
@@ -290,7 +290,7 @@ def _content(
     asked = Asked(
         seeds=tuple(range(plan.seeds)),
         budget=budget_of(plan.budget),
-        budget_text=plan.budget,
+        budget_text=with_unit(plan.budget),
         command=shlex.join(["swarmstart", *options.words]),
     )
     about = {one.name: _about(one, outcomes, bounds, plan) for one in contests}

@@ -11,6 +11,7 @@ import functools
 import hashlib
 import shlex
 import statistics
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -203,12 +204,16 @@ def _exit_code(
 
 
 def sentences_of_seeds(content: Mapping[str, Any], figures: Path) -> list[str]:
-    """Return five lines on runs over seeds, whose content is that of seeds.json."""
+    """Return five lines on runs over seeds, whose content is that of seeds.json.
+
+    Reasons and advice of single plans have lines of their own.
+    """
     measures = content["measures"]
     drawn = [figures / name for name in content["figures"]]
     return [
         _task(content),
         f"{_feasible(content)}. {_first_of(OUTCOMES, measures, 'No result')}.",
+        *_told_of_plans(content),
         f"{_kept(content)}.",
         _times(measures),
         picture(drawn),
@@ -226,6 +231,21 @@ def _task(content: Mapping[str, Any]) -> str:
 def _feasible(content: Mapping[str, Any]) -> str:
     runs = len(content["seeds"])
     return f"{sum(content['feasible'])} of {counted(runs, 'run')} found feasible plans"
+
+
+def _told_of_plans(content: Mapping[str, Any]) -> list[str]:
+    """Return each reason and advice of single plans, with its seeds, most first."""
+    lines = []
+    for role in ("reason", "advice"):
+        told = content.get(role) or []
+        counts = Counter(text for text in told if text)
+        for text, count in counts.most_common(SHOWN):
+            seeds = [str(n) for n, one in enumerate(told) if one == text]
+            which = f"seed{'s' * (count > 1)} {', '.join(seeds)}"
+            if count > SHOWN or count == len(told):
+                which = counted(count, "run")
+            lines.append(f"{role.capitalize()} ({which}): {printable(text)}.")
+    return lines
 
 
 def _kept(content: Mapping[str, Any]) -> str:

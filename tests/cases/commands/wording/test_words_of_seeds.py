@@ -84,3 +84,18 @@ def test_failed_runs_give_no_none() -> None:
         "No constraints are measured.",
         "No times were measured.",
     ]
+
+
+def test_each_reason_and_advice_is_told_with_its_seeds() -> None:
+    found = content(cost=[1.0] * 8) | {
+        "reason": ["flat", None, "steep", "steep", *["far"] * 4],
+        "advice": [*["more checks"] * 8],
+    }
+    assert sentences_of_seeds(found, FOLDER)[2:6] == [
+        "Reason (seeds 4, 5, 6, 7): far.",
+        "Reason (seeds 2, 3): steep.",
+        "Reason (seed 0): flat.",
+        "Advice (8 runs): more checks.",
+    ]
+    many = content(cost=[1.0] * 9) | {"reason": [*["far"] * 8, "near"]}
+    assert "Reason (8 runs): far." in sentences_of_seeds(many, FOLDER)
