@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 import sys
 from dataclasses import dataclass, field, replace
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import pytest
@@ -56,14 +56,15 @@ def with_evidence(
 ) -> LowerBound:
     """Return a bound with a certificate, or one whose certificate cannot be made."""
 
-    def content(evidence: object) -> dict[str, object]:
+    def content(evidence: SimpleNamespace) -> dict[str, object]:
         if fails:
             raise InvalidProblemError("no word for erf")
         head = {"format": "swarmstart lower bound certificate", "version": 1}
-        return {**head, "of": evidence}
+        return {**head, "of": evidence.statement}
 
     module = ModuleType("certificate")
     vars(module)["certificate_content"] = content
     name = "swarmstart.ocp.lower_bound.certificate"
     monkeypatch.setitem(sys.modules, name, module)
-    return replace(bound, evidence="what the proof rests on")  # type: ignore[arg-type]
+    evidence = SimpleNamespace(statement="what the proof rests on", tube=None)
+    return replace(bound, evidence=evidence)  # type: ignore[arg-type]
