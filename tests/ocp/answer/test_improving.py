@@ -276,7 +276,7 @@ def test_each_attempt_has_more_checks_and_margins_that_fall_with_their_distance(
     assert rounds.shared == pytest.approx([0, *(w / 2 / 4 for w in wanted)])
     assert found.verified_violation == pytest.approx(0.025 / 2)  # The best of them.
     assert rounds.answers == []
-    tried = "solved again 3 times with up to 4 times the checks and margins on 1 row(s)"
+    tried = "solved again 3 times with up to 4 times the checks and margins on 1 row"
     assert found.repair is not None and found.repair.tried == tried
     assert not found.repair.succeeded
     assert (
