@@ -228,12 +228,14 @@ def several(check: Check, words: str) -> Check:
     accepts = check.accepts
 
     def accept_all(values: Any) -> bool:
-        # An array without axes cannot be iterated over, and the type of an empty one
-        # is not that of the elements which it lacks.
-        is_vector = isinstance(values, np.ndarray) and values.size > 0 < values.ndim
-        is_sequence = is_vector or isinstance(values, Sequence)
+        if isinstance(values, np.ndarray):
+            # One without axes cannot be iterated over; an empty one has only a type.
+            known = values if values.size else [values.dtype.type()]
+            return values.ndim > 0 and all(map(accepts, known))
         is_text = isinstance(values, str | bytes)
-        return is_sequence and not is_text and all(map(accepts, values))
+        return (
+            isinstance(values, Sequence) and not is_text and all(map(accepts, values))
+        )
 
     return Check(accept_all, words)
 
