@@ -323,7 +323,7 @@ class RecedingHorizon:
                 plans=(plan,),
                 profile=profile if linear else None,
                 decided=decided,
-                acting=self.acting(plan, 0),
+                acting=_acting(self.planner, plan, 0),
             )
         length = self._length(plan)
         # Else the rest after one more period would be shorter than allowed.
@@ -342,18 +342,6 @@ class RecedingHorizon:
         """Return the controls or knots of a plan that one plant receives."""
         stated, lowered = self.planner.stated, self.planner.lowered
         return lowered.knots(plan.controls, plan.x0)[: stated.flown_controls]
-
-    def acting(self, plan: Plan, number: int) -> Array | None:
-        """Return the control that the equations receive; None: that of the plan.
-
-        Args:
-            plan: The plan.
-            number: Number of the interval.
-        """
-        found = self.planner.lowered.acting(plan.controls, plan.x0)
-        if found is None:
-            return None
-        return found[: self.planner.stated.flown_controls, number]
 
     def _profile(self, plan: Plan, length: float, pieces: int | None = None) -> Profile:
         """Return the controls of a plan over its horizon.
@@ -538,6 +526,18 @@ class RecedingHorizon:
         return lowered.guess(start, found)
 
 
+def _acting(planner: Planner, plan: Plan, number: int) -> Array | None:
+    """Return the control that a plant's equations receive; None: that of the plan.
+
+    Args:
+        planner: The planner that made the plan.
+        plan: The plan.
+        number: Number of the interval.
+    """
+    found = planner.lowered.acting(plan.controls, plan.x0)
+    return None if found is None else found[: planner.stated.flown_controls, number]
+
+
 def fallback_of(
     planner: Planner, plan: Plan, again: Array, state: Array, known: Known
 ) -> Plan:
@@ -663,7 +663,7 @@ class OpenLoop:
             dt=length if decided else None,
             is_last=decided and number == intervals - 1,
             decided=lowered.decided_parameters(plans[0].x0),
-            acting=self.loop.acting(plans[0], number),
+            acting=_acting(planner, plans[0], number),
         )
 
     def _planned(self, state: Array, rng: np.random.Generator) -> Plan:

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 
 from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import InvalidProblemError
+from swarmstart.ocp.common.expressions import shortened
 from swarmstart.ocp.common.limits import require_number
 from swarmstart.ocp.statement.decisions import Free
 from swarmstart.ocp.statement.problem import OptimalControlProblem
@@ -79,7 +80,7 @@ class TransportDelay(Rewrite):
         if not isinstance(self.seconds, Mapping):
             raise InvalidProblemError(
                 "seconds of a TransportDelay must be a mapping of controls to delays, "
-                f"such as {{'u': 0.2}}, got {self.seconds!r}"
+                f"such as {{'u': 0.2}}, got {shortened(self.seconds)}"
             )
         for name, delay in self.seconds.items():
             seconds = require_number(f"delay of {name!r}", delay)
