@@ -38,6 +38,7 @@ import numpy as np
 from swarmstart.arguments import (
     Check,
     checked,
+    either,
     of_kind,
     optional,
     reals,
@@ -121,6 +122,9 @@ def _pair(check: Check) -> Check:
     )
 
 
+_CONTROL = of_kind((int, float, str, np.integer), "a number or a name")
+
+
 @checked(
     refused,
     controls=_pair(ROWS),
@@ -128,10 +132,7 @@ def _pair(check: Check) -> Check:
     search=_pair(reals()),
     state_scale=optional(reals()),
     # Which controls there are is known to the problem only.
-    integer=several(
-        of_kind((int, float, str, np.integer), "a number or a name"),
-        "a sequence of numbers or names",
-    ),
+    integer=either(several(_CONTROL, "a sequence of numbers or names"), _CONTROL),
 )
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Bounds:

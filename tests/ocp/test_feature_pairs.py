@@ -22,7 +22,7 @@ from swarmstart.tests.ocp.feature_pairs.features import (
     pairs,
 )
 
-SEED, COUNT = 5, 40
+SEED, COUNT = 5, 51
 DRAWN = list(islice(pairs(np.random.default_rng(SEED)), COUNT))
 CHOSEN = [*DRAWN, *(3 * MEETING)]  # A limit is not active in every draw.
 

@@ -13,7 +13,7 @@ from swarmstart.tests.ocp.feature_pairs.features import FEATURES, drawn, go_toge
 from swarmstart.tests.ocp.feature_pairs.lines import with_lines
 from swarmstart.tests.ocp.feature_pairs.peer import Peer
 
-NAMES = [n for n in FEATURES if n not in ("free end time", "discrete time")]
+NAMES = [n for n in FEATURES if n not in ("free end time", "discrete time", "delay")]
 """A free end time is in test_control_shape.py; discrete time has no linear controls."""
 PAIRS = [pair for pair in combinations(NAMES, 2) if go_together(*pair)]
 SOME = np.random.default_rng(7).permutation(len(PAIRS))[:20]

@@ -128,10 +128,12 @@ def test_guess_that_is_zero_by_rounding_is_as_good_as_zero(tiny: float) -> None:
     np.testing.assert_allclose(found.controls, 1, atol=1e-6)
 
 
-@pytest.mark.parametrize("cost", [np.nan, inf])
-def test_cost_that_is_no_number_is_a_status(cost: float) -> None:
-    for stated in ({"stage_cost": ca.SX(cost)}, {"terminal_cost": ca.SX(cost)}):
-        assert solved(posed(**stated)).status is SolutionStatus.NOT_FINITE
+def test_cost_without_end_is_a_status_and_one_that_is_no_number_is_refused() -> None:
+    for name in ("stage_cost", "terminal_cost"):
+        endless = posed(**{name: ca.SX(inf)})
+        assert solved(endless).status is SolutionStatus.NOT_FINITE
+        with pytest.raises(InvalidProblemError, match=f"{name} must not be NaN"):
+            posed(**{name: ca.SX(np.nan)})
 
 
 @pytest.mark.parametrize("factor", [1e-300, 1e-200, 1e200, 1e300])

@@ -240,9 +240,9 @@ BOMB = "a: &a [x, x]\n" + "".join(
     ],
 )
 def test_attack_is_refused_quickly(text: str, what: str) -> None:
-    begin = time.perf_counter()
+    begin = time.process_time()  # A busy machine takes none of it.
     assert what in str(refused(text))
-    assert time.perf_counter() - begin < 5  # measured: below 0.3 s
+    assert time.process_time() - begin < 5  # measured: below 0.3 s
 
 
 @pytest.mark.parametrize("text", [r'a: "\U00110000"', r'a: "\UFFFFFFFF"'])

@@ -376,7 +376,7 @@ def test_problem_tells_what_is_soft() -> None:
     [
         ({"weight": -1.0}, "weight must be at least 0 and finite, got -1"),
         ({"weight": np.inf}, "weight must be at least 0 and finite, got inf"),
-        ({"weight": np.nan}, "weight must be at least 0 and finite, got nan"),
+        ({"weight": np.nan}, "weight must not be NaN, got nan"),
         ({"quadratic_weight": [1, 2, 3]}, "quadratic_weight must be one or 2"),
         ({"weight": 1, "upper": np.inf}, "a limit in every row"),
         ({"weight": 1, "upper": [1.0, np.inf]}, "a limit in every row"),
