@@ -318,7 +318,6 @@ class Planner:
         start, core = lowered.start(x0, known.previous), core_known(lowered, known)
         if isinstance(guess, Start):
             start = lowered.with_decided(start, guess.decided)
-        if isinstance(guess, Start):
             start, controls = lowered.guess(start, guess.controls)
             states = guess.states
             if states is not None:

@@ -317,7 +317,7 @@ class Solution(Presented):
 
         Args:
             time: Time after the start [s]; states and controls are those of the finer
-                path there.
+                path there, of delayed controls those that the model receives.
 
         Raises:
             InvalidProblemError: If the time is outside of the horizon.
@@ -338,7 +338,8 @@ class Solution(Presented):
         problem, model = self.problem, self.problem.model
         instants = self.times[:: problem.checks]
         interval = piece_at(time, instants)
-        u = self.controls[:, interval]
+        late = lowered(problem).acting(self.plan.controls, self.plan.x0)
+        u = (self.controls if late is None else late)[:, interval]
         if problem.has_knots:
             u = rows_at(time, instants, self.controls)
         signals = np.asarray(self.known.signals)

@@ -117,7 +117,7 @@ class Trajectory(Presented):
         """Return states (nx,) and controls (nu,) at a time, for `Model.linearised`.
 
         States are linear between the plant's steps. At a control instant the new
-        control counts.
+        control counts; of delayed ones that which the model receives.
 
         Args:
             time: Time within the run [s].
@@ -126,10 +126,17 @@ class Trajectory(Presented):
             InvalidProblemError: If the time is outside of the run.
         """
         number = piece_at(time, self.times)
-        control, profile = self.controls[:, number], self.decisions[number].profile
+        control, profile = self.received[:, number], self.decisions[number].profile
         if profile is not None:
             control = profile.at(np.array([time - self.times[number]]))[:, 0]
         return rows_at(time, self.dense_times, self.dense_states), control
+
+    @property
+    def received(self) -> Array:
+        """Controls that reached the equations of a `Plant`, shape (nu, T)."""
+        if all(decision.acting is None for decision in self.decisions):
+            return self.controls
+        return np.stack([decision.received for decision in self.decisions], axis=1)
 
     def __post_init__(self) -> None:
         """Number the states and controls that have no names."""
@@ -280,8 +287,8 @@ def _driven(
     """
     profile = decision.profile
     if profile is None:
-        acting = decision.acting if isinstance(plant, Plant) else None
-        return plant(state, decision.control if acting is None else acting, time)
+        is_model = isinstance(plant, Plant)
+        return plant(state, decision.received if is_model else decision.control, time)
     if isinstance(plant, Plant):
         if profile.is_held:
             return plant(state, profile.means(plant.dt, plant.substeps), time)
@@ -416,8 +423,7 @@ def _begins(decision: Decision, dt: float, m: int) -> Array:
     """Return the acting controls from m steps on, and the last again, (nu, m + 1)."""
     profile = decision.profile
     if profile is None:
-        held = decision.control if decision.acting is None else decision.acting
-        return np.repeat(held[:, None], m + 1, axis=1)
+        return np.repeat(decision.received[:, None], m + 1, axis=1)
     if not profile.is_held:
         return profile.ends(dt, m)
     means = profile.means(dt, m)

@@ -80,7 +80,7 @@ class Mode(Enum):
     dt=optional(a_number(above=0)),
     is_last=FLAG,
     decided=mapping(words="a mapping of names to numbers"),
-    acting=optional(reals()),
+    acting=optional(reals(axes=1)),
 )
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Decision:
@@ -113,6 +113,11 @@ class Decision:
     profile: Profile | None = None
     decided: Mapping[str, float] = field(default_factory=dict)
     acting: Array | None = None
+
+    @property
+    def received(self) -> Array:
+        """Control that reaches the equations of a `Plant`, shape (nu,)."""
+        return self.control if self.acting is None else self.acting
 
     def __repr__(self) -> str:
         """Return mode, control and number of plans in one line."""

@@ -109,7 +109,8 @@ class DenseOutput:
 def interpolate(plant: Plant, trajectory: Trajectory) -> DenseOutput:
     """Return the continuous path of a closed-loop run.
 
-    Only times, controls and dense states are used, so a saved record is enough.
+    Only times, controls that the plant received, and dense states are used, so a saved
+    record is enough.
 
     Args:
         plant: The plant of the run.
@@ -141,7 +142,7 @@ def interpolate(plant: Plant, trajectory: Trajectory) -> DenseOutput:
     substeps = _substeps(plant, trajectory)
     states, steps = trajectory.dense_states, trajectory.controls.shape[1]
     a, b, h = states[:, :-1], states[:, 1:], plant.dt / substeps
-    held = np.repeat(trajectory.controls, substeps, axis=1)
+    held = np.repeat(trajectory.received, substeps, axis=1)
     # As the plant computes them: a parameter may jump at a step's beginning.
     begins = np.arange(steps)[:, None] * plant.dt + plant.dt * (
         np.arange(substeps) / substeps

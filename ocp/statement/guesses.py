@@ -50,13 +50,12 @@ def middle_controls(problem: OptimalControlProblem) -> Array:
     return np.repeat(middle[:, None], problem.intervals, axis=1)
 
 
-def bounded_controls(problem: OptimalControlProblem, guess: ArrayLike) -> Array:
-    """Return a guess clipped to the bounds, with one value in each block; a copy.
+def given_controls(problem: OptimalControlProblem, guess: ArrayLike) -> Array:
+    """Return a guess of controls, shape (nu, N), as an array; a copy.
 
     Args:
         problem: The problem that the guess is for.
-        guess: Controls, shape (nu, N), finite; clipped to the bounds. A block gets the
-            mean of its intervals.
+        guess: Controls, shape (nu, N), finite.
 
     Raises:
         InvalidProblemError: If the shape is wrong, or a value is not finite.
@@ -69,8 +68,22 @@ def bounded_controls(problem: OptimalControlProblem, guess: ArrayLike) -> Array:
         )
     if not np.isfinite(controls).all():
         raise InvalidProblemError(f"a guess must be finite, got {controls}")
+    return controls
+
+
+def bounded_controls(problem: OptimalControlProblem, guess: ArrayLike) -> Array:
+    """Return a guess clipped to the bounds, with one value in each block; a copy.
+
+    Args:
+        problem: The problem that the guess is for.
+        guess: Controls, shape (nu, N), finite; clipped to the bounds. A block gets the
+            mean of its intervals.
+
+    Raises:
+        InvalidProblemError: If the shape is wrong, or a value is not finite.
+    """
     lower, upper = problem.control_limits
-    within = problem.averaged(controls)
+    within = problem.averaged(given_controls(problem, guess))
     within = np.clip(within, lower[:, None], upper[:, None])
     return whole(within, problem.integer, problem.control_limits)
 

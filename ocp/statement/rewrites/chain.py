@@ -20,6 +20,7 @@ from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.common.expressions import symbol_names
 from swarmstart.ocp.common.limits import numbers_of
 from swarmstart.ocp.statement.decisions import Free
+from swarmstart.ocp.statement.guesses import given_controls
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 from swarmstart.ocp.statement.rewrites.decided import Decided
 from swarmstart.ocp.statement.rewrites.delay import TransportDelay
@@ -59,6 +60,10 @@ class _Link:
     def places(self) -> list[int]:
         """Numbers of the states that it appended."""
         return list(range(self.before.model.nx, self.after.model.nx))
+
+    def along(self, x0: Array, controls: Array, at: Array) -> Array:
+        """Return the states that it appended, over the horizon of the core."""
+        return self.rewrite.along(self.before, x0[self.places], controls, at)
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,7 +190,8 @@ class Lowered:
                 knots, shape (nu, N + 1).
 
         Raises:
-            InvalidProblemError: If the shape is not the problem's.
+            InvalidProblemError: If the shape is not the problem's, or a value is not
+                finite.
         """
         state = x0.copy()
         for link in self.links:
@@ -193,7 +199,7 @@ class Lowered:
                 link.before, state[link.places], controls
             )
             state[link.places] = more
-        return state, controls
+        return state, given_controls(self.core, controls)
 
     def knots(self, controls: Array, x0: Array) -> Array:
         """Return controls as the problem states them: held ones, or knots.
@@ -236,10 +242,7 @@ class Lowered:
         Returns:
             Shape (the core's nx - nx, n); decisions and accrued costs keep their start.
         """
-        rows = [
-            link.rewrite.along(link.before, x0[link.places], controls, at)
-            for link in self.links
-        ]
+        rows = [link.along(x0, controls, at) for link in self.links]
         return np.vstack([np.empty((0, at.size)), *rows])
 
     def states(self, states: Array, controls: Array, x0: Array) -> Array:
@@ -256,9 +259,7 @@ class Lowered:
             return np.vstack([rows, self.along(x0, controls, at)])
         found = rows.copy()
         for link in self._remembering:
-            found[link.places] = link.rewrite.along(
-                link.before, x0[link.places], controls, at
-            )
+            found[link.places] = link.along(x0, controls, at)
         return found
 
     def after(self, start: Array, x0: Array, controls: Array) -> Array:
@@ -271,9 +272,7 @@ class Lowered:
         """
         found, end = start.copy(), np.ones(1)
         for link in self._remembering:
-            found[link.places] = link.rewrite.along(
-                link.before, x0[link.places], controls, end
-            )[:, 0]
+            found[link.places] = link.along(x0, controls, end)[:, 0]
         return found
 
     @property

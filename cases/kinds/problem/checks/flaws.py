@@ -73,13 +73,14 @@ def _feature_at_fault(scenario: ProblemScenario) -> Place:
     """Return the feature of a control without which the problem is valid, if any."""
     for name, control in scenario.controls.items():
         for key in FEATURES:
+            if getattr(control, key) is None:
+                continue
             less = {**scenario.controls, name: control.model_copy(update={key: None})}
             try:
                 _whole(scenario.model_copy(update={"controls": less}))
             except SwarmstartError:
                 continue
-            if getattr(control, key) is not None:
-                return ("controls", name, key)
+            return ("controls", name, key)
     return ()
 
 

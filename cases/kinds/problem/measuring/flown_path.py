@@ -71,9 +71,8 @@ def rows_of(flight: Flight[P], trajectory: Trajectory) -> tuple[Array, Array, Ar
         begin = float(times[step, 0])
         first = states[:, step, 0]
         if linear is None:
-            held = controls[:, step, :-1]
-            if decision.acting is not None:
-                held = decision.acting
+            late = decision.acting
+            held = controls[:, step, :-1] if late is None else late
             path = plant.until_end(first, held, begin)
         else:
             path = plant.along_until_end(first, controls[:, step], begin)

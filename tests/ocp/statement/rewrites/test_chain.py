@@ -132,6 +132,20 @@ def test_stated_states_come_first_and_controls_come_back(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", PROBLEMS)
+def test_guess_of_another_shape_or_with_nan_is_refused(name: str) -> None:
+    pair, start, controls, _ = _rolled(name)
+    for wrong in (
+        controls[:, :-2],
+        np.vstack([controls, controls]),
+        controls[:0],
+        controls.ravel(),
+        np.full_like(controls, np.nan),
+    ):
+        with pytest.raises(InvalidProblemError, match=r"guess .*must"):
+            pair.guess(start, wrong)
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
 def test_core_has_nothing_left_to_rewrite(name: str) -> None:
     core = lowered(PROBLEMS[name]().problem).core
     assert not any(rewrite.accepts(core) for rewrite in REWRITES)

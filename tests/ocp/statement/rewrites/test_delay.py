@@ -33,6 +33,7 @@ from swarmstart.ocp import (
     Team,
     TransportDelay,
     ensemble,
+    interpolate,
     lower_bound,
     phases,
     simulate,
@@ -167,6 +168,30 @@ def test_a_plant_that_delays_by_itself_flies_the_same() -> None:
         [0.0, 0.0, ours.controls[0, 0] - 0.5 * 0.0],
         atol=1e-12,
     )
+
+
+def test_what_is_computed_of_a_run_takes_the_late_controls() -> None:
+    # The slope by x of x' = x u is u, as the model receives it.
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    model = Model(states=x, controls=u, ode=x * u)
+    problem = OptimalControlProblem(
+        model, horizon=4 * DT, intervals=4, stage_cost=(x - 2) ** 2 + u**2,
+        bounds=FORCE, features=[TransportDelay({"u": DT})],
+    )  # fmt: skip
+    answer = solve(problem, [1.0], known=Known(previous=[0.3]), search=None, seed=0)
+    sent = [0.3, *answer.controls[0]]
+    for k in range(4):
+        system = answer.linearised((k + 0.5) * DT)
+        assert float(system.A[0, 0]) == pytest.approx(sent[k], abs=1e-12)
+    loop = controller(problem, previous=np.array([0.3]))
+    plant = Plant(model, dt=DT, substeps=2)
+    run = simulate(plant, loop, [1.0], steps=3, seed=0)
+    np.testing.assert_array_equal(run.received[0], [0.3, *run.controls[0, :2]])
+    assert run.at(1.5 * DT)[1] == run.controls[0, 0]
+    # Between the steps of the plant, the path is that of finer ones.
+    fine = simulate(Plant(model, dt=DT, substeps=8), loop, [1.0], steps=3, seed=0)
+    path = interpolate(plant, run)(fine.dense_times)
+    np.testing.assert_allclose(path, fine.dense_states, atol=1e-5)
 
 
 def test_open_loop_flies_the_plan() -> None:
