@@ -230,7 +230,7 @@ def several(check: Check, words: str) -> Check:
     def accept_all(values: Any) -> bool:
         if isinstance(values, np.ndarray):
             # One without axes cannot be iterated over; an empty one has only a type.
-            known = values if values.size else [values.dtype.type()]
+            known = values if values.size else np.zeros(1, values.dtype)
             return values.ndim > 0 and all(map(accepts, known))
         is_text = isinstance(values, str | bytes)
         return (

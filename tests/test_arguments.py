@@ -116,6 +116,7 @@ def test_an_empty_array_is_a_sequence_of_the_elements_of_its_type() -> None:
     accepts = several(a_count(), "counts").accepts
     assert accepts([]) and accepts(np.array([1, 2])) and accepts(np.zeros(0, int))
     assert not accepts(np.zeros(0)) and not accepts(np.array(1))
+    assert not accepts(np.zeros(0, dtype=[("count", int)]))
 
 
 def test_an_object_is_known_by_its_attributes_and_is_no_class() -> None:
