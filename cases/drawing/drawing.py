@@ -224,16 +224,7 @@ def draw_bands(axes: "Axes", times: Array, values: Array) -> None:
         times: Shape (n,), or (n + 1,) if values are held from each to the next.
         values: Shape (series, n).
     """
-    known = np.where(np.isfinite(values), values, np.nan)
-    if times.size == known.shape[1] + 1:
-        # The corners of the steps: each value at both ends of its interval.
-        times = np.repeat(times, 2)[1:-1]
-        known = np.repeat(known, 2, axis=1)
-    # nanquantile warns of instants at which no series has a value.
-    known = np.where(np.isnan(known).all(axis=0), 0.0, known)
-    low, below, middle, above, high = np.nanquantile(
-        known, [0.0, 0.25, 0.5, 0.75, 1.0], axis=0
-    )
+    times, (low, below, middle, above, high) = quartiles_of(times, values)
     own = COLOURS[0]
     axes.fill_between(
         times, low, high, color=own, alpha=_OUTER, lw=0, label="smallest to largest"
@@ -242,6 +233,27 @@ def draw_bands(axes: "Axes", times: Array, values: Array) -> None:
         times, below, above, color=own, alpha=_INNER, lw=0, label="middle half"
     )
     axes.plot(times, middle, color=own, lw=_WIDTH, label=f"median of {len(values)}")
+
+
+def quartiles_of(times: Array, values: Array) -> tuple[Array, Array]:
+    """Return instants and, at each, the smallest value to the largest in quarters.
+
+    Args:
+        times: Shape (n,), or (n + 1,) if values are held from each to the next; held
+            values have two instants each.
+        values: Shape (series, n).
+
+    Returns:
+        Shapes (m,) and (5, m).
+    """
+    known = np.where(np.isfinite(values), values, np.nan)
+    if times.size == known.shape[1] + 1:
+        # The corners of the steps: each value at both ends of its interval.
+        times = np.repeat(times, 2)[1:-1]
+        known = np.repeat(known, 2, axis=1)
+    # nanquantile warns of instants at which no series has a value.
+    known = np.where(np.isnan(known).all(axis=0), 0.0, known)
+    return times, np.nanquantile(known, [0.0, 0.25, 0.5, 0.75, 1.0], axis=0)
 
 
 def name_lines(figure: "FigureBase", *, room: int = WHOLE) -> None:

@@ -22,8 +22,21 @@ DARK = (
 )  # fmt: skip
 DASHES = ("", "7 3", "2 2", "8 2 2 2", "12 3", "4 2 1 2", "1 3", "10 2 2 2 2 2",
           "5 5", "14 2 4 2", "3 2 3 5", "9 4 1 4")  # fmt: skip
-MARKS = ("o", "s", "^", "v", "D", "P", "<", ">", "*", "d", "p", "X")
-"""Of matplotlib."""
+MARKS = (
+    "m-4 0a4 4 0 1 0 8 0a4 4 0 1 0-8 0z",  # disc
+    "m-4-4h8v8h-8z",  # square
+    "m0-4l4 8h-8z",  # triangle
+    "m0 4l4-8h-8z",  # triangle, point down
+    "m0-5l5 5l-5 5l-5-5z",  # diamond
+    "m-1.5-4.5h3v3h3v3h-3v3h-3v-3h-3v-3h3z",  # plus
+    "m-4 0l8-4v8z",  # triangle, point left
+    "m4 0l-8-4v8z",  # triangle, point right
+    "m0-5l1.4 3.1l3.4.4l-2.5 2.3l.7 3.4l-3-1.8l-3 1.8l.7-3.4l-2.5-2.3l3.4-.4z",  # star
+    "m-4.5-1.7h9v3.4h-9z",  # bar
+    "m-1.7-4.5h3.4v9h-3.4z",  # bar, upright
+    "m-4-4l8 8v-8l-8 8z",  # hourglass
+)
+"""Paths of SVG from the place of a mark, about 8 units across."""
 
 # Of the page: ground and text, marks of quality, lines. Contrast of text at
 # least 4.5:1, of the border of something to press 3:1.
@@ -43,7 +56,7 @@ def style_sheet() -> str:
     """Return the CSS of the colours: light, dark by choice or by the system, print.
 
     A series of class `s3` has its line in `stroke`, its mark in `fill` of the fourth
-    solver; charts name the colours as variables.
+    solver; `d3` has its dashes.
     """
     light = _variables(LIGHT_PAGE, LIGHT)
     dark = _variables(DARK_PAGE, DARK)
@@ -55,7 +68,9 @@ def style_sheet() -> str:
         f"@media print{{:root:root{{color-scheme:light;{light}}}}}",
     ]
     rules += [
-        f".s{k}{{stroke:var(--s{k});fill:var(--s{k})}}" for k in range(len(LIGHT))
+        f".s{k}{{stroke:var(--s{k});fill:var(--s{k})}}"
+        f".d{k}{{stroke-dasharray:{dash or 'none'}}}"
+        for k, dash in enumerate(DASHES)
     ]
     return "\n".join(rules) + "\n"
 

@@ -2,9 +2,8 @@
 
 import bisect
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from swarmstart.cases.drawing.drawing import colour
 from swarmstart.cases.drawing.report import svg
 from swarmstart.cases.drawing.report.figure import Figure
 from swarmstart.cases.drawing.wording import (
@@ -16,9 +15,6 @@ from swarmstart.cases.drawing.wording import (
     stated_cost,
 )
 from swarmstart.cases.format.document import counted
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 FLOOR = 1e-6  # The least gap that is drawn; IPOPT's own tolerance is 1e-8.
 
@@ -166,21 +162,30 @@ def _curves(  # noqa: PLR0913
     The scale of the vertical axis is "log", "linear" or "share", which is from 0 to 1.
     """
     places = [place for curve in curves.values() for place in curve[0]]
-    chart, axes = svg.new_chart()
-    for name, curve in curves.items():
-        _draw(axes, name, curve, numbers[name], points, is_many=len(curves) > _MANY)
-    axes.set(title=label, xlabel=across)
-    axes.margins(x=0.015)
-    svg.make_logarithmic(axes.xaxis)
-    if scale == "log":
-        svg.make_logarithmic(axes.yaxis)
-    elif scale == "share":
-        axes.set_ylim(0, 1)
-    low, high = axes.get_ylim()
-    for target in targets:
-        if low < target < high:
-            axes.axhline(target, **svg.TARGET)
-    svg.name_series(chart)
+    x = svg.axis_of(places, svg.ACROSS, is_log=True, margin=0.015)
+    if scale == "share":
+        y = svg.Axis(low=0.0, high=1.0, start=svg.UP[0], end=svg.UP[1])
+    else:
+        heights = [v for curve in curves.values() for part in curve[1:] for v in part]
+        y = svg.axis_of(heights, svg.UP, is_log=scale == "log")
+    pairs = [
+        _drawn(x, y, curve, numbers[name], points, title=name)
+        for name, curve in curves.items()
+    ]
+    drawn = [
+        part for parts in zip(*pairs, strict=True) for part in parts
+    ]  # Bands first.
+    many = " many" if len(curves) > _MANY else ""  # Their bands are fainter.
+    levels = [float(y.at(target)) for target in targets if y.low < target < y.high]
+    ends = f"{x.low:.6g} {x.high:.6g} {x.start} {x.end} {y.end} {y.start}"
+    chart = svg.Chart(
+        width=svg.WIDTH,
+        height=svg.HEIGHT,
+        drawing=svg.frame(x, y, title=label, label=across)
+        + f'<g class="curves{many}">{"".join(drawn)}</g>'
+        + "".join(svg.drawn(f"M{x.start} {at:.1f}H{x.end}", "target") for at in levels),
+        follows=f' data-across="log {ends}"',
+    )
     names = list(curves)
     asked = _asked(places, points)
     rows = [
@@ -196,27 +201,27 @@ def _curves(  # noqa: PLR0913
     ]
     return Figure(
         identity=identity, title=title, caption=caption, columns=[across, *names],
-        chart=chart, rows=rows, values=values, follows="across",
+        chart=chart, rows=rows, values=values,
     )  # fmt: skip
 
 
-def _draw(
-    axes: "Axes", name: str, curve: Curve, series: int, points: int, *, is_many: bool
-) -> None:
-    """Draw a solver's line with marks above its band; many bands are fainter."""
+def _drawn(
+    x: svg.Axis, y: svg.Axis, curve: Curve, series: int, points: int, *, title: str
+) -> tuple[str, str]:
+    """Return a solver's band, and its line of steps with marks."""
     kept = svg.thinned(len(curve[0]), points)
-    x, middle, low, high = ([part[k] for k in kept] for part in curve)
-    axes.fill_between(
-        x, low, high, step="post", lw=0, color=colour(series),
-        alpha=0.07 if is_many else 0.13,
-    )  # fmt: skip
+    at = x.at(curve[0])[kept]
+    middle, low, high = (y.at(part)[kept] for part in curve[1:])
+    along, lower = svg.corners(at, low)
+    band = svg.outline(along, lower, svg.corners(at, high)[1])
     # Marks of different series at different places, or they cover each other.
-    marked = {*range(series % 3 + 1, len(x), max(6, len(x) // 4)), len(x) - 1}
-    axes.plot(
-        x, middle, drawstyle="steps-post", markevery=sorted(marked),
-        label=svg.label_of_series(name), gid=svg.titled(name),
-        **svg.series_style(series),
-    )  # fmt: skip
+    marked = {*range(series % 3 + 1, len(at), max(6, len(at) // 4)), len(at) - 1}
+    few, look = sorted(marked), svg.look(series)
+    step_line = svg.line(*svg.corners(at, middle), look, title=title)
+    return (
+        svg.drawn(band, f"area {look}"),
+        step_line + svg.marks(at[few], middle[few], series),
+    )
 
 
 _MANY = 5  # Bands; more of them, one over the other, hide the lines.

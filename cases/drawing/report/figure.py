@@ -5,14 +5,11 @@ import io
 import urllib.parse
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from swarmstart.cases.drawing.page import cleaned
-from swarmstart.cases.drawing.report.svg import WIDTH, as_svg, size_of, text_of
+from swarmstart.cases.drawing.report.svg import WIDTH, Chart, text_of
 from swarmstart.cases.drawing.wording import shortened
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure as Chart
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -23,55 +20,36 @@ class Figure:
         identity: Letters, digits and hyphens; the figure's id, and its file's name.
         title: Its subject in a few words; the accessible name, too.
         caption: Runs, budget, target and test, in a sentence or two.
-        chart: Drawn by matplotlib; with `follows`, in one panel.
+        chart: The drawing. What it follows is found in the table of values: across:
+            the first cells of the rows are values of the horizontal axis; levels: row k
+            is drawn at the height k; empty: nothing is shown at the pointer.
         columns: Headings of the table of values.
         rows: The table of values, in words; the first cell heads the row.
         values: Rows of the file to download, its headings first; empty for none.
-        follows: How the values under the pointer are found: "across": the first cells
-            of the rows are values of the horizontal axis; "levels": row k of the table
-            is drawn at the height k; empty: they are not shown.
     """
 
     identity: str
     title: str
     caption: str
-    chart: "Chart"
+    chart: Chart
     columns: Sequence[str]
     rows: Sequence[Sequence[str]]
     values: Sequence[Sequence[Any]] = field(default=())
-    follows: str = ""
 
     def __html__(self) -> str:
         """Return the markup."""
         name = text_of(self.title)  # `identity` is ours: nothing in it to escape.
-        width, height = size_of(self.chart)
+        chart = self.chart
         # Wider ones scroll on a small screen, or their text is too small.
-        wide = " wide" if width > WIDTH else ""
+        wide = " wide" if chart.width > WIDTH else ""
         return (
             f'<figure class="chart{wide}" id="{self.identity}"><div class="scroll">'
-            f'<svg viewBox="0 0 {width} {height}" role="img" tabindex="0" '
-            f'aria-label="{name}"{self._places(height)}>'
-            f"{as_svg(self.chart, salt=self.identity)}</svg></div>"
+            f'<svg class="drawn" viewBox="0 0 {chart.width:g} {chart.height:g}" '
+            f'role="img" tabindex="0" aria-label="{name}"{chart.follows}>'
+            f"{chart.drawing}</svg></div>"
             f"<figcaption><b>{name}.</b> {text_of(self.caption)}"
             f"</figcaption>{self._table()}</figure>\n"
         )
-
-    def _places(self, height: int) -> str:
-        """Return the places of the values, for the script that shows those nearby."""
-        if not self.follows:
-            return ""
-        axes = self.chart.axes[0]
-        (left, low), (right, high) = axes.bbox.get_points()
-        if self.follows == "levels":
-            ups = [axes.transData.transform((1, k))[1] for k in range(len(self.rows))]
-            places = " ".join(f"{height - up:.0f}" for up in ups)
-        else:
-            begin, end = axes.get_xlim()
-            places = (
-                f"{axes.get_xscale()} {begin:.6g} {end:.6g} {left:.1f} {right:.1f} "
-                f"{height - high:.0f} {height - low:.0f}"
-            )
-        return f' data-{self.follows}="{places}"'
 
     def _table(self) -> str:
         if not self.rows:

@@ -1,40 +1,36 @@
-"""Small panels over time for the player: lines, held steps, bounds.
+"""Small panels over time: lines, held steps, bounds of a flight; bands of many runs.
 
-Matplotlib draws them; the player's script adds a cursor, and the value there.
+The player's script adds a cursor to those of a flight, and the value there.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from swarmstart.arrays import Array
-from swarmstart.cases.drawing import palette
-from swarmstart.cases.drawing.drawing import COLOURS, draw_series
+from swarmstart.cases.drawing.drawing import MOST_NAMED, quartiles_of
 from swarmstart.cases.drawing.panels import Panel, bounds_of
 from swarmstart.cases.drawing.report import svg
 from swarmstart.cases.drawing.report.tracks import Series, Tracks
-from swarmstart.cases.drawing.wording import number
+from swarmstart.cases.drawing.wording import number, shortened
 from swarmstart.cases.format.document import counted
 
 if TYPE_CHECKING:
     from markupsafe import Markup
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
-SIZE, MARGINS = (300, 140), (48, 6, 22, 22)
-"""Width and height of a panel; its margins left, right, below and above."""
+SIZE, ACROSS, UP = (300, 140), (48, 294), (118, 22)
+"""Width and height of a panel; ends of its axes: left and right, below and above."""
+_LABEL = 40
+"""Letters of a label."""
+_WIDEST = 4
+"""Lines of which each is wider than the next one."""
 MOST_POINTS = 300
 ALL_POINTS = 30_000
 """Of the lines of all panels together."""
 _DECADES = 30.0
 """Of positive values, largest to smallest, from which on their axis is logarithmic."""
-_LEVEL: dict[str, Any] = {
-    "color": palette.LIGHT_PAGE["ink-soft"],
-    "ls": (0, (5, 3)),
-    "lw": 1.2,
-}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -64,25 +60,37 @@ def series_panels(tracks: Tracks) -> list[PanelDrawn]:
     """Return a panel for each state and control of a flight."""
     lines = max(1, len(tracks.series) * len(tracks.vehicles))
     most = min(MOST_POINTS, max(60, ALL_POINTS // lines))
-    with svg.page_style():
-        return [_series_panel(one, tracks, most) for one in tracks.series]
+    return [_series_panel(one, tracks, most) for one in tracks.series]
 
 
 def _series_panel(one: Series, tracks: Tracks, most: int) -> PanelDrawn:
     times, values = reduced(one.times, one.values, most)
     values = np.where(np.isfinite(values), values, np.nan)
     label = f"{one.name} [{one.unit}]" if one.unit else one.name
-    figure, axes = new_panel(label, end=float(tracks.times[-1]))
-    draw_series(axes, times, values)
     lower, upper = np.array([one.lower]), np.array([one.upper])
     near, far = bounds_of(
         Panel(label=label, times=times, values=values, lower=lower, upper=upper)
     )
-    for bound, _ in near:
-        axes.axhline(bound, **_LEVEL)
+    levels = [bound for bound, _ in near]
+    x = across(float(tracks.times[-1]))
+    y = svg.axis_of([*values.ravel(), *levels], UP, margin=0.06)
+    drawn = [frame(x, y, label), *(_level(y, level) for level in levels)]
+    if len(values) > MOST_NAMED:
+        times, quarters = quartiles_of(times, values)
+        low, below, middle, above, high = (y.at(row) for row in quarters)
+        for ends in ((low, high), (below, above)):
+            drawn.append(svg.drawn(svg.outline(x.at(times), *ends), "area s0"))
+        drawn.append(svg.line(x.at(times), middle, "s0"))
+    for place, row in enumerate(values) if len(values) <= MOST_NAMED else ():
+        # Held values often coincide: earlier lines, drawn wider, show beneath.
+        ahead = max(0, min(len(values), _WIDEST) - 1 - place) if one.is_held else 0
+        places = (x.at(times), y.at(row))
+        if one.is_held:
+            places = svg.corners(*places)
+        drawn.append(svg.line(*places, svg.look(place), width=1.3 + 0.6 * ahead))
     alone = len(values) == 1
     return PanelDrawn(
-        drawing=_markup(figure),
+        drawing=_markup(drawn),
         has_bounds=bool(near),
         far=f"{one.name} {' and '.join(map(_told, far))}" if far else "",
         times=rounded(times, 5) if alone else (),
@@ -92,14 +100,10 @@ def _series_panel(one: Series, tracks: Tracks, most: int) -> PanelDrawn:
     )
 
 
-def solver_panel(tracks: Tracks, *, name: str = "flight") -> PanelDrawn | None:
+def solver_panel(tracks: Tracks) -> PanelDrawn | None:
     """Return the solver's time of each step beside the length of the step.
 
     None if one plan is carried out to its end: nothing is solved on the way.
-
-    Args:
-        tracks: The flight.
-        name: A word that no other player of the page has, for ids.
     """
     seconds = tracks.step_seconds
     if tracks.is_one_plan or not seconds.size or not np.isfinite(seconds).any():
@@ -116,32 +120,27 @@ def solver_panel(tracks: Tracks, *, name: str = "flight") -> PanelDrawn | None:
     is_even = np.allclose(lengths, each, rtol=1e-6)
     said = f"dt = {_told(each)} s" if is_even else f"median dt = {_told(each)} s"
     late = int((seconds > lengths).sum())
-    with svg.page_style():
-        figure, axes = new_panel(
-            "solver's time a step [s]", end=float(tracks.times[-1])
-        )
-        axes.stairs(drawn, times, baseline=None, color=COLOURS[0], lw=1.7)
-        axes.axhline(each, **_LEVEL)
-        where = np.flatnonzero(tracks.without_plan)[:MOST_POINTS]
-        if where.size:
-            failed = np.maximum(seconds[where], every.min())
-            axes.plot(
-                tracks.step_times[where], failed, "x", mew=1.8, ms=6,
-                color=palette.LIGHT_PAGE["bad"],
-            )  # fmt: skip
-        if every.max() > _DECADES * every.min():
-            svg.make_logarithmic(axes.yaxis, ticks=4)
-        else:
-            axes.set_ylim(bottom=0.0)
-        is_high = axes.transData.transform((0, each))[1] > SIZE[1] - MARGINS[3] - 14
-        axes.annotate(
-            said, (1, each), xycoords=axes.get_yaxis_transform(), ha="right",
-            xytext=(-2, -13 if is_high else 4), textcoords="offset points",
-            fontsize=11, color=palette.LIGHT_PAGE["ink-soft"],
-        )  # fmt: skip
-        drawing = _markup(figure, salt=name)
+    is_log = every.max() > _DECADES * every.min()
+    x = across(float(tracks.times[-1]))
+    y = svg.axis_of(np.append(drawn, every), UP, margin=0.06, is_log=is_log)
+    y = y if is_log else replace(y, low=0.0)
+    where = np.flatnonzero(tracks.without_plan)[:MOST_POINTS]
+    failed = np.maximum(seconds[where], every.min())
+    crosses = zip(x.at(tracks.step_times[where]), y.at(failed), strict=True)
+    is_high = float(y.at(each)) < UP[1] + 14
+    words_at = float(y.at(each)) + (13 if is_high else -4)
+    drawing = [
+        frame(x, y, "solver's time a step [s]"),
+        svg.line(*svg.corners(x.at(times), y.at(drawn)), "s0", width=1.7),
+        _level(y, each),
+        svg.drawn(
+            "".join(f"M{a - 3:.1f} {b - 3:.1f}l6 6m-6 0l6-6" for a, b in crosses),
+            "failed",
+        ),
+        svg.text(ACROSS[1] - 2, words_at, said, anchor="end", name="tick"),
+    ]
     return PanelDrawn(
-        drawing=drawing,
+        drawing=_markup(drawing),
         times=rounded(times, 5),
         values=rounded(values, 3),
         held=True,
@@ -151,24 +150,42 @@ def solver_panel(tracks: Tracks, *, name: str = "flight") -> PanelDrawn | None:
     )
 
 
-def new_panel(label: str, *, end: float, begin: float = 0.0) -> "tuple[Figure, Axes]":
+def band_panel(label: str, times: Sequence[float], band: Mapping[str, Any]) -> "Markup":
+    """Return what is within the `svg` element of a band of many runs.
+
+    Args:
+        label: The quantity and its unit.
+        times: Instants [s].
+        band: "low", "median" and "high" at each; None: not known.
+    """
+    x = across(times[-1], begin=times[0])
+    sides = [np.array(band[side], dtype=float) for side in ("low", "median", "high")]
+    y = svg.axis_of(np.concatenate(sides), UP, margin=0.06)
+    at, (low, median, high) = x.at(times), (y.at(side) for side in sides)
+    area = svg.drawn(svg.outline(at, low, high), "area s0")
+    return _markup([frame(x, y, label), area, svg.line(at, median, "s0", width=1.2)])
+
+
+def across(end: float, *, begin: float = 0.0) -> svg.Axis:
+    """Return the axis of a span of time [s]."""
+    last = end if end > begin else begin + 1.0
+    return svg.Axis(low=begin, high=last, start=ACROSS[0], end=ACROSS[1])
+
+
+def frame(x: svg.Axis, y: svg.Axis, label: str) -> str:
     """Return an empty panel over a span of time [s]."""
-    figure, axes = svg.new_chart(width=SIZE[0], height=SIZE[1], margins=MARGINS)
-    axes.set_title(svg.label_of_series(label))
-    axes.set_xlim(begin, end if end > begin else begin + 1.0)
-    axes.margins(y=0.06)
-    axes.tick_params(labelsize=11)
-    axes.locator_params(nbins=4, steps=(1, 2, 5, 10))
-    # In place of the last tick, which may be at the edge.
-    axes.locator_params(axis="x", prune="upper")
-    axes.set_xlabel("s", loc="right", labelpad=-11, fontsize=11)
-    return figure, axes
+    return svg.frame(x, y, title=shortened(label, _LABEL), most=(4, 4), unit="s")
 
 
-def _markup(figure: "Figure", *, salt: str = "") -> "Markup":
+def _level(y: svg.Axis, value: float) -> str:
+    at = f"{float(y.at(value)):.1f}"
+    return svg.drawn(f"M{ACROSS[0]} {at}H{ACROSS[1]}", "level")
+
+
+def _markup(drawn: Sequence[str]) -> "Markup":
     from markupsafe import Markup
 
-    return Markup(svg.as_svg(figure, salt=salt))
+    return Markup("".join(drawn))
 
 
 def _told(value: float) -> str:

@@ -16,9 +16,9 @@ import numpy as np
 
 from swarmstart.arrays import Array
 from swarmstart.cases.drawing.page import rendered
+from swarmstart.cases.drawing.report import svg
 from swarmstart.cases.drawing.report.panels_over_time import (
-    MARGINS,
-    SIZE,
+    ACROSS,
     PanelDrawn,
     series_panels,
     solver_panel,
@@ -67,7 +67,7 @@ def player(tracks: Tracks, *, name: str = "flight") -> "Markup":
 
     world = None if tracks.plane is None else _World(tracks.plane)
     panels = series_panels(tracks)
-    solver = solver_panel(tracks, name=name)
+    solver = solver_panel(tracks)
     end = float(tracks.times[-1])
     shown = [solver, *panels] if solver else panels
     beside = _BESIDE if world is not None else 0
@@ -79,7 +79,7 @@ def player(tracks: Tracks, *, name: str = "flight") -> "Markup":
         "panels": [
             {"times": p.times, "values": p.values, "held": p.held} for p in shown
         ],
-        "edges": [MARGINS[0], SIZE[0] - MARGINS[1]],
+        "edges": ACROSS,
     }
     if world is not None:
         payload["plane"] = world.payload(tracks)
@@ -294,10 +294,10 @@ class _World:
                     "colour": place % _COLOURS,
                     "name": tracks.vehicles[place] or "vehicle",
                     "short": short_name(tracks.vehicles[place]),
-                    "track": _lines(self.x(x[thin]), self.y(y[thin])),
-                    "dots": _dots(
-                        self.x(np.interp(marks, tracks.times, x)),
-                        self.y(np.interp(marks, tracks.times, y)),
+                    "track": svg.path(self.x(x[thin]).round(), self.y(y[thin]).round()),
+                    "dots": svg.dots(
+                        self.x(np.interp(marks, tracks.times, x)).round(),
+                        self.y(np.interp(marks, tracks.times, y)).round(),
                     )
                     if place < _MOST_MARKED
                     else "",
@@ -343,22 +343,3 @@ def _whole(values: Array) -> list[int | None]:
 def _fixed(values: list[int | None]) -> list[int | None]:
     """Return the one value of what stands still, else all."""
     return values[:1] if len(set(values)) == 1 else values
-
-
-def _lines(x: Array, y: Array) -> str:
-    parts, is_down = [], False
-    for a, b in zip(x, y, strict=True):
-        if np.isfinite(a) and np.isfinite(b):
-            parts.append(f"{'L' if is_down else 'M'}{round(a)} {round(b)}")
-            is_down = True
-        else:
-            is_down = False
-    return "".join(parts)
-
-
-def _dots(x: Array, y: Array) -> str:
-    kept = np.isfinite(x) & np.isfinite(y)
-    # A line of no length: its round ends are the dot.
-    return "".join(
-        f"M{round(a)} {round(b)}h0" for a, b in zip(x[kept], y[kept], strict=True)
-    )

@@ -1,11 +1,11 @@
 """Figures with a row or a mark for each solver: costs, seconds, ranks, false claims."""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
 
 from swarmstart.cases.drawing import palette
-from swarmstart.cases.drawing.drawing import colour
-from swarmstart.cases.drawing.page import cleaned
 from swarmstart.cases.drawing.report import svg
 from swarmstart.cases.drawing.report.curves import FLOOR
 from swarmstart.cases.drawing.report.figure import Figure
@@ -21,10 +21,6 @@ from swarmstart.cases.drawing.wording import (
     shortened,
     stated_cost,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure as Chart
 
 _NAMES, _COUNTS, _END = 180, 98, 14  # Room left of rows, and right of them.
 _ROW, _BELOW, _ABOVE = 26, 50, 8
@@ -51,21 +47,28 @@ def costs(
     is_far = bool(best) and any(_away(cost, best) > _FAR for cost in every)
     placed = [_gaps(part, best) for part in found] if is_far else found
     label = "value (the more, the better)" if sense == -1 else "cost"
-    chart, axes = _rows([row["solver"] for row in rows], numbers, right=_COUNTS)
-    for level, (row, at) in enumerate(zip(rows, placed, strict=True)):
-        _strip(axes, level, row["solver"], at, numbers[row["solver"]])
-    if is_far:
-        svg.make_logarithmic(axes.xaxis, ticks=6)
-    elif best is not None:
-        axes.axvline(best, **svg.TARGET)
-    axes.set_xlabel("gap to the best known (relative)" if is_far else label)
+    marked = [] if is_far else [best]
+    x = svg.axis_of(
+        [cost for part in [*placed, marked] for cost in part],
+        (_NAMES, svg.WIDTH - _COUNTS),
+        is_log=is_far,
+    )
+    drawn = [
+        _strip(x, level, row["solver"], part, numbers[row["solver"]])
+        for level, (row, part) in enumerate(zip(rows, placed, strict=True))
+    ]
+    if not is_far and best is not None:
+        upright = f"M{float(x.at(best)):.1f} {_ABOVE}V{_level(len(rows) - 0.5)}"
+        drawn.append(svg.drawn(upright, "target"))
+    label = "gap to the best known (relative)" if is_far else label
+    chart = _rows([row["solver"] for row in rows], numbers, x, label, drawn)
     return Figure(
         identity=identity, title=f"Spread over seeds: {_title(scenario)}",
         caption=f"Verified {'value' if sense == -1 else 'cost'} of each feasible run "
         "(dots, one a seed; their height within a row means nothing), middle half "
         f"(box) and median (bar); right: feasible runs of all. Budget {budget}. "
         f"{_axis_in_words(is_far)}",
-        chart=chart, follows="levels",
+        chart=chart,
         columns=["solver", "runs", "feasible", "lowest", "quarter", "median",
                  "three quarters", "highest"],
         rows=[_summary(row["solver"], part)
@@ -91,21 +94,17 @@ def seconds_and_success(
     ]
     if not rows:
         return None
-    chart, axes = svg.new_chart()
-    for row in rows:
-        place, share, name = row["seconds_p50"], rate(row) or 0.0, row["solver"]
-        style = svg.series_style(numbers[name])
-        ends = row["near_intervals"]
-        if ends is not None and all(is_number(end) for end in ends[0]):
-            axes.plot([place] * 2, ends[0], **{**style, "marker": None})
+    places = [row["seconds_p50"] for row in rows]
+    x = svg.axis_of(places, svg.ACROSS, is_log=True, margin=0.08)
+    y = svg.Axis(low=-0.03, high=1.03, start=svg.UP[0], end=svg.UP[1])
+    drawn = svg.frame(x, y, title="success rate", label="seconds a run (median)")
+    for row, place in zip(rows, places, strict=True):
+        name, share = row["solver"], rate(row) or 0.0
+        ends = (row["near_intervals"] or [[None, None]])[0]
         told = f"{name}: {number(place, digits=4)} s, {percent(share)}"
-        axes.plot(
-            place, share, label=svg.label_of_series(name), gid=svg.titled(told), **style
-        )
-    axes.set(title="success rate", xlabel="seconds a run (median)", ylim=(-0.03, 1.03))
-    axes.margins(x=0.08)
-    svg.make_logarithmic(axes.xaxis)
-    svg.name_series(chart)
+        at = np.repeat(x.at(place), 2)
+        drawn += svg.line(at, y.at(ends), svg.look(numbers[name]))
+        drawn += svg.marks(at[:1], y.at([share]), numbers[name], title=told)
     noisy = (
         " The machine was busy with other work: compare no seconds."
         if content["is_noisy"]
@@ -117,7 +116,7 @@ def seconds_and_success(
         f"{percent(content['near'][0])} of the best known cost, with Wilson's 95 % "
         "interval, over the solver's own seconds (without building and compiling). "
         f"Budget {content['budget_text']}. Higher and further left is better.{noisy}",
-        chart=chart,
+        chart=svg.Chart(width=svg.WIDTH, height=svg.HEIGHT, drawing=drawn),
         columns=["solver", "seconds (median)", "success rate", "95 % interval"],
         rows=[
             [shortened(row["solver"]), number(row["seconds_p50"], digits=4),
@@ -140,15 +139,18 @@ def ranks(content: Mapping[str, Any], *, numbers: Mapping[str, int]) -> Figure |
     )
     if not given:
         return None
-    chart, axes = _rows([rank["solver"] for rank in given], numbers)
+    every = [rank[part] for rank in given for part in ("mean", "low", "high")]
+    x = svg.axis_of([1.0, *every], (_NAMES, svg.WIDTH - _END))
+    drawn = []
     for level, rank in enumerate(given):
-        style = svg.series_style(numbers[rank["solver"]])
-        if is_number(rank["low"]) and is_number(rank["high"]):
-            ends = [rank["low"], rank["high"]]
-            axes.plot(ends, [level] * 2, **{**style, "marker": None})
-        axes.plot(rank["mean"], level, gid=svg.titled(rank["solver"]), **style)
-    axes.update_datalim([(1, 0)])
-    axes.set_xlabel("mean rank (1 is the best)")
+        name, at = rank["solver"], np.repeat(_level(level), 2)
+        ends = x.at([rank["low"], rank["high"]])
+        drawn += [
+            svg.line(ends, at, svg.look(numbers[name])),
+            svg.marks(x.at([rank["mean"]]), at[:1], numbers[name], title=name),
+        ]
+    label = "mean rank (1 is the best)"
+    chart = _rows([rank["solver"] for rank in given], numbers, x, label, drawn)
     told = [
         [rank["solver"], *(number(rank[k], digits=4) for k in ("mean", "low", "high"))]
         for rank in given
@@ -159,7 +161,7 @@ def ranks(content: Mapping[str, Any], *, numbers: Mapping[str, int]) -> Figure |
         f"the seeds of each of {len(content['scenarios'])} scenarios, with the 95 % "
         "interval from resampling the scenarios (bootstrap). "
         f"Budget {content['budget_text']}.",
-        chart=chart, follows="levels",
+        chart=chart,
         columns=["solver", "mean rank", "low", "high"], rows=told,
         values=[["solver", "mean", "low", "high"]] + [
             [rank["solver"], rank["mean"], rank["low"], rank["high"]] for rank in given
@@ -172,27 +174,26 @@ def judged(content: Mapping[str, Any], *, numbers: Mapping[str, int]) -> Figure 
     totals = claims_by_solver(content)
     if not totals:
         return None
-    chart, axes = _rows([name for name, *_ in totals], numbers)
-    page = palette.LIGHT_PAGE
+    x = svg.Axis(low=0.0, high=100.0, start=_NAMES, end=svg.WIDTH - _END)
+    drawn = []
     for level, (_, runs, _, claimed, false) in enumerate(totals):
         honest = max(claimed - false, 0)
-        for kind, count, left, look in (
-            ("confirmed", honest, 0, {"color": colour(3)}),
-            ("refused", false, honest, {"fc": page["ground"], "ec": page["bad"],
-                                        "lw": 2.5, "ls": (0, (3, 2))}),
+        heights = (_level(level - 0.35), _level(level + 0.35))
+        for kind, count, before in (
+            ("confirmed", honest, 0), ("refused", false, honest)
         ):  # fmt: skip
-            told = svg.titled(f"{kind}: {count} of {runs}")
-            width, begin = 100 * count / runs, 100 * left / runs
+            ends = x.at([100 * before / runs, 100 * (before + count) / runs]).tolist()
+            told = f"{kind}: {count} of {runs}"
             if count:  # Nothing is not an edge.
-                axes.barh(level, width, 0.7, left=begin, gid=told, **look)
-    axes.set(xlim=(0, 100), xlabel="per cent of all runs")
+                drawn.append(svg.drawn(svg.box(ends, heights), kind, title=told))
+    label, names = "per cent of all runs", [name for name, *_ in totals]
     return Figure(
         identity="judged", title="Claimed and verified, all scenarios",
         caption="Runs whose claim was confirmed along the whole path on a grid ten "
         "times finer (plain), and false successes (dashed edge): claimed feasible but "
         "not confirmed, or a claimed cost off by more than "
         f"{percent(content['near'][0])}. The rest claimed nothing, or failed.",
-        chart=chart, follows="levels",
+        chart=_rows(names, numbers, x, label, drawn),
         columns=["solver", "runs", "feasible", "claimed feasible", "false successes"],
         rows=[[name, *(str(count) for count in rest)] for name, *rest in totals],
         values=[["solver", "runs", "feasible", "claimed_feasible", "false_successes"],
@@ -233,47 +234,62 @@ def _axis_in_words(is_far: bool) -> str:
     )
 
 
+def _level(place: float) -> float:
+    """Return the height of a row, the first one on top."""
+    return _ABOVE + _ROW * (place + 0.5)
+
+
 def _rows(
-    names: Sequence[str], numbers: Mapping[str, int], *, right: float = _END
-) -> "tuple[Chart, Axes]":
+    names: Sequence[str],
+    numbers: Mapping[str, int],
+    x: svg.Axis,
+    label: str,
+    drawn: Sequence[str],
+) -> svg.Chart:
     """Return a chart with a row for each solver, its name and mark left of it."""
-    chart, axes = svg.new_chart(
-        height=_ROW * len(names) + _BELOW + _ABOVE,
-        margins=(_NAMES, right, _BELOW, _ABOVE),
+    levels = np.array([_level(level) for level in range(len(names))])
+    y = svg.Axis(low=0.0, high=1.0, start=_level(len(names) - 0.5), end=_ABOVE)
+    heads = [
+        svg.text(_NAMES - 22, level + 4.5, shortened(name, _LETTERS), anchor="end")
+        + svg.marks(np.array([_NAMES - 11.0]), np.array([level]), numbers[name])
+        for name, level in zip(names, levels, strict=True)
+    ]
+    places = " ".join(f"{level:.0f}" for level in levels)
+    return svg.Chart(
+        width=svg.WIDTH,
+        height=y.start + _BELOW,
+        drawing=svg.frame(x, y, label=label, most=(6, 0)) + "".join([*heads, *drawn]),
+        follows=f' data-levels="{places}"',
     )
-    words = [cleaned(shortened(name, _LETTERS)) for name in names]
-    axes.set_yticks(range(len(names)), words, color="black")
-    axes.set_ylim(len(names) - 0.5, -0.5)  # The first one is on top.
-    axes.tick_params(axis="y", length=0, pad=22)
-    axes.grid(visible=False, axis="y")
-    axes.use_sticky_edges = False
-    for level, name in enumerate(names):
-        style = {**svg.series_style(numbers[name]), "ls": "none"}
-        place = axes.get_yaxis_transform()
-        axes.plot(-0.03, level, transform=place, clip_on=False, **style)
-    return chart, axes
 
 
 def _strip(
-    axes: "Axes", level: int, name: str, part: Sequence[float | None], series: int
-) -> None:
-    """Draw one solver's row: box, median, dots, number of feasible runs."""
+    x: svg.Axis, level: int, name: str, part: Sequence[float | None], series: int
+) -> str:
+    """Return one solver's row: box, median, dots, number of feasible runs."""
     known = [(seed, cost) for seed, cost in enumerate(part) if cost is not None]
     whole = f"{len(known)} of {len(part)}"
-    place = axes.get_yaxis_transform()
-    axes.text(1.26, level, whole, transform=place, ha="right", va="center")
+    count = svg.text(svg.WIDTH - _END, _level(level) + 4.5, whole, anchor="end")
     if not known:
-        return
-    left, half, right = (quantile(part, q) or 0.0 for q in (0.25, 0.5, 0.75))
-    own = colour(series)
-    axes.barh(level, right - left, 0.77, left=left, fc=(own, 0.12), ec=own)
-    svg.draw_dots(
-        axes,
-        [(cost, level + 0.54 * ((seed * _GOLDEN) % 1 - 0.5)) for seed, cost in known],
-        lw=5.5, alpha=0.6, ec=own,
-        gid=svg.titled(f"{name}: median {number(half)}, {whole} feasible"),
-    )  # fmt: skip
-    axes.plot([half] * 2, [level - 0.38, level + 0.38], color="black", lw=3)
+        return count
+    quarters = [quantile(part, q) or 0.0 for q in (0.25, 0.5, 0.75)]
+    left, half, right = x.at(quarters).tolist()
+    own = f"s{series % len(palette.MARKS)}"
+    heights = np.array(
+        [_level(level + 0.54 * ((k * _GOLDEN) % 1 - 0.5)) for k, _ in known]
+    )
+    told = f"{name}: median {number(quarters[1])}, {whole} feasible"
+    ends = (_level(level - 0.38), _level(level + 0.38))
+    return (
+        count
+        + svg.drawn(svg.box((left, right), ends), f"box {own}")
+        + svg.drawn(
+            svg.dots(x.at([cost for _, cost in known]), heights),
+            f"dots {own}",
+            title=told,
+        )
+        + svg.drawn(f"M{half:.1f} {ends[0]:.1f}V{ends[1]:.1f}", "median")
+    )
 
 
 def _by_seed(

@@ -4,23 +4,26 @@ import statistics
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from swarmstart.cases.drawing import palette
+import numpy as np
+
 from swarmstart.cases.drawing.report import svg
 from swarmstart.cases.drawing.wording import is_number, number
 
 if TYPE_CHECKING:
     from markupsafe import Markup
-    from matplotlib.axes import Axes
 
-WIDTH, HEIGHT, MARGINS = 280, 42, (8, 8, 14, 0)
+WIDTH, HEIGHT, ENDS = 280, 42, (8, 272)
+"""Size of a strip; ends of its line."""
+MIDDLE, LINE = 14, 28
+"""Heights of its dots, and of its line."""
 MOST_DOTS = 200
 _DECADES = 1000.0
 """Of positive values, largest to smallest, from which on the line is logarithmic."""
 _ROWS = 3
-_APART = 0.3
-"""Part of the line; places that are nearer to each other share a text."""
-_EDGE = 0.1
-"""Part of the line at its ends where a text that is centred would be cut off."""
+_APART = 80
+"""Places that are nearer to each other share a text."""
+_EDGE = 26
+"""Room at the ends of the line where a text that is centred would be cut off."""
 _BELOW, _ABOVE = ("<", "<="), (">", ">=")
 
 
@@ -49,58 +52,48 @@ def strip(
     shown = known[:MOST_DOTS]
     # In rows, so that values that are nearly equal can be told apart.
     rows = [((k % _ROWS) - 1) * (len(shown) > 1) for k in range(len(shown))]
-    page = palette.LIGHT_PAGE
-    with svg.page_style():
-        figure, axes = svg.new_chart(width=WIDTH, height=HEIGHT, margins=MARGINS)
-        low, high = _scale(axes, known if limit is None else [*known, limit])
-        if limit is not None:
-            for begin, end in _asked(relation, limit, width, low, high):
-                axes.axvspan(begin, end, color=page["good"], alpha=0.16, lw=0)
-            axes.axvline(limit, color="black", lw=1.4, ls=(0, (4, 2)))
-        axes.plot([median] * 2, [-2.4, 2.4], color=page["ink-soft"])
-        places = list(zip(shown, rows, strict=True))
-        svg.draw_dots(axes, places, lw=6, ec=page["accent"], alpha=0.75)
-        _name_ends(axes, known)
-        drawn = svg.as_svg(figure, salt="")  # Without marks there are no ids.
+    axis = _axis(known if limit is None else [*known, limit])
+    drawn = [f'<path class="axes" d="M{ENDS[0]} {LINE}H{ENDS[1]}"/>']
+    if limit is not None:
+        for side in _asked(relation, limit, width, axis.low, axis.high):
+            drawn.append(svg.drawn(svg.box(axis.at(side).tolist(), (0, LINE)), "asked"))
+        drawn.append(svg.drawn(f"M{float(axis.at(limit)):.1f} 0V{LINE}", "bound"))
+    drawn.append(svg.drawn(f"M{float(axis.at(median)):.1f} 3.5V24.5", "median"))
+    heights = MIDDLE + 4.4 * np.array(rows)
+    drawn.append(svg.drawn(svg.dots(axis.at(shown), heights), "dots"))
+    drawn += _ends(known, axis)
     told = svg.text_of(_told(known, median, len(values) - len(known), limit, relation))
     return Markup(
-        f'<svg class="strip" viewBox="0 0 {WIDTH} {HEIGHT}" role="img" '
-        f'aria-label="{told}">{drawn}</svg>'
+        f'<svg class="drawn strip" viewBox="0 0 {WIDTH} {HEIGHT}" role="img" '
+        f'aria-label="{told}">{"".join(drawn)}</svg>'
     )
 
 
-def _scale(axes: "Axes", marks: Sequence[float]) -> tuple[float, float]:
-    """Make the panel a line that holds some values; return its ends."""
+def _axis(marks: Sequence[float]) -> svg.Axis:
+    """Return the line that holds some values."""
     low, high = min(marks), max(marks)
-    if low > 0 and high > _DECADES * low:
-        axes.set_xscale("log")
-        room = (high / low) ** 0.05
-        low, high = low / room, high * room
-    else:
+    if low == high:
         # If all values are equal, the line is as long as their size.
-        room = 0.05 * (high - low) or max(abs(high), 1e-9) * 0.5
+        room = max(abs(high), 1e-9) * 0.5
         low, high = low - room, high + room
-    axes.set(xlim=(low, high), ylim=(-3.2, 3.2), yticks=[], xticks=[])
-    axes.minorticks_off()
-    axes.spines["left"].set_visible(False)
-    return low, high
+    is_log = low > 0 and max(marks) > _DECADES * min(marks)
+    return svg.axis_of([low, high], ENDS, is_log=is_log)
 
 
-def _name_ends(axes: "Axes", known: Sequence[float]) -> None:
-    """Write lowest and highest below the line; one text if they are near."""
+def _ends(known: Sequence[float], axis: svg.Axis) -> list[str]:
+    """Return lowest and highest as texts below the line; one text if they are near."""
     low, high = min(known), max(known)
-    to_part = axes.transData - axes.transAxes
-    first, last = (float(to_part.transform((end, 0))[0]) for end in (low, high))
+    first, last = axis.at([low, high]).tolist()
     texts, edge = [(first, number(low)), (last, number(high))], _EDGE
     if last - first < _APART:
         text = number(low) if low == high else f"{number(low)} to {number(high)}"
         texts, edge = [((first + last) / 2, text)], _APART
-    for place, text in texts:
-        anchor = "left" if place < edge else "right" if place > 1 - edge else "center"
-        axes.text(
-            place, -0.4, text, transform=axes.transAxes, ha=anchor, fontsize=10.5,
-            color=palette.LIGHT_PAGE["ink-soft"],
-        )  # fmt: skip
+    found = []
+    for place, words in texts:
+        anchor = "end" if place > ENDS[1] - edge else "middle"
+        anchor = "" if place < ENDS[0] + edge else anchor
+        found.append(svg.text(place, HEIGHT - 2, words, anchor=anchor, name="tick"))
+    return found
 
 
 def _asked(

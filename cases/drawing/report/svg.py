@@ -1,74 +1,139 @@
-"""Figures of matplotlib as SVG within a page.
+"""Charts within a page, as SVG: axes, lines, bands, bars, dots, marks, legends.
 
-Colours of the palette become the page's CSS variables, so that a figure follows the
-page into dark and print; text stays text, in the page's font. A page's policy refuses
-`style` attributes, so styles become attributes of their own. Coordinates are in units
-of the view box, about a pixel on a wide page, with one decimal: less is not visible.
+Sizes are in units of the view box, about a pixel on a wide page, with one decimal: less
+is not visible. Looks are classes of the page's style sheet (`shell.css`, `palette`), so
+that a chart follows the page into dark and print, and its policy, which refuses `style`
+attributes. Matplotlib chooses the ticks; its own axes would take 60 ms of CPU each, and
+a page may have three hundred.
 """
 
 import html
-import io
-import re
-import warnings
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import ArrayLike
+
+from swarmstart.arrays import Array
 from swarmstart.cases.drawing import palette
-from swarmstart.cases.drawing.drawing import colour, columns_of_names, line_style
 from swarmstart.cases.drawing.page import cleaned
 from swarmstart.cases.drawing.wording import number, shortened
 
 if TYPE_CHECKING:
-    from contextlib import AbstractContextManager
+    from markupsafe import Markup
+    from matplotlib.ticker import Locator
 
-    from matplotlib.axes import Axes
-    from matplotlib.axis import Axis
-    from matplotlib.figure import Figure
+WIDTH, HEIGHT = 600, 330
+"""Of a chart."""
+ACROSS, UP = (64, 586), (280, 30)
+"""Ends of the axes of its panel: left and right, below and above."""
+_NAME = 40
+# Beyond them differences, and powers of ticks beside an axis, overflow.
+_HUGE, _MOST_POWER = 1e300, 150.0
+_ROUNDING = 1e-9
+_CONSTANT = 1e-12  # Part of their size by which equal values may differ: rounding.
+_LINEAR, _FEW = 4.0, 100.0  # Ratios of the ends of logarithmic axes with other ticks.
+_DIGITS = 6
 
-UNIT = 72
-"""Units of the view box in an inch; matplotlib's points."""
-WIDTH, HEIGHT, MARGINS = 600, 330, (64, 14, 50, 30)
-"""Size of a chart; its margins left, right, below and above the panel."""
-TARGET: dict[str, Any] = {"color": "black", "ls": (0, (1.5, 3.5)), "lw": 1.2}
-"""Look of the line of a target, or of what is known."""
-_LEGEND_ROW, _LEGEND_LETTERS, _NAME = 19, 90, 40
-_FEW_DECADES = 2
-_INK, _SOFT, _RULE, _LINE = (
-    palette.LIGHT_PAGE[name] for name in ("ink", "ink-soft", "rule", "line")
-)
-_STYLE: dict[Any, Any] = {
-    "svg.fonttype": "none", "text.parse_math": False, "text.color": _INK,
-    "figure.dpi": UNIT, "font.size": 13,
-    "figure.facecolor": "none", "axes.facecolor": "none", "axes.edgecolor": _LINE,
-    "axes.labelcolor": _INK, "axes.titlelocation": "left", "axes.titlesize": 13,
-    "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True,
-    "axes.axisbelow": True, "grid.color": _RULE, "grid.linewidth": 1.0,
-    "xtick.color": _LINE, "ytick.color": _LINE, "xtick.labelcolor": _SOFT,
-    "ytick.labelcolor": _SOFT, "xtick.major.size": 0.0, "ytick.major.size": 0.0,
-    "lines.linewidth": 2.0, "lines.markersize": 8.0,
-    "lines.markeredgewidth": 0.0,
-    "lines.scale_dashes": False, "legend.frameon": False, "legend.fontsize": 12,
-}  # fmt: skip
-_VARIABLES = {
-    "#000000": "ink",
-    **{value: name for name, value in palette.LIGHT_PAGE.items()},
-    **{value: f"s{k}" for k, value in enumerate(palette.LIGHT)},
-}
-_NAMED = re.compile(r'<g id="title:([^"]*)">')
-_TAG = re.compile(r"<[^>]+>")
-_IDENTITY = re.compile(r'(?<=^<g) id="[^"]*"')
-_PROPERTIES = re.compile(r' style="([^"]*)"')
-_PLACES = re.compile(r'(?<= )(d|x|y)="([^"]*)"')
-_DECIMALS = re.compile(r"-?\d+\.\d+")
-_COMMANDS = re.compile(r"([A-Zz])\s*(?:(\S+) (\S+)((?: [^\sA-Za-z]+)*))?")
-# What says nothing: level text, the look that the page gives, paths without ink, and
-# groups without attributes and titles.
-_IDLE = re.compile(
-    r' transform="rotate\(-0 [^"]*\)"| stroke-dashoffset="0"| font-size="13px"'
-    r'|(?<=^<text)(?P<rest>[^>]*) fill="var\(--ink\)"'
-)
-_INKLESS = re.compile(r'<path d="[^"]*" fill="none"/>|<g/>')
-_PLAIN = re.compile(r"<g>((?:<(?!/?g\b|title)[^>]*>[^<]*)*)</g>")
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Chart:
+    """A chart as it stands in a page.
+
+    Attributes:
+        width: Of its view box.
+        height: Likewise.
+        drawing: Markup within its `svg` element.
+        follows: Attribute that tells the script where its values are; may be empty.
+    """
+
+    width: float
+    height: float
+    drawing: str
+    follows: str = ""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Axis:
+    """A scale from values to places.
+
+    Attributes:
+        low: Value at `start`.
+        high: Value at `end`, greater than `low`.
+        start: Place of its begin.
+        end: Place of its end; less than `start` if it points up.
+        is_log: Whether it is logarithmic; `low` is then positive.
+    """
+
+    low: float
+    high: float
+    start: float
+    end: float
+    is_log: bool = False
+
+    def at(self, values: ArrayLike) -> Array:
+        """Return places; NaN for a value without one (None, or 0 among logarithms)."""
+        given = np.asarray(values, dtype=float)
+        low, high = self.low, self.high
+        if self.is_log:
+            low, high = math.log(low), math.log(high)
+            given = np.log(np.where(given > 0, given, np.nan))
+        return np.asarray(
+            self.start + (given - low) / (high - low) * (self.end - self.start)
+        )
+
+    def ticks(self, most: int) -> list[tuple[float, str]]:
+        """Return places of at most about so many ticks, with their texts."""
+        # Not at the head: Markdown, LaTeX and CSV have no ticks.
+        from matplotlib.ticker import LogLocator, MaxNLocator
+
+        if self.is_log and self.high > _LINEAR * self.low:
+            subs = (1, 2, 5) if self.high < _FEW * self.low else (1,)
+            locator: Locator = LogLocator(subs=subs, numticks=most)
+        else:
+            locator = MaxNLocator(most, steps=(1, 2, 5, 10))
+        found = np.asarray(locator.tick_values(self.low, self.high))
+        share = (self.at(found) - self.start) / (self.end - self.start)
+        # Rounding must not lose a tick at an end.
+        kept = found[(share >= -_ROUNDING) & (share <= 1 + _ROUNDING)].tolist()
+        digits = _DIGITS
+        if not self.is_log and len(kept) > 1:
+            # Neighbours far from zero differ late.
+            size = max(map(abs, kept)) / (kept[1] - kept[0])
+            digits = max(digits, 1 + math.ceil(math.log10(size)))
+        texts = [number(v, digits=digits).replace("-", "\N{MINUS SIGN}") for v in kept]
+        return list(zip(self.at(kept).tolist(), texts, strict=True))
+
+
+def axis_of(
+    values: Iterable[Any],
+    ends: tuple[float, float],
+    *,
+    margin: float = 0.05,
+    is_log: bool = False,
+) -> Axis:
+    """Return the axis that holds values with a margin; what is not finite is left out.
+
+    Args:
+        values: Numbers, NaN or None.
+        ends: Places of its begin and its end.
+        margin: Part of the range that is added on either side.
+        is_log: Whether it is logarithmic; other than positive values are left out.
+    """
+    found = np.asarray(list(values), dtype=float)
+    found = np.clip(found[np.isfinite(found)], -_HUGE, _HUGE)
+    if is_log:
+        found = np.clip(np.log10(found[found > 0]), -_MOST_POWER, _MOST_POWER)
+    low, high = (found.min(), found.max()) if found.size else (0.0, 1.0)
+    room = margin * (high - low)
+    if high - low <= _CONSTANT * max(abs(low), abs(high)):
+        room = 0.5 if is_log else 0.05 * abs(high) or 0.05
+    low, high = float(low - room), float(high + room)
+    if is_log:
+        low, high = 10.0**low, 10.0**high
+    return Axis(low=low, high=high, start=ends[0], end=ends[1], is_log=is_log)
 
 
 def text_of(text: object) -> str:
@@ -76,139 +141,172 @@ def text_of(text: object) -> str:
     return html.escape(cleaned(str(text)), quote=True)
 
 
-def page_style() -> "AbstractContextManager[None]":
-    """Return the context in which the charts of a page are drawn and put into it."""
-    import matplotlib as mpl
+def text(x: float, y: float, words: str, *, anchor: str = "", name: str = "") -> str:
+    """Return words at a place.
 
-    return mpl.rc_context(_STYLE)
+    Args:
+        x: Of the anchor.
+        y: Of the base line.
+        words: Of a user, too.
+        anchor: "middle" or "end"; empty: the begin.
+        name: Class; may be empty.
+    """
+    named = f' class="{name}"' if name else ""
+    anchored = f' text-anchor="{anchor}"' if anchor else ""
+    place = f'x="{_decimal(x)}" y="{_decimal(y)}"'
+    return f"<text{named}{anchored} {place}>{text_of(words)}</text>"
 
 
-def new_chart(
+def frame(
+    x: Axis,
+    y: Axis,
     *,
-    width: float = WIDTH,
-    height: float = HEIGHT,
-    margins: tuple[float, float, float, float] = MARGINS,
-) -> "tuple[Figure, Axes]":
-    """Return a figure with one panel at a fixed place, which needs no layout.
+    title: str = "",
+    label: str = "",
+    most: tuple[int, int] = (8, 6),
+    unit: str = "",
+) -> str:
+    """Return grid and ticks of a panel, its title above and its label below.
 
     Args:
-        width: Of the figure.
-        height: Of the figure.
-        margins: Left, right, below and above the panel.
+        x: Horizontal axis.
+        y: Vertical axis.
+        title: What the vertical axis shows.
+        label: What the horizontal axis shows.
+        most: Ticks of the horizontal and the vertical axis; 0: none.
+        unit: Stands in place of the last ticks of the horizontal axis.
     """
-    from matplotlib.figure import Figure
-
-    left, right, below, above = margins
-    figure = Figure(figsize=(width / UNIT, height / UNIT))
-    size = ((width - left - right) / width, (height - below - above) / height)
-    return figure, figure.add_axes((left / width, below / height, *size))
-
-
-def series_style(number: int, *, has_mark: bool = True) -> dict[str, Any]:
-    """Return colour, dashes and mark of a series, as `Axes.plot` takes them."""
-    mark = palette.MARKS[number % len(palette.MARKS)] if has_mark else None
-    return {"color": colour(number), "ls": line_style(number), "marker": mark}
-
-
-def titled(text: str) -> str:
-    """Return the `gid` of an artist with which a page gives it a tooltip."""
-    return f"title:{text_of(shortened(text))}"
-
-
-def label_of_series(text: str) -> str:
-    """Return a user's text as it stands in a chart."""
-    label = cleaned(shortened(text, _NAME))
-    # Legends leave out what begins with an underscore.
-    return f" {label}" if label.startswith("_") else label
-
-
-def name_series(figure: "Figure") -> None:
-    """Put a legend below the one panel of a chart, which grows by its rows."""
-    (axes,) = figure.axes
-    handles, names = axes.get_legend_handles_labels()
-    columns = columns_of_names(names, _LEGEND_LETTERS)
-    room = _LEGEND_ROW * -(-len(names) // columns)
-    width, height = (UNIT * inches for inches in figure.get_size_inches())
-    place, whole = axes.get_position(), height + room
-    figure.set_size_inches(width / UNIT, whole / UNIT)
-    axes.set_position(
-        (place.x0, (place.y0 * height + room) / whole, place.width,
-         place.height * height / whole)
-    )  # fmt: skip
-    figure.legend(
-        handles, names, loc="lower left", ncols=columns, borderaxespad=0.0,
-        borderpad=0.1, handlelength=2.6, labelspacing=0.3, columnspacing=1.4,
-    )  # fmt: skip
-
-
-def draw_dots(axes: "Axes", places: Sequence[tuple[float, float]], **look: Any) -> None:
-    """Draw dots as one path, which is a third as long as a mark for each.
-
-    Args:
-        axes: The panel.
-        places: In its data.
-        look: Of the line; `lw` is the size of the dots.
-    """
-    from matplotlib.patches import PathPatch
-    from matplotlib.path import Path
-
-    # Lines of no length: their round ends are the dots.
-    codes = [Path.MOVETO, Path.LINETO] * len(places)
-    path = Path([place for place in places for _ in range(2)], codes)
-    axes.add_patch(PathPatch(path, fill=False, capstyle="round", **look))
-
-
-def make_logarithmic(axis: "Axis", *, ticks: int = 8) -> None:
-    """Make an axis logarithmic, with plain numbers at few places.
-
-    Args:
-        axis: Horizontal or vertical axis whose panel holds its lines already.
-        ticks: The most of them.
-    """
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
-
-    axis.axes.set(**{f"{axis.axis_name}scale": "log"})  # type: ignore[attr-defined]
-    low, high = axis.get_view_interval()
-    is_narrow = high < low * 10**_FEW_DECADES
-    axis.set_major_locator(
-        LogLocator(subs=(1, 2, 5) if is_narrow else (1,), numticks=ticks)
+    grid, texts = [], []
+    for place, words in x.ticks(most[0]):
+        grid.append(f"M{_decimal(place)} {_decimal(y.start)}V{_decimal(y.end)}")
+        if not unit or place < x.end - 18:
+            texts.append(text(place, y.start + 16, words, anchor="middle", name="tick"))
+    for place, words in y.ticks(most[1]) if most[1] else []:
+        grid.append(f"M{_decimal(x.start)} {_decimal(place)}H{_decimal(x.end)}")
+        texts.append(text(x.start - 5, place + 4, words, anchor="end", name="tick"))
+    if unit:
+        texts.append(text(x.end, y.start + 16, unit, anchor="end", name="tick"))
+    if label:
+        texts.append(text((x.start + x.end) / 2, y.start + 34, label, anchor="middle"))
+    if title:
+        texts.append(text(x.start, y.end - 8, title))
+    left, right, below, above = map(_decimal, (x.start, x.end, y.start, y.end))
+    return (
+        f'<path class="grid" d="{"".join(grid)}"/>{"".join(texts)}'
+        f'<path class="axes" d="M{left} {above}V{below}H{right}"/>'
     )
-    axis.set_minor_locator(NullLocator())
-    axis.set_major_formatter(FuncFormatter(lambda at, _: number(at, digits=6)))
 
 
-def as_svg(figure: "Figure", *, salt: str) -> str:
-    """Return what is within the `svg` element of a figure; the same for the same.
+def look(series: int) -> str:
+    """Return the classes of colour and dashes of a series; twelve, then round again."""
+    count = len(palette.DASHES)
+    # One further in each round: series 13 has the colour of the first, not its dashes.
+    return f"s{series % count} d{(series + series // count) % count}"
+
+
+def line(
+    x: Array, y: Array, name: str, *, title: str = "", width: float | None = None
+) -> str:
+    """Return a line.
 
     Args:
-        figure: Drawn, and put into the page, in `page_style()`.
-        salt: A word that no other figure of the page has, for its ids.
+        x: Places, shape (n,).
+        y: Likewise; the line is broken where a place is not finite.
+        name: Its classes.
+        title: Its tooltip.
+        width: Of the line; None: as the style sheet has it.
     """
-    import matplotlib as mpl
-
-    buffer = io.StringIO()
-    nothing: dict[str, Any] = dict.fromkeys(("Date", "Creator", "Format", "Type"))
-    with mpl.rc_context({"svg.hashsalt": salt}), warnings.catch_warnings():
-        # Text is drawn by the browser, whose fonts have more glyphs.
-        warnings.filterwarnings("ignore", message="Glyph .* missing from font")
-        for artist in figure.findobj():
-            artist.set_clip_on(False)  # Axes hold all; marks at an edge stay whole.
-        figure.savefig(buffer, format="svg", metadata=nothing)
-    text = buffer.getvalue()
-    text = text[text.index('<g id="figure_1">') : text.rindex("</svg>")]
-    # Escaped twice: by `titled`, and by matplotlib.
-    text = _NAMED.sub(lambda m: f"<g><title>{html.unescape(m[1])}</title>", text)
-    text = re.sub(r"\n\s*", "", _TAG.sub(_for_a_page, text))
-    text, before = _INKLESS.sub("", text), ""
-    while text != before:  # Groups within groups, from the inner to the outer ones.
-        text, before = _PLAIN.sub(r"\1", text), text
-    return text
+    wide = "" if width is None else f' stroke-width="{_decimal(width)}"'
+    return drawn(path(x, y), f"line {name}", title=title, more=wide)
 
 
-def size_of(figure: "Figure") -> tuple[int, int]:
-    """Return width and height of a figure in units of the view box."""
-    width, height = figure.get_size_inches()
-    return round(UNIT * width), round(UNIT * height)
+def drawn(d: str, name: str, *, title: str = "", more: str = "") -> str:
+    """Return a path element with its tooltip; `d` and `more` are markup."""
+    if not title:
+        return f'<path class="{name}" d="{d}"{more}/>'
+    tip = f"<title>{text_of(shortened(title))}</title>"
+    return f'<path class="{name}" d="{d}"{more}>{tip}</path>'
+
+
+def path(x: Array, y: Array) -> str:
+    """Return the path through places; broken where a place is not finite."""
+    parts: list[str] = []
+    before = ("", "")
+    for place in zip(x.tolist(), y.tolist(), strict=True):
+        if not all(map(math.isfinite, place)):
+            before = ("", "")
+            continue
+        a, b = map(_decimal, place)
+        if not before[0]:
+            parts.append(f"M{a} {b}")
+        elif b == before[1]:
+            parts.append(f"H{a}" if a != before[0] else "")
+        else:
+            parts.append(f"V{b}" if a == before[0] else f"L{a} {b}")
+        before = (a, b)
+    return "".join(parts)
+
+
+def outline(x: Array, low: Array, high: Array) -> str:
+    """Return the path around what is between two lines, shape (n,) each."""
+    kept = np.isfinite(low) & np.isfinite(high) & np.isfinite(x)
+    there, back = x[kept], x[kept][::-1]
+    around = path(np.append(there, back), np.append(low[kept], high[kept][::-1]))
+    return f"{around}z" if around else ""
+
+
+def box(x: Sequence[float], y: Sequence[float]) -> str:
+    """Return the path around a box, from its ends."""
+    left, right, one, other = map(_decimal, (*x, *y))
+    return f"M{left} {one}H{right}V{other}H{left}z"
+
+
+def dots(x: Array, y: Array) -> str:
+    """Return the path of dots; what is not finite is left out."""
+    kept = np.isfinite(x) & np.isfinite(y)
+    # A line of no length: its round ends are the dot.
+    places = zip(x[kept].tolist(), y[kept].tolist(), strict=True)
+    return "".join(f"M{_decimal(a)} {_decimal(b)}h0" for a, b in places)
+
+
+def marks(x: Array, y: Array, series: int, *, title: str = "") -> str:
+    """Return the marks of a series at places, shape (n,) each."""
+    mark = palette.MARKS[series % len(palette.MARKS)]
+    places = zip(x.tolist(), y.tolist(), strict=True)
+    d = "".join(f"M{_decimal(a)} {_decimal(b)}{mark}" for a, b in places)
+    return drawn(d, f"marks s{series % len(palette.MARKS)}", title=title)
+
+
+def corners(x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
+    """Return the corners of steps: values, each held to the next place.
+
+    Args:
+        x: Shape (n,), or (n + 1,) if the last value is held, too.
+        y: Shape (n,).
+    """
+    both = np.repeat(np.asarray(x), 2)[1 : 2 * np.size(y) + 1]
+    return both, np.repeat(np.asarray(y), 2)[: both.size]
+
+
+def legend(numbers: Mapping[str, int]) -> "Markup":
+    """Return a list of series, each with its line and its mark; it wraps.
+
+    Args:
+        numbers: Name of a series -> its number.
+    """
+    from markupsafe import Markup
+
+    ends, middle = np.array([0.0, 34.0]), np.array([6.0])
+    items = [
+        '<li><svg class="drawn key" viewBox="0 0 34 12" aria-hidden="true">'
+        + line(ends, np.repeat(middle, 2), look(series))
+        + marks(np.array([17.0]), middle, series)
+        + f"</svg>{text_of(shortened(name, _NAME))}</li>"
+        for name, series in numbers.items()
+    ]
+    return Markup('<ul class="legend" aria-label="Legend">{}</ul>').format(
+        Markup("".join(items))
+    )
 
 
 def thinned(length: int, most: int) -> list[int]:
@@ -218,41 +316,5 @@ def thinned(length: int, most: int) -> list[int]:
     return sorted({round(k * (length - 1) / (most - 1)) for k in range(most)})
 
 
-def _for_a_page(match: re.Match[str]) -> str:
-    """Return a tag without styles of its own, ids of groups, and needless decimals."""
-    tag = _PROPERTIES.sub(_attributes, _IDENTITY.sub("", match[0]))
-    tag = _IDLE.sub(r"\g<rest>", tag.replace("xlink:href", "href"))
-    return _PLACES.sub(_rounded, tag)
-
-
-def _attributes(match: re.Match[str]) -> str:
-    """Return CSS properties as attributes, colours as variables of the page."""
-    found = []
-    for part in filter(None, map(str.strip, match[1].split(";"))):
-        name, _, value = part.partition(": ")
-        if name == "font":  # Before matplotlib 3.10: size and family in one.
-            name, value = "font-size", value[: value.index("px") + 2].split()[-1]
-        if name != "font-family":  # The page's own.
-            variable = _VARIABLES.get(value)
-            found.append(f' {name}="{f"var(--{variable})" if variable else value}"')
-    return "".join(found)
-
-
-def _rounded(match: re.Match[str]) -> str:
-    few = _DECIMALS.sub(lambda found: _one_decimal(float(found[0])), match[2])
-    if match[1] != "d":
-        return f'{match[1]}="{few}"'
-    parts, before = [], ("", "")
-    for command, x, y, rest in _COMMANDS.findall(few):
-        short = f"{command}{x} {y}{rest}" if y else command
-        if command == "L" and x == before[0]:
-            short = f"V{y}"
-        elif command == "L" and y == before[1]:
-            short = f"H{x}"
-        parts.append(short)
-        before = (x, y) if command in "ML" else ("", "")
-    return f'd="{"".join(parts)}"'
-
-
-def _one_decimal(value: float) -> str:
+def _decimal(value: float) -> str:
     return f"{value:.1f}".removesuffix(".0")

@@ -4,18 +4,17 @@ Of each scenario it shows the best answer's states and controls over time, a pan
 """
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
 
 from swarmstart.cases.drawing import wording
-from swarmstart.cases.drawing.page import cleaned, rendered
+from swarmstart.cases.drawing.page import rendered
 from swarmstart.cases.drawing.report import curves, rows, spreads, svg
 from swarmstart.cases.drawing.report.figure import Figure
 from swarmstart.cases.drawing.report.pictures import PAGE_BYTES
 from swarmstart.cases.drawing.wording import is_number, number, shortened
 from swarmstart.cases.format.document import counted
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure as Chart
 
 _MOST_DRAWN = 2200  # Points of all curves.
 _FEWEST, _USUAL = 6, 64  # Points of a curve.
@@ -40,10 +39,9 @@ def comparison_page(content: Mapping[str, Any]) -> str:
     """
     drawn = sum(len(scenario["rows"]) for scenario in content["scenarios"])
     points = min(max(_MOST_DRAWN // max(drawn, 1), _FEWEST), _USUAL)
-    with svg.page_style():
-        page = _page(content, points)
-        if len(page.encode()) > PAGE_BYTES and points > _FEWEST:
-            page = _page(content, _FEWEST)  # What is longer is taken as it is.
+    page = _page(content, points)
+    if len(page.encode()) > PAGE_BYTES and points > _FEWEST:
+        page = _page(content, _FEWEST)  # What is longer is taken as it is.
     return page
 
 
@@ -58,6 +56,9 @@ def _page(content: Mapping[str, Any], points: int) -> str:
             "troubles": rows.troubles(scenario),
             "measures": rows.measures(scenario),
             "figures": _figures(content, scenario, place, numbers, points),
+            "legend": svg.legend(
+                {row["solver"]: numbers[row["solver"]] for row in scenario["rows"]}
+            ),
             "answer": _trajectory(
                 scenario, identity=f"answer-{place}", points=2 * points
             ),
@@ -79,6 +80,7 @@ def _page(content: Mapping[str, Any], points: int) -> str:
             "regression": rows.regression(content),
             "scenarios": scenarios,
             "whole": [figure for figure in whole if figure is not None],
+            "legend": svg.legend(numbers),
             "judged": spreads.judged(content, numbers=numbers),
             "has_pairs": points > _FEW,
             "seeds": counted(len(content["seeds"]), "seed"),
@@ -176,34 +178,30 @@ def _panels(
     time: Sequence[Any],
     series: Sequence[tuple[str, Sequence[Any], int]],
     kept: Sequence[int],
-) -> "Chart":
-    """Return a figure with a panel for each series at the instants that are kept."""
-    from matplotlib.figure import Figure as Chart
-
+) -> svg.Chart:
+    """Return a chart with a panel for each series at the instants that are kept."""
     columns = min(_COLUMNS, len(series))
-    rows = -(-len(series) // columns)
-    width, height = columns * _WIDE, rows * _HIGH
-    chart = Chart(figsize=(width / svg.UNIT, height / svg.UNIT))
-    grid = chart.add_gridspec(
-        rows, columns, left=48 / width, right=1 - 14 / width, wspace=62 / (_WIDE - 62),
-        bottom=30 / height, top=1 - 26 / height, hspace=56 / (_HIGH - 56),
-    )  # fmt: skip
+    drawn = []
     for k, (name, values, kind) in enumerate(series):
-        axes = chart.add_subplot(grid[k])
+        row, column = divmod(k, columns)
+        right, below = (column + 1) * _WIDE, (row + 1) * _HIGH
         points = [
             (time[i], value)
             for i in kept
             if is_number(time[i]) and is_number(value := _value(values, i))
         ]
-        axes.plot(
-            *zip(*points, strict=True), gid=svg.titled(name),
-            drawstyle="steps-post" if kind == _CONTROL else "default",
-            **svg.series_style(kind, has_mark=False),
-        )  # fmt: skip
-        axes.set_title(cleaned(shortened(name, 34)))
-        axes.margins(x=0)
-        axes.locator_params(nbins=4)
-    return chart
+        times, heights = np.array(points, dtype=float).reshape(-1, 2).T
+        x = svg.axis_of(times, (right - _WIDE + 48, right - 14), margin=0.0)
+        y = svg.axis_of(heights, (below - 30, below - _HIGH + 26))
+        places = (x.at(times), y.at(heights))
+        if kind == _CONTROL:
+            places = svg.corners(*places)
+        drawn += [
+            svg.frame(x, y, title=shortened(name, 34), most=(4, 4)),
+            svg.line(*places, svg.look(kind), title=name),
+        ]
+    rows = -(-len(series) // columns)
+    return svg.Chart(width=columns * _WIDE, height=rows * _HIGH, drawing="".join(drawn))
 
 
 def _value(values: Sequence[Any], place: int) -> Any:

@@ -15,10 +15,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from swarmstart.cases.drawing.page import rendered
-from swarmstart.cases.drawing.report import svg
 from swarmstart.cases.drawing.report.pages.broken_limits import broken_seeds
 from swarmstart.cases.drawing.report.pages.run_content import MOST_ROWS
-from swarmstart.cases.drawing.report.panels_over_time import new_panel
+from swarmstart.cases.drawing.report.panels_over_time import SIZE, band_panel
 from swarmstart.cases.drawing.report.strips import strip
 from swarmstart.cases.drawing.report.text_reports import (
     latex_table,
@@ -26,7 +25,7 @@ from swarmstart.cases.drawing.report.text_reports import (
     markdown_table,
     markdown_text,
 )
-from swarmstart.cases.drawing.seed_figures import band_label, draw_band
+from swarmstart.cases.drawing.seed_figures import band_label
 from swarmstart.cases.drawing.wording import (
     is_number,
     shortened,
@@ -102,6 +101,7 @@ def seeds_page(content: Mapping[str, Any]) -> str:
             ],
             "ends": _ends(content),
             "bands": bands,
+            "size": SIZE,
             "seeds": [str(seed) for seed in content["seeds"]],
             "command": str(content.get("command") or ""),
             "facts": _facts(content),
@@ -178,10 +178,8 @@ def _rows(content: Mapping[str, Any], count: int) -> list[SpreadRow]:
     return rows
 
 
-def _bands(content: Mapping[str, Any]) -> "list[tuple[str, tuple[int, int], Markup]]":
-    """Return name, width and height, and drawing of the band of each state."""
-    from markupsafe import Markup
-
+def _bands(content: Mapping[str, Any]) -> "list[tuple[str, Markup]]":
+    """Return name and drawing of the band of each state."""
     given = content.get("bands")
     if not given:
         return []
@@ -192,11 +190,7 @@ def _bands(content: Mapping[str, Any]) -> "list[tuple[str, tuple[int, int], Mark
         if not times or number >= MOST_BANDS:
             continue
         label = band_label(str(name), content)
-        with svg.page_style():
-            figure, axes = new_panel(label, begin=times[0], end=times[-1])
-            draw_band(axes, times, band)
-            markup = Markup(svg.as_svg(figure, salt=f"band-{number}"))
-        drawn.append((label, svg.size_of(figure), markup))
+        drawn.append((label, band_panel(label, times, band)))
     return drawn
 
 

@@ -1,56 +1,98 @@
-"""Figures of matplotlib within a page: colours, texts and ids are the page's."""
+"""Charts within a page: places, ticks, texts; the looks are the page's."""
 
 from __future__ import annotations
 
 import re
-from typing import Any
 
+import numpy as np
 import pytest
 
+from swarmstart.cases.drawing import palette
 from swarmstart.cases.drawing.report import svg
 
 
-def drawn(name: str = "series", *, salt: str = "a", **more: Any) -> str:
+def axis(low: float, high: float, *, is_log: bool = False) -> svg.Axis:
+    """Return an axis of 500 units."""
+    return svg.Axis(low=low, high=high, start=50.0, end=550.0, is_log=is_log)
+
+
+def texts(one: svg.Axis, most: int = 8) -> list[str]:
+    return [words for _, words in one.ticks(most)]
+
+
+def drawn(name: str) -> str:
     """Return a chart with one line of a name."""
-    with svg.page_style():
-        figure, axes = svg.new_chart()
-        style = {**svg.series_style(2), **more}
-        axes.plot([1, 10], [0.25, 1], label=svg.label_of_series(name),
-                  gid=svg.titled(name), **style)  # fmt: skip
-        axes.set_title("share")
-        svg.make_logarithmic(axes.xaxis)
-        svg.name_series(figure)
-        return svg.as_svg(figure, salt=salt)
-
-
-def test_colours_are_those_of_the_page_and_no_style_is_an_attribute() -> None:
-    """The page's policy refuses styles; a colour of its own would not turn dark."""
-    text = drawn()
-    assert 'stroke="var(--s2)"' in text and 'fill="var(--ink)"' in text
-    assert not re.search(r"style=|<style|#[0-9a-f]{6}|font-family", text)
-    assert drawn(color="#123456").count("#123456") > 0  # No colour is lost.
-
-
-def test_a_line_keeps_its_places_to_a_decimal() -> None:
-    """x from 1 to 10 and y from 0.25 to 1, margins of matplotlib's 5 % on each side."""
-    text = drawn(marker=None)
-    x0, y0, x1, y1 = map(
-        float, re.findall(r'd="M([\d.]+) ([\d.]+)L([\d.]+) ([\d.]+)"', text)[-1]
+    x, y = axis(1.0, 10.0, is_log=True), axis(0.0, 1.0)
+    places = x.at([1.0, 10.0]), y.at([0.25, 1.0])
+    return (
+        svg.frame(x, y, title=name, label=name)
+        + svg.line(*places, svg.look(2), title=name)
+        + svg.marks(*places, 2, title=name)
+        + str(svg.legend({name: 2}))
     )
-    left, right, below, above = svg.MARGINS
-    width, height = svg.WIDTH - left - right, svg.HEIGHT - below - above
-    assert x0 == pytest.approx(left + width * 0.05 / 1.1, abs=0.06)
-    assert x1 == pytest.approx(left + width * 1.05 / 1.1, abs=0.06)
-    assert y1 == pytest.approx(above + height * 0.05 / 1.1, abs=0.06)
-    assert y0 == pytest.approx(above + height * 1.05 / 1.1, abs=0.06)
 
 
-def test_the_same_chart_is_the_same_text_and_two_of_a_page_share_no_id() -> None:
-    first, again, other = drawn(), drawn(), drawn(salt="b")
-    assert first == again
-    ids = [re.findall(r' id="([^"]*)"', text) for text in (first, other)]
-    assert ids[0] and not {*ids[0]} & {*ids[1]}
-    assert {*re.findall(r'href="#([^"]*)"', first)} == {*ids[0]}
+def test_looks_are_classes_of_the_page() -> None:
+    """The page's policy refuses styles; a colour of its own would not turn dark."""
+    text = drawn("series")
+    assert not re.search(r"style=|<style|#[0-9a-f]{3}|rgb|font-family", text)
+    sheet = palette.style_sheet()
+    for name in ("s2", "d2"):
+        assert name in re.findall(r'class="line ([^"]*)"', text)[0].split()
+        assert f".{name}{{stroke" in sheet
+
+
+def test_an_axis_holds_its_values_with_a_margin() -> None:
+    """From 1 to 10 and a margin of 5 % of that: the ends are 0.05/1.1 off the ends."""
+    one = svg.axis_of([10.0, None, 1.0, np.nan, np.inf], (0.0, 110.0))
+    np.testing.assert_allclose(one.at([1.0, 5.5, 10.0]), [5.0, 55.0, 105.0])
+    upright = svg.axis_of([1e-3, 0.0, -5.0, 1e3], (110.0, 0.0), is_log=True)
+    np.testing.assert_allclose(upright.at([1e-3, 1.0, 1e3]), [105.0, 55.0, 5.0])
+    assert np.isnan(upright.at([0.0, -1.0])).all()
+
+
+@pytest.mark.parametrize("is_log", [False, True])
+@pytest.mark.parametrize("values", [[], [3.0], [3.0, 3.0 + 1e-15], [0.0], [-2.0],
+                                    [1e308, -1e308], [5e-324, 1e308]])  # fmt: skip
+def test_any_values_have_an_axis_with_ticks(
+    values: list[float], *, is_log: bool
+) -> None:
+    one = svg.axis_of(values, (0.0, 100.0), is_log=is_log)
+    assert np.isfinite([one.low, one.high]).all() and one.low < one.high
+    places = [place for place, _ in one.ticks(5)]
+    assert 2 <= len(places) <= 8 and -1e-6 <= min(places) < max(places) <= 100 + 1e-6
+
+
+@pytest.mark.parametrize(("ends", "expected"), [
+    ((0.02, 0.7), ["0.05", "0.1", "0.2", "0.5"]),
+    ((1e-6, 1e3), ["0.0001", "0.01", "1", "100"]),
+    ((3.01, 3.02), ["3.01", "3.02"]),
+])  # fmt: skip
+def test_a_logarithmic_axis_has_a_few_plain_numbers(
+    ends: tuple[float, float], expected: list[str]
+) -> None:
+    found = texts(axis(*ends, is_log=True))
+    assert {*expected} <= {*found} and len(found) <= 10
+
+
+def test_ticks_of_a_linear_axis_are_told_apart() -> None:
+    assert texts(axis(-0.3, 0.3), 4) == ["\N{MINUS SIGN}0.2", "0", "0.2"]
+    far = texts(axis(12345678.1, 12345678.4), 4)
+    assert far[:2] == ["12345678.1", "12345678.2"] and len({*far}) == len(far)
+
+
+def test_a_line_has_a_decimal_and_breaks_where_nothing_is_known() -> None:
+    x = np.array([0.0, 1.04, 2.0, 3.0, 4.0, 5.0])
+    y = np.array([7.0, 8.06, 8.06, np.nan, 1.0, 1.0])
+    assert svg.path(x, y) == "M0 7L1 8.1H2M4 1H5"
+    assert svg.path(*svg.corners([0, 1, 2], [5, 6])) == "M0 5H1V6H2"  # Each is held.
+    assert svg.path(*svg.corners([0, 1], [5, 6])) == "M0 5H1V6"
+    assert svg.outline(x, y, y + 1) == "M0 7L1 8.1H2L4 1H5V2H4L2 9.1H1L0 8z"
+    assert svg.dots(x[2:5], y[2:5]) == "M2 8.1h0M4 1h0"
+
+
+def test_series_look_different_for_twelve_rounds() -> None:
+    assert len({svg.look(number) for number in range(144)}) == 144
 
 
 @pytest.mark.parametrize("name", [
@@ -58,26 +100,8 @@ def test_the_same_chart_is_the_same_text_and_two_of_a_page_share_no_id() -> None
     "x\x1b[31m",
 ])  # fmt: skip
 def test_text_of_a_user_stays_text(name: str) -> None:
-    """Neither formula nor markup, and no warning of a glyph that a font lacks."""
-    text = drawn(name)
-    told = svg.text_of(name).replace("&quot;", '"').replace("&#x27;", "'")
-    assert re.search(rf"<text [^>]*> ?{re.escape(told)}</text>", text)
-    assert f"<title>{svg.text_of(name)}</title>" in text
-
-
-@pytest.mark.parametrize(("ends", "texts"), [
-    ((0.02, 0.7), ["0.05", "0.1", "0.2", "0.5"]),
-    ((1e-6, 1e3), ["0.0001", "0.01", "1", "100"]),
-    ((3.01, 3.02), ["3.01", "3.02"]),
-])  # fmt: skip
-def test_a_logarithmic_axis_has_a_few_plain_numbers(
-    ends: tuple[float, float], texts: list[str]
-) -> None:
-    with svg.page_style():
-        _, axes = svg.new_chart()
-        axes.plot(ends, [0, 1])
-        svg.make_logarithmic(axes.xaxis)
-        low, high = axes.get_xlim()
-        places = [at for at in axes.get_xticks() if low <= at <= high]
-        found = [axes.xaxis.get_major_formatter()(at, 0) for at in places]
-    assert {*texts} <= {*found} and len(found) <= 10
+    text, told = drawn(name), svg.text_of(name)
+    assert len(re.findall(rf"<text [^>]*>{re.escape(told)}</text>", text)) == 2
+    assert text.count(f"<title>{told}</title>") == 2
+    assert f"</svg>{told}</li>" in text
+    assert "<script" not in text and "\x1b" not in text

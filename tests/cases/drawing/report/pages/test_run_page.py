@@ -528,12 +528,12 @@ def test_other_content_than_that_of_seeds_is_refused(wrong: dict[str, Any]) -> N
 def test_a_strip_is_to_scale_and_shades_what_is_asked() -> None:
     """Dots keep the ratios of the values; the side below the bound is shaded."""
     drawn = strip([1.0, 2.0, 4.0], bound=3.0, relation="<=")
-    dots = re.findall(r'd="([^"]*)"[^>]*linecap="round"', drawn)[0]
+    dots = re.findall(r'class="dots" d="([^"]*)"', drawn)[0]
     x = [float(found) for found in re.findall(r"M([\d.]+)", dots)]
     assert (x[2] - x[1]) / (x[1] - x[0]) == pytest.approx(2.0, rel=0.01)
-    bound = float(re.findall(r'd="M([\d.]+) [^>]*dasharray="4,2"', drawn)[0])
+    bound = float(re.findall(r'class="bound" d="M([\d.]+) ', drawn)[0])
     assert bound == pytest.approx((x[1] + x[2]) / 2, abs=0.2)
-    assert re.search(rf'd="M8 28H{bound:g}V0H8z[^>]*var\(--good\)', drawn)
+    assert f'class="asked" d="M8 0H{bound:g}V28H8z"' in drawn
     assert "3 values from 1 to 4, median 2; asked: &lt;= 3." in drawn
     assert strip([None, float("nan"), "a"]) == ""
     assert "2 not defined" in strip([5.0, None, [1]])
