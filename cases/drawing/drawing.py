@@ -6,9 +6,10 @@ each, or are drawn as bands if there are too many.
 """
 
 import functools
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, BinaryIO, Protocol, TypeVar
 
 import numpy as np
 
@@ -48,6 +49,13 @@ _WIDTH, _STEP, _WIDEST = 1.3, 0.6, 4
 WHOLE, HALF = 170, 95
 """Characters that a legend below a wide figure has room for, and below half of one."""
 _DECADE = 10.0
+_RAISED = str.maketrans(
+    "-0123456789",
+    "\N{SUPERSCRIPT MINUS}\N{SUPERSCRIPT ZERO}\N{SUPERSCRIPT ONE}\N{SUPERSCRIPT TWO}"
+    "\N{SUPERSCRIPT THREE}\N{SUPERSCRIPT FOUR}\N{SUPERSCRIPT FIVE}"
+    "\N{SUPERSCRIPT SIX}\N{SUPERSCRIPT SEVEN}\N{SUPERSCRIPT EIGHT}"
+    "\N{SUPERSCRIPT NINE}",
+)
 _HANDLE = 9
 """Characters that the line beside a name takes."""
 _DENSE, _OFTEN, _MOVE, _THIN = 400, 0.1, 0.02, 0.5
@@ -130,11 +138,21 @@ def write_figures(
     ]
     for number, (figure, form, file) in enumerate(planned):
         progress(number, len(planned), "drawing")
-        save = functools.partial(
-            figure.savefig, format=form, dpi=PNG_DPI, metadata=_METADATA[form]
-        )
-        write_atomically(file, save)
+        write_atomically(file, functools.partial(_save, figure, form))
     return [file for _, _, file in planned]
+
+
+def _save(figure: "Figure", form: str, file: BinaryIO) -> None:
+    """Write a figure in a format.
+
+    `Figure.savefig` draws twice, the first time for the layout alone, although drawing
+    lays out by itself.
+    """
+    from matplotlib.backend_bases import get_registered_canvas_class
+
+    canvas = get_registered_canvas_class(form)(figure)
+    figure.set_dpi(PNG_DPI)
+    getattr(canvas, f"print_{form}")(file, metadata=_METADATA[form])
 
 
 def colour(number: int) -> str:
@@ -327,10 +345,36 @@ def make_logarithmic(axes: "Axes", values: Array, *, ratio: float = 100.0) -> No
     if finite.size and 0 < finite.min() * ratio < finite.max():
         from matplotlib.ticker import NullFormatter
 
-        axes.set_yscale("log")
+        name_powers(axes)
         # Within a decade the minor ticks are the only ones with numbers.
         if finite.max() > _DECADE * finite.min():
             axes.yaxis.set_minor_formatter(NullFormatter())
+
+
+def name_powers(axes: "Axes", *, has_minor_ticks: bool = True) -> None:
+    """Make the vertical axis logarithmic, with powers of ten as plain text.
+
+    Args:
+        axes: The panel.
+        has_minor_ticks: Whether there are ticks between them; of many decades these
+            take longer to draw than the lines.
+    """
+    from matplotlib.ticker import FuncFormatter, NullLocator
+
+    axes.set_yscale("log")
+    # Matplotlib's own would be formulas: a parser, to be loaded and built, for each.
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: _power(value)))
+    if not has_minor_ticks:
+        axes.yaxis.set_minor_locator(NullLocator())
+
+
+def _power(value: float) -> str:
+    """Return a power of ten as text; another number in a few digits."""
+    exponent = math.log10(value) if value > 0 else math.nan
+    whole = round(exponent) if math.isfinite(exponent) else 0
+    if not math.isclose(exponent, whole, abs_tol=1e-9):
+        return f"{value:.4g}"
+    return f"10{str(whole).translate(_RAISED)}"
 
 
 def escaped(text: str) -> str:

@@ -12,6 +12,7 @@ from swarmstart.cases.drawing.drawing import (
     MOST_NAMED,
     WHOLE,
     draw_series,
+    name_powers,
     named_lines,
     new_figure,
     put_legend,
@@ -154,7 +155,7 @@ def draw_errors(  # noqa: PLR0913 - two axes, two limits, two words
     # Lines of smaller errors leave the panel through its lower edge.
     drawn = np.maximum(errors, floor / 10)
     draw_series(axes, times, drawn, names=names, numbers=numbers)
-    axes.set_yscale("log")
+    name_powers(axes, has_minor_ticks=False)
     axes.margins(x=0)
     axes.grid(alpha=0.3)
     least = float(drawn[np.isfinite(drawn)].min(initial=np.inf))

@@ -25,6 +25,7 @@ from swarmstart.cases.drawing.drawing import (
     into_folder,
     line_style,
     name_lines,
+    name_powers,
     new_figure,
 )
 from swarmstart.cases.drawing.panels import Labels, panels_of, stacked_limits, wrapped
@@ -68,8 +69,8 @@ SMALLEST_VALUE = 1e-14
 """Values of e'Pe below it are drawn as this on the logarithmic axis."""
 
 RELATIVE = (
-    ("speed", "v - v$_L$ [m/s]"),
-    ("heading", r"$\psi$ - $\psi_L$ [rad]"),
+    ("speed", "speed - leader's [m/s]"),
+    ("heading", "heading - leader's [rad]"),
     ("x", "x - slot [m]"),
     ("y", "y - slot [m]"),
 )
@@ -248,12 +249,14 @@ def relative_figure(
 
 def _shade_linear(axes: "Axes", shown: Shown) -> None:
     """Shade the steps flown under the linear law."""
-    # The label once, or the legend would have it for every step.
-    label: str | None = "linear law"
-    for k in np.flatnonzero(shown.linear):
-        begin, end = shown.times[k], shown.times[k + 1]
-        axes.axvspan(begin, end, color="0.93", linewidth=0, zorder=-1, label=label)
-        label = None
+    if not shown.linear.any():
+        return
+    # One area: a span for each step would be drawn, and measured, one by one.
+    axes.fill_between(
+        np.repeat(shown.times, 2)[1:-1], 0.0, 1.0, where=np.repeat(shown.linear, 2),
+        transform=axes.get_xaxis_transform(), color="0.93", lw=0, zorder=-1,
+        label="linear law",
+    )  # fmt: skip
 
 
 Distances = tuple[str, float, Array, Array]
@@ -356,7 +359,7 @@ def _draw_level(
     )  # fmt: skip
     level = terminal_set.alpha
     axes.axhline(level, color="0.25", ls=":", lw=1.4, label=f"alpha = {level:.3g}")
-    axes.set_yscale("log")
+    name_powers(axes, has_minor_ticks=False)
     axes.set_ylim(bottom=max(SMALLEST_VALUE, axes.get_ylim()[0]))
     _shade_linear(axes, shown)
     axes.set(xlabel="time [s]", ylabel="e'Pe")

@@ -3,12 +3,23 @@
 import io
 import itertools
 import warnings
+from pathlib import Path
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from swarmstart.cases.drawing.drawing import COLOURS, colour, escaped, line_style
+from swarmstart.cases.drawing.drawing import (
+    COLOURS,
+    PNG_DPI,
+    colour,
+    escaped,
+    line_style,
+    name_powers,
+    new_figure,
+    write_figures,
+)
 from swarmstart.tests.cases.drawing.reading import contrast
 
 TWELVE = [(colour(number), line_style(number)) for number in range(12)]
@@ -58,3 +69,32 @@ def test_an_escape_sequence_in_a_title_does_not_reach_the_terminal() -> None:
         warnings.simplefilter("error")
         figure.savefig(io.BytesIO(), format="png")
     assert escaped("a\x1b[31m\nb") == "a\\x1b[31m\nb"
+
+
+def test_a_figure_is_drawn_once_and_as_matplotlib_would(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The layout is made on the way: `Figure.savefig` draws a first time for it."""
+    figure = new_figure()
+    figure.subplots().set(xlabel="time [s]", ylabel="a\nb")
+    expected = io.BytesIO()
+    figure.savefig(expected, format="png", dpi=PNG_DPI, metadata={})
+    drawing = MagicMock(wraps=figure.draw)
+    monkeypatch.setattr(figure, "draw", drawing)
+    (file,) = write_figures([("a", figure)], tmp_path)
+    assert drawing.call_count == 1
+    assert file.read_bytes() == expected.getvalue()
+    files = write_figures([("a", figure)], tmp_path, formats=("svg", "pdf"))
+    assert [one.read_bytes()[:5] for one in files] == [b"<?xml", b"%PDF-"]
+
+
+def test_powers_of_ten_are_text_and_no_formulas() -> None:
+    axes = Figure().subplots()
+    axes.plot([0, 1], [1e-12, 300.0])
+    name_powers(axes, has_minor_ticks=False)
+    words = axes.yaxis.get_major_formatter()
+    assert [words(value, 0) for value in (1e-12, 1.0, 100.0, 0.3, 0.0)] == [
+        "10\N{SUPERSCRIPT MINUS}\N{SUPERSCRIPT ONE}\N{SUPERSCRIPT TWO}",
+        "10\N{SUPERSCRIPT ZERO}", "10\N{SUPERSCRIPT TWO}", "0.3", "0",
+    ]  # fmt: skip
+    assert not axes.yaxis.get_minorticklocs().size

@@ -38,6 +38,7 @@ from swarmstart.tests.cases.drawing.reading import (
 )
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from swarmstart.tests.cases.kinds.formation_flight.conftest import Fly
@@ -155,7 +156,27 @@ def test_a_relative_state_is_the_deviation_from_the_slot(
     drawn = curves(axes)
     assert len(drawn) == UAVS
     assert drawn[0][0] == pytest.approx(-9.0) and drawn[4][0] == pytest.approx(9.0)
-    assert len(axes.patches) == 1 + 2  # the band, and the linear steps
+    assert len(axes.patches) == 1  # the band
+    assert shaded(axes) == [tuple(trajectory.times[[4, 6]])]
+
+
+def test_steps_under_the_linear_law_are_shaded_and_no_others(
+    scenario: FormationScenario, flight: FormationFlight, by_hand: Fly
+) -> None:
+    offsets = np.zeros((UAVS, 4, STEPS * SUBSTEPS + 1))
+    for linear, spans in (({0, 2, 3}, [[0, 1], [2, 4]]), (set(), [])):
+        flown = by_hand(offsets, linear=linear)
+        figure = relative_figure(scenario, flight, shown_of(scenario, flight, flown))
+        found = shaded(figure.axes[0])
+        assert found == [tuple(flown.times[ends]) for ends in spans]
+        assert ("linear law" in legend(figure)) == bool(spans)
+
+
+def shaded(axes: Axes) -> list[tuple[float, float]]:
+    """Return begin and end of what is shaded for the linear law."""
+    areas = [area for area in axes.collections if area.get_label() == "linear law"]
+    boxes = [path.get_extents() for area in areas for path in area.get_paths()]
+    return [(box.x0, box.x1) for box in boxes]
 
 
 def test_distances_and_clearances_have_a_panel_each(
