@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from swarmstart.cases.drawing.drawing import COLOURS, Figures, escaped, new_figure
+from swarmstart.cases.drawing.drawing import COLOURS, LAYOUT_DPI, Figures, escaped
 from swarmstart.cases.drawing.vehicles import band_name
 from swarmstart.cases.format.document import counted
 
@@ -17,6 +17,8 @@ MOST_STATES = 12
 """States that are drawn; more are said to be left out."""
 MOST_MEASURES = 12
 COLUMNS = 3
+_BESIDE, _EDGE, _BELOW, _ABOVE, _BETWEEN = 0.7, 0.15, 0.5, 0.6, 0.6
+"""Room of a panel's numbers, and of the figure's edges and title [inches]."""
 
 
 def seed_figures(content: Mapping[str, Any]) -> Figures:
@@ -42,11 +44,9 @@ def _bands(content: Mapping[str, Any]) -> "Figure":
     time, states = content["bands"]["time"], content["bands"]["states"]
     chosen = list(states.items())[:MOST_STATES]
     figure, axes = _grid(len(chosen))
-    # Not strict: the last row of the grid may have panels too many.
-    for panel, (name, band) in zip(axes, chosen, strict=False):
+    for panel, (name, band) in zip(axes, chosen, strict=True):
         draw_band(panel, time, band)
         panel.set_title(escaped(band_label(name, content)), fontsize="small")
-        panel.tick_params(labelsize="small")
     left = len(states) - len(chosen)
     noun = "state is" if left == 1 else "states are"
     more = f"; {left} more {noun} not drawn" if left else ""
@@ -84,14 +84,13 @@ def _spread(varied: Mapping[str, list[float]], runs: int) -> "Figure":
     """Return a row of points for each measure that differs from run to run."""
     chosen = list(varied.items())[:MOST_MEASURES]
     figure, axes = _grid(len(chosen), height=1.3)
-    for panel, (name, values) in zip(axes, chosen, strict=False):
+    for panel, (name, values) in zip(axes, chosen, strict=True):
         # At heights in the order of the seeds, so that equal values are all seen.
         shifts = np.linspace(-0.25, 0.25, len(values))
         panel.plot(values, shifts, "o", ms=4, mfc="none", color=COLOURS[0])
         panel.axvline(float(np.median(values)), color=COLOURS[1], lw=1.5)
         panel.set(ylim=(-0.6, 0.6), yticks=[])
         panel.set_title(escaped(name), fontsize="small")
-        panel.tick_params(labelsize="small")
     left = len(varied) - len(chosen)
     noun = "measure is" if left == 1 else "measures are"
     more = f"; {left} more {noun} not drawn" if left else ""
@@ -101,10 +100,26 @@ def _spread(varied: Mapping[str, list[float]], runs: int) -> "Figure":
 
 
 def _grid(panels: int, height: float = 1.8) -> tuple["Figure", list[Any]]:
+    """Return a figure with some small panels at fixed places, each with a title.
+
+    A layout would measure all ticks of all panels twice, which takes longer than to
+    draw them.
+    """
+    from matplotlib.figure import Figure
+
     columns = min(COLUMNS, panels)
     rows = -(-panels // columns)
-    figure = new_figure((9.0, 0.9 + height * rows))
-    axes = figure.subplots(rows, columns, squeeze=False).ravel().tolist()
-    for unused in axes[panels:]:
-        unused.set_axis_off()
-    return figure, axes
+    whole = 0.9 + height * rows
+    wide, high = 9.0 / columns - _BESIDE, height - _BETWEEN
+    figure = Figure(figsize=(9.0, whole), dpi=LAYOUT_DPI)
+    grid = figure.add_gridspec(
+        rows, columns, left=_BESIDE / 9.0, right=1 - _EDGE / 9.0,
+        wspace=_BESIDE / wide, bottom=_BELOW / whole, top=1 - _ABOVE / whole,
+        hspace=_BETWEEN / high,
+    )  # fmt: skip
+    for k in range(panels):
+        axes = figure.add_subplot(grid[k // columns, k % columns])
+        axes.tick_params(labelsize="small")
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.get_offset_text().set_fontsize("small")
+    return figure, figure.axes

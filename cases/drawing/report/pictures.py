@@ -144,14 +144,16 @@ def _shrunk(content: bytes, width: int) -> tuple[bytes, tuple[int, int]]:
         if opened.width * opened.height > MOST_PIXELS:
             raise ValueError("too many pixels")
         image = opened.convert("RGBA")
-    # What is transparent is paper: figures are drawn in dark ink.
-    paper = Image.new("RGBA", image.size, "white")
-    image = Image.alpha_composite(paper, image).convert("RGB")
+    if image.getchannel("A").getextrema() != (255, 255):
+        # What is transparent is paper: figures are drawn in dark ink.
+        image = Image.alpha_composite(Image.new("RGBA", image.size, "white"), image)
+    image = image.convert("RGB")
     if image.width > width:
         height = max(1, round(image.height * width / image.width))
         image = image.resize((width, height), Image.Resampling.LANCZOS)
     octree = Image.Quantize.FASTOCTREE
     few = image.quantize(_COLOURS, method=octree, dither=Image.Dither.NONE)
     buffer = io.BytesIO()
-    few.save(buffer, format="PNG", optimize=True)
+    # 9, the smallest, takes three times as long for 4 % fewer bytes.
+    few.save(buffer, format="PNG", compress_level=8)
     return buffer.getvalue(), few.size

@@ -1,6 +1,9 @@
 """Bands over seeds name UAVs as every other figure does."""
 
+import itertools
 from typing import Any
+
+import pytest
 
 from swarmstart.cases.campaign.running.seeds import seeds_content
 from swarmstart.cases.drawing.report.pages.seeds_page import seeds_page
@@ -38,3 +41,25 @@ def test_numbers_that_a_scenario_gives_to_its_uavs_are_kept() -> None:
 
 def test_states_of_other_kinds_keep_their_names() -> None:
     assert titles(content(kind="problem")) == ["speed_m_s_0", "y_m_2"]
+
+
+@pytest.mark.parametrize("count", [1, 2, 4, 12])
+def test_panels_at_fixed_places_hold_their_numbers(count: int) -> None:
+    """No panel touches another, the title or an edge, with numbers of any size."""
+    sizes = [(-1.0) ** k * 10.0 ** (3 * k - 12) for k in range(count)]
+    measures = {f"m_{k}": [size, 1.7 * size] for k, size in enumerate(sizes)}
+    bands = {
+        f"x_{k}": {"low": [size, 0.0], "median": [size, size], "high": [size] * 2}
+        for k, size in enumerate(sizes)
+    }
+    given = content(kind="problem", measures=measures)
+    given["bands"] = {"time": [0.0, 1.0], "states": bands}
+    for figure in dict(seed_figures(given)).values():
+        figure.draw_without_rendering()
+        boxes = [box for axes in figure.axes if (box := axes.get_tightbbox())]
+        assert len(boxes) == count
+        page = figure.bbox
+        assert all(page.x0 <= box.x0 and box.x1 <= page.x1 for box in boxes)
+        titles = [text.get_window_extent() for text in figure.texts]
+        for one, other in itertools.combinations([*boxes, *titles], 2):
+            assert not one.overlaps(other)
