@@ -163,18 +163,14 @@ def _curves(  # noqa: PLR0913
     """
     places = [place for curve in curves.values() for place in curve[0]]
     x = svg.axis_of(places, svg.ACROSS, is_log=True, margin=0.015)
-    if scale == "share":
-        y = svg.Axis(low=0.0, high=1.0, start=svg.UP[0], end=svg.UP[1])
-    else:
-        heights = [v for curve in curves.values() for part in curve[1:] for v in part]
-        y = svg.axis_of(heights, svg.UP, is_log=scale == "log")
-    pairs = [
-        _drawn(x, y, curve, numbers[name], points, title=name)
-        for name, curve in curves.items()
-    ]
-    drawn = [
-        part for parts in zip(*pairs, strict=True) for part in parts
-    ]  # Bands first.
+    y = _upright(curves, scale)
+    bands, lines = zip(
+        *(
+            _drawn(x, y, curve, numbers[name], points, title=name)
+            for name, curve in curves.items()
+        ),
+        strict=True,
+    )
     many = " many" if len(curves) > _MANY else ""  # Their bands are fainter.
     levels = [float(y.at(target)) for target in targets if y.low < target < y.high]
     ends = f"{x.low:.6g} {x.high:.6g} {x.start} {x.end} {y.end} {y.start}"
@@ -182,7 +178,7 @@ def _curves(  # noqa: PLR0913
         width=svg.WIDTH,
         height=svg.HEIGHT,
         drawing=svg.frame(x, y, title=label, label=across)
-        + f'<g class="curves{many}">{"".join(drawn)}</g>'
+        + f'<g class="curves{many}">{"".join((*bands, *lines))}</g>'
         + "".join(svg.drawn(f"M{x.start} {at:.1f}H{x.end}", "target") for at in levels),
         follows=f' data-across="log {ends}"',
     )
@@ -203,6 +199,14 @@ def _curves(  # noqa: PLR0913
         identity=identity, title=title, caption=caption, columns=[across, *names],
         chart=chart, rows=rows, values=values,
     )  # fmt: skip
+
+
+def _upright(curves: Mapping[str, Curve], scale: str) -> svg.Axis:
+    """Return the vertical axis of a scale that holds the curves and their bands."""
+    if scale == "share":
+        return svg.Axis(low=0.0, high=1.0, start=svg.UP[0], end=svg.UP[1])
+    heights = [v for curve in curves.values() for part in curve[1:] for v in part]
+    return svg.axis_of(heights, svg.UP, is_log=scale == "log")
 
 
 def _drawn(

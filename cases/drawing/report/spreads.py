@@ -47,28 +47,17 @@ def costs(
     is_far = bool(best) and any(_away(cost, best) > _FAR for cost in every)
     placed = [_gaps(part, best) for part in found] if is_far else found
     label = "value (the more, the better)" if sense == -1 else "cost"
-    marked = [] if is_far else [best]
-    x = svg.axis_of(
-        [cost for part in [*placed, marked] for cost in part],
-        (_NAMES, svg.WIDTH - _COUNTS),
-        is_log=is_far,
-    )
-    drawn = [
-        _strip(x, level, row["solver"], part, numbers[row["solver"]])
-        for level, (row, part) in enumerate(zip(rows, placed, strict=True))
-    ]
-    if not is_far and best is not None:
-        upright = f"M{float(x.at(best)):.1f} {_ABOVE}V{_level(len(rows) - 0.5)}"
-        drawn.append(svg.drawn(upright, "target"))
     label = "gap to the best known (relative)" if is_far else label
-    chart = _rows([row["solver"] for row in rows], numbers, x, label, drawn)
+    names = [row["solver"] for row in rows]
+    target = None if is_far else best
+    x, drawn = _strips(names, numbers, placed, target, is_log=is_far)
     return Figure(
         identity=identity, title=f"Spread over seeds: {_title(scenario)}",
         caption=f"Verified {'value' if sense == -1 else 'cost'} of each feasible run "
         "(dots, one a seed; their height within a row means nothing), middle half "
         f"(box) and median (bar); right: feasible runs of all. Budget {budget}. "
         f"{_axis_in_words(is_far)}",
-        chart=chart,
+        chart=_rows(names, numbers, x, label, drawn),
         columns=["solver", "runs", "feasible", "lowest", "quarter", "median",
                  "three quarters", "highest"],
         rows=[_summary(row["solver"], part)
@@ -261,6 +250,27 @@ def _rows(
         drawing=svg.frame(x, y, label=label, most=(6, 0)) + "".join([*heads, *drawn]),
         follows=f' data-levels="{places}"',
     )
+
+
+def _strips(
+    names: Sequence[str],
+    numbers: Mapping[str, int],
+    placed: Sequence[Sequence[float | None]],
+    target: float | None,
+    *,
+    is_log: bool,
+) -> tuple[svg.Axis, list[str]]:
+    """Return the axis, and the rows of all solvers with an upright line at a target."""
+    every = [target, *(value for part in placed for value in part)]
+    x = svg.axis_of(every, (_NAMES, svg.WIDTH - _COUNTS), is_log=is_log)
+    drawn = [
+        _strip(x, level, name, part, numbers[name])
+        for level, (name, part) in enumerate(zip(names, placed, strict=True))
+    ]
+    if target is not None:
+        upright = f"M{float(x.at(target)):.1f} {_ABOVE}V{_level(len(names) - 0.5)}"
+        drawn.append(svg.drawn(upright, "target"))
+    return x, drawn
 
 
 def _strip(
