@@ -95,6 +95,7 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         BoundKind as BoundKind,
         Bounds as Bounds,
         Connection as Connection,
+        CountedFrom as CountedFrom,
         Decision as Decision,
         DivergedError as DivergedError,
         DualMode as DualMode,
@@ -226,10 +227,10 @@ _NAMES = {
         static_penalty
     """,
     "swarmstart.ocp": """
-        Agent AlgebraicEquations BackendWarning BoundKind Bounds Connection Decision
-        DivergedError DualMode Fitness
-        Free InvalidProblemError InvalidSystemError IpoptOptions Known LocalAgent
-        LocalTeam LowerBound Memetic Mode Model Multistart NlpOptions NonMinimalWarning
+        Agent AlgebraicEquations BackendWarning BoundKind Bounds Connection CountedFrom
+        Decision DivergedError DualMode Fitness Free
+        InvalidProblemError InvalidSystemError IpoptOptions Known LocalAgent LocalTeam
+        LowerBound Memetic Mode Model Multistart NlpOptions NonMinimalWarning
         OpenLoop OptimalControlProblem OptimalityGap
         PathConstraint PhasedHorizon Phases
         Plan Planner PlanningInterrupted Plant PolishStatus Radau RecedingHorizon

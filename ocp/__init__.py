@@ -61,6 +61,7 @@ from swarmstart.ocp.statement.ensemble import ensemble
 from swarmstart.ocp.statement.guesses import shifted_controls, zero_controls
 from swarmstart.ocp.statement.phases import Phases, phases
 from swarmstart.ocp.statement.problem import OptimalControlProblem
+from swarmstart.ocp.statement.rewrites.counted_from import CountedFrom
 from swarmstart.ocp.statement.rewrites.delay import TransportDelay
 from swarmstart.ocp.system.algebraic import AlgebraicEquations
 from swarmstart.ocp.system.constraints import (
@@ -87,6 +88,7 @@ __all__ = [
     "Connection",
     "Constraint",
     "Controller",
+    "CountedFrom",
     "Decision",
     "DenseOutput",
     "DivergedError",

@@ -131,7 +131,8 @@ def plan_paths(flown: Flown) -> list[PlanPath]:
             end = lowered.end_time(states[:, 0])
             times = flight.times[step] + np.linspace(0.0, end, states.shape[1])
             # Further rows of the core are decided numbers and remembered values.
-            paths.append(PlanPath(times=times, states=states[:nx]))
+            own = lowered.as_stated(states)[:nx]
+            paths.append(PlanPath(times=times, states=own))
     return paths
 
 

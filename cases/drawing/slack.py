@@ -171,7 +171,7 @@ def _along(
         at[-1] = np.nextafter(at[-1], 0.0)  # Before what the end changes.
         added = lowered.along(begin, controls[:, base : step + 1, -1], at)
         own = trajectory.dense_states[:, columns[step]]
-        states.append(np.vstack([own, added]))
+        states.append(np.vstack([own, added]) - lowered.origin[:, None])
     return times.ravel(), (
         np.hstack(states),
         controls.reshape(len(controls), -1),

@@ -25,7 +25,8 @@ from swarmstart.ocp import (
     verified,
 )
 from swarmstart.ocp.answer import start_of
-from swarmstart.ocp.loop import ReferenceSignals
+from swarmstart.ocp.loop import ReferenceSignals, known_at
+from swarmstart.ocp.rollout import Shooting, from_near_start
 from swarmstart.ocp.statement import Appended
 from swarmstart.terminal_set import TerminalSet
 
@@ -174,7 +175,24 @@ class SeveralPlansError(SwarmstartError):
     """A scenario has several planning problems, for several agents or steps."""
 
 
+P = TypeVar("P", bound=Posed)
 P_co = TypeVar("P_co", bound=Posed, covariant=True)
+
+
+def _from_near(posed: P) -> P:
+    """Return a run whose states far from zero are counted from near, if one plans.
+
+    A team and an ensemble keep their problems, which several plants share.
+    """
+    agent = posed.agents[0]
+    if posed.order is not None or posed.nearby or agent.problem.risk is not None:
+        return posed
+    known = known_at(agent.problem, 0.0, agent.reference, agent.parameters)
+    known = known._replace(previous=agent.previous)
+    problem = from_near_start(Shooting(agent.problem), posed.x0, known)
+    if problem is agent.problem:
+        return posed
+    return replace(posed, agents=(replace(agent, problem=problem),))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -349,7 +367,7 @@ class Kind:
         if self.code is not None and not allow_python:
             # Before `poses`, which imports the file and so runs it.
             raise CodeNotAllowedError(self.code(scenario))
-        return self.poses(scenario)
+        return _from_near(self.poses(scenario))
 
     def figures(
         self,

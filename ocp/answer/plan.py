@@ -246,8 +246,9 @@ def guess_of(
     """
     _require_same(stated, problem)
     before, after = lowered(stated), lowered(problem)
+    start = before.as_stated(plan.x0)
     decided = {
-        before.core.model.state_names[one.states[0]]: float(plan.x0[one.states[0]])
+        before.core.model.state_names[one.states[0]]: float(start[one.states[0]])
         for one in before.core.free_starts
     }
     controls = _controls(before.knots(plan.controls, plan.x0), problem, stated)
@@ -297,16 +298,16 @@ def _controls(
 
 
 def _states(plan: Plan, before: Lowered, after: Lowered, controls: Array) -> Array:
-    """Return the states of the new core at its nodes."""
+    """Return the states of the new core at its nodes, counted as its problem does."""
     old = np.linspace(0.0, 1.0, plan.states.shape[1])
     new = np.linspace(0.0, 1.0, after.core.nodes)
-    names = before.core.model.state_names
+    names, states = before.core.model.state_names, before.as_stated(plan.states)
     found = np.zeros((after.core.model.nx, new.size))
     for i, name in enumerate(after.core.model.state_names):
         if name in names:
-            found[i] = np.interp(new, old, plan.states[names.index(name)])
+            found[i] = np.interp(new, old, states[names.index(name)])
     start, held = after.guess(found[:, 0], controls)
-    return after.states(found, held, start)
+    return after.as_stated(after.states(found, held, start))
 
 
 def _require_same(

@@ -106,7 +106,7 @@ def slack_at_checks(
     at = np.linspace(0.0, problem.length, checks + 1)[1:]
     points = Points(
         path.times[columns],
-        path.states[:, columns],
+        path.states[:, columns] - tracer.shooting.lowered.origin[:, None],
         path.controls[:, columns - 1],  # Held up to these times.
         signals_between(problem, at_nodes(problem, flat), at),
     )

@@ -19,7 +19,7 @@ touches no kink or jump of the problem's expressions.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import casadi as ca
@@ -109,7 +109,7 @@ class LocalOptimum:
             cost=problem.sense * one.cost,
             count=one.count,
             controls=controls,
-            states=one.states[: problem.model.nx],
+            states=core.as_stated(one.states)[: problem.model.nx],
             _core=one,
             _answer=answer,
         )
@@ -502,8 +502,8 @@ def verified(  # noqa: PLR0913 - a plan and how it is judged
     if asked or (advised and failed):
         fast = fastest_mode(trace.shooting, path, state, data)
     every = (path.times.size - 1) // (problem.nodes - 1)  # Fine steps between nodes.
-    stated = trace.shooting.stated
-    sense = stated.sense
+    stated, lowered = trace.shooting.stated, trace.shooting.lowered
+    sense, states = stated.sense, lowered.as_stated(path.states)
     return Solution(
         status=status,
         reason=reason,
@@ -511,15 +511,15 @@ def verified(  # noqa: PLR0913 - a plan and how it is judged
         problem=stated,
         times=path.times[::every],
         # Further states of the core are none of the user's.
-        states=path.states[: stated.model.nx, ::every],
-        controls=trace.shooting.lowered.knots(plan.controls, state),
-        known=stated_known(trace.shooting.lowered, state, parameters, signals),
-        decided=trace.shooting.lowered.decided(state),
+        states=states[: stated.model.nx, ::every],
+        controls=lowered.knots(plan.controls, state),
+        known=stated_known(lowered, state, parameters, signals),
+        decided=lowered.decided(state),
         cost=sense * plan.cost,
         violation=plan.violation,
         verified_cost=sense * path.cost,
         verified_violation=sum(e.relative for e in path.broken),
-        path=path,
+        path=replace(path, states=states),
         plan=plan,
         algebraic=_algebraic(
             problem, path.states[:, ::every], plan, parameters, signals
@@ -725,9 +725,13 @@ def _differences(
     beyond = off - (tolerance * scale + _NOTHING_MOVES * sizes.states + rounding)
     if (beyond > 0).any():
         i = int(np.argmax(beyond / np.maximum(scale, 1e-300)))
+        finer, grid = (
+            shooting.lowered.as_stated(states[:, -1])[i]
+            for states in (path.states, plan.states)
+        )
         told.append(
-            f"state {problem.model.state_names[i]} ends at {path.states[i, -1]:.6g} on "
-            f"the finer path, at {plan.states[i, -1]:.6g} on the problem's grid "
+            f"state {problem.model.state_names[i]} ends at {finer:.6g} on "
+            f"the finer path, at {grid:.6g} on the problem's grid "
             f"({off[i] / max(scale[i], 1e-300):.2g} of its size {scale[i]:.3g})"
         )
     at_end = [

@@ -46,7 +46,7 @@ from swarmstart.ocp.nlp.polish_options import (
     PolishOptions,
 )
 from swarmstart.ocp.nlp.start import Start
-from swarmstart.ocp.rollout.fitness import KNOWN, NOTHING, Known
+from swarmstart.ocp.rollout.fitness import KNOWN, NOTHING, Known, from_near_start
 from swarmstart.ocp.search.many_starts import LANES
 from swarmstart.ocp.search.settings import SearchGiven, search_settings
 from swarmstart.ocp.statement.problem import OptimalControlProblem
@@ -201,6 +201,11 @@ def solve(  # noqa: PLR0913 - the whole way in one call
         planner = Planner(
             problem, search=settings, polish=polishing, backend=backend, lanes=lanes
         )
+        near = from_near_start(planner.fitness.shooting, x0, known)
+        if near is not problem:
+            planner = Planner(
+                near, search=settings, polish=polishing, backend=backend, lanes=lanes
+            )
         start_at = None if guess is None else _start(guess)
         x0, known, start_at = planner.posed(x0, known, start_at)
         outside = planner.outside(x0, known)

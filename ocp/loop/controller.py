@@ -651,7 +651,7 @@ class OpenLoop:
                 f"got interval {number}"
             )
         decided = isinstance(planner.stated.horizon, Free)
-        controls = self.loop.flown(plans[0])
+        controls, start = self.loop.flown(plans[0]), lowered.as_stated(plans[0].x0)
         profile = None
         if planner.stated.has_knots:
             profile = Profile(
@@ -664,7 +664,7 @@ class OpenLoop:
             plans=plans,
             profile=profile,
             # Further states of the core are none of the plant's.
-            start=plans[0].x0[: state.size] if planner.stated.start else None,
+            start=start[: state.size] if planner.stated.start else None,
             dt=length if decided else None,
             is_last=decided and number == intervals - 1,
             decided=lowered.decided_parameters(plans[0].x0),

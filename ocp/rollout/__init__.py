@@ -14,6 +14,7 @@ from swarmstart.ocp.rollout.fitness import (
     Objective,
     at_nodes,
     core_known,
+    from_near_start,
     replay,
     shared_arguments,
 )
@@ -33,6 +34,7 @@ __all__ = [
     "Shooting",
     "at_nodes",
     "core_known",
+    "from_near_start",
     "replay",
     "shared_arguments",
     "signals_between",

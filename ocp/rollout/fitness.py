@@ -43,6 +43,7 @@ from swarmstart.ocp.rollout.scaling import Sizes
 from swarmstart.ocp.rollout.shooting import Shooting, shooting_of
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 from swarmstart.ocp.statement.rewrites.chain import Lowered
+from swarmstart.ocp.statement.rewrites.counted_from import from_near
 
 
 class Objective:
@@ -486,6 +487,28 @@ def core_known(lowered: Lowered, known: Known) -> Known:
         known: The known data of the stated problem.
     """
     return Known(*lowered.known(known.parameters, known.signals, known.time))
+
+
+def from_near_start(
+    shooting: Shooting, x0: ArrayLike, known: Known
+) -> OptimalControlProblem:
+    """Return a stated problem, with states far from zero counted from near a start.
+
+    Args:
+        shooting: Functions of the problem.
+        x0: Initial state of the stated problem, shape (nx,).
+        known: Known data of the stated problem.
+
+    Raises:
+        InvalidProblemError: If a shape is not the problem's.
+    """
+    stated, lowered = shooting.stated, shooting.lowered
+    if stated.clock:  # Phases count their states themselves.
+        return stated
+    start = lowered.start(x0, known.previous)
+    sizes = Arguments(shooting).sizes(start, core_known(lowered, known))
+    nx = stated.model.nx
+    return from_near(stated, start[:nx], sizes.states[:nx])
 
 
 def stated_known(

@@ -123,7 +123,10 @@ def _paths(posed: Posed, flight: Trajectory, vehicles: int) -> Paths:
                 continue  # At this step another vehicle planned.
             plan = own.decisions[step].plans[0]
             start, at = arguments_of(shooting.lowered, plan, own, int(step), own_known)
-            states = fitness.states(plan.controls, start, at)[: problem.model.nx]
+            states = shooting.lowered.as_stated(
+                fitness.states(plan.controls, start, at)
+            )
+            states = states[: problem.model.nx]
             row = by_time.setdefault(float(flight.times[step]), [None] * vehicles)
             for place in range(each):
                 row[number * each + place] = np.array_split(states, each)[place]

@@ -5,7 +5,7 @@
 
 In the core all decisions besides the controls are states with a free start, which
 search, NLP and verification can handle. The states of the stated problem come first and
-keep their names, bounds and units.
+keep their names and units; a rewrite may count them from another number than zero.
 """
 
 from collections.abc import Mapping, Sequence
@@ -83,6 +83,27 @@ class Lowered:
         """The problem after the last rewrite."""
         return self.links[-1].after if self.links else self.stated
 
+    @cached_property
+    def origin(self) -> Array:
+        """The number that each state of the core is counted from, shape (nx,)."""
+        found = np.zeros(self.core.model.nx)
+        for link in self.links:
+            found[: link.before.model.nx] += link.rewrite.origin(link.before)
+        return found
+
+    def as_stated(self, states: Array) -> Array:
+        """Return states of the core, counted as the problem states them.
+
+        Args:
+            states: Shape (nx,) or (nx, n).
+
+        Returns:
+            The same shape; the states themselves if they are counted from zero.
+        """
+        if not self.origin.any():
+            return states
+        return states + self.origin.reshape((-1,) + (1,) * (states.ndim - 1))
+
     @property
     def known_parameters(self) -> list[int]:
         """Numbers of the model's parameters that are not decided."""
@@ -158,6 +179,7 @@ class Lowered:
             )
         for link in self.links:
             more = link.rewrite.start(link.before, state, previous)
+            state = state - link.rewrite.origin(link.before)
             state = np.concatenate([state, more])
         state = state.copy()
         for one in self.core.free_starts:
@@ -171,13 +193,16 @@ class Lowered:
 
         Args:
             x0: Initial state of the core; copied.
-            guesses: Guesses by the name of the core's state; other names are ignored.
+            guesses: Guesses by the name of the core's state, counted as the problem
+                states it; other names are ignored.
         """
         state, names = x0.copy(), self.core.model.state_names
         for one in self.core.free_starts:
-            guess = guesses.get(names[one.states[0]])
+            place = one.states[0]
+            guess = guesses.get(names[place])
             if guess is not None:
-                value = np.clip(guess, one.value.lower, one.value.upper)
+                own = guess - self.origin[place]
+                value = np.clip(own, one.value.lower, one.value.upper)
                 state[list(one.states)] = value
         return state
 
@@ -249,11 +274,13 @@ class Lowered:
         """Return the core's states at its nodes.
 
         Args:
-            states: States of the stated problem, or of the core, shape (nx, nodes).
+            states: States of the stated problem, shape (nx, nodes), with or without
+                those that the core adds.
             controls: Controls of the core, shape (nu, N).
             x0: Initial state of the core.
         """
-        rows = np.asarray(states, dtype=np.float64)
+        given = np.asarray(states, dtype=np.float64)
+        rows = given - self.origin[: len(given), None]
         at = np.arange(rows.shape[1]) / self.core.checks
         if rows.shape[0] != self.core.model.nx:
             return np.vstack([rows, self.along(x0, controls, at)])

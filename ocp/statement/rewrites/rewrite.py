@@ -1,11 +1,13 @@
 """Rewrite: a map from a problem to a simpler one, and the way back.
 
-A rewrite removes one feature of a problem. It may append states to the model, and
-replace expressions; it leaves the states that are there in their places. `chain.py`
+A rewrite removes one feature of a problem. It may append states to the model, replace
+expressions, and count states from other numbers; it leaves the states that are there in
+their places. `chain.py`
 composes all rewrites; what comes after knows the last problem only, the core.
 
     accepts   does a problem have the feature?
     apply     problem -> problem without it
+    origin    the numbers that the states are counted from
     start     the initial values of its states
     along     the values of its states over the horizon
     known     known parameters, signals and time -> those of the rewritten problem
@@ -54,6 +56,10 @@ class Rewrite(Feature, ABC):
         Raises:
             InvalidProblemError: If the feature does not go with another one.
         """
+
+    def origin(self, problem: OptimalControlProblem) -> Array:
+        """Return the number that each state before is counted from, shape (nx,)."""
+        return np.zeros(problem.model.nx)
 
     def start(
         self, problem: OptimalControlProblem, x0: Array, previous: ArrayLike | None

@@ -53,7 +53,8 @@ def decided_values(problem: OptimalControlProblem, x0: Array) -> dict[str, float
             for i in one.states
             if i < first
         }
-    return found | {f"decided_{name}": float(x0[i]) for i, name in states.items()}
+    start = whole.as_stated(x0)
+    return found | {f"decided_{name}": float(start[i]) for i, name in states.items()}
 
 
 def decided_measures(scenario: ProblemScenario) -> dict[str, str]:
