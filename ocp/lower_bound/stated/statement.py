@@ -21,6 +21,7 @@ from swarmstart.ocp.rollout.scaling import Sizes, Sizing
 from swarmstart.ocp.statement.decisions import Free
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 from swarmstart.ocp.statement.rewrites.chain import Lowered, lowered
+from swarmstart.ocp.statement.rewrites.counted_from import from_zero
 from swarmstart.ocp.system.constraints import Constraint
 from swarmstart.terminal_set.interval_arithmetic import expanded_tape
 
@@ -129,6 +130,7 @@ def statement_of(
         NoBoundError: If no bound can be proven for it; the message has the reason.
         InvalidProblemError: If a shape does not fit the problem.
     """
+    problem = from_zero(problem)  # Costs are the same, and a proof rounds by itself.
     reason = _reason_for_none(problem)
     if reason:
         raise NoBoundError(reason)

@@ -191,6 +191,14 @@ def from_near(
     return replace(problem, features=(*problem.features, feature))
 
 
+def from_zero(problem: OptimalControlProblem) -> OptimalControlProblem:
+    """Return a problem without its CountedFrom; itself if it has none."""
+    left = [one for one in problem.features if not isinstance(one, CountedFrom)]
+    if len(left) == len(problem.features):
+        return problem
+    return replace(problem, features=left)
+
+
 class _Parts(NamedTuple):
     """A value a + (b + k); see the module's head."""
 

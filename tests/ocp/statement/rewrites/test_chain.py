@@ -16,6 +16,7 @@ import pytest
 from swarmstart.arrays import Array
 from swarmstart.ocp import (
     Bounds,
+    CountedFrom,
     Free,
     InvalidProblemError,
     Known,
@@ -65,6 +66,12 @@ def _risk() -> Posed:
     return Posed(every, np.array([1.0]), Known())
 
 
+def _counted() -> Posed:
+    posed = _linear("linear")
+    feature = CountedFrom({"x": 0.5})
+    return posed._replace(problem=replace(posed.problem, features=[feature]))
+
+
 def _drawn(name: str) -> Callable[[], Posed]:
     def posed() -> Posed:
         stated = drawn((name,), np.random.default_rng(7))
@@ -78,6 +85,7 @@ PROBLEMS: dict[str, Callable[[], Posed]] = {
     "linear controls": lambda: _linear("linear"),
     "continuous controls": lambda: _linear("continuous"),
     "risk": _risk,
+    "counted from": _counted,
 }
 
 
@@ -158,7 +166,7 @@ def test_every_rewrite_of_the_chain_is_met_by_a_problem() -> None:
         for posed in PROBLEMS.values()
         for link in lowered(posed().problem).links
     }
-    assert met == {*map(type, REWRITES), *FEATURES.values()}
+    assert met == {*map(type, REWRITES), *FEATURES.values(), CountedFrom}
 
 
 def test_end_time_is_no_name_of_a_parameter_beside_a_free_one() -> None:
