@@ -1,6 +1,7 @@
 """Guesses, candidates, orders, plants and dual modes do what the file says."""
 
 import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,9 @@ from swarmstart.arrays import Array
 from swarmstart.cases.campaign.running.run import run
 from swarmstart.cases.kinds.problem.pose import pose
 from swarmstart.cases.kinds.problem.stated.members import ProblemPosed
-from swarmstart.ocp import Start
+from swarmstart.cases.record.record import Recording
+from swarmstart.cases.record.results import load
+from swarmstart.ocp import Start, Trajectory
 from swarmstart.tests.cases.kinds.problem.conftest import (
     PENDULUM,
     scenario_of,
@@ -27,6 +30,19 @@ controls: {{u: {{bounds: [-2, 2]}}}}
 stage_cost: (x - slot)**2 + 0.1*u**2
 prediction: {{horizon_s: 1, intervals: 5}}
 search: {{name: none}}
+{more}
+"""
+FAR_AWAY = """\
+kind: problem
+constants: {{far: {far}}}
+states: {{x: {{start: {start}, rate: v}}, v: {{start: 0.5, rate: u}}}}
+controls: {{u: {{bounds: [-2, 2]}}}}
+stage_cost: (x - far - 1)**2 + v**2 + 0.1*u**2
+path: [{{expression: x - far, upper: 1.5}}]
+prediction: {{horizon_s: 2, intervals: 5}}
+search: {{name: none}}
+polish: ipopt
+lanes: 0
 {more}
 """
 HELD = """\
@@ -336,3 +352,39 @@ plant: {substeps: 4}
     assert plan.feasible
     np.testing.assert_allclose(path.states[1, 1:], path.controls[0], atol=1e-4)
     np.testing.assert_allclose(path.states[0, -1], plan.states[0, -1], atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("start", "more"),
+    [
+        ("far", ""),
+        ("{free: [far - 1, far + 0.5]}", ""),
+        ("far", "feedback: receding_horizon\nsteps: 4"),
+    ],
+    ids=["one plan", "decided start", "closed loop"],
+)
+def test_run_and_record_from_far_away_are_those_from_here(
+    start: str, more: str, tmp_path: Path
+) -> None:
+    runs, records = [], []
+    for far in (0.0, 1e9):
+        text = FAR_AWAY.format(far=far, start=start, more=more)
+        runs.append(
+            run(
+                stated(text),
+                seed=0,
+                recording=Recording(folder=tmp_path / f"{far}", figures=True),
+            )
+        )
+        records.append(load(tmp_path / f"{far}").trajectory)
+    for here, there in ([one.trajectory for one in runs], records):
+        assert isinstance(here, Trajectory)
+        assert isinstance(there, Trajectory)
+        np.testing.assert_allclose(
+            there.states - [[1e9], [0.0]], here.states, atol=1e-5
+        )
+        np.testing.assert_allclose(there.controls, here.controls, atol=1e-5)
+    here, there = (one.measures for one in runs)
+    if "decided_x" in here:
+        assert there["decided_x"] - 1e9 == pytest.approx(here["decided_x"], abs=1e-6)
+    assert there["cost"] == pytest.approx(here["cost"], rel=1e-6)
