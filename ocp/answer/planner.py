@@ -322,8 +322,8 @@ class Planner:
             states = guess.states
             if states is not None:
                 states = lowered.states(states, controls, start)
-            x0 = None if guess.x0 is None else guess.x0 - lowered.origin
-            guess = guess._replace(controls=controls, states=states, x0=x0)
+            own = None if guess.x0 is None else guess.x0 - lowered.origin
+            guess = guess._replace(controls=controls, states=states, x0=own)
         elif guess is not None:
             start, guess = lowered.guess(start, guess)
         return start, core, guess

@@ -18,6 +18,8 @@ PRINTED = {
         ('u_0', 'u_1', 'u_2') True
         5
         [[ 1.5  0.9  0.3 -0.3 -0.9 -1.5]] 1.5
+        ('x', 'v') (1, 10)
+        CONVERGED 1.0
         whole numbers cost ..., relaxed ...: ... % apart
         ('z',) (1, 11)
     """,
