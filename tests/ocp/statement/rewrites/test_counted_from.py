@@ -24,6 +24,7 @@ from swarmstart.ocp import (
     RecedingHorizon,
     Solution,
     SolutionStatus,
+    Start,
     TransportDelay,
     ensemble,
     phases,
@@ -114,7 +115,7 @@ def test_number_near_the_states_cancels_before_it_is_rounded() -> None:
 def test_what_no_constant_cancels_is_computed_from_the_whole_state() -> None:
     x = ca.SX.sym("x")
     curve = table(np.linspace(-2, 2, 9), np.linspace(-2, 2, 9) ** 3)
-    infinite = ca.if_else(x < np.inf, x, 0) / 0.5
+    infinite = ca.fmin(x * np.inf, 3)
     problem = OptimalControlProblem(
         Model(states=x, controls=ca.SX.sym("u"), ode=ca.sin(x)), horizon=1.0,
         intervals=1, stage_cost=x**2 + ca.atan2(x, 2 - x), terminal_cost=infinite,
@@ -127,7 +128,7 @@ def test_what_no_constant_cancels_is_computed_from_the_whole_state() -> None:
             one.stage_cost, one.terminal_cost, one.initial_cost, one.model.ode
         ]  # fmt: skip
         costs.append(ca.Function("costs", [*one.symbols().values()], outputs))
-    for value in (-1.25, 0.0, 1.5):
+    for value in (-1.25, 0.25, 1.5):
         plain, moved = costs[0](value, 0, 0, 0), costs[1](value - 0.5, 0, 0, 0)
         np.testing.assert_allclose(np.ravel(moved), np.ravel(plain), rtol=1e-14)
 
@@ -207,6 +208,14 @@ def test_decided_start_is_counted_as_its_bounds_are() -> None:
     assert decision.start[0] - FAR_AWAY == pytest.approx(0.25, abs=1e-6)
     guess = there.as_guess()
     assert guess.decided["x_0"] - FAR_AWAY == pytest.approx(0.25, abs=1e-6)
+    begin = guess._replace(x0=np.array([FAR_AWAY + 0.125, 0.0]))
+    _, _, posed = planner.posed([FAR_AWAY, 0.0], guess=begin)
+    assert isinstance(posed, Start)
+    assert posed.x0 is not None
+    pair = lowered(there.problem)
+    np.testing.assert_array_equal(pair.as_stated(posed.x0), begin.x0)
+    begun = pair.with_decided(pair.start([np.nan, 0.0]), {"x_0": FAR_AWAY - 0.25})
+    np.testing.assert_array_equal(pair.as_stated(begun), [FAR_AWAY - 0.25, 0.0])
     again = solved(there.problem, [np.nan, 0.0], guess=guess)
     assert again.states[0, 0] - FAR_AWAY == pytest.approx(0.25, abs=1e-6)
 
