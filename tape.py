@@ -149,12 +149,13 @@ def expanded(function: ca.Function) -> ca.Function:
         ) from error
 
 
-def read_tape(function: ca.Function) -> Tape:
+def read_tape(function: ca.Function, *, nonzeros: bool = False) -> Tape:
     """Return the tape of an SX function.
 
     Args:
         function: A function with SX instructions (`Function.is_a("SXFunction")`), whose
             inputs and outputs may be sparse.
+        nonzeros: Whether an output has its nonzeros only, in CasADi's order.
 
     Raises:
         UnknownOperationError: If it has an operation that is not in OPERATIONS.
@@ -164,10 +165,14 @@ def read_tape(function: ca.Function) -> Tape:
     builder = TapeBuilder()
     work: dict[int, int] = {}
     zero = builder.number(Node("constant", (), 0.0))
-    outputs = [[zero] * function.numel_out(i) for i in range(function.n_out())]
+    entries = function.nnz_out if nonzeros else function.numel_out
+    outputs = [[zero] * entries(i) for i in range(function.n_out())]
     dense_in = [_dense_entries(function.sparsity_in(i)) for i in range(function.n_in())]
-    dense_out = [
-        _dense_entries(function.sparsity_out(i)) for i in range(function.n_out())
+    places = [
+        range(function.nnz_out(i))
+        if nonzeros
+        else _dense_entries(function.sparsity_out(i))
+        for i in range(function.n_out())
     ]
     for k in range(function.n_instructions()):
         code = function.instruction_id(k)
@@ -177,7 +182,7 @@ def read_tape(function: ca.Function) -> Tape:
             place = (source[0], dense_in[source[0]][source[1]])
             work[target[0]] = builder.number(Node("input", place))
         elif code == ca.OP_OUTPUT:
-            outputs[target[0]][dense_out[target[0]][target[1]]] = work[source[0]]
+            outputs[target[0]][places[target[0]][target[1]]] = work[source[0]]
         elif code == ca.OP_CONST:
             value = float(function.instruction_constant(k))
             work[target[0]] = builder.number(Node("constant", (), value))

@@ -338,6 +338,8 @@ def compile_flat(
     *,
     precision: Precision = "double",
     threads: int = 1,
+    nonzeros: bool = False,
+    quickly: bool = False,
 ) -> SimdBatch:
     """Return an evaluator of an SX function.
 
@@ -347,6 +349,8 @@ def compile_flat(
             one does.
         precision: Precision of the arithmetic; arguments and outputs are doubles.
         threads: Largest number of threads for a population.
+        nonzeros: Whether the outputs are their nonzeros, in CasADi's order.
+        quickly: Whether it is compiled ten times as fast and runs half as fast.
 
     Raises:
         UnknownOperationError: If it has an operation that is not compiled.
@@ -355,18 +359,19 @@ def compile_flat(
     function = without_interpolants(function)
 
     def emit() -> str:
-        tape = simplified(read_tape(function))
+        tape = simplified(read_tape(function, nonzeros=nonzeros))
         return emit_flat(
             tape, per_individual=per_individual, target=target_of([tape], precision)
         )
 
+    entries = function.nnz_out if nonzeros else function.numel_out
     shape = Shape(
         per_individual,
         tuple(function.numel_in(i) for i in range(function.n_in())),
-        tuple(function.numel_out(i) for i in range(function.n_out())),
+        tuple(entries(i) for i in range(function.n_out())),
     )
-    key = key_of([function], (per_individual, precision))
-    return SimdBatch(cached(key, emit), shape, threads)
+    key = key_of([function], (per_individual, precision, nonzeros, quickly))
+    return SimdBatch(cached(key, emit, quickly=quickly), shape, threads)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -474,8 +479,16 @@ def compile_rollout(  # noqa: PLR0913 - a rollout's parts
     return SimdBatch(cached(key_of(functions, settings), emit), shape, threads)
 
 
-def cached(key: str, emit: Callable[[], str]) -> Compiled | Later:
-    """Return machine code from the cache, or make and store it; see `aside`."""
+def cached(
+    key: str, emit: Callable[[], str], *, quickly: bool = False
+) -> Compiled | Later:
+    """Return machine code from the cache, or make and store it; see `aside`.
+
+    Args:
+        key: Its hash; see `key_of`.
+        emit: Returns its LLVM IR.
+        quickly: As in `translate`.
+    """
     with compiling():
         code = load_code(key)
         if code is not None:
@@ -484,7 +497,7 @@ def cached(key: str, emit: Callable[[], str]) -> Compiled | Later:
         require_short(ir)
 
         def make() -> bytes:
-            made = translate(ir)
+            made = translate(ir, quickly=quickly)
             store_code(key, made)
             return made
 

@@ -2,8 +2,9 @@
 
 Interval k of a transcription (transcription.py) has the variables z = (x_k, u_k) and
 the rows g_k = (x after, collocation rows, constraint rows) - (x_k+1, 0, 0). Its
-gradient, Jacobian and Hessian are evaluated by one mapped function, and their values
-are put in their places. So the build time does not grow with the number of intervals.
+gradient, Jacobian and Hessian are evaluated by one function for all intervals
+(interval_kernels.py), and their values are put in their places. So the build time does
+not grow with the number of intervals.
 """
 
 from collections.abc import Callable, Sequence
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from swarmstart.arrays import Array
 from swarmstart.ocp.nlp.collocation import inner_unknowns
+from swarmstart.ocp.nlp.interval_kernels import over_intervals
 from swarmstart.ocp.statement.control_shape import ties
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 
@@ -102,8 +104,17 @@ def inputs_of(problem: OptimalControlProblem) -> int:
 class Mapped:
     """Symbols of the NLP, and the functions of its parts applied to them."""
 
-    def __init__(self, problem: OptimalControlProblem, parts: Parts) -> None:
-        """Create the symbols, and arrange them as arguments side by side."""
+    def __init__(
+        self, problem: OptimalControlProblem, parts: Parts, *, compiled: bool = False
+    ) -> None:
+        """Create the symbols, and arrange them as arguments side by side.
+
+        Args:
+            problem: The problem.
+            parts: Its parts.
+            compiled: Whether its intervals are evaluated by machine code if possible.
+        """
+        self._compiled, self.kernels = compiled, list[ca.Function]()
         model, N, checks = problem.model, problem.intervals, problem.checks
         self.nx, self.nu, self.N, self.parts = model.nx, inputs_of(problem), N, parts
         empty = np.empty(0, dtype=np.intp)
@@ -155,8 +166,10 @@ class Mapped:
             same: Indices of the arguments that are the same for all intervals.
         """
         functions = [chosen(part) for part in self.parts.present]
-        stage = functions[0]
-        functions[0] = stage.map(stage.name(), "serial", self.N, list(same), [])
+        functions[0] = over_intervals(
+            functions[0], self.N, same, compiled=self._compiled
+        )
+        self.kernels.append(functions[0])
         return [
             _several(function(*arguments, *besides))
             for function, arguments, besides in zip(

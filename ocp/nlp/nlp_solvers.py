@@ -107,7 +107,12 @@ class NlpSolvers:
     """
 
     def __init__(
-        self, shooting: Shooting, options: PolishOptions, *, is_watched: bool = False
+        self,
+        shooting: Shooting,
+        options: PolishOptions,
+        *,
+        is_watched: bool = False,
+        is_compiled: bool = False,
     ) -> None:
         """Build the solver, or postpone it until its steps are known.
 
@@ -115,12 +120,13 @@ class NlpSolvers:
             shooting: The problem's functions.
             options: Options of the solver.
             is_watched: Whether its iterates are observed.
+            is_compiled: Whether the NLP's functions are machine code.
 
         Raises:
             InvalidProblemError: If the solver refuses an option.
         """
         self._shooting, self._options = shooting, options
-        self._is_watched = is_watched
+        self._is_watched, self._is_compiled = is_watched, is_compiled
         self.built: dict[FixedSteps | None, Solvers] = {}
         problem = shooting.problem
         if problem.is_adaptive and not problem.collocation:
@@ -150,8 +156,9 @@ class NlpSolvers:
 
     def _new(self, steps: FixedSteps | None) -> Solvers:
         fixed = self._shooting if steps is None else steps.shooting(self._shooting)
-        program = multiple_shooting(fixed)
         ipopt = self._options.plugin == "ipopt"
+        # Other solvers ask CasADi for derivatives.
+        program = multiple_shooting(fixed, compiled=ipopt and self._is_compiled)
         given: Mapping[str, Any] = program.derivatives if ipopt else _NONE
         iterates = Iterates(program.nlp) if self._is_watched else None
         if iterates is not None:
@@ -187,7 +194,8 @@ class NlpSolvers:
             "print_time": False,
             "show_eval_warnings": False,
             "error_on_fail": False,  # Not converging is a status.
-            "calc_lam_p": False,  # Multipliers of the parameters are not used.
+            # Multipliers of the parameters, and their derivatives, are not used.
+            "calc_lam_p": False, "no_nlp_grad": True,
             **given,
             **options.settings(near=near, warm=warm),
         }

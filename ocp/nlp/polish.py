@@ -241,7 +241,10 @@ class Polisher:
         if fitness.problem.is_adaptive and not fitness.problem.collocation:
             self._choice = StepChoice(fitness.shooting)
         self._solvers = NlpSolvers(
-            fitness.shooting, self._options, is_watched=watch is not UNWATCHED
+            fitness.shooting,
+            self._options,
+            is_watched=watch is not UNWATCHED,
+            is_compiled=fitness.backend == "llvm",
         )
 
     @property

@@ -61,6 +61,8 @@ _UNROLLED = 100_000
 """Largest number of operations, with derivatives, of an NLP that is written out. This
 speeds up the iterations over short horizons; longer ones would take too long to
 build."""
+_AS_FAST = 30_000
+"""The same if longer ones are evaluated by machine code."""
 
 
 class Limits(NamedTuple):
@@ -94,6 +96,7 @@ class NonlinearProgram:
     unit: float
     slack_rows: tuple[list[int], ...]
     inner_guess: InnerGuess | None = None
+    _kernels: tuple[ca.Function, ...] = ()  # The functions do not own what they call.
 
     def arguments(
         self, x0: Array, parameters: Array, signals: Array, sizes: Sizes
@@ -275,11 +278,15 @@ def _part_weights(part: Part, sizes: Sizes) -> Array:
     return np.array(rows, dtype=np.float64)
 
 
-def multiple_shooting(problem: OptimalControlProblem | Shooting) -> NonlinearProgram:
+def multiple_shooting(
+    problem: OptimalControlProblem | Shooting, *, compiled: bool = False
+) -> NonlinearProgram:
     """Return the multiple-shooting NLP of a problem, with its derivatives.
 
     Args:
         problem: The problem, or its compiled functions.
+        compiled: Whether its functions call machine code, unless it is so small that
+            CasADi is as fast. They have no further derivatives then.
     """
     shooting = shooting_of(problem)
     problem = shooting.problem
@@ -289,7 +296,11 @@ def multiple_shooting(problem: OptimalControlProblem | Shooting) -> NonlinearPro
         _end_part(shooting),
         _begin_part(shooting) if problem.nlp_starts else None,
     )
-    mapped = Mapped(problem, parts)
+    operations = sum(part.n_instructions() for part in parts.interval[:5])
+    is_written_out = operations * problem.intervals <= (
+        _AS_FAST if compiled else _UNROLLED
+    )
+    mapped = Mapped(problem, parts, compiled=compiled and not is_written_out)
     (cost,), *ends = mapped.applied(lambda part: part.cost)
     values = mapped.applied(lambda part: part.value)
     nlp: dict[str, Any] = {
@@ -301,8 +312,7 @@ def multiple_shooting(problem: OptimalControlProblem | Shooting) -> NonlinearPro
     derivatives = derivatives_of(mapped)
     places = parts.interval.rows.places
     soft = () if shooting.soft is None else shooting.soft.places
-    operations = sum(part.n_instructions() for part in parts.interval[:5])
-    if operations * problem.intervals <= _UNROLLED:
+    if is_written_out:
         nlp = _without_calls(nlp)
         derivatives = {name: f.expand() for name, f in derivatives.items()}
     return NonlinearProgram(
@@ -315,6 +325,7 @@ def multiple_shooting(problem: OptimalControlProblem | Shooting) -> NonlinearPro
             [row for row, place in enumerate(places) if place == own] for own in soft
         ),
         inner_guess=None if layout is None else InnerGuess(shooting, layout),
+        _kernels=tuple(mapped.kernels),
     )
 
 
