@@ -153,7 +153,7 @@ def posed(
 
 def _end_known(part: Part, shared: Array, weights: Array, signals: Array) -> _Known:
     """Return known arguments of the end or start; rows without limits are equations."""
-    equations = np.zeros(part.value.numel_out(0) - weights.size)
+    equations = np.zeros(part.height - weights.size)
     lower, upper = (
         np.concatenate([equations, side * weights]) for side in part.rows[1:3]
     )

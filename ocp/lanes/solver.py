@@ -243,7 +243,7 @@ def _step_of(
     threads: int,
 ) -> Sweeps | Slopes:
     """Return the machine code of sweeps; of slopes if sweeps would be too long."""
-    problem, interval = program.problem, program.parts.interval.value
+    problem, interval = program.problem, program.parts.interval.values
     rows = [one.rows.numel() for one in stages(program) if one is not None]
     sweeps_alone = bool(sum(rows)) and not constrained_slopes
     least = _SWEPT * interval.n_instructions()

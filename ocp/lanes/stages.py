@@ -75,23 +75,26 @@ def stages(program: NonlinearProgram) -> tuple[Stage, Stage, Stage | None]:
 def _interval(problem: OptimalControlProblem, part: Part) -> Stage:
     nx = problem.model.nx
     x, u = ca.SX.sym("x", nx), ca.SX.sym("u", inputs_of(problem))
-    shared = ca.SX.sym("shared", part.value.numel_in(1))
-    s = ca.SX.sym("s", *part.value.size_in(2))
-    g = part.value(ca.vertcat(x, u), shared, s)
+    shared, s = _known_symbols(part)
+    cost, g = part.values(ca.vertcat(x, u), shared, s)
     after, rows = ca.vertsplit(g, [0, nx, g.numel()])
     # Single shooting has no variables for the states, so their bounds are rows.
     rows = ca.vertcat(rows, after[[int(i) for i in problem.bounded_states], 0])
-    cost = part.cost(ca.vertcat(x, u), shared, s)
     return Stage(x, u, _known(shared, s, rows), after, cost, rows)
 
 
 def _stage(problem: OptimalControlProblem, part: Part) -> Stage:
     """Return the end or the start."""
     x = ca.SX.sym("x", problem.model.nx)
-    shared = ca.SX.sym("shared", part.value.numel_in(1))
-    s = ca.SX.sym("s", *part.value.size_in(2))
-    rows, cost = part.value(x, shared, s), part.cost(x, shared, s)
+    shared, s = _known_symbols(part)
+    cost, rows = part.values(x, shared, s)
     return Stage(x, ca.SX(0, 1), _known(shared, s, rows), x, cost, rows)
+
+
+def _known_symbols(part: Part) -> tuple[ca.SX, ca.SX]:
+    """Return symbols of what a part's functions share, and of its signals."""
+    shared = ca.SX.sym("shared", part.values.numel_in(1))
+    return shared, ca.SX.sym("s", *part.values.size_in(2))
 
 
 def _known(shared: ca.SX, s: ca.SX, rows: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:

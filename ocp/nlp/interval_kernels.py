@@ -7,6 +7,7 @@ population; CasADi gives it the arguments and puts the results in their places.
 """
 
 from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field
 
 import casadi as ca
 import numpy as np
@@ -55,7 +56,7 @@ class IntervalKernel(ca.Callback):
             self._code = compile_flat(
                 function, self._is_own, nonzeros=True, quickly=True
             )
-        self._free: list[Prepared] = []
+        self._free: list[_Buffers] = []
         self.construct(function.name(), {})  # Last: CasADi asks for the shapes at once.
 
     def get_n_in(self) -> int:
@@ -84,41 +85,94 @@ class IntervalKernel(ca.Callback):
     ) -> int:
         """Evaluate all intervals; outputs that are None are not wanted."""
         # Two threads may call at once, so buffers are taken and given back.
-        prepared = self._free.pop() if self._free else self._code.prepare(
-            self._intervals
-        )  # fmt: skip
-        for buffer, memory in zip(prepared.arguments, given, strict=True):
-            # CasADi stores column by column: interval after interval.
-            buffer.T[...] = _array(memory, buffer.T.shape)
-        prepared.run()
-        for buffer, memory in zip(prepared.outputs, found, strict=True):
-            if memory is not None:
-                _array(memory, buffer.T.shape)[...] = buffer.T
-        self._free.append(prepared)
+        buffers = self._free.pop() if self._free else self._new_buffers()
+        # IPOPT asks for cost and rows, or for their slopes, one after the other.
+        is_known = buffers.memory == (memory := [_copy(one) for one in given])
+        if not is_known:
+            for argument, values in zip(buffers.arguments, memory, strict=True):
+                argument[...] = np.frombuffer(values).reshape(argument.shape)
+            buffers.run()
+            buffers.memory = memory
+        for output, place in zip(buffers.outputs, found, strict=True):
+            if place is not None and output.size:
+                np.frombuffer(place).reshape(output.shape)[...] = output
+        self._free.append(buffers)
         return 0
 
+    def _new_buffers(self) -> "_Buffers":
+        prepared = self._code.prepare(self._intervals)
+        return _Buffers(
+            # CasADi stores column by column: interval after interval.
+            arguments=[one.T for one in prepared.arguments],
+            outputs=[one.T for one in prepared.outputs],
+            run=prepared,
+        )
 
-def _array(memory: memoryview, shape: tuple[int, ...]) -> Array:
-    """Return CasADi's memory as an array; empty memory cannot be shared."""
-    if memory.nbytes == 0:
-        return np.empty(shape)
-    return np.frombuffer(memory).reshape(shape)
+
+@dataclass(kw_only=True, slots=True, eq=False)
+class _Buffers:
+    """The memory of the machine code, as CasADi orders it.
+
+    Attributes:
+        arguments: Arguments, (N, entries), or (entries,) if they are the same for all.
+        outputs: Outputs, (N, nonzeros).
+        run: Evaluates the arguments into the outputs.
+        memory: CasADi's arguments that the outputs belong to.
+    """
+
+    arguments: list[Array]
+    outputs: list[Array]
+    run: Prepared
+    memory: list[bytes] = field(default_factory=list)
+
+
+def _copy(memory: memoryview) -> bytes:
+    """Return a copy; CasADi's empty memory has no address to read from."""
+    return bytes(memory) if memory.nbytes else b""
 
 
 def over_intervals(
-    function: ca.Function, intervals: int, same: Sequence[int], *, compiled: bool
-) -> ca.Function:
-    """Return a function of one interval for all of them, as machine code if possible.
+    function: ca.Function,
+    intervals: int,
+    same: Sequence[int],
+    *,
+    apart: Sequence[Sequence[int]],
+    compiled: bool,
+) -> list[ca.Function]:
+    """Return functions of all intervals whose outputs are, in order, those of one.
 
     Args:
-        function: An SX function.
+        function: An SX function of one interval.
         intervals: Number of intervals.
         same: Indices of the arguments that are the same for all intervals.
-        compiled: Whether machine code is wanted.
+        apart: Numbers of the outputs, in groups that are not needed together.
+        compiled: Whether machine code is wanted, if it is possible. It evaluates all
+            outputs at once.
     """
     if compiled:
         try:
-            return IntervalKernel(function, intervals, same)
+            return [IntervalKernel(function, intervals, same)]
         except (NoCompilerError, UnknownOperationError):
             pass  # CasADi evaluates everything.
-    return function.map(function.name(), "serial", intervals, list(same), [])
+    return [
+        one.map(one.name(), "serial", intervals, list(same), [])
+        for one in _separated(function, apart)
+    ]
+
+
+def _separated(
+    function: ca.Function, groups: Sequence[Sequence[int]]
+) -> list[ca.Function]:
+    """Return a function for each group of outputs, without what others need."""
+    if len(groups) == 1:
+        return [function]
+    given = [ca.SX.sym(f"a{i}", *function.size_in(i)) for i in range(function.n_in())]
+    outputs = function.call(given)
+    return [
+        ca.Function(
+            f"{function.name()}_{first}",
+            given,
+            [outputs[first], *[outputs[i] for i in others]],
+        )
+        for first, *others in groups
+    ]

@@ -149,7 +149,7 @@ def _of_parts(point: NlpPoint, cost: float) -> list[Array]:
     The rows that tie the controls of blocks come last and are left out.
     """
     parts, N = point.program.parts.present, point.program.problem.intervals
-    heights = [int(part.value.numel_out(0)) for part in parts]
+    heights = [part.height for part in parts]
     counts = [N, *[1 for _ in parts[1:]]]
     ends = np.cumsum([h * n for h, n in zip(heights, counts, strict=True)])
     return [
@@ -237,7 +237,7 @@ def units_of(
         moving = np.tile(x[list(layout.moving)], layout.places)
         inside[1:1] = [moving, np.tile(residuals, layout.places + 1)]
     of_rows = [np.tile(np.concatenate(inside), N)]
-    equations = parts.end.value.numel_out(0) - weights[1].size
+    equations = parts.end.height - weights[1].size
     of_epigraph = 1.0 if core.epigraph is None else x[core.epigraph.first]
     of_rows += [np.full(equations, of_epigraph), weights[1]]
     if parts.begin is not None:
@@ -252,7 +252,7 @@ def units_of(
 def columns_of(program: NonlinearProgram, duals: Duals) -> tuple[Array, Array]:
     """Return rows (height, N) and bounds (inputs + nx, N) of the intervals, views."""
     core, N = program.problem, program.problem.intervals
-    height = program.parts.interval.value.numel_out(0)
+    height = program.parts.interval.height
     width = inputs_of(core) + core.model.nx
     return (
         duals.rows[: height * N].reshape((N, height)).T,

@@ -21,6 +21,8 @@ from swarmstart.ocp.statement.control_shape import ties
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 
 Index = NDArray[np.int64]
+_JACOBIAN = 3
+"""Number of an output of `Part.slopes`."""
 
 
 class LimitedRows(NamedTuple):
@@ -49,21 +51,22 @@ class Part(NamedTuple):
     The derivatives are with respect to its own variables z.
 
     Attributes:
-        cost: (z, shared, s) -> cost.
-        value: (z, shared, s) -> g.
-        cost_slope: (z, shared, s) -> (cost, its gradient).
-        slopes: (z, shared, s) -> (g, its Jacobian).
+        values: (z, shared, s) -> (cost, g).
+        slopes: (z, shared, s) -> (cost, its gradient, g, its Jacobian).
         curvature: (z, shared, s, lam_f, lam_g) -> upper triangle of the Hessian of
             lam_f cost + lam_g' g.
         rows: The rows with limits, which come last in g.
     """
 
-    cost: ca.Function
-    value: ca.Function
-    cost_slope: ca.Function
+    values: ca.Function
     slopes: ca.Function
     curvature: ca.Function
     rows: LimitedRows
+
+    @property
+    def height(self) -> int:
+        """Number of rows of g."""
+        return int(self.values.numel_out(1))
 
 
 class Parts(NamedTuple):
@@ -88,7 +91,7 @@ class Parts(NamedTuple):
     def argument_sizes(self, problem: OptimalControlProblem) -> list[int]:
         """Return the lengths of x0, shared, the parts' weights and signals in q."""
         weights = [len(part.rows.places) for part in self.present]
-        shared = self.interval.value.numel_in(1) - weights[0]
+        shared = self.interval.values.numel_in(1) - weights[0]
         return [problem.model.nx, shared, *weights, problem.ns * problem.nodes]
 
 
@@ -121,7 +124,7 @@ class Mapped:
         tied = ties(problem.control_labels) if problem.ties_controls else (empty, empty)
         self.same = (tied[0], tied[1])
         self.controls = model.nu
-        self.rows = parts.interval.value.numel_out(0)
+        self.rows = parts.interval.height
         self.free = decided_states(problem)
         inner = (self.nu + model.nx) * N
         self.w = ca.MX.sym("w", inner + len(self.free))
@@ -157,6 +160,7 @@ class Mapped:
         more: Sequence[tuple[ca.MX, ...]] = ((), (), ()),
         *,
         same: tuple[int, ...] = (1,),
+        apart: Sequence[Sequence[int]] = ((0,),),
     ) -> list[list[ca.MX]]:
         """Return the outputs of all intervals, side by side, of the end and the start.
 
@@ -164,20 +168,25 @@ class Mapped:
             chosen: The function of a part.
             more: Further arguments of each part; those of the intervals side by side.
             same: Indices of the arguments that are the same for all intervals.
+            apart: Numbers of the outputs, in groups that are not needed together.
         """
-        functions = [chosen(part) for part in self.parts.present]
-        functions[0] = over_intervals(
-            functions[0], self.N, same, compiled=self._compiled
+        interval, *ends = [[chosen(part)] for part in self.parts.present]
+        interval = over_intervals(
+            interval[0], self.N, same, apart=apart, compiled=self._compiled
         )
-        self.kernels.append(functions[0])
+        self.kernels += interval
         return [
-            _several(function(*arguments, *besides))
-            for function, arguments, besides in zip(
-                functions, self._arguments, more, strict=False
+            [
+                output
+                for function in functions
+                for output in _several(function(*arguments, *besides))
+            ]
+            for functions, arguments, besides in zip(
+                [interval, *ends], self._arguments, more, strict=False
             )
         ]
 
-    def rows_of(self, g: list[ca.MX]) -> ca.MX:
+    def rows_of(self, g: Sequence[ca.MX]) -> ca.MX:
         """Return the g of the NLP: defects and rows; a row that is always 0 is kept."""
         reached = ca.vertcat(self.x, ca.MX.zeros(self.rows - self.nx, self.N))
         first, second = self.ties()
@@ -227,13 +236,14 @@ def decided_states(problem: OptimalControlProblem) -> list[int]:
 
 def derivatives_of(mapped: Mapped) -> dict[str, ca.Function]:
     """Return gradient, Jacobian and Hessian of the NLP, as IPOPT takes them."""
-    costs = mapped.applied(lambda part: part.cost_slope)
-    values = mapped.applied(lambda part: part.slopes)
+    costs, slopes, values, jacobians = zip(
+        *mapped.applied(lambda part: part.slopes, apart=((0, 1), (2, 3))), strict=True
+    )
     w, q = mapped.w, mapped.q
-    f = sum((end[0] for end in costs[1:]), ca.sum2(costs[0][0]))
-    rows = mapped.rows_of([g for g, _ in values])
-    gradient = _gradient(mapped, [slope for _, slope in costs])
-    jacobian = _jacobian(mapped, [jac for _, jac in values], rows.numel())
+    f = sum(costs[1:], ca.sum2(costs[0]))
+    rows = mapped.rows_of(values)
+    gradient = _gradient(mapped, slopes)
+    jacobian = _jacobian(mapped, jacobians, rows.numel())
     lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", rows.numel())
     hessian = _hessian(mapped, (lam_f, lam_g))
     return {
@@ -253,7 +263,7 @@ def derivatives_of(mapped: Mapped) -> dict[str, ca.Function]:
     }
 
 
-def _gradient(mapped: Mapped, slopes: list[ca.MX]) -> ca.MX:
+def _gradient(mapped: Mapped, slopes: Sequence[ca.MX]) -> ca.MX:
     """Return the gradient of the cost from those of the parts."""
     places = [*mapped.places(), *[place for _, place in mapped.ends()]]
     entries = [(place, np.zeros_like(place)) for place in places]
@@ -261,24 +271,24 @@ def _gradient(mapped: Mapped, slopes: list[ca.MX]) -> ca.MX:
     return _assembled((mapped.w.numel(), 1), entries, values)
 
 
-def _jacobian(mapped: Mapped, blocks: list[ca.MX], size: int) -> ca.MX:
+def _jacobian(mapped: Mapped, blocks: Sequence[ca.MX], size: int) -> ca.MX:
     """Return the Jacobian of all rows, including the -1 of each next state."""
     N, nx, places, parts = mapped.N, mapped.nx, mapped.places(), mapped.parts.present
-    rows, columns = _triplet(parts[0].slopes, 1)
+    rows, columns = _triplet(parts[0].slopes, _JACOBIAN)
     following = [np.array(mapped.place(k + 1)[:nx]) for k in range(N)]
     entries = [(rows + k * mapped.rows, places[k][columns]) for k in range(N)]
     above = N * mapped.rows
     for part, place in mapped.ends():
-        end_rows, end_columns = _triplet(part.slopes, 1)
+        end_rows, end_columns = _triplet(part.slopes, _JACOBIAN)
         entries.append((end_rows + above, place[end_columns]))
-        above += part.value.numel_out(0)
+        above += part.height
     entries += [(np.arange(nx) + k * mapped.rows, following[k]) for k in range(N)]
     ties = mapped.ties()
     count = ties[0].size
     entries += [(above + np.arange(count), tie) for tie in ties]
     values = ca.vertcat(
         *[
-            _nonzeros(part.slopes.sparsity_out(1), block, count)
+            _nonzeros(part.slopes.sparsity_out(_JACOBIAN), block, count)
             for part, block, count in zip(parts, blocks, (N, 1, 1), strict=False)
         ],
         -ca.MX.ones(nx * N),
@@ -293,8 +303,8 @@ def _hessian(mapped: Mapped, multipliers: tuple[ca.MX, ca.MX]) -> ca.MX:
     N, places, parts = mapped.N, mapped.places(), mapped.parts.present
     lam_f, lam_g = multipliers
     inside = N * mapped.rows
-    last = inside + parts[1].value.numel_out(0)
-    begin = sum(part.value.numel_out(0) for part in parts[2:])
+    last = inside + parts[1].height
+    begin = sum(part.height for part in parts[2:])
     curved = mapped.applied(
         lambda part: part.curvature,
         (

@@ -195,7 +195,8 @@ class NlpSolvers:
             "show_eval_warnings": False,
             "error_on_fail": False,  # Not converging is a status.
             # Multipliers of the parameters, and their derivatives, are not used.
-            "calc_lam_p": False, "no_nlp_grad": True,
+            "calc_lam_p": False,
+            "no_nlp_grad": True,
             **given,
             **options.settings(near=near, warm=warm),
         }
@@ -359,7 +360,7 @@ def corrected(
         return None
     given = Given(controls, pieces, parameters, signals)
     w = program.with_points(point.w, given, sizes)
-    height = program.parts.interval.value.numel_out(0)
+    height = program.parts.interval.height
     g = np.array(program.derivatives["jac_g"](w, point.q)[0]).ravel()[: height * N]
     shift = g.reshape((N, height))[:, : nx + layout.states].copy()
     shift[:, :nx] += ((ends[:, 1:] - pieces[:, -1]) / sizes.states[:, None]).T

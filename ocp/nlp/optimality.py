@@ -233,7 +233,7 @@ class _Stages:
         problem = program.problem
         nx, nu, N = problem.model.nx, inputs_of(problem), problem.intervals
         interval = program.parts.interval
-        rows = interval.value.numel_out(0)
+        rows = interval.height
         inner = (nu + nx) * N
         both = point.w[:inner].reshape((nu + nx, N), order="F")
         start, self.decided = point.q[:nx].copy(), decided_states(problem)
@@ -262,7 +262,7 @@ class _Stages:
         for part, (at_node, known_there), own in zip(
             program.parts.present[1:], nodes, weights, strict=False
         ):
-            after = first + part.value.numel_out(0)
+            after = first + part.height
             at = at_node, np.concatenate([shared, own]), known_there
             H, J = _derivatives(part, at, point.lam_g[first:after])
             self.ends.append((H, J[active[first:after]]))
@@ -334,7 +334,7 @@ def _derivatives(
     """Return the Hessian of the Lagrangian and the Jacobian of g of a part."""
     upper = np.array(part.curvature(*at, 1.0, lam))
     hessian = upper + np.triu(upper, 1).T
-    return hessian, np.array(part.slopes(*at)[1])
+    return hessian, np.array(part.slopes(*at)[3])
 
 
 def _distance(point: NlpPoint) -> Array:

@@ -293,7 +293,7 @@ def _keys(program: NonlinearProgram, part: Part) -> list[Key]:
 def _streams(program: NonlinearProgram) -> dict[Key, list[_Place]]:
     """Return the places of each multiplier that is distributed along the time."""
     core, interval = program.problem, program.parts.interval
-    first = interval.value.numel_out(0) - len(interval.rows.places)
+    first = interval.height - len(interval.rows.places)
     jumped = core.checks + 1
     found: dict[Key, list[_Place]] = {}
     for number, (key, check) in enumerate(
@@ -366,7 +366,7 @@ def _of_ends(program: NonlinearProgram, duals: Duals) -> _Ends:
     core, place = program.problem, 0
     rows: dict[Key, int] = {}
     for number, part in enumerate(program.parts.present):
-        height = int(part.value.numel_out(0))
+        height = part.height
         if number:
             keys = _keys(program, part)
             equations = [("equation", i) for i in range(height - len(keys))]
@@ -392,7 +392,7 @@ def _completed(
     if not count and not core.ties_controls:
         return lam_g
     found, nx, N = lam_g.copy(), core.model.nx, core.intervals
-    height = int(program.parts.interval.value.numel_out(0))
+    height = program.parts.interval.height
     inner = found[: height * N].reshape((N, height))[:, nx : nx + count]  # A view.
     inner[:] = 0.0  # Unknown; they must not enter `rest`.
     tied = ties(core.control_labels)[0].size if core.ties_controls else 0

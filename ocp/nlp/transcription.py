@@ -179,7 +179,7 @@ class NonlinearProgram:
             inside, *ends = (
                 np.concatenate(
                     [
-                        np.zeros(part.value.numel_out(0) - len(part.rows.places)),
+                        np.zeros(part.height - len(part.rows.places)),
                         part.rows[side] * _part_weights(part, sizes),
                     ]
                 )
@@ -226,7 +226,7 @@ class NonlinearProgram:
         g = np.array(self.derivatives["jac_g"](w, q)[0]).ravel()
         beyond = np.maximum(g - limits.ubg, limits.lbg - g).clip(min=0.0)
         N, nu, interval = problem.intervals, problem.model.nu, self.parts.interval
-        height = interval.value.numel_out(0)
+        height = interval.height
         rows = beyond[: height * N].reshape((height, N), order="F")
         rows = rows[-len(interval.rows.places) :]  # Rows with limits come last.
         found, step = w.copy(), inputs_of(problem) + problem.model.nx
@@ -296,18 +296,19 @@ def multiple_shooting(
         _end_part(shooting),
         _begin_part(shooting) if problem.nlp_starts else None,
     )
-    operations = sum(part.n_instructions() for part in parts.interval[:5])
+    operations = sum(part.n_instructions() for part in parts.interval[:3])
     is_written_out = operations * problem.intervals <= (
         _AS_FAST if compiled else _UNROLLED
     )
     mapped = Mapped(problem, parts, compiled=compiled and not is_written_out)
-    (cost,), *ends = mapped.applied(lambda part: part.cost)
-    values = mapped.applied(lambda part: part.value)
+    costs, values = zip(
+        *mapped.applied(lambda part: part.values, apart=((0,), (1,))), strict=True
+    )
     nlp: dict[str, Any] = {
         "x": mapped.w,
         "p": mapped.q,
-        "f": sum((end for (end,) in ends), ca.sum2(cost)),
-        "g": mapped.rows_of([g for (g,) in values]),
+        "f": sum(costs[1:], ca.sum2(costs[0])),
+        "g": mapped.rows_of(values),
     }
     derivatives = derivatives_of(mapped)
     places = parts.interval.rows.places
@@ -572,10 +573,12 @@ def _part(
     lam_f, lam_g = ca.SX.sym("lam_f"), ca.SX.sym("lam_g", g.numel())
     lagrangian = lam_f * cost + ca.dot(lam_g, g)
     return Part(
-        ca.Function("cost", arguments, ca.cse([cost])),
-        ca.Function("value", arguments, ca.cse([g])),
-        ca.Function("cost_slope", arguments, ca.cse([cost, ca.gradient(cost, z)])),
-        ca.Function("slopes", arguments, ca.cse([g, ca.jacobian(g, z)])),
+        ca.Function("values", arguments, ca.cse([cost, g])),
+        ca.Function(
+            "slopes",
+            arguments,
+            ca.cse([cost, ca.gradient(cost, z), g, ca.jacobian(g, z)]),
+        ),
         ca.Function(
             "curvature",
             [*arguments, lam_f, lam_g],

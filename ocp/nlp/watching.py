@@ -116,12 +116,12 @@ def ratios_of(program: NonlinearProgram, shooting: Shooting) -> Ratios:
             for name in names
         )
 
-    rollout = instructions("cost", "value")
+    rollout = instructions("values")
     if not problem.is_adaptive:
         each = shooting.stage_without_path.n_instructions()
         rollout = each * problem.intervals + shooting.terminal.n_instructions()
     return Ratios(
-        gradient=instructions("cost_slope", "slopes") / rollout,
+        gradient=instructions("slopes") / rollout,
         hessian=instructions("curvature") / rollout,
     )
 

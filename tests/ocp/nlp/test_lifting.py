@@ -152,7 +152,7 @@ def test_costs_and_constraints_have_them_as_unknowns() -> None:
     assert collocated.cost == pytest.approx(shot.cost, rel=1e-4)
     assert collocated.algebraic.min() == pytest.approx(0.35, abs=1e-4)
     few, many = (
-        multiple_shooting(diode(n, **told)).parts.interval.value.n_instructions()
+        multiple_shooting(diode(n, **told)).parts.interval.values.n_instructions()
         for n in (5, 20)
     )
     assert few == many
