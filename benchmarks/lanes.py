@@ -52,7 +52,7 @@ Made by `python benchmarks/lanes.py --write docs/measured/lanes.md --plot
 docs/measured/lanes.png`. Each problem is solved from the same smooth random starts
 ([Many starts](../answers.md#many-starts)), all at once in lanes on one core, and a few
 of them one after another by IPOPT, at most 500 iterations each: on the faster of two
-NLPs, with the interval's functions mapped over the intervals or all of them expanded.
+NLPs, with machine code for the intervals' functions or all of them expanded.
 Seconds are those of the process. "Sweeps" are second-order steps; "slopes" are gradient
 steps, for stages that are too long for sweeps. A lane of sweeps takes at most 500
 steps; if it ends infeasible, it starts once more, and both count. A solve counts as
@@ -189,8 +189,12 @@ def _expanded(planner: Planner) -> Planner:
         raise TypeError("expected a planner with a polish")
     options = IpoptOptions(max_iterations=ITERATIONS).settings(near=False)
     quiet = {"print_time": False, "error_on_fail": False, "calc_lam_p": False}
+    # Machine code cannot be expanded.
     again = Planner(
-        planner.stated, search=None, polish=IpoptOptions(max_iterations=ITERATIONS)
+        planner.stated,
+        search=None,
+        polish=IpoptOptions(max_iterations=ITERATIONS),
+        backend="casadi",
     )
     built = again.polisher._solvers.built  # type: ignore[union-attr]
     for steps, one in built.items():

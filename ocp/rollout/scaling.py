@@ -97,6 +97,7 @@ class Sizing:
         self._moved = [with_a_state_alone(values, problem) for values in outputs[1:]]
         self._at = ca.Function("at", symbols, [ca.vertcat(*outputs)])
         self._splits = np.cumsum([o.numel() for o in outputs])[:-1]
+        self._last: tuple[list[bytes | None], Sizes] | None = None
         self._slopes = ca.Function(
             "slopes", symbols, [ca.jacobian(f, ca.vertcat(symbols[0], symbols[1]))]
         )
@@ -123,8 +124,15 @@ class Sizing:
             along: A guess of the states at the nodes, shape (nx, nodes), which gives
                 the sizes of unbounded states.
         """
-        with np.errstate(over="ignore", invalid="ignore"):  # Such values give no size.
-            return self._found(x0, parameters, signals, guess, along)
+        if self._first_controls().all():
+            guess = None  # Bounds or given sizes suffice.
+        given = (x0, parameters, signals, guess, along)
+        asked = [None if v is None else np.asarray(v).tobytes() for v in given]
+        # All polishes from one initial state ask for the same.
+        if self._last is None or self._last[0] != asked:
+            with np.errstate(over="ignore", invalid="ignore"):  # They give no size.
+                self._last = asked, self._found(*given)
+        return self._last[1]
 
     def _found(
         self,
@@ -144,8 +152,6 @@ class Sizing:
             states = np.where(self._is_open, np.maximum(states, way), states)
         controls = self._first_controls()
         states = self._without_tiny(at, states, controls, None)
-        if controls.all():
-            guess = None  # Bounds or given sizes suffice.
         if guess is not None:
             _, expected = self._filled(at, states, controls, None)
             given = np.asarray(guess, dtype=np.float64)
