@@ -25,7 +25,7 @@ from swarmstart.cases.drawing.panels import Labels, Panel
 from swarmstart.cases.drawing.slack import KnownAt, arguments_of, made_at
 from swarmstart.cases.record.trajectory_arrays import new_plans
 from swarmstart.ocp import Fitness, Known, OptimalControlProblem, Plan, Trajectory
-from swarmstart.ocp.rollout import NOTHING, Shooting
+from swarmstart.ocp.rollout import NOTHING, shooting_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -116,7 +116,7 @@ def plan_paths(flown: Flown) -> list[PlanPath]:
     paths = []
     for problem, flight, known in flown.parts():
         again: Fitness | None = None
-        made, shooting = made_at(flight), Shooting(problem)
+        made, shooting = made_at(flight), shooting_of(problem)
         lowered, nx = shooting.lowered, problem.model.nx
         for step in steps:
             plan = flight.decisions[step].plans[0]

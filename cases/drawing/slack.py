@@ -27,10 +27,10 @@ from swarmstart.ocp import Constraint, Known, OptimalControlProblem, Plan, Traje
 from swarmstart.ocp.rollout import (
     Arguments,
     ConstraintRows,
-    Shooting,
     at_nodes,
     core_known,
     shared_arguments,
+    shooting_of,
     signals_between,
 )
 from swarmstart.ocp.statement import Lowered
@@ -80,7 +80,7 @@ def slacks(
         trajectory: States and controls of this problem's model.
         known: Parameters and signals of each plan.
     """
-    shooting = Shooting(problem)
+    shooting = shooting_of(problem)
     lowered, problem = shooting.lowered, shooting.problem
     stated, ends = problem.stated, problem.terminal_constraints
     if not (stated or ends):

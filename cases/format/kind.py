@@ -26,7 +26,7 @@ from swarmstart.ocp import (
 )
 from swarmstart.ocp.answer import start_of
 from swarmstart.ocp.loop import ReferenceSignals, known_at
-from swarmstart.ocp.rollout import Shooting, from_near_start
+from swarmstart.ocp.rollout import from_near_start, shooting_of
 from swarmstart.ocp.statement import Appended
 from swarmstart.terminal_set import TerminalSet
 
@@ -189,7 +189,7 @@ def _from_near(posed: P) -> P:
         return posed
     known = known_at(agent.problem, 0.0, agent.reference, agent.parameters)
     known = known._replace(previous=agent.previous)
-    problem = from_near_start(Shooting(agent.problem), posed.x0, known)
+    problem = from_near_start(shooting_of(agent.problem), posed.x0, known)
     if problem is agent.problem:
         return posed
     return replace(posed, agents=(replace(agent, problem=problem),))

@@ -71,7 +71,6 @@ from swarmstart.ocp.rollout.fitness import (
     shared_arguments,
 )
 from swarmstart.ocp.rollout.path import Tracer
-from swarmstart.ocp.rollout.shooting import Shooting
 from swarmstart.ocp.search.account import Effort, Origin, StartsAccount, Tried
 from swarmstart.ocp.search.lane_search import LaneSearch, searched
 from swarmstart.ocp.search.lane_starts import Task, ToldBest
@@ -222,7 +221,7 @@ class Planner:
                 family does not fit the problem, or there are lanes without a polish.
             InvalidSettingsError: If the search's population does not fit into memory.
         """
-        self.fitness = Fitness(Shooting(problem), backend=backend)
+        self.fitness = Fitness(problem, backend=backend)
         self.lowered = self.fitness.shooting.lowered
         self.stated, self.problem = problem, self.lowered.core
         self._checker = Checker(self.fitness.shooting)

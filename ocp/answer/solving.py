@@ -31,6 +31,7 @@ from swarmstart.heuristics import Budget, Order, generator_of
 from swarmstart.heuristics.running import heeded
 from swarmstart.machine_code import stopwatch
 from swarmstart.ocp.answer.improving import improved
+from swarmstart.ocp.answer.kept import kept_planner
 from swarmstart.ocp.answer.plan import PlanningInterrupted
 from swarmstart.ocp.answer.planner import Planner
 from swarmstart.ocp.answer.solution import Solution, verified
@@ -47,6 +48,7 @@ from swarmstart.ocp.nlp.polish_options import (
 )
 from swarmstart.ocp.nlp.start import Start
 from swarmstart.ocp.rollout.fitness import KNOWN, NOTHING, Known, from_near_start
+from swarmstart.ocp.rollout.shooting import shooting_of
 from swarmstart.ocp.search.many_starts import LANES
 from swarmstart.ocp.search.settings import SearchGiven, search_settings
 from swarmstart.ocp.statement.problem import OptimalControlProblem
@@ -197,15 +199,16 @@ def solve(  # noqa: PLR0913 - the whole way in one call
         lanes = LANES if polishing is not None else 0
     if settings is None and polishing is None:
         raise InvalidProblemError("solve needs a search, a polish or both, got neither")
-    with stopwatch() as watch:
-        planner = Planner(
-            problem, search=settings, polish=polishing, backend=backend, lanes=lanes
-        )
-        near = from_near_start(planner.fitness.shooting, x0, known)
-        if near is not problem:
-            planner = Planner(
-                near, search=settings, polish=polishing, backend=backend, lanes=lanes
-            )
+    with (
+        stopwatch() as watch,
+        kept_planner(
+            from_near_start(shooting_of(problem), x0, known),
+            search=settings,
+            polish=polishing,
+            backend=backend,
+            lanes=lanes,
+        ) as planner,
+    ):
         start_at = None if guess is None else _start(guess)
         x0, known, start_at = planner.posed(x0, known, start_at)
         outside = planner.outside(x0, known)

@@ -130,7 +130,7 @@ def unmet(program: NonlinearProgram, w: Array, q: Array, limits: Limits) -> floa
     """
     g = np.array(program.derivatives["grad_f"](w, q)[1]).ravel()
     c, slopes = program.derivatives["jac_g"](w, q)
-    J = sparse.csr_matrix(slopes)
+    J = slopes.sparse().tocsr()
     rows = sparse.vstack([J, sparse.identity(w.size, format="csr")]).tocsr()
     values = np.concatenate([np.array(c).ravel(), w])
     lower = np.concatenate([limits.lbg, limits.lbx])
@@ -151,10 +151,13 @@ def unmet(program: NonlinearProgram, w: Array, q: Array, limits: Limits) -> floa
 def _least_rest(g: Array, rows: "sparse.csr_matrix") -> tuple[Array, Array]:
     """Return lam and g + rows' lam with the least squares of the latter."""
     n, m = g.size, rows.shape[0]
-    system = sparse.bmat(
-        [[sparse.identity(n), rows.T], [rows, -_DEPENDENT * sparse.identity(m)]],
-        format="csc",
+    place = rows.tocoo()
+    own, below, column = np.arange(n + m), n + place.row, place.col
+    entries = (
+        np.concatenate([np.repeat([1.0, -_DEPENDENT], [n, m]), *[place.data] * 2]),
+        (np.concatenate([own, below, column]), np.concatenate([own, column, below])),
     )
+    system = sparse.csc_matrix(entries, shape=(n + m, n + m))
     found = splu(system).solve(np.concatenate([-g, np.zeros(m)]))
     return found[n:], -found[:n]
 

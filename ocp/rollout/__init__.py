@@ -23,6 +23,7 @@ from swarmstart.ocp.rollout.path import (
 )
 from swarmstart.ocp.rollout.shooting import (
     Shooting,
+    shooting_of,
 )
 
 __all__ = [
@@ -37,5 +38,6 @@ __all__ = [
     "from_near_start",
     "replay",
     "shared_arguments",
+    "shooting_of",
     "signals_between",
 ]

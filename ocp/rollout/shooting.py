@@ -383,8 +383,17 @@ class Shooting:
 
 
 def shooting_of(problem: OptimalControlProblem | Shooting) -> Shooting:
-    """Return the functions of a problem's core; given functions are returned."""
-    return problem if isinstance(problem, Shooting) else Shooting(problem)
+    """Return the functions of a problem's core, which the problem keeps.
+
+    Args:
+        problem: The problem, or its functions, which are returned.
+    """
+    if isinstance(problem, Shooting):
+        return problem
+    if "functions" not in problem.kept:
+        problem.kept["functions"] = Shooting(problem)
+    kept: Shooting = problem.kept["functions"]
+    return kept
 
 
 def _stage(shooting: Shooting) -> ca.Function:

@@ -29,7 +29,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
-from typing import Literal, NamedTuple, get_args
+from typing import Any, Literal, NamedTuple, get_args
 
 import casadi as ca
 import numpy as np
@@ -581,6 +581,15 @@ class OptimalControlProblem:
         """Number of the controls of a plant: those of one member of an ensemble."""
         several = self.risk is not None and self.risk.robust_horizon is not None
         return self.model.nu // (self.risk.members if several and self.risk else 1)
+
+    @cached_property
+    def kept(self) -> dict[str, Any]:
+        """Functions and planners made for it, for later calls; copies have none."""
+        return {}
+
+    def __getstate__(self) -> dict[str, object]:
+        """Return the state of a copy, without what was made for the original."""
+        return {name: own for name, own in vars(self).items() if name != "kept"}
 
     @cached_property
     def control_labels(self) -> NDArray[np.intp]:

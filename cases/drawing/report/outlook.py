@@ -22,7 +22,7 @@ from swarmstart.cases.record.results import Record
 from swarmstart.errors import SwarmstartError
 from swarmstart.ocp import Fitness, Known, Trajectory
 from swarmstart.ocp.loop import known_at
-from swarmstart.ocp.rollout import Shooting
+from swarmstart.ocp.rollout import shooting_of
 
 Paths = Sequence[tuple[float, Sequence[Array | None]]]
 
@@ -115,7 +115,7 @@ def _paths(posed: Posed, flight: Trajectory, vehicles: int) -> Paths:
     steps = chosen(flown.fresh)
     each = vehicles // len(problems)
     for number, (problem, own, own_known) in enumerate(flown.parts()):
-        made, shooting = made_at(own), Shooting(problem)
+        made, shooting = made_at(own), shooting_of(problem)
         # A few paths do not repay the compiling of machine code.
         fitness = Fitness(shooting, backend="casadi")
         for step in steps:

@@ -188,7 +188,13 @@ def from_near(
         numbers[list(one.states)] = numbers[one.states[0]]  # They share one start.
     found = zip(problem.model.state_names, numbers.tolist(), strict=True)
     feature = CountedFrom({name: number for name, number in found if number})
-    return replace(problem, features=(*problem.features, feature))
+    # Later calls find what was made for the same numbers.
+    kept = problem.kept.get("near")
+    if kept is None or kept.features[-1] != feature:
+        kept = replace(problem, features=(*problem.features, feature))
+        problem.kept["near"] = kept
+    near: OptimalControlProblem = kept
+    return near
 
 
 def from_zero(problem: OptimalControlProblem) -> OptimalControlProblem:

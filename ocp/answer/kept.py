@@ -1,0 +1,87 @@
+"""Planners that are kept with their problem, for the next call with the same settings.
+
+A planner's functions take most of the time of a short solve to make: expressions,
+machine code, the NLP with its derivatives. They depend on the problem and the settings
+alone, so the problem keeps the planners that calls of `solve` are done with. A call
+takes one out, so that no other thread uses it meanwhile.
+"""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import fields
+from typing import NamedTuple
+
+from swarmstart.ocp.answer.planner import Planner
+from swarmstart.ocp.compiled.backend import VARIABLE
+from swarmstart.ocp.nlp.polish_options import PolishOptions
+from swarmstart.ocp.search.settings import SearchSettings
+from swarmstart.ocp.statement.problem import OptimalControlProblem
+
+_MOST = 4
+"""Largest number of planners that a problem keeps; the latest ones."""
+
+
+class _Settings(NamedTuple):
+    search: tuple[object, ...]
+    polish: PolishOptions | None
+    backend: str | None
+    of_the_environment: str | None
+    lanes: int
+
+
+class _Kept(NamedTuple):
+    settings: _Settings
+    planner: Planner
+
+
+@contextmanager
+def kept_planner(
+    problem: OptimalControlProblem,
+    *,
+    search: SearchSettings | None,
+    polish: PolishOptions | None,
+    backend: str | None,
+    lanes: int,
+) -> Iterator[Planner]:
+    """Lend a planner, which an earlier call with the same settings may have made.
+
+    A planner whose use ended with an exception is not kept.
+
+    Args:
+        problem: The problem.
+        search: As in `Planner`.
+        polish: As in `Planner`.
+        backend: As in `Planner`.
+        lanes: As in `Planner`.
+
+    Raises:
+        InvalidProblemError: As `Planner`.
+    """
+    # Settings with arrays have no equality of their own.
+    searched = (
+        tuple(getattr(search, one.name) for one in fields(SearchSettings))
+        if search
+        else ()
+    )
+    wanted = _Settings(searched, polish, backend, os.environ.get(VARIABLE), lanes)
+    kept: list[_Kept] = problem.kept.setdefault("planners", [])
+    planner = _taken(kept, wanted)
+    if planner is None:
+        planner = Planner(
+            problem, search=search, polish=polish, backend=backend, lanes=lanes
+        )
+    yield planner
+    kept.append(_Kept(wanted, planner))
+    del kept[:-_MOST]
+
+
+def _taken(kept: list[_Kept], wanted: _Settings) -> Planner | None:
+    """Take the latest planner with some settings out of the list; None without one."""
+    for one in reversed(kept.copy()):
+        # Another thread may take it, and arrays in settings cannot be compared.
+        with suppress(ValueError):
+            if one.settings == wanted:
+                kept.remove(one)
+                return one.planner
+    return None

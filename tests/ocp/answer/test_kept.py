@@ -1,0 +1,113 @@
+"""A problem keeps what a call of `solve` made, and a later call makes nothing."""
+
+import copy
+import gc
+import threading
+import weakref
+from collections.abc import Callable
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from swarmstart.ocp import InvalidProblemError, IpoptOptions, OptimalControlProblem
+from swarmstart.ocp.answer import kept
+from swarmstart.ocp.answer.kept import kept_planner
+from swarmstart.ocp.answer.planner import Planner
+from swarmstart.ocp.answer.solution import Solution
+from swarmstart.ocp.answer.solving import solve
+
+Swing = Callable[..., OptimalControlProblem]
+SYMBOLIC = ("cse", "jacobian", "hessian", "gradient", "nlpsol", "Function")
+
+
+def solved(problem: OptimalControlProblem, seed: int = 0) -> Solution:
+    """Return an answer that needs no repair."""
+    return solve(problem, [0, 0], budget=300, lanes=8, seed=seed)
+
+
+def lent(problem: OptimalControlProblem, lanes: int = 0) -> Planner:
+    """Return the planner that a call would use."""
+    with kept_planner(
+        problem, search=None, polish=IpoptOptions(), backend=None, lanes=lanes
+    ) as planner:
+        return planner
+
+
+def test_the_second_solve_does_no_symbolic_work_and_finds_the_same_bits(
+    swing_up: Swing, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem = swing_up(20, 4)
+    first, calls = solved(problem), list[str]()
+    for name in SYMBOLIC:
+        made = getattr(ca, name)
+
+        def counted(*given: object, _made: object = made, _name: str = name) -> object:
+            calls.append(_name)
+            return _made(*given)  # type: ignore[operator]
+
+        monkeypatch.setattr(ca, name, counted)
+    second = solved(problem)
+    assert calls == []
+    assert solved(swing_up(20, 4)).cost == first.cost  # A new one makes all of it.
+    assert {"cse", "jacobian", "nlpsol", "Function"} <= set(calls)
+    assert second.cost == first.cost
+    np.testing.assert_array_equal(second.controls, first.controls)
+
+
+def test_other_settings_have_a_planner_of_their_own(swing_up: Swing) -> None:
+    problem = swing_up(5, 1)
+    one = lent(problem)
+    assert lent(problem) is one
+    assert lent(problem, lanes=2) is not one
+    assert lent(problem) is one
+
+
+def test_a_planner_in_use_is_lent_to_nobody_else(swing_up: Swing) -> None:
+    problem = swing_up(20, 4)
+    expected, found = solved(problem, seed=3).cost, list[float]()
+    threads = [
+        threading.Thread(target=lambda: found.append(solved(problem, seed=3).cost))
+        for _ in range(2)
+    ]
+    for one in threads:
+        one.start()
+    for one in threads:
+        one.join()
+    assert found == [expected, expected]
+
+
+def test_a_call_that_fails_keeps_nothing(swing_up: Swing) -> None:
+    problem = swing_up(5, 1)
+    with pytest.raises(InvalidProblemError):
+        solve(problem, [0, 0, 0], search=None, lanes=0, seed=0)
+    assert problem.kept == []
+
+
+def test_the_backend_of_the_environment_counts(
+    swing_up: Swing, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem = swing_up(5, 1)
+    monkeypatch.setenv("SWARMSTART_BACKEND", "casadi")
+    assert lent(problem).fitness.backend == "casadi"
+    monkeypatch.setenv("SWARMSTART_BACKEND", "llvm")
+    assert lent(problem).fitness.backend == "llvm"
+
+
+def test_only_the_latest_planners_are_kept(swing_up: Swing) -> None:
+    problem = swing_up(5, 1)
+    planners = [lent(problem, lanes=lanes) for lanes in range(1, kept._MOST + 3)]
+    assert len(problem.kept) == kept._MOST
+    assert lent(problem, lanes=kept._MOST + 2) is planners[-1]
+    assert lent(problem, lanes=1) is not planners[0]
+
+
+def test_copies_have_nothing_and_a_problem_that_is_gone_takes_all_along(
+    swing_up: Swing,
+) -> None:
+    problem = swing_up(5, 1)
+    reference = weakref.ref(lent(problem))
+    assert copy.copy(problem).kept == [] and len(problem.kept) == 1
+    del problem
+    gc.collect()
+    assert reference() is None
