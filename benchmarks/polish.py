@@ -131,7 +131,7 @@ def masses() -> Posed:
 
 
 def quadrotor() -> Posed:
-    """Return a quadrotor with Euler angles that flies under a ceiling; 12 states."""
+    """Return a quadrotor with Euler angles, under a ceiling; 12 states."""
     p, v, a, w, u = (
         ca.SX.sym(n, k) for n, k in zip("pvawu", (3, 3, 3, 3, 4), strict=True)
     )

@@ -88,7 +88,7 @@ def test_results_belong_to_the_arguments_of_the_same_call() -> None:
 def test_a_call_during_another_has_memory_of_its_own(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """As from two threads: Python's lock is free while machine code runs."""
+    """Two threads can do this: Python's lock is free while machine code runs."""
     kernel, begin = IntervalKernel(stage(), N, {1}), Prepared.__call__
     alone = [np.array(kernel(*columns(seed))[0]) for seed in (1, 2)]
     inner = list[Array]()

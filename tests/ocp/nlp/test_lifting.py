@@ -110,7 +110,8 @@ def test_nlp_has_nothing_of_newtons_method() -> None:
     few, many = (
         multiple_shooting(diode(iterations)).parts.interval for iterations in (5, 20)
     )
-    for one, other in zip(few[:5], many[:5], strict=True):
+    for name in ("values", "slopes", "curvature"):
+        one, other = getattr(few, name), getattr(many, name)
         assert one.n_instructions() == other.n_instructions()
     shot = multiple_shooting(diode(20, transcription="shooting")).parts.interval
     assert many.curvature.n_instructions() < shot.curvature.n_instructions() / 10
