@@ -10,7 +10,12 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from swarmstart.ocp import InvalidProblemError, IpoptOptions, OptimalControlProblem
+from swarmstart.ocp import (
+    Bounds,
+    IpoptOptions,
+    Model,
+    OptimalControlProblem,
+)
 from swarmstart.ocp.answer import kept
 from swarmstart.ocp.answer.kept import kept_planner
 from swarmstart.ocp.answer.planner import Planner
@@ -55,6 +60,22 @@ def test_the_second_solve_does_no_symbolic_work_and_finds_the_same_bits(
     np.testing.assert_array_equal(second.controls, first.controls)
 
 
+def test_a_start_far_from_zero_finds_what_an_earlier_call_made() -> None:
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    problem = OptimalControlProblem(
+        Model(states=x, controls=u, ode=u), horizon=1.0, intervals=4,
+        stage_cost=u**2, terminal=[(x, 1e9 + 1)], bounds=Bounds(controls=(-2, 2)),
+    )  # fmt: skip
+    first = solve(problem, [1e9], search=None, lanes=0, seed=0)
+    near = problem.kept["near"]
+    assert len(near.kept["planners"]) == 1
+    second = solve(problem, [1e9 - 0.5], search=None, lanes=0, seed=0)
+    assert problem.kept["near"] is near and len(near.kept["planners"]) == 1
+    assert first.problem is near and second.cost > 2 * first.cost
+    solve(problem, [1e9 - 20], search=None, lanes=0, seed=0)
+    assert problem.kept["near"] is not near
+
+
 def test_other_settings_have_a_planner_of_their_own(swing_up: Swing) -> None:
     problem = swing_up(5, 1)
     one = lent(problem)
@@ -77,11 +98,16 @@ def test_a_planner_in_use_is_lent_to_nobody_else(swing_up: Swing) -> None:
     assert found == [expected, expected]
 
 
-def test_a_call_that_fails_keeps_nothing(swing_up: Swing) -> None:
+def test_a_planner_whose_use_fails_is_not_kept(swing_up: Swing) -> None:
     problem = swing_up(5, 1)
-    with pytest.raises(InvalidProblemError):
-        solve(problem, [0, 0, 0], search=None, lanes=0, seed=0)
-    assert problem.kept == []
+    with (
+        pytest.raises(ZeroDivisionError),
+        kept_planner(
+            problem, search=None, polish=IpoptOptions(), backend=None, lanes=0
+        ),
+    ):
+        raise ZeroDivisionError
+    assert problem.kept["planners"] == []
 
 
 def test_the_backend_of_the_environment_counts(
@@ -97,7 +123,7 @@ def test_the_backend_of_the_environment_counts(
 def test_only_the_latest_planners_are_kept(swing_up: Swing) -> None:
     problem = swing_up(5, 1)
     planners = [lent(problem, lanes=lanes) for lanes in range(1, kept._MOST + 3)]
-    assert len(problem.kept) == kept._MOST
+    assert len(problem.kept["planners"]) == kept._MOST
     assert lent(problem, lanes=kept._MOST + 2) is planners[-1]
     assert lent(problem, lanes=1) is not planners[0]
 
@@ -107,7 +133,7 @@ def test_copies_have_nothing_and_a_problem_that_is_gone_takes_all_along(
 ) -> None:
     problem = swing_up(5, 1)
     reference = weakref.ref(lent(problem))
-    assert copy.copy(problem).kept == [] and len(problem.kept) == 1
+    assert copy.copy(problem).kept == {} and problem.kept["planners"]
     del problem
     gc.collect()
     assert reference() is None
