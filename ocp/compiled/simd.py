@@ -494,7 +494,7 @@ def cached(
         if code is not None:
             return link(code)
         ir = emit()
-        require_short(ir)
+        require_short(ir, quickly=quickly)
 
         def make() -> bytes:
             made = translate(ir, quickly=quickly)

@@ -18,8 +18,8 @@ from swarmstart.ocp.compiled.simd import Prepared, compile_flat
 from swarmstart.ocp.compiled.threads import aside
 from swarmstart.tape import UnknownOperationError
 
-MOST_INSTRUCTIONS = 50_000
-"""Largest number of instructions of a function that is compiled: it takes LLVM 5 s."""
+MOST_INSTRUCTIONS = 60_000
+"""Largest number of instructions of a function that is compiled: it takes LLVM 7 s."""
 
 
 class IntervalKernel(ca.Callback):
