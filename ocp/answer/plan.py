@@ -153,6 +153,8 @@ class Plan:
         starts: Account of all starts; None if there was only one.
         duals: Multipliers of a plan whose point is not kept; None if it is kept or
             there are no multipliers.
+        spent: Iterations of the polishes from multipliers, up to this plan; see
+            `Carried`.
     """
 
     controls: Array
@@ -171,6 +173,7 @@ class Plan:
     start: Array | None = None
     starts: StartsAccount | None = None
     duals: Duals | None = None
+    spent: tuple[int, ...] = ()
 
     @property
     def is_searched(self) -> bool:
@@ -215,6 +218,7 @@ class Account(TypedDict, total=False):
     ends: Array | None
     relaxed_cost: float
     starts: StartsAccount | None
+    spent: tuple[int, ...]
 
 
 class PlanningInterrupted(KeyboardInterrupt):

@@ -484,6 +484,7 @@ class Planner:
             ends=polished.ends,
             relaxed_cost=relaxed_cost,
             starts=account,
+            spent=polished.spent,
         )
 
     def _whole_account(
@@ -570,6 +571,7 @@ class Planner:
             point=polished.point,
             ends=polished.ends,
             starts=account,
+            spent=polished.spent,
         )
 
     def _with_guess(self, starts: list[Start], guess: Start) -> list[Start]:

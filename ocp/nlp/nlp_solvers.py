@@ -87,7 +87,8 @@ class Solvers(NamedTuple):
         far: Its solver far from an answer.
         near: Returns the solver near an answer; built at the first call.
         warm: Returns the solver that starts from multipliers; built at the first call.
-        iterates: Receives the solvers' iterates; None: they are not observed.
+        iterates: Receives the iterates of the warm solver and, if they are observed,
+            of the others.
         ratios: Cost of derivatives, in rollouts.
     """
 
@@ -95,7 +96,7 @@ class Solvers(NamedTuple):
     far: ca.Function
     near: Callable[[], ca.Function]
     warm: Callable[[], ca.Function]
-    iterates: Iterates | None
+    iterates: Iterates
     ratios: Ratios
 
 
@@ -160,9 +161,9 @@ class NlpSolvers:
         # Other solvers ask CasADi for derivatives.
         program = multiple_shooting(fixed, compiled=ipopt and self._is_compiled)
         given: Mapping[str, Any] = program.derivatives if ipopt else _NONE
-        iterates = Iterates(program.nlp) if self._is_watched else None
-        if iterates is not None:
-            given = {**given, "iteration_callback": iterates}
+        iterates = Iterates(program.nlp)
+        observed = {**given, "iteration_callback": iterates}
+        given = observed if self._is_watched else given
         far = self._solver(program.nlp, given, near=False)
 
         @cache
@@ -170,7 +171,9 @@ class NlpSolvers:
             if not ipopt:
                 return far
             with compiling():  # During planning.
-                return self._solver(program.nlp, given, near=True, warm=warm)
+                # One from multipliers may have to be given up.
+                own = observed if warm else given
+                return self._solver(program.nlp, own, near=True, warm=warm)
 
         return Solvers(
             program,

@@ -20,6 +20,7 @@ archive (`heuristics/running/archive.py`) keeps the best points that are apart i
 box, and each of them is a guess for the NLP solver.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
@@ -84,6 +85,8 @@ _NO_COST = 1e-9
 """Difference of costs, relative to the cost's size, below what a solver resolves."""
 _WILD = 1e4
 """Way of a state in a roll-out, relative to its size, that is no start for an NLP."""
+_REMEMBERED = 15
+"""Number of polishes in a closed loop whose iterations are remembered."""
 _STEEP = 1e3
 """Value of the NLP's cost when the cost has its natural size."""
 
@@ -112,6 +115,7 @@ class _Asked:
     """Input of a solver: start, arguments and limits, with the data they are made from.
 
     The multipliers, of rows and of bounds, are in the NLP's units; None without them.
+    With them the solve is given up after `most` iterations.
     """
 
     first: Array
@@ -121,6 +125,7 @@ class _Asked:
     parameters: Array
     signals: Array
     multipliers: tuple[Array, Array] | None = None
+    most: float = math.inf
     x0: Array | None = None
 
 
@@ -173,6 +178,8 @@ class Polished:
             judged interval by interval, since deviations grow so much over the horizon
             that no roll-out confirms it; None: it is judged by its roll-out.
         rollouts: Cost of the polish in rollouts, derivatives included; see watching.py.
+        spent: As in `Carried`, with this polish if it began with multipliers and
+            converged.
     """
 
     controls: Array
@@ -186,6 +193,7 @@ class Polished:
     point: NlpPoint | None = None
     ends: Array | None = None
     rollouts: float = 0.0
+    spent: tuple[int, ...] = ()
 
     def __repr__(self) -> str:
         """Return status, cost and effort in one line."""
@@ -328,12 +336,15 @@ class Polisher:
         if carried is not None and self._options.plugin == "ipopt":
             warm = how._replace(near=True, carried=carried)
             found = self._tried(controls, states, x0, known, before, warm)
+            found = _with_spent(found, carried)
         if found is None or found.status is not PolishStatus.CONVERGED:
             begun = self._tried(controls, states, x0, known, before, how)
             found = (
                 begun
                 if found is None
-                else better_of(found, begun, tolerance=problem.tolerance)
+                else better_of(
+                    found, begun, tolerance=problem.tolerance, alike=SAME_COST
+                )
             )
         ended = found.status is PolishStatus.CONVERGED or self.watch.is_over
         if not ended and self._explodes(states, x0, known):
@@ -427,7 +438,11 @@ class Polisher:
             if shifted is None:
                 break
             again = replace(
-                asked, first=shifted[0], limits=shifted[1], multipliers=None
+                asked,
+                first=shifted[0],
+                limits=shifted[1],
+                multipliers=None,
+                most=math.inf,
             )
             answer = self._solve(again, how.solvers, near=True)
             better, start, after = self._evaluated(answer, controls, given, known, how)
@@ -535,10 +550,13 @@ class Polisher:
         # After the other variables, from whose values the excesses follow.
         first = program.with_slacks(first, q, limits)
         program.hold(limits, first, how.held)
-        multipliers = None
+        multipliers, most = None, math.inf
         if how.carried is not None:
             multipliers = how.carried.placed(program, first, q, sizes.cost)
-        return _Asked(first, q, limits, sizes, parameters, signals, multipliers, x0)
+            most = how.carried.most
+        return _Asked(
+            first, q, limits, sizes, parameters, signals, multipliers, most, x0
+        )
 
     def _solve(self, asked: "_Asked", solvers: Solvers, *, near: bool) -> "_Answer":
         """Return the solver's answer.
@@ -555,10 +573,8 @@ class Polisher:
             solver = solvers.warm()
             begun = dict(zip(("lam_g0", "lam_x0"), asked.multipliers, strict=True))
         given = {"x0": asked.first, "p": asked.q, **begun, **asked.limits._asdict()}
-        if solvers.iterates is not None:
-            # The callback is built into the solver, so its receiver is set for each
-            # solve.
-            solvers.iterates.told = self._told(asked, solvers)
+        # The callback is built into the solver, so its receiver is set for each solve.
+        solvers.iterates.told = self._told(asked, solvers)
         try:
             with heeded():  # CasADi would discard Ctrl-C.
                 answer = solver(**given)
@@ -591,12 +607,16 @@ class Polisher:
         each, iterations = Work(1, 1, 1).evaluations(ratios), count()
 
         def told(w: Array) -> bool:
+            number = next(iterations)
+            if number > asked.most:
+                return False
+
             def answer() -> Answer:
                 x0 = np.empty(0) if asked.x0 is None else asked.x0
                 return _within(problem, x0, *solvers.program.split(w, asked.sizes))
 
             # Before the first iteration the start itself is evaluated.
-            so_far = next(iterations) * each + Work(1, 1).evaluations(ratios)
+            so_far = number * each + Work(1, 1).evaluations(ratios)
             return self.watch.iterated(so_far, answer)
 
         return told
@@ -662,15 +682,22 @@ def polish_basins(
     return best, evaluations
 
 
-def better_of(one: Polished, other: Polished, *, tolerance: float) -> Polished:
+def better_of(
+    one: Polished, other: Polished, *, tolerance: float, alike: float = 0.0
+) -> Polished:
     """Return the better of two answers, with the effort of both.
 
-    Among equal ones, one that converged is preferred.
+    Args:
+        one: An answer.
+        other: Another answer; among equal ones, it is preferred if it converged.
+        tolerance: Largest violation that counts as feasible.
+        alike: Difference of costs, relative to the cost, that counts as none.
     """
     costs = [(p.cost, p.violation) for p in (one, other)]
+    less = other.cost - alike * abs(other.cost), other.violation
     takes_other = is_better(costs[1], costs[0], tolerance=tolerance) or (
         other.status is PolishStatus.CONVERGED
-        and not is_better(costs[0], costs[1], tolerance=tolerance)
+        and not is_better(costs[0], less, tolerance=tolerance)
     )
     best = other if takes_other else one
     return replace(
@@ -679,7 +706,15 @@ def better_of(one: Polished, other: Polished, *, tolerance: float) -> Polished:
         iterations=one.iterations + other.iterations,
         evaluations=one.evaluations + other.evaluations,
         rollouts=one.rollouts + other.rollouts,
+        spent=one.spent or other.spent,
     )
+
+
+def _with_spent(found: Polished, carried: Carried) -> Polished:
+    """Return a polish from multipliers with the iterations of earlier ones."""
+    if found.status is not PolishStatus.CONVERGED:
+        return replace(found, spent=carried.spent)
+    return replace(found, spent=(*carried.spent, found.iterations)[-_REMEMBERED:])
 
 
 def _within(

@@ -19,6 +19,8 @@ Numerische Mathematik 87, for the costates of a grid.
 
 from __future__ import annotations
 
+import math
+import statistics
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -89,6 +91,11 @@ class Start(NamedTuple):
     decided: Mapping[str, float] = MappingProxyType({})
 
 
+_PATIENCE, _LEAST_PATIENCE = 3, 20
+"""Iterations after which a solve in a closed loop is given up: three times the median
+of the earlier ones, at least 20."""
+
+
 class _Place(NamedTuple):
     """Place of a multiplier within an interval.
 
@@ -113,6 +120,9 @@ class Carried:
         begin: Start of the new horizon, in the answer's time from 0 to 1.
         end: End of the new horizon, in the answer's time from 0 to 1.
         stretch: Length of the new horizon divided by the answer's time between both.
+        spent: Iterations of earlier solves that began with carried multipliers and
+            converged, the latest last, in a closed loop. A solve that takes much
+            longer is given up; without any, it may take as long as others.
     """
 
     duals: Duals
@@ -120,6 +130,14 @@ class Carried:
     begin: float = 0.0
     end: float = 1.0
     stretch: float = 1.0
+    spent: tuple[int, ...] = ()
+
+    @property
+    def most(self) -> float:
+        """Number of iterations after which a solve is given up."""
+        if not self.spent:
+            return math.inf
+        return max(_LEAST_PATIENCE, _PATIENCE * statistics.median(self.spent))
 
     def placed(
         self, program: NonlinearProgram, w: Array, q: Array, cost_size: float

@@ -280,7 +280,15 @@ class Iterates(ca.Callback):
         """Return the shape of an output of the solver."""
         return ca.Sparsity.dense(self._sizes[ca.nlpsol_out(i)], 1)
 
-    def eval(self, arguments: Sequence[ca.DM]) -> list[int]:
-        """Return 0 to continue, 1 to stop."""
+    def has_eval_buffer(self) -> bool:
+        """Return True: the iterate is read from CasADi's memory."""
+        return True
+
+    def eval_buffer(
+        self, given: Sequence[memoryview], found: Sequence[memoryview]
+    ) -> int:
+        """Write 0 to continue, 1 to stop."""
         # The first of the solver's outputs is x.
-        return [0 if self.told(np.array(arguments[0]).ravel()) else 1]
+        may_continue = self.told(np.array(np.frombuffer(given[0])))
+        np.frombuffer(found[0])[...] = 0.0 if may_continue else 1.0
+        return 0

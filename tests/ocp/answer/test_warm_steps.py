@@ -146,6 +146,15 @@ def test_multipliers_save_iterations_and_change_no_flight(
     assert last.point is not None
 
 
+def test_a_loop_remembers_the_iterations_of_its_warm_polishes(
+    problem: OptimalControlProblem,
+) -> None:
+    plans = flown(problem, None)
+    assert plans[0].spent == ()
+    for before, plan in zip(plans, plans[1:], strict=False):
+        assert plan.spent[:-1] == before.spent and 0 < plan.spent[-1] <= 20
+
+
 def test_when_must_be_one_of_both() -> None:
     with pytest.raises(InvalidProblemError, match="when must be needed or always"):
         replace(SEARCH, when="sometimes")  # type: ignore[arg-type]

@@ -221,3 +221,37 @@ def test_multipliers_of_another_nlp_are_left_out() -> None:
     assert strange.placed(point.program, point.w, point.q, 1.0) is None
     lost = Duals(np.full(point.lam_g.size, np.nan), point.lam_x)
     assert Carried(duals=lost).placed(point.program, point.w, point.q, 1.0) is None
+
+
+def test_patience_is_three_times_the_median_of_earlier_solves() -> None:
+    duals = Duals(rows=np.zeros(0), bounds=np.zeros(0))
+    told = {(): np.inf, (3, 4, 300): 20, (10, 20, 30): 60, (8, 9): 25.5}
+    for spent, most in told.items():
+        assert Carried(duals=duals, spent=spent).most == most
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e8])
+def test_multipliers_that_lead_nowhere_are_given_up_for_the_usual_start(
+    scale: float,
+) -> None:
+    problem = cart(20)
+    polisher, zero = Polisher(Fitness(problem)), np.zeros((1, 20))
+    usual = polisher(zero, [2.0, 0.0], near=True)
+    assert usual.point is not None and usual.spent == ()
+    duals, rng = duals_of(usual.point), np.random.default_rng(0)
+    wrong = Duals(
+        *(scale * rng.normal(size=v.size) for v in (duals.rows, duals.bounds))
+    )
+    for spent in ((3,), (2, 3, 4)):
+        carried = Carried(duals=wrong, spent=spent)
+        found = polisher(zero, [2.0, 0.0], near=True, carried=carried)
+        assert found.status is PolishStatus.CONVERGED
+        assert found.cost == pytest.approx(usual.cost, rel=1e-6)
+        # It stops after the iteration that is one too many.
+        assert 20 <= found.iterations - usual.iterations <= 21
+        assert found.spent == spent
+    right = polisher(
+        usual.controls, [2.0, 0.0], near=True, carried=Carried(duals=duals, spent=(9,))
+    )
+    assert right.status is PolishStatus.CONVERGED and right.iterations < 20
+    assert right.spent == (9, right.iterations)
