@@ -85,7 +85,10 @@ class IntervalKernel(ca.Callback):
     ) -> int:
         """Evaluate all intervals; outputs that are None are not wanted."""
         # Two threads may call at once, so buffers are taken and given back.
-        buffers = self._free.pop() if self._free else self._new_buffers()
+        try:
+            buffers = self._free.pop()
+        except IndexError:
+            buffers = self._new_buffers()
         # IPOPT asks for cost and rows, or for their slopes, one after the other.
         is_known = buffers.memory == (memory := [_copy(one) for one in given])
         if not is_known:
