@@ -25,17 +25,14 @@ from swarmstart.ocp.statement.guesses import cold_controls
 BACKENDS = ("casadi", "llvm")
 TEXT = """# An iteration of the polish
 
-IPOPT asks for the values, gradients, Jacobians and second derivatives of all intervals.
-By default they are machine code, which evaluates all intervals in one call
-(`backend="llvm"`); with `backend="casadi"` CasADi interprets them.
-
-Made by `python benchmarks/polish.py --write docs/measured/polish.md`: CPU time of one
-thread, both backends in turns from the same start, with the medians and, of the ratio,
-the quartiles over the rounds. A time is that of the whole polish divided by its
-iterations, so it includes the roll-outs before and after. "IPOPT" is the part of it
-that is not spent in these functions, on machine code. "Made" is the CPU time that the
-machine code takes when a problem is planned for the first time on a machine; later it
-is read from the cache.
+Made by `python benchmarks/polish.py --write docs/measured/polish.md`. IPOPT asks for
+the values, slopes and second derivatives of all intervals. By default they are machine
+code, which evaluates all intervals in one call (`backend="llvm"`); with
+`backend="casadi"` CasADi interprets them. CPU time of one thread, both in turns from
+the same start; medians and, of the ratio, quartiles over the rounds. A time is that of
+the whole polish divided by its iterations, so it includes the sizes, the roll-outs and
+the test of the answer. "Outside" is the part of it that is not spent in these
+functions, on machine code: IPOPT's own linear algebra, above all.
 
 """
 
@@ -48,7 +45,7 @@ class Measured(NamedTuple):
         iterations: Iterations with machine code.
         casadi: Time of an iteration on CasADi's functions [s], in each round.
         llvm: The same on machine code.
-        ipopt: Part of it that is spent outside of the functions.
+        outside: Part of it that is spent outside of the functions.
         change: Difference of both costs, relative to their size.
     """
 
@@ -56,7 +53,7 @@ class Measured(NamedTuple):
     iterations: int
     casadi: Array
     llvm: Array
-    ipopt: float
+    outside: float
     change: float
 
     @property
@@ -193,7 +190,7 @@ def measured(posed: Posed, rounds: int) -> Measured:
         iterations=found[1].iterations,
         casadi=each[0],
         llvm=each[1],
-        ipopt=1 - inside / float(seconds[1, -1]),
+        outside=1 - inside / float(seconds[1, -1]),
         change=abs(costs[1] - costs[0]) / max(abs(costs[0]), 1e-12),
     )
 
@@ -205,7 +202,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--only", action="append", help="one problem")
     options = parser.parse_args(arguments)
     lines = head("problem", "states", "variables", "iterations", "CasADi [ms]",
-                 "machine code [ms]", "ratio", "quartiles", "IPOPT",
+                 "machine code [ms]", "ratio", "quartiles", "outside",
                  "costs differ")  # fmt: skip
     problems = [*map(shipped, PROBLEMS), *[own() for own in OWN]]
     middles = list[float]()
@@ -225,7 +222,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 f"{1e3 * np.median(one.llvm):.2f}",
                 f"{middle:.2f}",
                 f"{lower:.2f} to {upper:.2f}",
-                f"{one.ipopt:.0%}",
+                f"{one.outside:.0%}",
                 f"{one.change:.0e}",
             )
         )

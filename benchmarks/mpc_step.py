@@ -1,0 +1,237 @@
+"""A control step of receding horizon, against plain CasADi with IPOPT and with fatrop.
+
+    python benchmarks/mpc_step.py [--write docs/measured/mpc_step.md] [--steps 30]
+
+Seconds are CPU time of the process. The controllers decide in turns at each step, each
+on its own plant.
+"""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from swarmstart.arrays import Array
+from swarmstart.benchmarks.lanes import Posed
+from swarmstart.benchmarks.polish import crane, planar_quadrotor, quadrotor
+from swarmstart.benchmarks.tables import head, page_options, publish, row
+from swarmstart.ocp import (
+    Decision,
+    IpoptOptions,
+    OptimalControlProblem,
+    Planner,
+    Plant,
+    RecedingHorizon,
+)
+
+OURS, IPOPT, FATROP = "swarmstart", "IPOPT", "fatrop"
+PLANTS = (planar_quadrotor, crane, quadrotor)
+TEXT = """# A control step
+
+Made by `python benchmarks/mpc_step.py --write docs/measured/mpc_step.md`: three plants
+in closed loop, 30 steps. swarmstart is `RecedingHorizon` with its polish by IPOPT and
+no search. The others are what a user writes with CasADi: the same direct multiple
+shooting with the same Runge-Kutta steps, expanded to scalar operations; IPOPT started
+from the shifted last answer with its multipliers (`warm_start_init_point`, `mu_init`
+1e-4), and fatrop with the structure of the stages. All decide in turns, each on its own
+plant. Seconds are CPU time; the first step, which is cold, counts apart. A step of
+swarmstart also integrates and judges its answer, and falls back on the last plan if
+that is better. "Cost" is the integral of the stage cost that was flown.
+
+"""
+Controls = Callable[[Array], Array]
+
+
+class PlainNlp:
+    """Direct multiple shooting as a user writes it, stage after stage.
+
+    Attributes:
+        nlp: "x", "p" (the initial state), "f", "g", as nlpsol takes them.
+        bounds: "lbx", "ubx", "lbg", "ubg".
+        is_equal: For each row whether it is an equality.
+    """
+
+    def __init__(self, problem: OptimalControlProblem) -> None:
+        """State the NLP of a problem with a fixed start and horizon."""
+        step, model = _step(problem), problem.model
+        path, path_limits = _rows(model.states, problem.stated)
+        end, end_limits = _rows(model.states, problem.terminal_constraints)
+        terminal = ca.Function("terminal", [model.states], [problem.terminal_cost])
+        start, x = ca.MX.sym("start", model.nx), ca.MX.sym("x_0", model.nx)
+        free, none = np.full(model.nx, np.inf), (np.zeros(1), np.zeros(1))
+        w, cost, self._rows = [x], ca.MX(0), list[tuple[ca.MX, Array, Array]]()
+        for k in range(problem.intervals):
+            u = ca.MX.sym(f"u_{k}", model.nu)
+            following = ca.MX.sym(f"x_{k + 1}", model.nx)
+            after, spent = step(x, u)
+            self._add(following - after, none)
+            # The start is known, so its path constraints are no rows.
+            self._add(*((x - start, none) if k == 0 else (path(x), path_limits)))
+            w += [u, following]
+            cost, x = cost + spent, following
+        self._add(path(x), path_limits)
+        self._add(end(x), end_limits)
+        rows, lower, upper = zip(*self._rows, strict=True)
+        self.nlp = {
+            "x": ca.vertcat(*w), "p": start, "f": cost + terminal(x),
+            "g": ca.vertcat(*rows),
+        }  # fmt: skip
+        lbx, ubx = (
+            np.concatenate([sign * free, *[[*limit, *sign * free]] * problem.intervals])
+            for sign, limit in zip((-1, 1), problem.control_limits, strict=True)
+        )
+        lbg, ubg = np.concatenate(lower), np.concatenate(upper)
+        self.bounds = {"lbx": lbx, "ubx": ubx, "lbg": lbg, "ubg": ubg}
+        self.is_equal = [bool(one) for one in lbg == ubg]
+
+    def _add(self, values: ca.MX, limits: tuple[Array, Array]) -> None:
+        both = (np.broadcast_to(one, values.numel()) for one in limits)
+        self._rows.append((values, *both))  # type: ignore[arg-type]
+
+
+def _rows(x: ca.SX, constraints: Sequence[Any]) -> tuple[ca.Function, tuple[Any, Any]]:
+    """Return x -> rows of constraints, with their limits."""
+    values = ca.Function(
+        "rows", [x], [ca.vertcat(*[c.expression for c in constraints])]
+    )
+    lower, upper = (
+        np.concatenate([np.zeros(0), *[getattr(c, side) for c in constraints]])
+        for side in ("lower", "upper")
+    )
+    return values, (lower, upper)
+
+
+def solvers(plain: PlainNlp, plugin: str) -> tuple[ca.Function, ca.Function]:
+    """Return a solver for the first step, and one for later steps."""
+    # Expanded, CasADi's derivatives are two to three times as fast here.
+    quiet = {
+        "print_time": False, "error_on_fail": False, "calc_lam_p": False, "expand": True
+    }  # fmt: skip
+    if plugin == FATROP:
+        options = {
+            **quiet, "fatrop.print_level": 0, "structure_detection": "auto",
+            "equality": plain.is_equal,
+        }  # fmt: skip
+        one = ca.nlpsol("plain", "fatrop", plain.nlp, options)
+        return one, one
+    options = {**quiet, "ipopt.print_level": 0, "ipopt.sb": "yes"}
+    warm = {"ipopt.warm_start_init_point": "yes", "ipopt.mu_init": 1e-4}
+    for name in ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac",
+                 "mult_bound_push"):  # fmt: skip
+        warm[f"ipopt.warm_start_{name}"] = 1e-6
+    return (
+        ca.nlpsol("cold", "ipopt", plain.nlp, options),
+        ca.nlpsol("warm", "ipopt", plain.nlp, {**options, **warm}),
+    )
+
+
+def by_casadi(problem: OptimalControlProblem, plugin: str) -> Controls:
+    """Return state -> first controls, by CasADi alone."""
+    nlp, (nx, nu) = PlainNlp(problem), (problem.model.nx, problem.model.nu)
+    cold, warm = solvers(nlp, plugin)
+    last: dict[str, ca.DM] = {}
+
+    def decide(state: Array) -> Array:
+        if last:
+            before = np.array(last["x"]).ravel()
+            start = np.concatenate([before[nx + nu :], before[-nx - nu :]])
+            start[:nx] = state
+            found = warm(
+                x0=start, p=state, lam_g0=last["lam_g"], lam_x0=last["lam_x"],
+                **nlp.bounds,
+            )  # fmt: skip
+        else:
+            still = np.tile(np.r_[state, np.zeros(nu)], problem.intervals)
+            found = cold(x0=np.r_[still, state], p=state, **nlp.bounds)
+        last.update(x=found["x"], lam_g=found["lam_g"], lam_x=found["lam_x"])
+        return np.array(found["x"]).ravel()[nx : nx + nu]
+
+    return decide
+
+
+def _step(problem: OptimalControlProblem) -> ca.Function:
+    """Return (x, u) -> (x, cost) after an interval of classical Runge-Kutta steps."""
+    model, h = problem.model, problem.dt / problem.substeps
+    rate = ca.Function("rate", [model.states, model.controls],
+                       [ca.vertcat(model.ode, problem.stage_cost)])  # fmt: skip
+    x, u = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
+    y = ca.vertcat(x, 0)
+    for _ in range(problem.substeps):
+        k1 = rate(y[:-1], u)
+        k2 = rate((y + h / 2 * k1)[:-1], u)
+        k3 = rate((y + h / 2 * k2)[:-1], u)
+        k4 = rate((y + h * k3)[:-1], u)
+        y += h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    return ca.Function("step", [x, u], ca.cse([y[:-1], y[-1]]))
+
+
+def ours(problem: OptimalControlProblem) -> Controls:
+    """Return state -> first controls, by RecedingHorizon."""
+    planner = Planner(problem, search=None, polish=IpoptOptions())
+    controller, rng = RecedingHorizon(planner=planner), np.random.default_rng(0)
+    so_far = list[Decision]()
+
+    def decide(state: Array) -> Array:
+        time_now = len(so_far) * controller.dt
+        last = so_far[-1] if so_far else None
+        so_far.append(controller.decide(time_now, state, last, rng=rng))
+        return so_far[-1].control
+
+    return decide
+
+
+def flown(posed: Posed, steps: int) -> Mapping[str, tuple[Array, float]]:
+    """Return the seconds of each step, and the cost, of each controller."""
+    problem = posed.problem
+    contestants = {OURS: ours(problem)}
+    contestants |= {name: by_casadi(problem, name) for name in (IPOPT, FATROP)}
+    plant, spend = Plant(problem.model, dt=problem.dt, substeps=20), _step(problem)
+    states = {name: np.asarray(posed.x0, dtype=np.float64) for name in contestants}
+    seconds = {name: np.empty(steps) for name in contestants}
+    costs = dict.fromkeys(contestants, 0.0)
+    for k in range(steps):
+        for name, decide in contestants.items():
+            begin = time.process_time()
+            u = decide(states[name])
+            seconds[name][k] = time.process_time() - begin
+            costs[name] += float(spend(states[name], u)[1])
+            states[name] = plant(states[name], u, k * problem.dt)[:, -1]
+    return {name: (seconds[name], costs[name]) for name in contestants}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Fly all plants, print the table, and write it where asked."""
+    parser = page_options(__doc__)
+    parser.add_argument("--steps", type=int, default=30)
+    options = parser.parse_args(arguments)
+    lines = head("plant", "controller", "first [ms]", "median [ms]", "quartiles",
+                 "longest", "longest / median", "median / IPOPT's", "cost")  # fmt: skip
+    for make in PLANTS:
+        posed = make()
+        found = flown(posed, options.steps)
+        reference = float(np.median(found[IPOPT][0][1:]))
+        for name, (seconds, cost) in found.items():
+            later = 1e3 * seconds[1:]
+            lower, middle, upper = np.quantile(later, [0.25, 0.5, 0.75])
+            lines.append(
+                row(
+                    posed.name,
+                    name,
+                    f"{1e3 * seconds[0]:.0f}",
+                    f"{middle:.1f}",
+                    f"{lower:.1f} to {upper:.1f}",
+                    f"{later.max():.1f}",
+                    f"{later.max() / middle:.1f}",
+                    f"{middle / 1e3 / reference:.2f}",
+                    f"{cost:.4g}",
+                )
+            )
+            print(lines[-1], flush=True)
+    publish(lines, options, TEXT)
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
