@@ -38,7 +38,7 @@ from the shifted last answer with its multipliers (`warm_start_init_point`, `mu_
 1e-4), and fatrop with the structure of the stages. All decide in turns, each on its own
 plant. Seconds are CPU time; the first step, which is cold, counts apart. A step of
 swarmstart also integrates and judges its answer, and falls back on the last plan if
-that is better. "Cost" is the integral of the stage cost that was flown.
+that is better. "Cost" is the integral of the stage cost.
 
 """
 Controls = Callable[[Array], Array]
@@ -202,7 +202,7 @@ def flown(posed: Posed, steps: int) -> Mapping[str, tuple[Array, float]]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Fly all plants, print the table, and write it where asked."""
+    """Simulate all plants, print the table, and write it where asked."""
     parser = page_options(__doc__)
     parser.add_argument("--steps", type=int, default=30)
     options = parser.parse_args(arguments)
