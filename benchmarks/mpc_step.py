@@ -106,18 +106,18 @@ def _rows(x: ca.SX, constraints: Sequence[Any]) -> tuple[ca.Function, tuple[Any,
 def solvers(plain: PlainNlp, plugin: str) -> tuple[ca.Function, ca.Function]:
     """Return a solver for the first step, and one for later steps."""
     # Expanded, CasADi's derivatives are two to three times as fast here.
-    quiet = {
+    quiet: dict[str, Any] = {
         "print_time": False, "error_on_fail": False, "calc_lam_p": False, "expand": True
     }  # fmt: skip
     if plugin == FATROP:
-        options = {
+        options: dict[str, Any] = {
             **quiet, "fatrop.print_level": 0, "structure_detection": "auto",
             "equality": plain.is_equal,
         }  # fmt: skip
         one = ca.nlpsol("plain", "fatrop", plain.nlp, options)
         return one, one
     options = {**quiet, "ipopt.print_level": 0, "ipopt.sb": "yes"}
-    warm = {"ipopt.warm_start_init_point": "yes", "ipopt.mu_init": 1e-4}
+    warm: dict[str, Any] = {"ipopt.warm_start_init_point": "yes", "ipopt.mu_init": 1e-4}
     for name in ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac",
                  "mult_bound_push"):  # fmt: skip
         warm[f"ipopt.warm_start_{name}"] = 1e-6
