@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -55,9 +54,7 @@ def test_a_second_call_reads_what_the_first_has_left(
     folder: Path, command: Command
 ) -> None:
     cells = {file: file.stat().st_mtime_ns for file in folder.glob("cells/*/cell.json")}
-    began = time.monotonic()
     said = command("replicate", "--quick", "--quiet", "--out", folder)
-    assert time.monotonic() - began < 30  # Not forty runs; in itself a few seconds.
     assert said.code == 0
     assert f"{len(cells)} runs, one seed each" in said.out
     assert cells == {file: file.stat().st_mtime_ns for file in cells}
