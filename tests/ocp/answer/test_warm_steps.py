@@ -1,6 +1,7 @@
 """Closed loop with search and polish: the steps that are searched."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import casadi as ca
 import numpy as np
@@ -151,7 +152,7 @@ def test_a_loop_remembers_the_iterations_of_its_warm_polishes(
 ) -> None:
     plans = flown(problem, None)
     assert plans[0].spent == ()
-    for before, plan in zip(plans, plans[1:], strict=False):
+    for before, plan in pairwise(plans):
         assert plan.spent[:-1] == before.spent and 0 < plan.spent[-1] <= 20
 
 
