@@ -116,7 +116,8 @@ class Checker:
             p: Parameters, shape (np,).
             sizes: The natural sizes.
             outside: Rows that the start breaks. Such a row counts from the first time
-                at which it is kept, or if its excess grows beyond that at the start.
+                at which it is kept; from the start on if it is never kept, or if its
+                excess grows beyond that at the start.
             left: The state after the last interval's end, if that end changes the
                 state. Rows that depend on a control are not checked there.
         """
@@ -134,8 +135,9 @@ class Checker:
             # Some room: an excess that only stays as it is must not count.
             limit = start.amount * (1 + self._problem.path_tolerance)
             bad = excess[row] > self._problem.path_tolerance * start.scale
-            # argmin finds the first False; without one the row is never kept.
-            first_kept = int(np.argmin(bad)) if not bad.all() else bad.size
+            if bad.all():  # Never kept, which no later point excuses.
+                continue
+            first_kept = int(np.argmin(bad))
             if (excess[row, :first_kept] <= limit).all():
                 excess[row, :first_kept] = -np.inf
         # No control can keep them at the start; `outside` reports these.

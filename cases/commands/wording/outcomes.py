@@ -153,12 +153,15 @@ def _constraints(finished: Run) -> str:
     at_end = missed if status is not None else 0.0
     if max(along, at_end) <= KEPT:
         return f"All constraints are kept along the simulated path{_missed(missed)}."
-    if status is not None and not status.is_confirmed:
-        # The finer check names the constraint, which the measure does not.
-        broken = finished.flight.answer(finished.trajectory).path.broken
-        if broken:
-            return f"A constraint is broken: {printable(str(broken[0]))}."
     is_plan = status is not None and not finished.flight.posed.plant.differs
+    if status is not None and (is_plan or not status.is_confirmed):
+        # The finer check names the constraint, which the measure does not.
+        path = finished.flight.answer(finished.trajectory).path
+        broken = path.outside if status.is_confirmed else path.outside + path.broken
+        if broken:
+            worst = max(broken, key=lambda excess: excess.relative)
+            after = "; all are kept later" if status.is_confirmed else ""
+            return f"A constraint is broken: {printable(str(worst))}{after}."
     parts = []
     # Not `>`: NaN counts as broken.
     if not along <= KEPT:

@@ -172,7 +172,7 @@ def test_start_outside_by_less_than_the_tolerance_is_inside() -> None:
         ([3, 2.5, 1.2, 0.9, 0.5], None),  # Back inside, and it stays.
         ([3, 2.5, 1.2, 0.9, 1.5], (0.5, 4)),  # Out again.
         ([3, 2.5, 3.5, 0.9, 0.5], (2.5, 2)),  # Farther out than at the start.
-        ([3, 3, 2, 2, 2], None),  # Never inside, but never worse.
+        ([3, 3, 2, 2, 2], (2, 1)),  # Never worse, but never inside.
         ([3, 4, 5, 6, 7], (6, 4)),
     ],
 )

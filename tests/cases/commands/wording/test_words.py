@@ -45,6 +45,16 @@ lanes: 0
 measures: {calm: "settling(x, 0, 0.001)", last: x.end}
 """
 """It is pushed to x = 4 * 0.75 / pi * 2 = 1.91 at 0.75 s, and back."""
+BESIDE = """\
+kind: problem
+states: {x: {start: 1, rate: v}, v: {start: 0, rate: u}}
+controls: {u: {bounds: [-1, 1]}}
+stage_cost: x**2 + v**2 + u**2
+prediction: {horizon_s: 2, intervals: 10}
+search: {name: none}
+lanes: 0
+"""
+"""It starts at x = 1, beyond the limits that the tests give."""
 CENTIMETRES = 'path=[{expression: "v", upper: 1}]'
 
 FAR = """\
@@ -109,6 +119,28 @@ def test_a_plan_that_is_not_feasible_says_what_is_broken_and_when(
     assert ended.startswith("simulated to the end; no feasible solution was found: ")
     assert kept.startswith("A constraint is broken: ")
     assert " is broken by " in kept and kept.endswith(" s.")
+
+
+@pytest.mark.parametrize(
+    ("low", "upper", "result", "kept"),
+    [
+        (-0.1, 0.5, "No feasible solution was found.", "broken by 0.5 (0.5 of its"),
+        (-40, 0.99, "Cost ", "broken by 0.01 (0.01 of its"),
+    ],
+    ids=["never inside", "inside later"],
+)
+def test_a_start_outside_is_never_called_kept(
+    low: float, upper: float, result: str, kept: str, tmp_path: Path
+) -> None:
+    """The finer check excuses it, since no control can keep it; the words do not."""
+    limit = f"path=[{{expression: x, upper: {upper}}}]"
+    bounds = f"controls.u.bounds=[{low}, 40]"
+    said = sentences(finished(tmp_path, BESIDE, bounds, limit))
+    assert said[1].startswith(result)
+    (about,) = (line for line in said if line.startswith(("A const", "All const")))
+    assert about.startswith(f"A constraint is broken: 'x' is {kept}")
+    assert "at 0 s" in about
+    assert ("; all are kept later" in about) == (result == "Cost ")
 
 
 def test_a_closed_loop_says_how_far_and_when_a_constraint_is_broken(
