@@ -15,7 +15,8 @@ Nothing heavy is imported here, since `--version` prints the versions of a recor
 import contextlib
 import hashlib
 import json
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -28,10 +29,16 @@ from swarmstart.errors import SwarmstartError
 SCENARIO, TRAJECTORY, MARK, FIGURES = (
     *("scenario.yaml", "trajectory.npz", "run.json", "figures"),
 )
+SEEDS, COMPARISON, TABLE, CELLS = (
+    *("seeds.json", "comparison.json", "results.csv", "cells"),
+)
+"""Files of runs over seeds and of comparisons, and the folder of their runs."""
+MARKS = (MARK, SEEDS, COMPARISON, "replication.json")
 PNG: tuple[str, ...] = ("png",)
 FIGURE_FORMATS = ("png", "svg", "pdf")
 RECORDED = ("swarmstart", "casadi", "numpy", "numba", "scipy")
 """Packages whose versions can change a result."""
+_KEY = re.compile("[0-9a-f]{16}")
 _LISTED = 3
 """Largest number of files that a message names."""
 
@@ -149,32 +156,97 @@ def require_own(folder: Path, key: str, scenario: str) -> None:
             changed.
         RecordError: If it has finished steps that cannot be read.
     """
-    # Here, since both import NumPy, and `--version` needs neither.
-    from swarmstart.cases.record.files import is_temporary
+    # Here, since it imports NumPy, which `--version` does without.
     from swarmstart.cases.record.partial import partial_key
 
-    names = [file.name for file in folder.iterdir() if not is_temporary(file.name)]
+    names = _names(folder)
     if not names:
         return
     keys = {kept for kept in (finished_key(folder), partial_key(folder)) if kept}
     if keys != {key}:
-        listed = ", ".join(map(shown, sorted(names)[:_LISTED]))
-        more = ", ..." if len(names) > _LISTED else ""
-        whose = "the record of another run" if keys else "other files"
-        raise OccupiedFolderError(folder, f"{whose} ({listed}{more})")
+        raise OccupiedFolderError(folder, _content(names, is_record=bool(keys)))
     kept_scenario = folder / SCENARIO
     if kept_scenario.exists() and kept_scenario.read_bytes() != scenario.encode():
         raise OccupiedFolderError(folder, f"a changed {SCENARIO}")
 
 
-def withdraw(folder: Path) -> None:
+def require_own_seeds(folder: Path, keys: Sequence[str]) -> None:
+    """Raise unless a folder is empty or has runs over seeds of the same scenario.
+
+    Args:
+        folder: The folder; it need not exist. Other files beside such runs may stay.
+        keys: Keys of the runs, that of seed 0 first. Their number may have changed.
+
+    Raises:
+        OccupiedFolderError: If it has other content.
+    """
+    names = _names(folder)
+    if not names:
+        return
+    kept = finished_key(folder, SEEDS)
+    if kept is None and {*names} <= {CELLS, FIGURES}:  # Interrupted before the mark.
+        cells = _names(folder / CELLS)
+        if not cells or {*cells} & {*keys}:
+            return
+    if kept != keys[0]:
+        is_record = any((folder / mark).exists() for mark in MARKS)
+        raise OccupiedFolderError(folder, _content(names, is_record=is_record))
+
+
+def require_comparisons(folder: Path) -> None:
+    """Raise unless a folder is empty or has comparisons, of whatever scenarios.
+
+    Args:
+        folder: The folder; it need not exist. Other files beside them may stay.
+
+    Raises:
+        OccupiedFolderError: If it has other content.
+    """
+    names = _names(folder)
+    is_begun = {*names} <= {CELLS} and all(
+        _KEY.fullmatch(name) for name in _names(folder / CELLS)
+    )
+    if not (is_begun or COMPARISON in names or TABLE in names):
+        is_record = any((folder / mark).exists() for mark in MARKS)
+        raise OccupiedFolderError(
+            folder,
+            _content(names, is_record=is_record),
+            expected="an empty folder or one of comparisons",
+            way="choose another --out",
+        )
+
+
+def _names(folder: Path) -> list[str]:
+    """Return the names in a folder, sorted; none if there is no such folder.
+
+    Temporary files are left out.
+    """
+    # Here, since it imports NumPy, which `--version` does without.
+    from swarmstart.cases.record.files import is_temporary
+
+    try:
+        return sorted(f.name for f in folder.iterdir() if not is_temporary(f.name))
+    # Other paths are refused where they are written to. ValueError: a NUL in the name.
+    except (FileNotFoundError, NotADirectoryError, ValueError):
+        return []
+
+
+def _content(names: Sequence[str], *, is_record: bool) -> str:
+    """Return in words what a folder has."""
+    listed = ", ".join(map(shown, names[:_LISTED]))
+    more = ", ..." if len(names) > _LISTED else ""
+    whose = "the record of another run" if is_record else "other files"
+    return f"{whose} ({listed}{more})"
+
+
+def withdraw(folder: Path, mark: str = MARK) -> None:
     """Remove the record of another run: its mark, and the files that it lists.
 
     Other files stay, since they can be the user's own.
     """
     # Read before the mark is removed, which lists them.
-    files = [*_listed(folder, "figures"), *_listed(folder, "documents")]
-    (folder / MARK).unlink(missing_ok=True)
+    files = [*_listed(folder, "figures", mark), *_listed(folder, "documents", mark)]
+    (folder / mark).unlink(missing_ok=True)
     for file in files:
         with contextlib.suppress(OSError):
             file.unlink()
@@ -187,21 +259,21 @@ def kept_figures(folder: Path, key: str) -> list[Path] | None:
     return [file for file in _listed(folder, "figures") if file.exists()]
 
 
-def _listed(folder: Path, what: str) -> list[Path]:
+def _listed(folder: Path, what: str, mark: str = MARK) -> list[Path]:
     """Return the files that a record lists as drawn or written."""
     place = folder / FIGURES if what == "figures" else folder
     try:
-        names = json.loads((folder / MARK).read_text(encoding="utf-8"))[what]
+        names = json.loads((folder / mark).read_text(encoding="utf-8"))[what]
         # The last part only: a changed record cannot name files of other folders.
         return [place / Path(str(name)).name for name in names]
     except (OSError, ValueError, LookupError, TypeError):
         return []
 
 
-def finished_key(folder: Path) -> str | None:
+def finished_key(folder: Path, mark: str = MARK) -> str | None:
     """Return the key of a folder's record; "unknown" if damaged, None without one."""
     try:
-        text = (folder / MARK).read_text(encoding="utf-8")
+        text = (folder / mark).read_text(encoding="utf-8")
     except OSError:
         return None
     try:

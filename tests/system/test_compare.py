@@ -123,6 +123,17 @@ def test_a_table_of_another_program_is_refused_before_any_work(
     assert (tmp_path / "results.csv").read_text() == "mine\n"
 
 
+@pytest.mark.parametrize("more", [[], ["--dry-run"]])
+def test_a_folder_of_a_run_is_refused_before_any_work(
+    more: list[str], command: Command, tmp_path: Path
+) -> None:
+    (tmp_path / "run.json").write_text("{}")
+    said = command(*SMALL, *more, "--out", tmp_path)
+    assert (said.code, said.out) == (2, "")
+    assert "expected an empty folder or one of comparisons, found the rec" in said.err
+    assert [file.name for file in tmp_path.iterdir()] == ["run.json"]
+
+
 def test_another_comparison_appends_to_the_table(
     folder: Path, command: Command
 ) -> None:

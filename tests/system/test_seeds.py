@@ -64,6 +64,46 @@ def test_a_file_of_that_name_by_another_program_is_refused(
     assert (tmp_path / "seeds.json").read_text() == "mine"
 
 
+POINT = """\
+kind: problem
+states: {x: {start: 1, rate: u}}
+controls: {u: {bounds: [-1, 1]}}
+stage_cost: x**2 + u**2
+prediction: {horizon_s: 1, intervals: 4}
+search: {name: none}
+lanes: 0
+"""
+
+
+def test_a_folder_of_another_record_is_refused_without_force(
+    command: Command, tmp_path: Path
+) -> None:
+    file, out = tmp_path / "point.yaml", tmp_path / "out"
+    file.write_text(POINT)
+    quiet = ("run", file, "--quiet", "--no-figures")
+    seeds = (*quiet, "--seeds", "2", "--workers", "1")
+    assert command(*seeds, "--out", out).code == 0
+    cells = {f: f.stat().st_mtime_ns for f in out.glob("cells/*/cell.json")}
+    more = command(*quiet, "--seeds", "3", "--workers", "1", "--out", out)
+    assert more.code == 0 and len(cells) == 2
+    assert cells == {f: f.stat().st_mtime_ns for f in cells}
+    before = (out / "seeds.json").read_bytes()
+    other = (*seeds, "--set", "prediction.horizon_s=2", "--out")
+    said = command(*other, out)
+    assert (said.code, said.out) == (2, "")
+    assert "an empty folder or the record of this run, found the record of" in said.err
+    assert (out / "seeds.json").read_bytes() == before
+    assert len([*out.glob("cells/*")]) == 3
+    assert command(*other, out, "--force").code == 0
+    assert (out / "seeds.json").read_bytes() != before
+    single = tmp_path / "single"
+    assert command(*quiet, "--out", single).code == 0
+    names = {each.name for each in single.iterdir()}
+    said = command(*seeds, "--out", single)
+    assert said.code == 2 and "found the record of another run ('run.json'" in said.err
+    assert {each.name for each in single.iterdir()} == names
+
+
 def test_one_seed_and_many_exclude_each_other(command: Command) -> None:
     said = command("run", "formation_v", "--seed", "1", "--seeds", "3")
     assert said.code == 2

@@ -12,14 +12,13 @@ from swarmstart.cases.campaign.engine.cells import Outcome
 from swarmstart.cases.format.scenario import Resolved
 from swarmstart.cases.record.record import versions
 
-SEEDS = "seeds.json"
 MOST_INSTANTS = 201
 OUTER = (0.1, 0.9)
 """Lower and upper quantile of a band."""
 
 
 def seeds_content(
-    resolved: Resolved, outcomes: Sequence[Outcome], *, command: str
+    resolved: Resolved, outcomes: Sequence[Outcome], *, command: str, key: str = ""
 ) -> dict[str, Any]:
     """Return the results of one scenario over seeds, as in seeds.json.
 
@@ -27,12 +26,14 @@ def seeds_content(
         resolved: The scenario.
         outcomes: Outcomes of its runs (flight_trial.py), seed by seed from 0 on.
         command: The command line that repeats them.
+        key: Key of the run with seed 0, by which the folder is known again.
     """
     settings = resolved.settings
     results = [outcome.result for outcome in outcomes]
     return {
         "schema": 1,
         "record": "seeds",
+        "key": key,
         "scenario": settings["name"],
         "title": settings["title"],
         "kind": settings["kind"],

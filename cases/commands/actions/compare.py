@@ -75,11 +75,16 @@ from swarmstart.cases.record.files import (
     to_json,
     write_json,
 )
+from swarmstart.cases.record.record import (
+    CELLS,
+    COMPARISON,
+    TABLE,
+    require_comparisons,
+)
 from swarmstart.errors import SwarmstartError
 
 RUNS = Path("results")
 RESULTS = RUNS / "compare"
-TABLE, CONTENT, CELLS = "results.csv", "comparison.json", "cells"
 TYPICAL_S = 2.5
 """Estimated time of a cell that has never been run, without a time budget [s]."""
 
@@ -123,8 +128,11 @@ def compare_command(options: argparse.Namespace) -> int:
     # Files of others are refused now, not after hours of work.
     require_table(root / TABLE)
     require_ours(
-        root / CONTENT, functools.partial(is_record, name="comparison"), "a comparison"
+        root / COMPARISON,
+        functools.partial(is_record, name="comparison"),
+        "a comparison",
     )
+    require_comparisons(root)
     cells = interleaved(contests)
     few = too_few_seeds(contests, plan.seeds)
     if few and not options.quiet:
@@ -259,7 +267,7 @@ def _baseline(options: argparse.Namespace) -> tuple[Mapping[str, Any], str] | No
             )
         return None
     path = Path(options.baseline)
-    file = path / CONTENT if path.is_dir() else path
+    file = path / COMPARISON if path.is_dir() else path
     return read_comparison(file), str(options.baseline)
 
 
@@ -372,8 +380,8 @@ def _write(
     with locked(root):
         table = append_runs(root / TABLE, runs)
         # The runs stay in the table, but only one comparison has this name.
-        _put_aside(root / CONTENT, content)
-        write_json(root / CONTENT, content)
+        _put_aside(root / COMPARISON, content)
+        write_json(root / COMPARISON, content)
         if parquet:
             write_parquet(table, root / "results.parquet")
             write_curves(runs, root / "curves.parquet")

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from swarmstart.cases.campaign.engine.cells import Cell, Outcome, carried_out
-from swarmstart.cases.campaign.running.seeds import SEEDS, seeds_content, spread_of
+from swarmstart.cases.campaign.running.seeds import seeds_content, spread_of
 from swarmstart.cases.campaign.trials.flight_trial import flight_cell
 from swarmstart.cases.commands.actions.shared_options import Condition, met_conditions
 from swarmstart.cases.commands.terminal import (
@@ -46,10 +46,17 @@ from swarmstart.cases.record.files import (
     to_json,
     write_json,
 )
-from swarmstart.cases.record.record import FIGURES, PNG
+from swarmstart.cases.record.record import (
+    CELLS,
+    FIGURES,
+    PNG,
+    SEEDS,
+    finished_key,
+    require_own_seeds,
+    withdraw,
+)
 
 HEAD = ("measure", "lowest", "median", "highest", "unit", "meaning")
-CELLS = "cells"
 SHOWN = 5
 """Seeds that a line names; further ones are counted."""
 OF_SEEDS = ("--seeds", "--workers", "--out")
@@ -113,16 +120,20 @@ def run_seeds(
     require_ours(
         folder / SEEDS, functools.partial(is_record, name="seeds"), "runs over seeds"
     )
-    with Progress(resolved.scenario.name, quiet=options.quiet) as progress:
-        outcomes = carried_out(
-            cells,
-            folder / CELLS,
-            workers=options.workers,
-            told=progress.update,
-        )
-    command = shlex.join(["swarmstart", *options.words])
-    content = seeds_content(resolved, outcomes, command=command)
+    command, keys = shlex.join(["swarmstart", *options.words]), [c.key for c in cells]
     with locked(folder):
+        if not options.force:
+            require_own_seeds(folder, keys)
+        with Progress(resolved.scenario.name, quiet=options.quiet) as progress:
+            outcomes = carried_out(
+                cells,
+                folder / CELLS,
+                workers=options.workers,
+                told=progress.update,
+            )
+        content = seeds_content(resolved, outcomes, command=command, key=keys[0])
+        if finished_key(folder, SEEDS) != keys[0]:
+            withdraw(folder, SEEDS)
         figures = [] if options.no_figures else [*seed_figures(content)]
         drawn = write_figures(
             figures, folder / FIGURES, formats=figure_formats(options)

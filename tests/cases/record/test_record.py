@@ -16,7 +16,9 @@ from swarmstart.cases.record.record import (
     Recording,
     UnknownFormatError,
     kept_figures,
+    require_comparisons,
     require_own,
+    require_own_seeds,
     withdraw,
 )
 from swarmstart.tests.cases.record.test_partial import flight
@@ -108,6 +110,47 @@ def test_anything_else_is_refused(tmp_path: Path) -> None:
         (unknown / "run.json").write_text(content)
         with pytest.raises(OccupiedFolderError, match="the record of another run"):
             require_own(unknown, "k", "steps: 3\n")
+
+
+def test_runs_over_seeds_go_on_in_their_own_folder_only(tmp_path: Path) -> None:
+    folder = tmp_path / "seeds"
+    require_own_seeds(folder, ["k0", "k1"])  # There is no such folder yet.
+    (folder / "cells").mkdir(parents=True)
+    require_own_seeds(folder, ["k0", "k1"])  # Interrupted before its first run ended.
+    (folder / "cells" / "k1").mkdir()
+    require_own_seeds(folder, ["k0", "k1"])
+    with pytest.raises(OccupiedFolderError, match=r"other files \('cells'\)"):
+        require_own_seeds(folder, ["other"])
+    (folder / "seeds.json").write_text('{"key": "k0"}')
+    (folder / "notes.txt").touch()
+    require_own_seeds(folder, ["k0", "k1", "k2"])  # With more seeds.
+    another = r"the record of another run \('cells', 'notes.txt', 'seeds.json'\)"
+    with pytest.raises(OccupiedFolderError, match=another):
+        require_own_seeds(folder, ["other", "k1"])
+
+
+@pytest.mark.parametrize("mark", ["run.json", "comparison.json", "replication.json"])
+def test_runs_over_seeds_are_not_mixed_with_other_records(
+    mark: str, tmp_path: Path
+) -> None:
+    (tmp_path / mark).write_text('{"key": "k0"}')
+    with pytest.raises(OccupiedFolderError, match="the record of another run"):
+        require_own_seeds(tmp_path, ["k0"])
+
+
+def test_comparisons_share_a_folder_with_each_other_only(tmp_path: Path) -> None:
+    folder = tmp_path / "compare"
+    require_comparisons(folder)
+    (folder / "cells" / "0123456789abcdef").mkdir(parents=True)
+    require_comparisons(folder)  # Interrupted before its end.
+    (folder / "cells" / "blood").mkdir()
+    with pytest.raises(OccupiedFolderError, match=r"other files \('cells'\); choose"):
+        require_comparisons(folder)
+    (folder / "results.csv").touch()
+    require_comparisons(folder)
+    (tmp_path / "seeds.json").touch()
+    with pytest.raises(OccupiedFolderError, match=r"another run .*another --out$"):
+        require_comparisons(tmp_path)
 
 
 def test_a_scenario_that_was_changed_is_refused(tmp_path: Path) -> None:
