@@ -85,7 +85,7 @@ RECORDED = (
         "content",
     ),
 )
-"""Records that a folder may hold; the first one found is shown."""
+"""Records that a folder may hold; of several the newest is shown."""
 WITH_FOLDER = ("replication_page",)
 """Makers that take the folder as a second argument, to show its figures."""
 PAGES = ("report.html", "replication*.html")
@@ -112,7 +112,10 @@ def report_command(options: argparse.Namespace) -> int:
     folders = list(dict.fromkeys(map(_newest, given)))
     found = [(folder, recorded_in(folder)) for folder in folders]
     written = []
-    for folder, recorded in found:
+    for folder, (recorded, *older) in found:
+        if older:
+            others = ", ".join(one.file for one in older)
+            say(f"{folder}: shows the newest record, {recorded.file}; older: {others}")
         out = folder if options.out is None else Path(options.out)
         # Pages of several records in one folder are named after their records.
         stem = "report" if len(folders) == 1 or out == folder else folder.name
@@ -125,19 +128,19 @@ def report_command(options: argparse.Namespace) -> int:
     return DONE
 
 
-def recorded_in(folder: Path) -> Recorded:
-    """Return the sort of record in a folder.
+def recorded_in(folder: Path) -> list[Recorded]:
+    """Return the records in a folder, the newest first.
 
     Raises:
         RecordError: If the folder holds no record.
     """
-    for recorded in RECORDED:
-        if (folder / recorded.file).exists():
-            return recorded
-    # `replicate --only 9` leaves replication-9.json.
-    for file in sorted(folder.glob("replication-*.json")):
-        # The last entry is that of replications.
-        return RECORDED[-1]._replace(file=file.name)
+    # `replicate --only 9` leaves replication-9.json; the last entry is that of these.
+    some = [f.name for f in sorted(folder.glob("replication-*.json"))]
+    every = [*RECORDED, *(RECORDED[-1]._replace(file=name) for name in some)]
+    found = [recorded for recorded in every if (folder / recorded.file).exists()]
+    if found:
+        times = {one.file: (folder / one.file).stat().st_mtime for one in found}
+        return sorted(found, key=lambda one: -times[one.file])
     names = ", ".join(recorded.file for recorded in RECORDED)
     raise RecordError(
         f"{folder}: expected a folder that run, compare or replicate wrote, with one "

@@ -37,6 +37,25 @@ def test_the_newest_record_below_a_folder_gets_the_page(
     assert capsys.readouterr().err == ""
 
 
+def test_of_several_records_in_a_folder_the_newest_is_shown_and_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(report, "page_of", lambda _, recorded, __: recorded.file)
+    folder = record(tmp_path / "mixed", when=2e9)
+    for when, name in enumerate(("replication-9.json", "seeds.json")):
+        (folder / name).write_text("{}")
+        os.utime(folder / name, (when, when))
+    assert asked(folder) == 0
+    assert (folder / "report.md").read_text() == "run.json"
+    assert capsys.readouterr().err == (
+        f"swarmstart: {folder}: shows the newest record, run.json; older: seeds.json, "
+        "replication-9.json\n"
+    )
+    os.utime(folder / "seeds.json", (3e9, 3e9))
+    assert asked(folder) == 0
+    assert (folder / "report.md").read_text() == "seeds.json"
+
+
 def test_a_folder_without_records_is_refused(tmp_path: Path) -> None:
     with pytest.raises(RecordError, match="found none of them"):
         asked(tmp_path)
