@@ -112,6 +112,23 @@ def test_what_cannot_be_compared_is_refused(
     assert not list(tmp_path.iterdir())
 
 
+def test_what_run_refuses_is_refused_before_any_work(
+    command: Command, tmp_path: Path
+) -> None:
+    file, out = tmp_path / "late.yaml", tmp_path / "out"
+    file.write_text(
+        "kind: problem\nstates: {x: {start: 0, rate: u}}\n"
+        "controls: {u: {bounds: [-1, 1], delay_s: 0.5}}\nstage_cost: u**2\n"
+        "vehicles: {members: [{name: a}, {name: b}], planning: priority}\n"
+        "prediction: {horizon_s: 1, intervals: 2}\nfeedback: receding_horizon\n"
+    )
+    said = command("compare", file, "--quiet", "--out", out)
+    assert (said.code, said.out) == (2, "")
+    assert said.err == command("run", file, "--quiet", "--out", out).err
+    assert "expected planning: joint with delayed controls" in said.err
+    assert not out.exists()
+
+
 def test_a_table_of_another_program_is_refused_before_any_work(
     command: Command, tmp_path: Path
 ) -> None:
