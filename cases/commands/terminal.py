@@ -40,7 +40,7 @@ LEAST = 30
 """Characters that its last column has at least."""
 MOST_FLAWS = 20
 """Errors of a scenario that are printed; further ones are counted."""
-AT_WORK = "at work: loading and checking"
+AT_WORK = "at work: loading"
 FIRST_SIGN_S = 0.6
 """A command that takes longer says that it is at work."""
 QUIET_S = 2.0  # Nothing is printed before, except the first sign.
@@ -211,19 +211,21 @@ class Progress:
     `with Progress("swing-up") as shown: solve(..., progress=shown.update)`.
     """
 
-    def __init__(self, title: str, *, quiet: bool = False) -> None:
+    def __init__(self, title: str, *, quiet: bool = False, of: str = "step") -> None:
         """Prepare; nothing is shown yet.
 
         Args:
             title: Name of the work.
             quiet: Whether to stay silent.
+            of: Name of what is counted.
 
         Raises:
             InvalidArgumentError: If one is of another type.
         """
         _require("title", title, str, "text")
         _require("quiet", quiet, bool, "True or False")
-        self._title, self._quiet = title, quiet
+        _require("of", of, str, "text")
+        self._title, self._quiet, self._of = title, quiet, of
         self._began = self._said = clock.monotonic()
         # The first step compiles, so the pace is taken from its end: (time, steps).
         self._pace_from: tuple[float, int] | None = None
@@ -269,7 +271,7 @@ class Progress:
         elif now - self._said >= LINE_EVERY_S or self._said == self._began:
             # The first line comes at once after QUIET_S.
             self._said = now
-            step = f", step {done} of {total}" if total else ""
+            step = f", {self._of} {done} of {total}" if done and total else ""
             tell(f"{self._title}: {what}{step}{self._left(now, done, total)}")
 
     def _draw(self, done: int, total: int, what: str) -> None:

@@ -226,7 +226,7 @@ def _names(folder: Path) -> list[str]:
 
     try:
         return sorted(f.name for f in folder.iterdir() if not is_temporary(f.name))
-    # Other paths are refused where they are written to. ValueError: a NUL in the name.
+    # Other paths are refused when a file is written. ValueError: a NUL in the name.
     except (FileNotFoundError, NotADirectoryError, ValueError):
         return []
 

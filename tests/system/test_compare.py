@@ -29,7 +29,9 @@ def test_the_table_and_the_runs_are_there(folder: Path, command: Command) -> Non
     said = command(*SMALL, "--out", folder)
     assert said.code == 0
     lines = said.out.splitlines()
-    assert lines[0] == "budget 600evals a planning problem, seeds 0 to 1"
+    assert lines[0] == (
+        "budget of 600 evaluations for each planning problem, seeds 0 to 1"
+    )
     cold = next(line for line in lines if line.startswith("  ipopt "))
     assert "1 of 1" in cold and "one run" in cold and "2.86937" in cold
     with (folder / "results.csv").open(encoding="utf-8", newline="") as file:
@@ -201,9 +203,12 @@ def test_a_plan_in_yaml_is_what_the_options_say_and_an_option_comes_before_it(
     asked = command(*SMALL, "--out", folder)
     planned = command("compare", str(file), "--seeds", "2", "-q", "--out", folder)
     assert planned.out == asked.out
-    counted = command("compare", str(file), "--dry-run", "--out", folder)
+    counted = command(
+        "compare", str(file), "--dry-run", "--workers", "1", "--out", folder
+    )
     # Of three solvers with five seeds two are kept, and that of IPOPT.
     assert counted.out.startswith("16 runs: 7 kept, 9 to be done")
+    assert counted.out.endswith(" with 1 process\n")
 
 
 def test_the_same_again_is_no_regression_and_a_costlier_one_fails_the_gate(

@@ -48,10 +48,17 @@ def listed(names: Sequence[str], most: int = MOST_NAMED) -> str:
     return "".join(names)
 
 
-def _own_budget(content: Content) -> str:
+def _unlimited(content: Content) -> list[str]:
+    """Return the solvers that have a number of evaluations of their own."""
+    if content["budget"]["evaluations"] is None:
+        return []
     names = [one["name"] for one in content["solvers"]]
-    named = [name for name in names if name.partition("[")[0] == SOLVE]
-    if not named or content["budget"]["evaluations"] is None:
+    return [name for name in names if name.partition("[")[0] == SOLVE]
+
+
+def _own_budget(content: Content) -> str:
+    named = _unlimited(content)
+    if not named:
         return ""
     return (
         f"{listed(named)} does what run does, with the evaluations of the scenario: "
@@ -234,11 +241,20 @@ def report_text(content: Content, *, times: bool = False) -> str:
     """
     seeds = content["seeds"]
     range_of = f"seeds {seeds[0]} to {seeds[-1]}" if seeds else "no seeds"
-    budget = content["budget_text"]
-    lines = [f"budget {budget} a planning problem, {range_of}" if budget else range_of]
+    lines = [f"{_budget(content)}{range_of}"]
     for scenario in content["scenarios"]:
         lines += ["", *_scenario(scenario, times)]
     return "\n".join(lines)
+
+
+def _budget(content: Content) -> str:
+    """Return the budget in words, with a comma behind it; empty if it is not known."""
+    text = content["budget_text"].replace("evals", " evaluations").replace("|", " or ")
+    if not text:
+        return ""
+    own = [f"{name} has its own" for name in _unlimited(content)]
+    more = f" ({', '.join(own)})" if own else ""
+    return f"budget of {text} for each planning problem{more}, "
 
 
 def _scenario(scenario: Content, times: bool) -> list[str]:

@@ -132,7 +132,8 @@ def _searched(trajectory: Trajectory) -> str:
     # A number tells something only if a warm polish replaced some searches.
     if searched in {0, len(plans)}:
         return ""
-    return f", {searched} of {len(plans)} plans were searched"
+    were = "was" if searched == 1 else "were"
+    return f", {searched} of {len(plans)} plans {were} searched"
 
 
 class Interrupted(KeyboardInterrupt):

@@ -143,7 +143,7 @@ def compare_command(options: argparse.Namespace) -> int:
             count = sum(contest.of == "plan" for contest in contests)
             answer(f"then {counted(count, 'lower bound')}, {plan.bound_s:g} s each")
         return DONE
-    with Progress("compare", quiet=options.quiet) as progress:
+    with Progress("compare", quiet=options.quiet, of="run") as progress:
         work = functools.partial(
             carried_out,
             root=root / CELLS,
@@ -284,7 +284,7 @@ def _dry_run(
     left = missing * each / workers
     time = f"{left / 60:.0f} min" if left >= 120 else f"{left:.0f} s"  # noqa: PLR2004
     lines = [f"{counted(len(kept), 'run')}: {len(seconds)} kept, {missing} to be done"]
-    lines.append(f"about {time} with {workers} processes")
+    lines.append(f"about {time} with {workers} process{'es' if workers != 1 else ''}")
     return "\n".join(lines)
 
 

@@ -95,7 +95,7 @@ def replicate_command(options: argparse.Namespace) -> int:
         return DONE
     stem = "-".join(["replication", *map(str, sorted(set(options.only)))])
     _require_own(root, stem)
-    with Progress("replicate", quiet=options.quiet) as progress:
+    with Progress("replicate", quiet=options.quiet, of="run") as progress:
         outcomes = carried_out(
             cells, folder, workers=options.workers, told=progress.update
         )

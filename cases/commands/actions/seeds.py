@@ -1,6 +1,6 @@
 """`swarmstart run --seeds`: one scenario run with many seeds, measures with spread.
 
-Five lines say in words what came out. Each claim that fails in some runs has a line on
+A few lines say in words what came out. Each claim that fails in some runs has a line on
 the seeds in which it fails: which, by which value, and how to see one.
 """
 
@@ -124,12 +124,15 @@ def run_seeds(
     with locked(folder):
         if not options.force:
             require_own_seeds(folder, keys)
-        with Progress(resolved.scenario.name, quiet=options.quiet) as progress:
+        name = resolved.scenario.name
+        with Progress(name, quiet=options.quiet, of="run") as progress:
             outcomes = carried_out(
                 cells,
                 folder / CELLS,
                 workers=options.workers,
-                told=progress.update,
+                told=lambda done, total, what: progress.update(
+                    done, total, what.removeprefix(f"{name}, ")
+                ),
             )
         content = seeds_content(resolved, outcomes, command=command, key=keys[0])
         if finished_key(folder, SEEDS) != keys[0]:
@@ -215,7 +218,7 @@ def _exit_code(
 
 
 def sentences_of_seeds(content: Mapping[str, Any], figures: Path) -> list[str]:
-    """Return five lines on runs over seeds, whose content is that of seeds.json.
+    """Return lines on runs over seeds, whose content is that of seeds.json.
 
     Reasons and advice of single plans have lines of their own.
     """

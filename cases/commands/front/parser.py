@@ -199,8 +199,8 @@ class _Version(argparse.Action):
 SUBCOMMANDS = {
     "run": Subcommand(
         "solve or simulate one scenario; draw and record it",
-        "Solve or simulate one scenario. Five lines say in words what came out (one "
-        "more for each collision); the figures and the record are in a folder, whose "
+        "Solve or simulate one scenario. A few lines say in words what came out; "
+        "the figures and the record are in a folder, whose "
         "path is the last line.",
         _RUN,
         f"{_ACTIONS}.run:run_command",

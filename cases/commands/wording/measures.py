@@ -5,12 +5,13 @@ Imports nothing heavy, since `swarmstart list` shows measures too.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from swarmstart.cases.commands.terminal import wrapped_table
-from swarmstart.cases.drawing.wording import unit_of_measure
+from swarmstart.cases.drawing.wording import quantity, unit_of_measure
 from swarmstart.cases.format.registry import KINDS, words_of
 from swarmstart.cases.format.scenario import read_document
 
@@ -26,6 +27,8 @@ _UNIT = re.compile(r"\s*\[([^\[\]]{1,20})\]\s*$")
 """The unit at the end of a meaning; "-" says that there is none."""
 HEAD = ("measure", "value", "unit", "meaning")
 UNDEFINED = "undefined"
+FAR, MOST_DIGITS = 1e6, 15
+"""Size from which a number has three decimals, within as many significant digits."""
 SHOWN = 6
 """Entries of a list that are printed; all of them are in run.json."""
 
@@ -107,7 +110,12 @@ def value_text(value: Measure) -> str:
     if value is None:
         # Only in a list: a measure that is undefined as a whole says why.
         return "-"
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
+    if not isinstance(value, float):
+        return str(value)
+    # Of a far place such as 1e9 m the last of six digits would be kilometres.
+    is_far = FAR <= abs(value) < math.inf
+    digits = min(MOST_DIGITS, 4 + math.floor(math.log10(abs(value)))) if is_far else 6
+    return quantity(value, digits)
 
 
 def _own(measures: Mapping[str, Any]) -> dict[str, Entry]:

@@ -22,6 +22,16 @@ def test_a_line_says_what_is_done_and_how_far_it_is(
     assert lines == ["swing-up: searching, step 300 of 2000", "swing-up: polishing"]
 
 
+def test_what_is_counted_has_its_name_and_nothing_done_is_not_counted(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with Progress("slow", of="run") as shown:
+        shown.update(0, 3, "drawing")
+        shown.update(1, 3, "seed 0")
+    lines = capsys.readouterr().err.splitlines()
+    assert lines == ["slow: drawing", "slow: seed 0, run 1 of 3"]
+
+
 def test_a_bar_takes_work_of_a_length_that_cannot_be_told(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

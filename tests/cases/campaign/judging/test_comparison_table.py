@@ -20,7 +20,7 @@ OWN: dict[str, Any] = {
 
 
 EXPECTED = """\
-budget 4000evals a planning problem, seeds 0 to 7
+budget of 4000 evaluations for each planning problem, seeds 0 to 7
 
 s
   solver  feasible  near the best  95 %          best  median  worst  evals  false

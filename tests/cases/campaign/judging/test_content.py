@@ -432,8 +432,10 @@ def test_the_best_known_is_of_the_first_solver_that_reaches_it_or_from_elsewhere
 
 def test_solve_is_said_to_have_a_budget_of_its_own() -> None:
     costs = {"solve": [1.0] * 8, "de": [2.0] * 8}
-    limits = made_up({"s": costs}, budget_text="1evals")["limits"]
-    assert any(said.startswith("solve does what run does") for said in limits)
+    content = made_up({"s": costs}, budget_text="1evals|5s")
+    assert any(s.startswith("solve does what run does") for s in content["limits"])
+    head = "budget of 1 evaluations or 5s for each planning problem (solve has its own)"
+    assert report_text(content).startswith(f"{head}, seeds 0 to 7\n")
     others = {"ga": [1.0] * 8, "de": [2.0] * 8}
     limits = made_up({"s": others}, budget_text="1evals")["limits"]
     assert not any("what run does" in said for said in limits)

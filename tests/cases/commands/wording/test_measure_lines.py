@@ -1,5 +1,9 @@
 """The table of measures: value, unit and meaning; why a measure is undefined."""
 
+import math
+
+import pytest
+
 from swarmstart.cases.commands.wording.measures import (
     measure_table,
     measures_of_run,
@@ -25,6 +29,23 @@ def test_own_and_decided_measures_are_explained() -> None:
     known = measures_of_run(resolve(read_document("pendulum")))
     assert known["final_angle"]["meaning"].endswith("angle.end")
     assert "end_time" in measures_of_run(resolve(read_document("brachistochrone")))
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (1000000002.4618, "1000000002.462"),
+        (-6378137.25, "-6378137.25"),
+        (123456.789, "123457"),
+        (1.2345678e20, "1.2345678e+20"),
+        (math.inf, "inf"),
+        (math.nan, "nan"),
+    ],
+)
+def test_a_far_place_has_the_digits_that_tell_it_from_others(
+    value: float, text: str
+) -> None:
+    assert value_text(value) == text
 
 
 def test_lists_are_cut_and_undefined_entries_are_dashes() -> None:

@@ -168,6 +168,14 @@ def test_a_closed_loop_says_by_how_much_it_misses_the_end(tmp_path: Path) -> Non
     assert kept.endswith(f"the end conditions are missed by up to {missed:.3g}.")
 
 
+def test_a_single_search_of_a_closed_loop_is_told_in_the_singular(
+    tmp_path: Path,
+) -> None:
+    loop = ("feedback=receding_horizon", "steps=2", "search={name: lshade}")
+    done = finished(tmp_path, BESIDE, *loop, "budget.evaluations=100")
+    assert done.ended.more == ", 1 of 2 plans was searched"
+
+
 def test_no_time_is_sought_of_an_excess_that_is_undefined(tmp_path: Path) -> None:
     done = finished(tmp_path, PLAN)
     assert time_of_excess(replace(done, measures={"constraint_excess": None})) == ""
