@@ -29,6 +29,15 @@ class Feature:
             InvalidProblemError: If it does not.
         """
 
+    def accepts(self, problem: Any) -> bool:
+        """Return whether the feature changes a problem; a delay of 0 s does not.
+
+        Args:
+            problem: An OptimalControlProblem.
+        """
+        del problem
+        return True
+
 
 def features_given(given: object) -> tuple[Feature, ...]:
     """Return the features of a statement, checked.
@@ -44,3 +53,8 @@ def features_given(given: object) -> tuple[Feature, ...]:
             f" got {shortened(given)}"
         )
     return tuple(given)
+
+
+def effective(problem: Any) -> list[Feature]:
+    """Return the features of an OptimalControlProblem that change it."""
+    return [feature for feature in problem.features if feature.accepts(problem)]

@@ -29,6 +29,7 @@ from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.common.expressions import symbol_names, symbol_of
 from swarmstart.ocp.statement.decisions import Free
+from swarmstart.ocp.statement.feature import effective
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 from swarmstart.ocp.system.constraints import Bounds, PathConstraint, TerminalConstraint
 from swarmstart.ocp.system.model import Model
@@ -476,7 +477,7 @@ def _require(
             "controls of whole numbers": len(phase.integer),
             "blocks of intervals": len(phase.blocks),
             "linear controls": phase.has_knots,
-            "delays or other features": len(phase.features),
+            "delays or other features": len(effective(phase)),
             "several members": phase.risk is not None,
             # Only the first phase begins at the start of the horizon.
             "initial cost": number > 0 and not phase.initial_cost.is_zero(),

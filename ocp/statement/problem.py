@@ -83,7 +83,7 @@ from swarmstart.ocp.statement.decisions import (
     free_starts,
     integer_numbers,
 )
-from swarmstart.ocp.statement.feature import Feature, features_given
+from swarmstart.ocp.statement.feature import Feature, effective, features_given
 from swarmstart.ocp.statement.risk import Epigraph, Risk
 from swarmstart.ocp.system.constraints import (
     Bounds,
@@ -804,8 +804,8 @@ def require_held(problems: Iterable[OptimalControlProblem]) -> None:
                 "a team and a dual mode use controls that are held: control_shape must "
                 f"be constant, got {problem.control_shape!r}"
             )
-        if problem.features:
+        if found := effective(problem):
             raise InvalidProblemError(
                 "a team and a dual mode take no delays and no other features: features "
-                f"must be empty, got {shortened(list(problem.features))}"
+                f"must be empty, got {shortened(found)}"
             )

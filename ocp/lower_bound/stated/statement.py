@@ -19,6 +19,7 @@ from swarmstart.errors import SwarmstartError
 from swarmstart.ocp.rollout.fitness import Known, core_known
 from swarmstart.ocp.rollout.scaling import Sizes, Sizing
 from swarmstart.ocp.statement.decisions import Free
+from swarmstart.ocp.statement.feature import effective
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 from swarmstart.ocp.statement.rewrites.chain import Lowered, lowered
 from swarmstart.ocp.statement.rewrites.counted_from import from_zero
@@ -162,7 +163,7 @@ def _reason_for_none(problem: OptimalControlProblem) -> str:
     lacks = {
         "the model jumps at the end of an interval": model.jumps,
         "a control is delayed, or the problem has another feature": bool(
-            problem.features
+            effective(problem)
         ),
         "the model has algebraic equations": model.algebraic is not None,
         "the model or the problem has signals": bool(problem.ns),

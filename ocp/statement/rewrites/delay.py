@@ -70,7 +70,7 @@ class TransportDelay(Rewrite):
     key = "delay_s"
     meaning = (
         "Delay with which the control reaches the model's equations, a whole number of "
-        "intervals [s]; null means none."
+        "intervals [s]; null and 0 mean none."
     )
 
     seconds: Mapping[str, float]

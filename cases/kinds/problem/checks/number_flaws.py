@@ -24,11 +24,13 @@ from swarmstart.cases.kinds.problem.stated.symbols import (
     is_decided,
     limits,
     moving_limits,
+    number,
 )
 from swarmstart.cases.kinds.problem.stated.values import Decided, Tied
 from swarmstart.errors import SwarmstartError
 from swarmstart.ocp import INTEGRATORS, Free, OptimalControlProblem, held_step
 from swarmstart.ocp.integration import PARTS
+from swarmstart.ocp.statement import FEATURES
 
 Limits = tuple[float, float]
 
@@ -148,6 +150,7 @@ def combination_flaws(
 ) -> Iterator[LocatedFlaw]:
     """Yield errors of parts that priority planning or a dual mode cannot have."""
     model, vehicles = problem.model, scenario.vehicles
+    one_by_one = vehicles is not None and vehicles.planning == "priority"
     decides = {
         "an end time that is decided": isinstance(problem.horizon, Free),
         "decided parameters": bool(problem.decided),
@@ -163,7 +166,8 @@ def combination_flaws(
         "states with next": model.jumps,
         "controls of whole numbers": bool(problem.integer),
     }
-    if vehicles is not None and vehicles.planning == "priority":
+    if one_by_one:
+        yield from feature_flaws(scenario, "planning: priority, unlike joint,")
         found = [what for what, is_there in decides.items() if is_there]
         if found:
             yield (
@@ -171,6 +175,7 @@ def combination_flaws(
                 f"expected planning: joint with {', '.join(found)}; found priority",
             )
     if scenario.dual_mode is not None:
+        yield from feature_flaws(scenario, "dual_mode")
         found = [what for what, is_there in (decides | varies).items() if is_there]
         if found:
             yield (
@@ -178,6 +183,23 @@ def combination_flaws(
                 f"expected a problem without {', '.join(found)}: the linear law and "
                 "its set are for a system that does not change in time",
             )
+
+
+def feature_flaws(scenario: ProblemScenario, what: str) -> Iterator[LocatedFlaw]:
+    """Yield errors of features of controls, such as `delay_s`, beside what takes none.
+
+    A feature of the number 0, such as no delay, changes nothing.
+    """
+    members = members_of(scenario, shared_of(scenario))
+    for name, control in scenario.controls.items():
+        for key in FEATURES:
+            text = getattr(control, key)
+            found = {number(text, m.constants) for m in members} if text else {0.0}
+            if found != {0.0}:
+                yield (
+                    ("controls", name, key),
+                    f"{what} takes no {key}: expected null or 0, found {text}",
+                )
 
 
 def start_flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:

@@ -14,7 +14,10 @@ from swarmstart.cases.kinds.problem.checks.attempts import (
     tried,
     unknown,
 )
-from swarmstart.cases.kinds.problem.checks.number_flaws import operation_flaws
+from swarmstart.cases.kinds.problem.checks.number_flaws import (
+    feature_flaws,
+    operation_flaws,
+)
 from swarmstart.cases.kinds.problem.measuring.measures import measure_flaws
 from swarmstart.cases.kinds.problem.stated.members import members_of, shared_of
 from swarmstart.cases.kinds.problem.stated.model import COSTS
@@ -42,6 +45,7 @@ def phases_flaws(
     every: tuple[Stage, ...] = (
         _of_parts,
         *(partial(_in_phases, stage=stage) for stage in stages),
+        partial(_in_phases, stage=partial(feature_flaws, what="a phase")),
         _of_linkages,
         _in_time,
         measure_flaws,

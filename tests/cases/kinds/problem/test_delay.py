@@ -82,6 +82,38 @@ def test_impossible_delays_are_refused_at_their_key(
     assert told.startswith("stated.yaml:4:")
 
 
+VEHICLES = "vehicles: {planning: priority, members: [{name: a}, {name: b}]}\n"
+DUAL_MODE = "dual_mode: {at: {x: 0, v: 0}, Q: {x: 1, v: 1}, R: {u: 1}}\n"
+PHASES = "phases: [{horizon_s: 1, intervals: 5}, {horizon_s: 1, intervals: 5}]\n"
+WITHOUT_DELAYS = {
+    "planning: priority, unlike joint,": CART + LOOP + VEHICLES,
+    "dual_mode": CART + LOOP + DUAL_MODE,
+    "a phase": CART.replace("{horizon_s: 2, intervals: 10}", "{}") + PHASES,
+}
+
+
+@pytest.mark.parametrize(("what", "text"), WITHOUT_DELAYS.items())
+def test_delay_is_refused_at_its_key_by_parts_that_take_none(
+    what: str, text: str
+) -> None:
+    with pytest.raises(InvalidScenarioError) as caught:
+        pose(scenario_of(text))
+    place = f"4:{CART.splitlines()[3].index('2*lag') + 1}"
+    assert str(caught.value) == (
+        f"stated.yaml:{place}: {what} takes no delay_s: expected null or 0, found 2*lag"
+    )
+    none = pose(scenario_of(text.replace("delay_s: 2*lag, ", "")))
+    zero = pose(scenario_of(text.replace("2*lag", "0*lag")))
+    assert len(zero.agents) == len(none.agents)
+
+
+def test_delay_of_one_vehicle_is_refused_with_priority() -> None:
+    late = (CART + LOOP + VEHICLES).replace("lag: 0.2", "lag: 0")
+    late = late.replace("{name: b}", "{name: b, constants: {lag: 0.2}}")
+    with pytest.raises(InvalidScenarioError, match="takes no delay_s"):
+        pose(scenario_of(late))
+
+
 def test_linear_controls_are_refused_with_a_delay() -> None:
     text = CART.replace("intervals: 10", "intervals: 10, control_shape: linear")
     with pytest.raises(InvalidScenarioError, match="control_shape must be constant"):

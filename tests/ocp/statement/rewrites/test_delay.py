@@ -265,6 +265,13 @@ def test_no_delay_changes_nothing() -> None:
     assert found.cost == solve(cart(0.0, features=()), [1.0, 0.0], seed=0).cost
 
 
+def test_no_delay_is_accepted_where_delays_are_refused() -> None:
+    stated = cart(0.0)
+    assert Team([Agent(controller=controller(stated))]).dt == DT
+    assert phases([stated, stated]).problem.features == ()
+    assert "delayed" not in lower_bound(stated, [1.0, 0.0], seconds=1.0).reason
+
+
 def test_core_is_not_delayed_again() -> None:
     core = lowered(cart(2 * DT)).core
     assert core.features == ()
