@@ -191,21 +191,39 @@ class TransportDelay(Rewrite):
                 "a delay is a whole number of intervals, which needs their length: "
                 "the horizon must be a number, got a free end time"
             )
-        dt, counts = problem.dt, []
-        for j, name in enumerate(names):
-            exact = self.seconds.get(name, 0.0) / dt
-            count = round(exact)
-            if abs(exact - count) > _ROUNDING * max(exact, 1.0):
-                below = int(np.floor(exact))
-                raise InvalidProblemError(
-                    f"delay of {name!r} must be a whole number of intervals of {dt:g} "
-                    f"s, got {self.seconds[name]:g} s: the nearest are {below * dt:g} "
-                    f"and {(below + 1) * dt:g} s"
-                )
-            if count >= problem.intervals:
-                raise InvalidProblemError(
-                    f"delay of {name!r} must be shorter than the horizon of "
-                    f"{problem.length:g} s, got {self.seconds[name]:g} s"
-                )
-            counts.append((j, count))
-        return counts
+        return [
+            (j, _whole_intervals(name, self.seconds.get(name, 0.0), problem))
+            for j, name in enumerate(names)
+        ]
+
+
+def _whole_intervals(name: str, delay: float, problem: OptimalControlProblem) -> int:
+    """Return the number of intervals of the delay of a control [s].
+
+    Raises:
+        InvalidProblemError: If it is not whole, or not below the problem's.
+    """
+    dt, most = problem.dt, problem.intervals - 1
+    exact = min(delay / dt, float(problem.intervals))  # The quotient may overflow.
+    count = round(exact)
+    is_whole = abs(exact - count) <= _ROUNDING * max(exact, 1.0)
+    if is_whole and count <= most:
+        return count
+    if is_whole:
+        raise InvalidProblemError(
+            f"delay of {name!r} must be shorter than the horizon of "
+            f"{_seconds(problem.length)}, got {_seconds(delay)}: the longest is "
+            f"{_seconds(most * dt)}"
+        )
+    below = int(np.floor(exact))
+    nearest = [_seconds(i * dt) for i in (below, below + 1) if i <= most]
+    raise InvalidProblemError(
+        f"delay of {name!r} must be a whole number of intervals of {_seconds(dt)}, got "
+        f"{_seconds(delay)}: the nearest {'are' if nearest[1:] else 'is'} "
+        f"{' and '.join(nearest)}"
+    )
+
+
+def _seconds(value: float) -> str:
+    # Enough digits to tell a delay from whole intervals, and to be accepted as one.
+    return f"{value:.12g} s"

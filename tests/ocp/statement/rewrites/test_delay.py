@@ -4,6 +4,7 @@ Values, paths and optima with each other feature are compared with Opti and SciP
 tests/ocp/test_feature_pairs.py, one by one in tests/ocp/test_feature_table.py.
 """
 
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -291,8 +292,16 @@ def test_guess_of_the_states_has_the_line_that_its_controls_give() -> None:
 @pytest.mark.parametrize(
     ("delay", "words"),
     [
-        (0.5, "whole number of intervals of 0.2 s, got 0.5 s: the nearest are 0.4 and"),
-        (2.0, "must be shorter than the horizon of 2 s, got 2 s"),
+        (
+            0.5,
+            "number of intervals of 0.2 s, got 0.5 s: the nearest are 0.4 s and 0.6 s$",
+        ),
+        (0.40000001, "got 0.40000001 s: the nearest are 0.4 s and 0.6 s$"),
+        (0.39999999, "got 0.39999999 s: the nearest are 0.2 s and 0.4 s$"),
+        (1.9999, "got 1.9999 s: the nearest is 1.8 s$"),
+        (2.0, "than the horizon of 2 s, got 2 s: the longest is 1.8 s$"),
+        (1e308, r"than the horizon of 2 s, got 1e\+308 s: the longest is 1.8 s$"),
+        (2.3, "than the horizon of 2 s, got 2.3 s: the longest is 1.8 s$"),
         (-0.2, "must be finite and at least 0 s, got -0.2"),
         (np.nan, "must be finite and at least 0 s, got nan"),
         (np.inf, "must be finite and at least 0 s, got inf"),
@@ -302,6 +311,15 @@ def test_guess_of_the_states_has_the_line_that_its_controls_give() -> None:
 def test_delays_that_are_impossible_are_refused(delay: Any, words: str) -> None:
     with pytest.raises(InvalidProblemError, match=words):
         cart(delay)
+
+
+def test_nearest_delays_that_a_message_names_are_accepted() -> None:
+    with pytest.raises(InvalidProblemError, match="the nearest are") as caught:
+        cart(0.0, horizon=10 / 3, features=[TransportDelay({"u": 0.9})])
+    lower, upper = re.findall(r"([\d.]+) s", str(caught.value))[-2:]
+    for named, count in ((lower, 2), (upper, 3)):
+        late = cart(0.0, horizon=10 / 3, features=[TransportDelay({"u": float(named)})])
+        assert lowered(late).core.model.nx == 2 + count
 
 
 def test_features_that_do_not_go_together_are_refused() -> None:
