@@ -72,6 +72,8 @@ _EXPECTED = {  # pydantic's type of an error -> what was expected, with its cont
     "int_type": "an integer",
     "int_from_float": "an integer",
     "float_type": "a number, or an expression such as pi/18",
+    "expression_type": "a number, or an expression such as 2*x",
+    "measure_type": "an expression such as max(x)",
     "finite_number": "a finite number",
     "bool_type": "true or false",
     "string_type": "text: put it in quotes",

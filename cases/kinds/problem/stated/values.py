@@ -24,6 +24,7 @@ from pydantic import (
     WithJsonSchema,
     model_validator,
 )
+from pydantic_core import PydanticCustomError, PydanticKnownError
 
 from swarmstart.cases.format.document import (
     UnreadableFileError,
@@ -47,33 +48,45 @@ _Numbers = list[Number]
 
 def _text(value: object) -> object:
     """Return an expression in constants as text; numbers are converted, too."""
-    value = _written(value)
-    if isinstance(value, str):
-        parse(value)
+    value = _written(value, "float_type")
+    parse(value)
     return value
 
 
 def _text_with_tables(value: object) -> object:
     """Return an expression as text; the tables are not known yet."""
-    value = _written(value)
-    if isinstance(value, str):
-        parse(value, functions=None)
-    return value
-
-
-def _written(value: object) -> object:
-    """Return a number as text, anything else as it is."""
-    # true and false are integers of Python, but no numbers of a scenario.
-    if isinstance(value, int | float) and not isinstance(value, bool):
-        return repr(value) if abs(value) <= LARGEST else value
+    value = _written(value, "expression_type")
+    parse(value, functions=None)
     return value
 
 
 def _text_of_paths(value: object) -> object:
-    """Return the expression of a measure as text."""
-    if isinstance(value, str):
-        parse(value, of_paths=True, functions=None)
+    """Return the expression of a measure, checked."""
+    if not isinstance(value, str):
+        raise _unexpected("measure_type")
+    parse(value, of_paths=True, functions=None)
     return value
+
+
+def _written(value: object, expected: str) -> str:
+    """Return an expression, or a number as text; for others raise what was expected."""
+    if isinstance(value, str):
+        return value
+    # true and false are integers of Python, but no numbers of a scenario.
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise _unexpected(expected)
+    if value > LARGEST:
+        raise PydanticKnownError("less_than_equal", {"le": LARGEST})
+    if value < -LARGEST:
+        raise PydanticKnownError("greater_than_equal", {"ge": -LARGEST})
+    if math.isnan(value):
+        raise PydanticKnownError("finite_number")
+    return repr(value)
+
+
+def _unexpected(expected: str) -> PydanticCustomError:
+    # A type of error whose words are in format/flaws.py.
+    return PydanticCustomError(expected, "Input should be other")
 
 
 def _schema(what: str) -> WithJsonSchema:

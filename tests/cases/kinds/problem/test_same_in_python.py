@@ -170,7 +170,7 @@ search: {name: none}
         ("start: 1", "start: {same_as: v}", "2:31", "found 'v'"),
         ("start: 1", "start: {same_as: w}", "2:31", "found 'w'"),
         ("start: 1", "start: {same_as: x}", "2:31", "found 'x'"),
-        ("start: 1", "start: {same_sa: v}", "2:21", "to be text"),
+        ("start: 1", "start: {same_sa: v}", "2:21", "to be a number, or"),
     ],
 )
 def test_what_is_wrong_with_them_is_said_where_it_stands(

@@ -59,6 +59,34 @@ def test_what_is_no_finite_number_or_expression_is_refused(value: str) -> None:
         stated(f"{LINE}constants: {{a: {value}}}")
 
 
+NUMBER = "a number, or an expression such as pi/18"
+EXPRESSION = "a number, or an expression such as 2*x"
+
+
+@pytest.mark.parametrize(
+    ("part", "other", "key", "what", "found"),
+    [
+        ("start: 0", "start: [1]", "states.x.start", NUMBER, "[1]"),
+        ("start: 0", "start: {a: 1}", "states.x.start", NUMBER, '{"a": 1}'),
+        ("2]}", "2], delay_s: [0.4]}", "controls.u.delay_s", NUMBER, "[0.4]"),
+        ("2]}", "2], scale: true}", "controls.u.scale", NUMBER, "true"),
+        ("2]}", "2], previous: 2e30}", "controls.u.previous", "at most 1e+30", "2e+30"),
+        ("[-2, 2]", "[-2, -2e30]", "controls.u.bounds.1", "at least -1e+30", "-2e+30"),
+        ("rate: u", "rate: [u]", "states.x.rate", EXPRESSION, '["u"]'),
+        ("[-2, 2]", "[true, 2]", "controls.u.bounds.0", EXPRESSION, "true"),
+        ("kind:", "measures: {a: 3}\nkind:", "measures.a",
+         "an expression such as max(x)", "3"),
+        ("rate: u", "rate: u, unit: 5", "states.x.unit", "text: put it in quotes", "5"),
+    ],
+)  # fmt: skip
+def test_what_a_key_takes_is_said(
+    part: str, other: str, key: str, what: str, found: str
+) -> None:
+    with pytest.raises(InvalidScenarioError) as caught:
+        scenario_of(LINE.replace(part, other, 1))
+    assert f": expected {key} to be {what}; found {found}" in str(caught.value)
+
+
 def test_a_record_as_guess_is_the_same_as_its_plan_as_a_table(tmp_path: Path) -> None:
     done = run(
         stated(LINE), seed=0, recording=Recording(folder=tmp_path, figures=False)
