@@ -118,8 +118,9 @@ class Known(NamedTuple):
         signals: Values of the signals at the nodes, shape (ns, nodes).
         time: Time at the start of the horizon [s].
         previous: Control of the interval before, shape (nu,), or controls of several
-            intervals before, the last one last, shape (nu, m), for a delay; None: the
-            allowed value nearest to zero.
+            intervals before, the last one last, shape (nu, k), for a delay: the first
+            one is taken for all intervals before it, and earlier ones than those on
+            their way are ignored; None: the allowed value nearest to zero.
 
     Example:
         >>> import casadi as ca

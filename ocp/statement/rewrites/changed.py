@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from swarmstart.arrays import Array
+from swarmstart.errors import brief
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.common.expressions import symbol_names
 from swarmstart.ocp.common.limits import numbers_of
@@ -159,8 +160,8 @@ def controls_before(
     Args:
         problem: The problem.
         previous: Controls of the last interval, shape (nu,), or of several, the last
-            one last, shape (nu, m); the first one is repeated if there are fewer than
-            `count`. None: the allowed value nearest to zero.
+            one last, shape (nu, k): of fewer than `count` the first one is repeated, of
+            more the earlier ones are ignored. None: the allowed value nearest to zero.
         count: Number of intervals, at least 1.
 
     Raises:
@@ -169,13 +170,17 @@ def controls_before(
     if previous is None:
         return np.repeat(zero_controls(problem)[:, :1], count, axis=1)
     given, nu = numbers_of("previous", previous), problem.model.nu
-    columns = given if given.ndim == 2 else given.reshape(-1, 1)  # noqa: PLR2004
+    columns = given.reshape(-1, 1) if given.ndim < 2 else given  # noqa: PLR2004
     if columns.shape[1] and 0 < columns.shape[0] == problem.flown_controls:
         # A plant has the controls of one member, and all members begin with them.
         columns = np.tile(columns, (nu // columns.shape[0], 1))
-    if columns.shape[0] != nu or not columns.shape[1] or not np.isfinite(columns).all():
+    fits = columns.ndim == 2 and columns.shape[0] == nu and columns.shape[1]  # noqa: PLR2004
+    if not (fits and np.isfinite(columns).all()):
+        one = problem.flown_controls or nu
         raise InvalidProblemError(
-            f"previous must be {nu} finite numbers, got {previous!r}"
+            f"previous must be finite numbers of shape ({one},), one for each control, "
+            f"or ({one}, k), those of the last k intervals, the last one last; got "
+            f"{brief(previous)}, shape {given.shape}"
         )
     missing = max(count - columns.shape[1], 0)
     first = np.repeat(columns[:, :1], missing, axis=1)

@@ -352,7 +352,35 @@ def test_others_refuse_delays() -> None:
     assert "a control is delayed" in bound.reason
 
 
-@pytest.mark.parametrize("given", [[1.0, 2.0], [[1.0], [2.0]], [np.nan], [[]]])
-def test_controls_before_have_a_row_for_each_control(given: Any) -> None:
-    with pytest.raises(InvalidProblemError, match="previous must be 1 finite numbers"):
+@pytest.mark.parametrize(
+    ("given", "shape"),
+    [
+        ([1.0, 2.0], (2,)),
+        ([[1.0], [2.0]], (2, 1)),
+        ([np.nan], (1,)),
+        ([[]], (1, 0)),
+        ([[[1.0]]], (1, 1, 1)),
+    ],
+)
+def test_controls_before_have_a_row_for_each_control(
+    given: Any, shape: tuple[int, ...]
+) -> None:
+    with pytest.raises(InvalidProblemError) as caught:
         lowered(cart(2 * DT)).start([1.0, 0.0], given)
+    assert "(1, k), those of the last k intervals, the last one" in str(caught.value)
+    assert str(caught.value).endswith(f", shape {shape}")
+
+
+@pytest.mark.parametrize(
+    ("given", "line"),
+    [
+        (0.1, [0.1, 0.1]),
+        ([0.1], [0.1, 0.1]),
+        ([[0.1]], [0.1, 0.1]),
+        ([[0.1, 0.2]], [0.2, 0.1]),
+        ([[9.0, 0.1, 0.2]], [0.2, 0.1]),
+    ],
+)
+def test_last_controls_before_are_on_their_way(given: Any, line: list[float]) -> None:
+    start = lowered(cart(2 * DT)).start([1.0, 0.0], given)
+    np.testing.assert_array_equal(start[2:], line)
