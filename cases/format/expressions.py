@@ -424,4 +424,4 @@ def _suggested(name: str, known: Collection[str]) -> str:
     if close := difflib.get_close_matches(name, known, n=1):
         return f": did you mean {close[0]!r}?"
     first = ", ".join(list(known)[:MAX_NAMES])
-    return f"; known are {first}{', ...' if len(known) > MAX_NAMES else ''}"
+    return f"; known: {first}{', ...' if len(known) > MAX_NAMES else ''}"

@@ -223,7 +223,7 @@ def carried_out(
             kept = sum(_finished(root / key) is not None for key in distinct)
             raise KeyboardInterrupt(
                 f"{kept} of {len(distinct)} runs are kept in {root}; the same command "
-                "goes on from there"
+                "again goes on from there"
             ) from None
     found = [outcomes[key] for key in keys]
     return [outcome for outcome in found if outcome is not None]

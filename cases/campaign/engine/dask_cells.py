@@ -226,7 +226,7 @@ class _Campaign:
     def _lost(self) -> str:
         return (
             f"the Dask scheduler at {self._address} has been lost; what is finished is "
-            "kept, and the same command goes on from there"
+            "kept; the same command again goes on from there"
         )
 
 

@@ -217,7 +217,7 @@ def test_failure_of_the_parser_is_an_expression_error(
     ("text", "column", "what"),
     [
         ("2 + mas_kg", 5, "unknown name 'mas_kg': did you mean 'mass_kg'?"),
-        ("2 + q", 5, "unknown name 'q'; known are mass_kg, pi, x, y"),
+        ("2 + q", 5, "unknown name 'q'; known: mass_kg, pi, x, y"),
         ("  sinn(1)", 3, "unknown function 'sinn': did you mean 'sin'?"),
         ("1 + 0x10", 5, "expected an expression, found '0x10'; allowed are"),
         ("1 + x.a", 6, "expected an expression, found '.a'; allowed are"),
