@@ -127,7 +127,7 @@ def test_what_run_refuses_is_refused_before_any_work(
     said = command("compare", file, "--quiet", "--out", out)
     assert (said.code, said.out) == (2, "")
     assert said.err == command("run", file, "--quiet", "--out", out).err
-    assert "expected planning: joint with delayed controls" in said.err
+    assert "takes no delay_s" in said.err
     assert not out.exists()
 
 

@@ -158,7 +158,6 @@ def combination_flaws(
         "periodic states": bool(problem.periodic),
         "previous controls": bool(problem.previous.numel()),
         "linear controls": problem.has_knots,
-        "delayed controls": bool(problem.features),
     }
     varies = {
         "time": bool(model.time.numel()),

@@ -118,24 +118,3 @@ def test_linear_controls_are_refused_with_a_delay() -> None:
     text = CART.replace("intervals: 10", "intervals: 10, control_shape: linear")
     with pytest.raises(InvalidScenarioError, match="control_shape must be constant"):
         pose(scenario_of(text))
-
-
-VEHICLES = "vehicles: {members: [{name: a}, {name: b}], planning: priority}\n"
-DUAL = "dual_mode: {at: {x: 0, v: 0}, Q: {}, R: {u: 1}}\n"
-
-
-@pytest.mark.parametrize(
-    ("more", "words"),
-    [
-        (VEHICLES, "10:55: expected planning: joint with delayed controls; found pr"),
-        (DUAL, "10:12: expected a problem without delayed controls"),
-    ],
-    ids=["priority", "dual mode"],
-)
-def test_delays_are_refused_where_a_controller_cannot_keep_them(
-    more: str, words: str
-) -> None:
-    text = CART + LOOP + more
-    stated(text.replace("delay_s: 2*lag, ", ""))
-    with pytest.raises(InvalidScenarioError, match=words):
-        stated(text)
