@@ -317,9 +317,14 @@ def _solved(  # noqa: PLR0913 - what solve was given, checked
         raise SolveInterrupted(partial) from None
     progress(0, 0, "verifying")
     answers = improved(planner, plan, x0, known, repair=repair, rng=rng)
-    with heeded():
-        # One step after the other, so that Ctrl-C loses the present step only.
-        solution = next(answers)
+    try:
+        with heeded():
+            # One step after the other, so that Ctrl-C loses the present step only.
+            solution = next(answers)
+    except KeyboardInterrupt:
+        # The plan is there; to verify it again takes a moment.
+        partial = verified(planner.tracer, plan, x0, known)
+        raise SolveInterrupted(partial) from None
     progress(0, 0, "improving")
     try:
         while True:

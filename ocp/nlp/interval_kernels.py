@@ -6,7 +6,7 @@ one call of machine code evaluates all intervals, side by side like the individu
 population; CasADi gives it the arguments and puts the results in their places.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 
 import casadi as ca
@@ -14,7 +14,7 @@ import numpy as np
 
 from swarmstart.arrays import Array
 from swarmstart.ocp.compiled.engine import NoCompilerError
-from swarmstart.ocp.compiled.simd import Prepared, compile_flat
+from swarmstart.ocp.compiled.simd import compile_flat
 from swarmstart.ocp.compiled.threads import aside
 from swarmstart.tape import UnknownOperationError
 
@@ -103,12 +103,36 @@ class IntervalKernel(ca.Callback):
         return 0
 
     def _new_buffers(self) -> "_Buffers":
-        prepared = self._code.prepare(self._intervals)
+        try:
+            prepared = self._code.prepare(self._intervals)
+        except NoCompilerError:  # LLVM refused it, in the background.
+            return self._interpreted()
         return _Buffers(
             # CasADi stores column by column: interval after interval.
             arguments=[one.T for one in prepared.arguments],
             outputs=[one.T for one in prepared.outputs],
             run=prepared,
+        )
+
+    def _interpreted(self) -> "_Buffers":
+        """Return memory on which CasADi evaluates the function."""
+        function, N = self._function, self._intervals
+        same = [i for i, is_own in enumerate(self._is_own) if not is_own]
+        mapped = function.map(function.name(), "serial", N, same, [])
+        buffer, run = mapped.buffer()
+        arguments = [
+            np.empty((N, function.numel_in(i)) if is_own else function.numel_in(i))
+            for i, is_own in enumerate(self._is_own)
+        ]
+        outputs = [np.empty((N, function.nnz_out(i))) for i in range(function.n_out())]
+        for i, array in enumerate(arguments):
+            if array.size:
+                buffer.set_arg(i, array.data)  # type: ignore[call-arg]
+        for i, array in enumerate(outputs):
+            if array.size:
+                buffer.set_res(i, array.data)  # type: ignore[call-arg]
+        return _Buffers(
+            arguments=arguments, outputs=outputs, run=run, keeps_alive=(mapped, buffer)
         )
 
 
@@ -121,12 +145,14 @@ class _Buffers:
         outputs: Outputs, (N, nonzeros).
         run: Evaluates the arguments into the outputs.
         memory: CasADi's arguments that the outputs belong to.
+        keeps_alive: Owner of what `run` calls, if it does not own it.
     """
 
     arguments: list[Array]
     outputs: list[Array]
-    run: Prepared
+    run: Callable[[], None]
     memory: list[bytes] = field(default_factory=list)
+    keeps_alive: object = None
 
 
 def _copy(memory: memoryview) -> bytes:

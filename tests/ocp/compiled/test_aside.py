@@ -23,9 +23,9 @@ def translators(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[str]:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     names: list[str] = []
 
-    def told(ir: str) -> bytes:
+    def told(ir: str, *, quickly: bool) -> bytes:
         names.append(threading.current_thread().name)
-        return translate(ir)
+        return translate(ir, quickly=quickly)
 
     monkeypatch.setattr(simd, "translate", told)
     return names
@@ -60,7 +60,7 @@ def test_code_made_aside_is_kept(translators: list[str]) -> None:
 def test_what_llvm_refuses_is_told_when_it_is_used(
     monkeypatch: pytest.MonkeyPatch, translators: list[str]
 ) -> None:
-    def refused(ir: str) -> bytes:
+    def refused(ir: str, *, quickly: bool) -> bytes:
         raise NoCompilerError("refused")
 
     monkeypatch.setattr(simd, "translate", refused)
@@ -90,9 +90,9 @@ def test_lanes_are_translated_while_the_cold_starts_are_polished(
 def test_lanes_that_llvm_refuses_leave_the_other_starts(
     monkeypatch: pytest.MonkeyPatch, translators: list[str]
 ) -> None:
-    def refused(ir: str) -> bytes:
+    def refused(ir: str, *, quickly: bool) -> bytes:
         if threading.current_thread() is threading.main_thread():
-            return translate(ir)
+            return translate(ir, quickly=quickly)
         raise NoCompilerError("refused")
 
     monkeypatch.setattr(simd, "translate", refused)

@@ -28,9 +28,9 @@ def translated(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """The modules translated, that is not loaded from the cache."""
     modules: list[str] = []
 
-    def spied(ir: str) -> bytes:
+    def spied(ir: str, *, quickly: bool) -> bytes:
         modules.append(ir)
-        return translate(ir)
+        return translate(ir, quickly=quickly)
 
     monkeypatch.setattr(simd, "translate", spied)
     return modules

@@ -8,6 +8,8 @@ import pytest
 
 from swarmstart.arrays import Array
 from swarmstart.ocp import IpoptOptions, NlpOptions, OptimalControlProblem, Planner
+from swarmstart.ocp.compiled import simd
+from swarmstart.ocp.compiled.engine import NoCompilerError
 from swarmstart.ocp.compiled.simd import Prepared
 from swarmstart.ocp.nlp import interval_kernels, transcription
 from swarmstart.ocp.nlp.interval_kernels import IntervalKernel, over_intervals
@@ -116,6 +118,23 @@ def test_functions_that_are_too_long_are_left_to_casadi(
         assert not isinstance(one, IntervalKernel)
         np.testing.assert_array_equal(np.array(one(*columns(3))), np.array(theirs))
         assert one.n_instructions() < oracle_length()
+
+
+def test_functions_that_llvm_refuses_in_the_background_are_interpreted(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def refused(ir: str, *, quickly: bool) -> bytes:
+        raise NoCompilerError(f"refused {len(ir)} {quickly}")
+
+    monkeypatch.setattr(simd, "load_code", lambda _: None)
+    monkeypatch.setattr(simd, "translate", refused)
+    kernel = IntervalKernel(stage(), N, {1})
+    oracle = stage().map("stage", "serial", N, [1], [])
+    for seed in (1, 2, 1):
+        found, expected = (f(*columns(seed)) for f in (kernel, oracle))
+        for mine, theirs in zip(found, expected, strict=True):
+            assert mine.sparsity() == theirs.sparsity()
+            np.testing.assert_array_equal(np.array(mine), np.array(theirs))
 
 
 def oracle_length() -> int:
