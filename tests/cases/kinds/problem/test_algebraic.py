@@ -114,7 +114,7 @@ def test_each_vehicle_has_variables_of_its_own() -> None:
          "{current: {equation: current - v, start: current}}", "5:53", "no algebraic"),
         ("{current: 2*current + load*current - v}",
          "{current: {eqation: current - v}}", "5:23", "did you mean 'equation'?"),
-        ("{current: 2*current + load*current - v}", "{current: }", "5:22", "expression"),
+        ("{current: 2*current + load*current - v}", "{current: }", "5:22", "number"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_said_where_it_stands(
