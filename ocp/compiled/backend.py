@@ -74,13 +74,20 @@ class BackendWarning(UserWarning):
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class _Buffers:
-    """A mapped function and the memory it reads and writes, for one population size."""
+class MappedBuffers:
+    """A function that CasADi maps, and the memory that it reads and writes.
+
+    Attributes:
+        run: Evaluates the arguments into the results.
+        arguments: Arguments, (size, entries), or (entries,) if all share them.
+        results: Nonzeros of the outputs, (size, nonzeros).
+        keeps_alive: What `run` calls, which it does not own.
+    """
 
     run: Callable[[], None]
     arguments: list[Array]
     results: list[Array]
-    keeps_alive: object  # `run` does not own what it calls.
+    keeps_alive: object
 
 
 class CasadiMap:
@@ -103,7 +110,7 @@ class CasadiMap:
                 per individual.
         """
         self._function = function
-        self._buffers: dict[int, _Buffers] = {}
+        self._buffers: dict[int, MappedBuffers] = {}
 
     def bind(self, shared: tuple[Array, ...]) -> "BoundMap":
         """Return a function that computes the outputs of a population.
@@ -120,7 +127,9 @@ class CasadiMap:
             return np.empty((sum(self._function.numel_out(i) for i in outputs), 0))
         buffers = self._buffers.get(size)
         if buffers is None:
-            buffers = self._buffers[size] = _allocate(self._function, size)
+            others = range(1, self._function.n_in())
+            buffers = mapped_buffers(self._function, size, others)
+            self._buffers[size] = buffers
         np.copyto(buffers.arguments[0], population.T)
         for buffer, values in zip(buffers.arguments[1:], shared, strict=True):
             buffer[...] = values
@@ -144,21 +153,31 @@ class BoundMap:
         """Return None: CasADi's map is called from Python only."""
 
 
-def _allocate(function: ca.Function, size: int) -> _Buffers:
-    """Return the function mapped over `size` individuals, bound to fresh memory."""
-    shared = list(range(1, function.n_in()))
-    mapped = function.map(f"{function.name()}_{size}", "serial", size, shared, [])
+def mapped_buffers(
+    function: ca.Function, size: int, shared: Sequence[int]
+) -> MappedBuffers:
+    """Return a function mapped over individuals, bound to fresh memory.
+
+    Args:
+        function: The function, with dense arguments.
+        size: Number of individuals, at least 1.
+        shared: Numbers of the arguments that all individuals share.
+    """
+    mapped = function.map(f"{function.name()}_{size}", "serial", size, [*shared], [])
     buffer, run = mapped.buffer()
     # CasADi stores column by column: (rows, size) there is (size, rows) here.
-    arguments: list[Array] = [np.empty((size, function.numel_in(0)))]
-    arguments += [np.empty(function.numel_in(i)) for i in shared]
-    results = [np.empty((size, function.numel_out(i))) for i in range(function.n_out())]
+    arguments = [
+        np.empty(function.numel_in(i) if i in shared else (size, function.numel_in(i)))
+        for i in range(function.n_in())
+    ]
+    results = [np.empty((size, function.nnz_out(i))) for i in range(function.n_out())]
     for i, array in enumerate(arguments):
         if array.size:
             buffer.set_arg(i, array.data)  # type: ignore[call-arg]
     for i, array in enumerate(results):
-        buffer.set_res(i, array.data)  # type: ignore[call-arg]
-    return _Buffers(
+        if array.size:
+            buffer.set_res(i, array.data)  # type: ignore[call-arg]
+    return MappedBuffers(
         run=run, arguments=arguments, results=results, keeps_alive=(mapped, buffer)
     )
 

@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 
 from swarmstart.arrays import Array
+from swarmstart.ocp.compiled.backend import mapped_buffers
 from swarmstart.ocp.compiled.engine import NoCompilerError
 from swarmstart.ocp.compiled.simd import compile_flat
 from swarmstart.ocp.compiled.threads import aside
@@ -90,12 +91,12 @@ class IntervalKernel(ca.Callback):
         except IndexError:
             buffers = self._new_buffers()
         # IPOPT asks for cost and rows, or for their slopes, one after the other.
-        is_known = buffers.memory == (memory := [_copy(one) for one in given])
-        if not is_known:
-            for argument, values in zip(buffers.arguments, memory, strict=True):
+        asked = [_copy(one) for one in given]
+        if buffers.given != asked:
+            for argument, values in zip(buffers.arguments, asked, strict=True):
                 argument[...] = np.frombuffer(values).reshape(argument.shape)
             buffers.run()
-            buffers.memory = memory
+            buffers.given = asked
         for output, place in zip(buffers.outputs, found, strict=True):
             if place is not None and output.size:
                 np.frombuffer(place).reshape(output.shape)[...] = output
@@ -106,52 +107,35 @@ class IntervalKernel(ca.Callback):
         try:
             prepared = self._code.prepare(self._intervals)
         except NoCompilerError:  # LLVM refused it, in the background.
-            return self._interpreted()
+            shared = [i for i, is_own in enumerate(self._is_own) if not is_own]
+            mapped = mapped_buffers(self._function, self._intervals, shared)
+            return _Buffers(
+                mapped.arguments, mapped.results, mapped.run, keeps_alive=mapped
+            )
         return _Buffers(
             # CasADi stores column by column: interval after interval.
-            arguments=[one.T for one in prepared.arguments],
-            outputs=[one.T for one in prepared.outputs],
-            run=prepared,
-        )
-
-    def _interpreted(self) -> "_Buffers":
-        """Return memory on which CasADi evaluates the function."""
-        function, N = self._function, self._intervals
-        same = [i for i, is_own in enumerate(self._is_own) if not is_own]
-        mapped = function.map(function.name(), "serial", N, same, [])
-        buffer, run = mapped.buffer()
-        arguments = [
-            np.empty((N, function.numel_in(i)) if is_own else function.numel_in(i))
-            for i, is_own in enumerate(self._is_own)
-        ]
-        outputs = [np.empty((N, function.nnz_out(i))) for i in range(function.n_out())]
-        for i, array in enumerate(arguments):
-            if array.size:
-                buffer.set_arg(i, array.data)  # type: ignore[call-arg]
-        for i, array in enumerate(outputs):
-            if array.size:
-                buffer.set_res(i, array.data)  # type: ignore[call-arg]
-        return _Buffers(
-            arguments=arguments, outputs=outputs, run=run, keeps_alive=(mapped, buffer)
+            [one.T for one in prepared.arguments],
+            [one.T for one in prepared.outputs],
+            prepared,
         )
 
 
-@dataclass(kw_only=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class _Buffers:
-    """The memory of the machine code, as CasADi orders it.
+    """Memory, as CasADi orders it, and the code that reads and writes it.
 
     Attributes:
         arguments: Arguments, (N, entries), or (entries,) if they are the same for all.
         outputs: Outputs, (N, nonzeros).
         run: Evaluates the arguments into the outputs.
-        memory: CasADi's arguments that the outputs belong to.
-        keeps_alive: Owner of what `run` calls, if it does not own it.
+        given: CasADi's arguments that the outputs belong to.
+        keeps_alive: What `run` calls, if it does not own it.
     """
 
     arguments: list[Array]
     outputs: list[Array]
     run: Callable[[], None]
-    memory: list[bytes] = field(default_factory=list)
+    given: list[bytes] = field(default_factory=list)
     keeps_alive: object = None
 
 
