@@ -25,6 +25,7 @@ _MOST = 4
 class _Settings(NamedTuple):
     search: tuple[object, ...]
     polish: PolishOptions | None
+    said: str
     backend: str | None
     of_the_environment: str | None
     lanes: int
@@ -64,7 +65,10 @@ def kept_planner(
         if search
         else ()
     )
-    wanted = _Settings(searched, polish, backend, os.environ.get(VARIABLE), lanes)
+    # Options are a mapping, which may be changed after a call: its text is not.
+    wanted = _Settings(
+        searched, polish, repr(polish), backend, os.environ.get(VARIABLE), lanes
+    )
     kept: list[_Kept] = problem.kept.setdefault("planners", [])
     planner = _taken(kept, wanted)
     if planner is None:

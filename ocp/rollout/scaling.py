@@ -127,7 +127,7 @@ class Sizing:
         if self._first_controls().all():
             guess = None  # Bounds or given sizes suffice.
         given = (x0, parameters, signals, guess, along)
-        asked = [None if v is None else np.asarray(v).tobytes() for v in given]
+        asked = [v if v is None else np.asarray(v, np.float64).tobytes() for v in given]
         # All polishes from one initial state ask for the same.
         if self._last is None or self._last[0] != asked:
             with np.errstate(over="ignore", invalid="ignore"):  # They give no size.

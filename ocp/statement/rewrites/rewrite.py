@@ -2,8 +2,8 @@
 
 A rewrite removes one feature of a problem. It may append states to the model, replace
 expressions, and count states from other numbers; it leaves the states that are there in
-their places. `chain.py`
-composes all rewrites; what comes after knows the last problem only, the core.
+their places. `chain.py` composes all rewrites; what comes after knows the last problem
+only, the core.
 
     accepts   does a problem have the feature?
     apply     problem -> problem without it

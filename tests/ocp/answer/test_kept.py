@@ -15,6 +15,7 @@ from swarmstart.ocp import (
     IpoptOptions,
     Model,
     OptimalControlProblem,
+    PolishStatus,
 )
 from swarmstart.ocp.answer import kept
 from swarmstart.ocp.answer.kept import kept_planner
@@ -82,6 +83,17 @@ def test_other_settings_have_a_planner_of_their_own(swing_up: Swing) -> None:
     assert lent(problem) is one
     assert lent(problem, lanes=2) is not one
     assert lent(problem) is one
+
+
+def test_options_that_were_changed_in_place_count(swing_up: Swing) -> None:
+    problem, options = swing_up(20, 4), {"max_iter": 1}
+    polish = IpoptOptions(options=options)
+    found = []
+    for most in (1, 200):
+        options["max_iter"] = most
+        answer = solve(problem, [0, 0], search=None, lanes=0, polish=polish, seed=0)
+        found.append(answer.plan.polish_status)
+    assert found == [PolishStatus.ITERATION_LIMIT, PolishStatus.CONVERGED]
 
 
 def test_a_planner_in_use_is_lent_to_nobody_else(swing_up: Swing) -> None:
