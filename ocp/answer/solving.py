@@ -32,7 +32,7 @@ from swarmstart.heuristics.running import heeded
 from swarmstart.machine_code import stopwatch
 from swarmstart.ocp.answer.improving import improved
 from swarmstart.ocp.answer.kept import kept_planner
-from swarmstart.ocp.answer.plan import PlanningInterrupted
+from swarmstart.ocp.answer.plan import Plan, PlanningInterrupted
 from swarmstart.ocp.answer.planner import Planner
 from swarmstart.ocp.answer.solution import Solution, verified
 from swarmstart.ocp.common.errors import InvalidProblemError, refused
@@ -307,14 +307,17 @@ def _solved(  # noqa: PLR0913 - what solve was given, checked
     progress: ProgressCallback,
 ) -> Solution:
     """Plan, verify, and improve the answer."""
+
+    def stopped_at(plan: Plan) -> SolveInterrupted:
+        return SolveInterrupted(verified(planner.tracer, plan, x0, known))
+
     try:
         with heeded():
             plan = planner.plan(
                 x0, known=known, guess=guess, rng=rng, progress=progress
             )
     except PlanningInterrupted as stopped:
-        partial = verified(planner.tracer, stopped.partial, x0, known)
-        raise SolveInterrupted(partial) from None
+        raise stopped_at(stopped.partial) from None
     progress(0, 0, "verifying")
     answers = improved(planner, plan, x0, known, repair=repair, rng=rng)
     try:
@@ -323,8 +326,7 @@ def _solved(  # noqa: PLR0913 - what solve was given, checked
             solution = next(answers)
     except KeyboardInterrupt:
         # The plan is there; to verify it again takes a moment.
-        partial = verified(planner.tracer, plan, x0, known)
-        raise SolveInterrupted(partial) from None
+        raise stopped_at(plan) from None
     progress(0, 0, "improving")
     try:
         while True:

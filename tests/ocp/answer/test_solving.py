@@ -1,6 +1,6 @@
 """The one-call solution, on problems with known answers."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import casadi as ca
 import numpy as np
@@ -21,6 +21,8 @@ from swarmstart.ocp import (
     Start,
     solve,
 )
+from swarmstart.ocp.answer import solving
+from swarmstart.ocp.answer.solving import SolveInterrupted
 
 Posed = tuple[OptimalControlProblem, Array, Known]
 
@@ -191,3 +193,19 @@ def test_a_guess_of_states_leads_the_polish_where_controls_do_not() -> None:
         assert answer.status.is_confirmed
         ends.append(float(answer.states[0, -1]))
     assert ends == pytest.approx([np.pi, -np.pi], abs=1e-3)
+
+
+def test_ctrl_c_while_an_answer_is_verified_keeps_it(
+    swing_up: Callable[..., OptimalControlProblem], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = solve(swing_up(20, 4), [0, 0], search=None, lanes=0, seed=0)
+
+    def interrupted(*_: object, **__: object) -> Iterator[None]:
+        raise KeyboardInterrupt
+        yield
+
+    monkeypatch.setattr(solving, "improved", interrupted)
+    with pytest.raises(SolveInterrupted) as stopped:
+        solve(swing_up(20, 4), [0, 0], search=None, lanes=0, seed=0)
+    assert stopped.value.partial.cost == whole.cost
+    assert stopped.value.partial.verified_cost == whole.verified_cost
