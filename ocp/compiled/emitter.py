@@ -130,9 +130,9 @@ def _emit_roll(frame: Frame, roll: Roll) -> None:
     sums = [ir.constant(0.0)] * 2
     if roll.begin is not None:
         sums = _sums(frame, roll.begin, state, 0)
-    loop = Loop(ir, [*state, *sums, ir.unserved, *known], roll.intervals)
-    *state, cost, violation, ir.unserved = loop.carried[: nx + 3]
-    known = loop.carried[nx + 3 :]
+    loop = Loop(ir, [*state, *sums, *known], roll.intervals)
+    *state, cost, violation = loop.carried[: nx + 2]
+    known = loop.carried[nx + 2 :]
     given = {now: value for (_, now, _), value in zip(repeated, known, strict=True)}
 
     read = _stage_reader(frame, roll, loop.k, state)
@@ -142,7 +142,7 @@ def _emit_roll(frame: Frame, roll: Roll) -> None:
     after, (spent,), (broken,) = ([values[n] for n in out] for out in stage.outputs)
     cost, violation = ir.add(cost, spent), ir.add(violation, broken)
     following = [values[later] for _, _, later in repeated]
-    loop.close([*after, cost, violation, ir.unserved, *following])
+    loop.close([*after, cost, violation, *following])
 
     last = roll.intervals * roll.signals_per_interval
     end_cost, end_violation = _sums(frame, roll.end, after, last)
@@ -358,8 +358,8 @@ def stepped(
     z = [*y, *(ir.intrinsic("fabs", value) for value in y), "", ""]
     h, reached = ir.constant(ticks.first), []
     for check in range(ticks.checks):
-        # Lanes whose result is not needed count as done from the beginning.
-        z = [*z[:-2], ir.flag(frame.wanted), h]
+        # Lanes beyond the end count as done from the beginning.
+        z = [*z[:-2], ir.flag(frame.inside), h]
         z = _until_all_are_done(ir, ticks, read, z, check)
         # Not 0 after too many ticks, or if h became too small.
         done, h = ir.compare("oeq", z[-2], zero), z[-1]
@@ -381,8 +381,8 @@ def _until_all_are_done(
             argument, entry = node.arguments
             at = first + entry if argument == 3 else entry  # noqa: PLR2004 - z, u, p, s
             known[node.arguments] = read(argument, at)
-    loop = Loop(ir, [*z, ir.unserved], ticks.most)
-    *before, ir.unserved = loop.carried
+    loop = Loop(ir, z, ticks.most)
+    before = loop.carried
 
     def of_tick(argument: int, entry: int) -> str:
         return known[argument, entry] if argument else before[entry]
@@ -390,7 +390,7 @@ def _until_all_are_done(
     values = emit_tape(ir, tape, of_tick)
     after = [values[number] for number in tape.outputs[0]]
     running = ir.any(ir.compare("ogt", after[-2], ir.constant(0.0)))
-    loop.close([*after, ir.unserved], while_=running)
+    loop.close(after, while_=running)
     return after
 
 

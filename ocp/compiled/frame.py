@@ -9,9 +9,6 @@
 is an output, (rows, n). Lanes of the last block that are beyond n are masked: neither
 read nor written.
 
-If a fast body marks an individual whose arguments are out of its range (elementary.py),
-a careful body evaluates that individual once more.
-
 A block is one, two or four vectors of individuals. A processor starts two vector
 operations per cycle but has each result only some cycles later. If every operation of a
 tape waits for the one before it, as in an integrator of one equation, the processor
@@ -23,10 +20,10 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from swarmstart.ocp.compiled.engine import machine
-from swarmstart.ocp.compiled.vectors.elementary import is_unserved
 from swarmstart.ocp.compiled.vectors.vector_ir import (
     DOUBLE,
     FORMATS,
+    WEIGHTS,
     Format,
     Module,
     Precision,
@@ -154,7 +151,12 @@ _AHEAD = 16
 
 
 class Frame:
-    """One block of individuals, which a function reads and writes."""
+    """One block of individuals, which a function reads and writes.
+
+    Attributes:
+        ir: The body.
+        inside: Mask of the lanes before the end of the population.
+    """
 
     def __init__(self, ir: VectorIR, *, inputs: int, outputs: int) -> None:
         """Emit the addresses of the arguments and outputs, and the mask of the lanes.
@@ -167,22 +169,7 @@ class Frame:
         self.ir = ir
         self._inputs = self._pointers("in", inputs)
         self._outputs = self._pointers("out", outputs)
-        self._inside = self._lanes_inside()
-        self._written = self._inside
-
-    def restrict(self, lanes: str) -> None:
-        """Restrict writing to lanes whose bit is set in an integer register."""
-        wanted = self.ir.emit(f"bitcast i{self.ir.lanes} {lanes} to {self.ir.mask}")
-        self._written = self.inside(wanted)
-
-    @property
-    def wanted(self) -> str:
-        """Mask of the lanes that are written."""
-        return self._written
-
-    def inside(self, mask: str) -> str:
-        """Return a mask without the lanes beyond the end of the population."""
-        return self.ir.mask_op("and", mask, self._inside)
+        self.inside = self._lanes_inside()
 
     def _pointers(self, array: str, count: int) -> list[str]:
         pointers = []
@@ -220,7 +207,7 @@ class Frame:
         self._fetch(address)
         loaded = ir.emit(
             f"call {doubles} {function}(ptr {address}, i32 8, "
-            f"{ir.mask} {self._inside}, {doubles} zeroinitializer)"
+            f"{ir.mask} {self.inside}, {doubles} zeroinitializer)"
         )
         return converted(ir, loaded, DOUBLE, ir.form)
 
@@ -256,7 +243,7 @@ class Frame:
         address = self._row(self._outputs[output], str(row))
         ir.line(
             f"call void {function}({doubles} {value}, ptr {address}, i32 8, "
-            f"{ir.mask} {self._written})"
+            f"{ir.mask} {self.inside})"
         )
 
 
@@ -265,22 +252,9 @@ def module_of(
 ) -> str:
     """Return the module whose kernel applies a body to each block of individuals."""
     module = Module(has_scale=target.has_scale)
-    fast = VectorIR(target.lanes, target.form, module=module)
-    frame = Frame(fast, inputs=inputs, outputs=outputs)
+    ir = VectorIR(target.lanes, target.form, module=module)
+    frame = Frame(ir, inputs=inputs, outputs=outputs)
     body(frame)
-    again = ["  br label %next_block"]
-    if fast.marks:
-        unserved = frame.inside(is_unserved(fast))
-        bits = fast.emit(f"bitcast {fast.mask} {unserved} to i{fast.lanes}")
-        some = fast.emit(f"icmp ne i{fast.lanes} {bits}, 0")
-        again = [
-            f"  br i1 {some}, label %again, label %next_block, !prof !0",
-            "again:",
-            f"  call fastcc void @careful(ptr %in, ptr %out, i64 %n, i64 %start, "
-            f"i{fast.lanes} {bits})",
-            "  br label %next_block",
-        ]
-        module.functions["careful"] = _careful(body, target, module, inputs, outputs)
     width = target.register_bits
     return "\n".join(
         [
@@ -298,8 +272,8 @@ def module_of(
             "  %more = icmp ult i64 %start, %last",
             "  br i1 %more, label %block, label %end",
             "block:",
-            *fast.body.lines,
-            *again,
+            *ir.body.lines,
+            "  br label %next_block",
             "next_block:",
             f"  %following = add i64 %start, {target.lanes}",
             "  br label %blocks",
@@ -307,37 +281,12 @@ def module_of(
             "  ret void",
             "}",
             "",
-            *module.functions.values(),
+            *(function.text for function in module.functions.values()),
             *sorted(module.declarations),
             # Aligned, so that no vector on the stack lies across two cache lines.
             f'attributes #0 = {{ nounwind "stackrealign" '
             f'"prefer-vector-width"="{width}" "min-legal-vector-width"="{width}" }}',
-            '!0 = !{!"branch_weights", i32 1, i32 100000}',
-            "",
-        ]
-    )
-
-
-def _careful(
-    body: Callable[[Frame], None],
-    target: Target,
-    module: Module,
-    inputs: int,
-    outputs: int,
-) -> str:
-    """Return the function that evaluates some lanes of one block carefully."""
-    ir = VectorIR(target.lanes, target.form, module=module, careful=True)
-    frame = Frame(ir, inputs=inputs, outputs=outputs)
-    frame.restrict("%lanes")
-    body(frame)
-    return "\n".join(
-        [
-            "define internal fastcc void @careful(ptr noalias %in, ptr noalias %out, "
-            f"i64 %n, i64 %start, i{target.lanes} %lanes) noinline cold #0 {{",
-            "block:",
-            *ir.body.lines,
-            "  ret void",
-            "}",
+            WEIGHTS,
             "",
         ]
     )

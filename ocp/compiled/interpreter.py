@@ -99,27 +99,27 @@ def program_of(function: ca.Function) -> Program:
             known[to[0]] = value = function.instruction_constant(k)
             at = int(shared[-1]) + len(constants)
             constants.append(value)
-            table.append((_SHARED, to[0] + 1, at, 0))
+            table.append((_SHARED, to[0], at, 0))
             continue
         given = function.instruction_input(k)
         if code == ca.OP_OUTPUT:
             row = int(rows[to[0]]) + places_out[to[0]][to[1]]
-            table.append((_OUTPUT, row, given[0] + 1, 0))
+            table.append((_OUTPUT, row, given[0], 0))
             continue
         if code == ca.OP_INPUT:
             argument, entry = given
             at = int(shared[argument]) + places_in[argument][entry]
-            table.append((_SHARED if argument else _ROW, to[0] + 1, at, 0))
+            table.append((_SHARED if argument else _ROW, to[0], at, 0))
         else:
             number = _OF_CASADI.get(code)
             if number is None:
                 number = _power(code, known.get(given[-1]))
-            table.append((number, to[0] + 1, given[0] + 1, given[-1] + 1))
+            table.append((number, to[0], given[0], given[-1]))
         known.pop(to[0], None)  # The place has another value now.
     return Program(
         np.array(table, dtype=np.int64),
         np.array(constants),
-        function.sz_w() + 1,  # The first marks arguments out of the fast body's range.
+        function.sz_w(),
         int(rows[-1]),
     )
 
@@ -246,8 +246,6 @@ def _emit(frame: Frame) -> None:
     ir = frame.ir
     table, count, work = (_pointer(ir, number) for number in (2, 3, 4))
     total = ir.emit(f"load i64, ptr {count}, align 8")
-    # Place 0 collects the marks of arguments out of range.
-    _store(ir, work, "0", ir.constant(0.0))
     before, head, latch = ir.body.block, ir.name("head"), ir.name("latch")
     done, pc, following = ir.name("done"), ir.name("pc"), ir.name("following")
     ir.line(f"br label {head}")
@@ -269,7 +267,6 @@ def _emit(frame: Frame) -> None:
     more = ir.emit(f"icmp ult i64 {following}, {total}")
     ir.line(f"br i1 {more}, label {head}, label {done}")
     ir.label(done)
-    ir.mark(_load(ir, work, "0"))
 
 
 def _emit_instruction(
@@ -285,12 +282,7 @@ def _emit_instruction(
     elif name == "output":
         frame.store_row(0, to, _load(ir, work, first))
     else:
-        # Any operation may follow any other, so marks go through memory.
-        unserved = _load(ir, work, "0")
-        ir.mark(unserved)
         _store(ir, work, to, _value(ir, name, work, first, second))
-        if ir.unserved != unserved:
-            _store(ir, work, "0", ir.unserved)
 
 
 def _value(ir: VectorIR, name: str, work: str, first: str, second: str) -> str:

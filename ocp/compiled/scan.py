@@ -93,9 +93,8 @@ def _emit(frame: Frame, scan: Scan) -> None:
         if role not in PER_INTERVAL
     }
     places = [(a, e) for a in scan.carried for e in range(step.inputs[a])]
-    loop = Loop(ir, [*(fixed[place] for place in places), ir.unserved], scan.turns)
-    *values, ir.unserved = loop.carried
-    fixed |= dict(zip(places, values, strict=True))
+    loop = Loop(ir, [fixed[place] for place in places], scan.turns)
+    fixed |= dict(zip(places, loop.carried, strict=True))
     k = ir.emit(f"sub i64 {scan.turns - 1}, {loop.k}") if scan.backward else loop.k
 
     def row_of(rows: int, entry: int) -> str:
@@ -114,7 +113,7 @@ def _emit(frame: Frame, scan: Scan) -> None:
     for output, numbers in enumerate(kept, start=len(ends)):
         for entry, number in enumerate(numbers):
             frame.store_row(output, row_of(len(numbers), entry), found[number])
-    loop.close([*(found[n] for numbers in ends for n in numbers), ir.unserved])
+    loop.close([found[n] for numbers in ends for n in numbers])
     for output, numbers in enumerate(ends):
         for entry, number in enumerate(numbers):
             frame.store_row(output, entry, found[number])

@@ -20,9 +20,9 @@ measures it:
 
 Some arguments are out of range of these methods: angles above 2^30 (2^12 in single
 precision), powers whose base is not positive and normal or whose result is out of
-range, and quotients in fmod above 2^51 (2^22). A fast body only marks them; the marked
-individuals are evaluated once more by a careful body, which calls the C library lane by
-lane. All functions that are not listed above are called in the C library.
+range (a positive power of 0 is computed here), and quotients in fmod above 2^51 (2^22).
+If a block of individuals has one, the C library is called for it, lane by lane. All
+functions that are not listed above are called in the C library.
 
 Source: W. Cody and W. Waite, Software manual for the elementary functions (1980), range
 reduction; coefficients in coefficients.py. The rest is in exponentials.py.
@@ -40,15 +40,13 @@ Served = Callable[..., tuple[str, str]]
 
 def sin_and_cos(ir: VectorIR, x: str) -> tuple[str, str]:
     """Return sin x and cos x; one range reduction serves both."""
-    if ir.careful:
-        sine, cosine = (
-            ir.beside(f"careful_{name}", make, x)
-            for name, make in (("sin", _careful_sin), ("cos", _careful_cos))
-        )
-        return sine, cosine
-    sine, cosine, quarter = _reduced_sin_and_cos(ir, x)
-    # Huge or not a number if any angle was; one instruction for each angle.
-    ir.mark(ir.fma(quarter, quarter, ir.unserved))
+    sine, cosine = _reduced_sin_and_cos(ir, x)
+    limit = ir.constant(table(ir.form).huge_angle)
+    right = ir.compare("ule", ir.intrinsic("fabs", x), limit)
+    names, values = ("sin", "cos"), [sine, cosine]
+    sine, cosine = ir.corrected(
+        values, right, lambda: [ir.lane_by_lane(name, x) for name in names]
+    )
     return sine, cosine
 
 
@@ -57,30 +55,8 @@ def tan(ir: VectorIR, sine: str, cosine: str) -> str:
     return ir.div(sine, cosine)
 
 
-def is_unserved(ir: VectorIR) -> str:
-    """Return the mask of the lanes whose arguments a fast body could not serve."""
-    # `unserved` is a sum of squares of quarter turns; see `sin_and_cos`.
-    limit = (table(ir.form).huge_angle * (2.0 / math.pi)) ** 2
-    return ir.compare("ugt", ir.unserved, ir.constant(limit))
-
-
-def _careful_sin(ir: VectorIR, x: str) -> str:
-    sine, _, _ = _reduced_sin_and_cos(ir, x)
-    return ir.select(_huge(ir, x), ir.lane_by_lane("sin", x), sine)
-
-
-def _careful_cos(ir: VectorIR, x: str) -> str:
-    _, cosine, _ = _reduced_sin_and_cos(ir, x)
-    return ir.select(_huge(ir, x), ir.lane_by_lane("cos", x), cosine)
-
-
-def _huge(ir: VectorIR, x: str) -> str:
-    limit = ir.constant(table(ir.form).huge_angle)
-    return ir.compare("ogt", ir.intrinsic("fabs", x), limit)
-
-
-def _reduced_sin_and_cos(ir: VectorIR, x: str) -> tuple[str, str, str]:
-    """Return sin x, cos x, and x in quarter turns, for angles that are not huge."""
+def _reduced_sin_and_cos(ir: VectorIR, x: str) -> tuple[str, str]:
+    """Return sin x and cos x for angles that are not huge."""
     known = table(ir.form)
     rounding = ir.constant(ir.form.rounding)
     shifted = ir.fma(x, ir.constant(2.0 / math.pi), rounding)
@@ -102,7 +78,6 @@ def _reduced_sin_and_cos(ir: VectorIR, x: str) -> tuple[str, str, str]:
     return (
         _signed(ir, ir.select(swap, cosine, sine), quadrant),
         _signed(ir, ir.select(swap, sine, cosine), after),
-        quarter,
     )
 
 
@@ -267,21 +242,16 @@ def served_by_library(
     """Return a function by a method; by the C library for arguments out of its range.
 
     Args:
-        ir: The body to emit into; a fast body only marks arguments out of range.
+        ir: The body to emit into.
         function: The C library's name.
         method: (ir, arguments) -> value, and the mask of the lanes in which it is
             right.
         arguments: Arguments of the function.
     """
-    if ir.careful:
-
-        def careful(inner: VectorIR, *given: str) -> str:
-            value, served = method(inner, *given)
-            return inner.select(served, value, inner.lane_by_lane(function, *given))
-
-        return ir.beside(f"careful_{function}", careful, *arguments)
     value, served = method(ir, *arguments)
-    ir.mark(ir.select(served, ir.unserved, ir.constant(math.inf)))
+    (value,) = ir.corrected(
+        [value], served, lambda: [ir.lane_by_lane(function, *arguments)]
+    )
     return value
 
 

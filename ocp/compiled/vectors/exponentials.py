@@ -3,7 +3,8 @@
 A power base^exponent is exp(exponent log base). Its logarithm is a sum of two doubles,
 accurate to 2^-64, so that the power is accurate to 2 ulp for any exponent. If the base
 is not positive and normal, or the result is out of range, the C library computes it,
-lane by lane; see elementary.py. Single precision is computed in double. The
+lane by lane; see elementary.py. A positive power of 0, from which many a state starts,
+is 0. Single precision is computed in double. The
 coefficients of that logarithm interpolate at the nodes of Chebyshev polynomials
 (computed with mpmath).
 
@@ -184,7 +185,11 @@ def _power_of_doubles(ir: VectorIR, base: str, exponent: str) -> tuple[str, str]
     limit = ir.constant(_LARGEST_LOG)
     inside = ir.compare("olt", ir.intrinsic("fabs", product), limit)
     served = ir.mask_op("and", served, ir.mask_op("and", finite, inside))
-    return exp_of_sum(ir, product, rest), served
+    # By its bits: a power of -0 may be -0.
+    zero = ir.emit(f"icmp eq {ir.integers} {ir.bits(base)}, {ir.integer(0)}")
+    zero = ir.mask_op("and", zero, ir.compare("ogt", exponent, ir.constant(0.0)))
+    value = ir.select(zero, ir.constant(0.0), exp_of_sum(ir, product, rest))
+    return value, ir.mask_op("or", served, zero)
 
 
 def _long_log(ir: VectorIR, x: str) -> tuple[str, str]:

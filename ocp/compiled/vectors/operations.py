@@ -60,7 +60,7 @@ def emit_tape(
         elif node.operation in OF_ANGLES:
             (argument,) = node.arguments
             if argument not in angles:
-                angles[argument] = sin_and_cos(ir, values[argument])
+                angles[argument] = _sin_and_cos(ir, values[argument])
             value = OF_ANGLES[node.operation](ir, *angles[argument])
         else:
             value = _value(ir, tape, node, read, values)
@@ -138,7 +138,7 @@ LARGEST_CHAIN = 8
 def constant_power(ir: VectorIR, base: str, exponent: str, known: float) -> str:
     """Return base to a constant power."""
     if not 1 <= abs(known) <= LARGEST_CHAIN or known != int(known):
-        return power(ir, base, exponent)
+        return emit_operation(ir, "pow", [base, exponent])
     product, square, left = "", base, int(abs(known))
     while left:
         if left & 1:
@@ -178,11 +178,17 @@ def emit_operation(ir: VectorIR, name: str, arguments: Sequence[str]) -> str:
         return ir.intrinsic(INTRINSICS[name], *arguments)
     if name in LIBRARY:
         return ir.lane_by_lane(LIBRARY[name], *arguments)
-    if name in OF_ANGLES:
-        return OF_ANGLES[name](ir, *sin_and_cos(ir, *arguments))
+    if name in ELEMENTARY:
+        make = ELEMENTARY[name]
+        return ir.beside(f"vector_{name}", lambda *given: [make(*given)], *arguments)[0]
     if name in SPECIAL:
         return SPECIAL[name](ir, *arguments)
     raise UnknownOperationError(f"the operation {name} is not compiled", name)
+
+
+def _sin_and_cos(ir: VectorIR, x: str) -> tuple[str, str]:
+    sine, cosine = ir.beside("vector_sin_and_cos", sin_and_cos, x)
+    return sine, cosine
 
 
 def _true(ir: VectorIR, value: str) -> str:
@@ -214,6 +220,10 @@ def _sign(ir: VectorIR, a: str) -> str:
     return ir.select(ir.compare("olt", a, zero), ir.constant(-1.0), positive)
 
 
+def _of_angle(make: Callable[[VectorIR, str, str], str]) -> Callable[..., str]:
+    return lambda ir, angle: make(ir, *_sin_and_cos(ir, angle))
+
+
 OF_ANGLES: dict[str, Callable[[VectorIR, str, str], str]] = {
     "sin": lambda _, sine, cosine: sine,
     "cos": lambda _, sine, cosine: cosine,
@@ -231,6 +241,10 @@ SPECIAL: dict[str, Callable[..., str]] = {
     "or": _either,
     "if_else_zero": _if_else_zero,
     "sign": _sign,
+    **{name: _of_angle(made) for name, made in OF_ANGLES.items()},
+}
+
+ELEMENTARY: dict[str, Callable[..., str]] = {
     "exp": exp,
     "log": log,
     "expm1": expm1,
@@ -249,3 +263,5 @@ SPECIAL: dict[str, Callable[..., str]] = {
     "fmod": fmod,
     "pow": power,
 }
+"""Functions that are written once in a module, and called: as fast as a copy at each
+use, and made several times sooner."""

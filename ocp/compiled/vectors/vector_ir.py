@@ -9,7 +9,7 @@ the use of `fma`.
 import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -55,6 +55,24 @@ SINGLE = Format("float", "f32", 32, 23, 127, 2.0**-126)
 FORMATS: dict[str, Format] = {"double": DOUBLE, "single": SINGLE}
 
 
+RARELY = "!prof !0"
+"""Mark of a branch whose first way is rarely taken."""
+WEIGHTS = '!0 = !{!"branch_weights", i32 1, i32 100000}'
+"""What the mark says, for the end of a module."""
+
+
+class Function(NamedTuple):
+    """A function of vectors, made beside the kernel.
+
+    Attributes:
+        text: Its code.
+        values: Number of vectors that it returns.
+    """
+
+    text: str
+    values: int
+
+
 @dataclass(frozen=True, slots=True)
 class Module:
     """The parts that the functions of one module share.
@@ -63,12 +81,12 @@ class Module:
         has_scale: Whether the processor multiplies by powers of two in one instruction
             (AVX-512's vscalef).
         declarations: Of functions from elsewhere.
-        functions: Name -> text of the functions made beside the kernel.
+        functions: The functions made beside the kernel, by name.
     """
 
     has_scale: bool = False
     declarations: set[str] = field(default_factory=set)
-    functions: dict[str, str] = field(default_factory=dict)
+    functions: dict[str, Function] = field(default_factory=dict)
 
 
 class Body:
@@ -87,15 +105,7 @@ class Body:
 
 
 class VectorIR:
-    """Writer of the body of a function; every method returns the value it makes.
-
-    Attributes:
-        careful: Whether arguments out of a fast method's range are computed; a fast
-            body marks them instead.
-        unserved: In a fast body, for each lane a number that is large or NaN if an
-            argument was out of range; see `mark`.
-        marks: Whether any argument can be out of range.
-    """
+    """Writer of the body of a function; every method returns the value it makes."""
 
     def __init__(
         self,
@@ -103,7 +113,6 @@ class VectorIR:
         form: Format = DOUBLE,
         *,
         module: Module | None = None,
-        careful: bool = False,
         body: Body | None = None,
     ) -> None:
         """Begin a function, or continue one.
@@ -112,26 +121,18 @@ class VectorIR:
             lanes: Numbers in a vector, a power of two.
             form: Their format.
             module: Module of the function; None means a new one.
-            careful: See the class.
             body: The body so far; None means an empty one.
         """
-        self.lanes, self.form, self.careful = lanes, form, careful
+        self.lanes, self.form = lanes, form
         self.module = Module() if module is None else module
         self.body = Body() if body is None else body
         self.vector = f"<{lanes} x {form.name}>"
         self.integers = f"<{lanes} x {form.integer}>"
         self.mask = f"<{lanes} x i1>"
-        self.unserved, self.marks = self.constant(0.0), False
-
-    def mark(self, unserved: str) -> None:
-        """Set `unserved` from here on."""
-        self.unserved, self.marks = unserved, True
 
     def in_format(self, form: Format) -> "VectorIR":
         """Return a writer of the same body, for numbers of another format."""
-        return VectorIR(
-            self.lanes, form, module=self.module, careful=self.careful, body=self.body
-        )
+        return VectorIR(self.lanes, form, module=self.module, body=self.body)
 
     def name(self, stem: str = "v") -> str:
         """Return a register's name that is not taken."""
@@ -260,31 +261,84 @@ class VectorIR:
         self.module.declarations.add(f"declare i1 {function}({self.mask})")
         return self.emit(f"call i1 {function}({self.mask} {mask})")
 
-    def beside(self, name: str, make: Callable[..., str], *arguments: str) -> str:
+    def beside(
+        self, name: str, make: Callable[..., Sequence[str]], *arguments: str
+    ) -> list[str]:
         """Return a call of a function of vectors that is written once, beside this one.
 
         Args:
             name: Its name in the module.
-            make: (ir, arguments) -> its value; called for the first use.
+            make: (ir, arguments) -> its values; called for the first use.
             arguments: Its arguments.
         """
-        types = [f"{self.vector} %a{i}" for i in range(len(arguments))]
         if name not in self.module.functions:
-            inner = VectorIR(self.lanes, self.form, module=self.module, careful=True)
-            value = make(inner, *(f"%a{i}" for i in range(len(arguments))))
-            self.module.functions[name] = "\n".join(
-                [
-                    f"define internal fastcc {self.vector} @{name}"
-                    f"({', '.join(types)}) noinline #0 {{",
-                    "entry:",
-                    *inner.body.lines,
-                    f"  ret {self.vector} {value}",
-                    "}",
-                    "",
-                ]
-            )
+            inner = VectorIR(self.lanes, self.form, module=self.module)
+            inner.body.block = "%entry"
+            values = make(inner, *(f"%a{i}" for i in range(len(arguments))))
+            self.module.functions[name] = inner.function(name, len(arguments), values)
+        function = self.module.functions[name]
         given = ", ".join(f"{self.vector} {argument}" for argument in arguments)
-        return self.emit(f"call fastcc {self.vector} @{name}({given})")
+        returned = _returned(self.vector, function.values)
+        result = self.emit(f"call fastcc {returned} @{name}({given})")
+        if function.values == 1:
+            return [result]
+        return [
+            self.emit(f"extractvalue {returned} {result}, {i}")
+            for i in range(function.values)
+        ]
+
+    def function(self, name: str, count: int, values: Sequence[str]) -> "Function":
+        """Return the body as a function.
+
+        Args:
+            name: Its name.
+            count: Number of its arguments, %a0, %a1 and so on.
+            values: What it returns.
+        """
+        returned, result = _returned(self.vector, len(values)), values[0]
+        if len(values) > 1:
+            result = "poison"
+            for i, value in enumerate(values):
+                result = self.emit(
+                    f"insertvalue {returned} {result}, {self.vector} {value}, {i}"
+                )
+        parameters = ", ".join(f"{self.vector} %a{i}" for i in range(count))
+        text = [
+            f"define internal fastcc {returned} @{name}({parameters}) noinline #0 {{",
+            "entry:",
+            *self.body.lines,
+            f"  ret {returned} {result}",
+            "}",
+            "",
+        ]
+        return Function("\n".join(text), len(values))
+
+    def corrected(
+        self, values: Sequence[str], right: str, make: Callable[[], Sequence[str]]
+    ) -> list[str]:
+        """Return values; others in the lanes where they are not right.
+
+        Args:
+            values: The values.
+            right: Mask of the lanes in which they are right, mostly all.
+            make: Emits the others, which are computed only if a lane needs them.
+        """
+        everywhere = f"<{', '.join(['i1 1'] * self.lanes)}>"
+        wrong = self.any(self.mask_op("xor", right, everywhere))
+        before, some, after = self.body.block, self.name("some"), self.name("after")
+        self.line(f"br i1 {wrong}, label {some}, label {after}, {RARELY}")
+        self.label(some)
+        mixed = [
+            self.select(right, value, other)
+            for value, other in zip(values, make(), strict=True)
+        ]
+        end = self.body.block
+        self.line(f"br label {after}")
+        self.label(after)
+        return [
+            self.emit(f"phi {self.vector} [ {value}, {before} ], [ {other}, {end} ]")
+            for value, other in zip(values, mixed, strict=True)
+        ]
 
     def lane_by_lane(self, function: str, *arguments: str) -> str:
         """Return a function of the C library, of doubles, applied to every lane.
@@ -293,11 +347,17 @@ class VectorIR:
             function: Its name, such as "sinh".
             arguments: One or two vectors.
         """
-        return self.beside(
+        (value,) = self.beside(
             f"lanes_{function}",
-            lambda ir, *inner: _each_lane(ir, function, inner),
+            lambda ir, *inner: [_each_lane(ir, function, inner)],
             *arguments,
         )
+        return value
+
+
+def _returned(vector: str, values: int) -> str:
+    """Return the type of a function that returns so many vectors."""
+    return vector if values == 1 else f"{{ {', '.join([vector] * values)} }}"
 
 
 def _each_lane(ir: VectorIR, function: str, arguments: Sequence[str]) -> str:

@@ -44,7 +44,7 @@ def operations() -> ca.Function:
 def test_every_operation_gives_what_casadi_gives(size: int) -> None:
     function, p = operations(), np.array([0.3, 0.4])
     x = np.random.default_rng(0).uniform(0.01, 0.99, (3, size))
-    x[:, 0] = 1e9, -0.7, np.nan  # An angle for the careful body; out of domains.
+    x[:, 0] = 1e9, -0.7, np.nan  # An angle for the C library; out of domains.
     found = Interpreted(function).bind((p,))(x)
     expected = CasadiMap(function).bind((p,))(x)
     assert found.shape == expected.shape

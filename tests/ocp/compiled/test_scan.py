@@ -31,7 +31,7 @@ def test_scan_is_the_step_turn_by_turn(
     rng, size = np.random.default_rng(0), SIZE * 40
     x, u = rng.normal(size=(2, size)), rng.normal(size=(N, size))
     a, s = rng.normal(size=(2, size)), rng.normal(size=2 * N)
-    x[0, 5] = 1e11  # Served by a careful body.
+    x[0, 5] = 1e11  # Served by the C library.
     kernel = compile_scan(step, ROLES, turns=N, backward=backward, threads=threads)
     end, kept = kernel.evaluate([x, u, a, s, np.array([0.7])])
     by_hand, want = step.map(size), np.empty((N, 4, size))

@@ -226,7 +226,7 @@ def test_attached_buffers_are_not_those_of_later_calls(kernel: SimdBatch) -> Non
 def test_attached_buffers_of_any_size_are_written_to_their_end_only(
     kernel: SimdBatch, size: int, huge: float
 ) -> None:
-    """The masked lanes of the last block, by the fast and by the careful body."""
+    """The masked lanes of the last block, and of one with an angle for the library."""
     beyond = 2 * 4 * machine().lanes
     bound, population = kernel.bind((PARAMETERS,)), population_of(size)
     population[0] *= huge
@@ -499,8 +499,9 @@ def test_stage_of_a_turning_unicycle_computes_one_angle_less(
         signals_per_interval=0,
         decided=(None,) * turning.model.nx,
     )
-    _, loop = emit_rollout(roll, target=Target(lanes=8)).rsplit(" = phi ", 1)
-    assert loop.count("call fastcc <8 x double> @careful_sin(") == 2
+    kernel, *_ = emit_rollout(roll, target=Target(lanes=8)).split("define internal")
+    _, loop = kernel.rsplit(" = phi ", 1)
+    assert loop.count("@vector_sin_and_cos(") == 2
 
 
 def test_rollout_in_single_precision_is_near_the_double_one(

@@ -36,7 +36,7 @@ def test_parts_are_all_individuals_each_once(size: int, threads: int) -> None:
 def test_any_number_of_threads_gives_the_same_bits(
     angles: ca.Function, size: int, threads: int
 ) -> None:
-    """Angles beyond 2^30, which a careful body serves, among them."""
+    """Angles beyond 2^30, which the C library serves, among them."""
     rng = np.random.default_rng(0)
     population, p = rng.normal(size=(2, size)), np.array([0.3])
     population[0, ::13] = 1e12
