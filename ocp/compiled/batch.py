@@ -25,9 +25,21 @@ from swarmstart.arguments import (
 )
 from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import InvalidProblemError, refused
-from swarmstart.ocp.compiled.backend import chosen_backend, warn_of_casadi
+from swarmstart.ocp.compiled.backend import (
+    MappedBuffers,
+    chosen_backend,
+    mapped_buffers,
+    warn_of_casadi,
+)
 from swarmstart.ocp.compiled.engine import NoCompilerError
-from swarmstart.ocp.compiled.simd import Prepared, Shapes, SimdBatch, compile_flat
+from swarmstart.ocp.compiled.simd import (
+    InPlace,
+    Prepared,
+    Shapes,
+    SimdBatch,
+    compile_flat,
+    split,
+)
 from swarmstart.ocp.compiled.vectors.vector_ir import FORMATS, Precision
 from swarmstart.tape import UnknownOperationError, expanded
 
@@ -61,8 +73,11 @@ class BatchFunction:
     ) -> None:
         """Prepare the evaluation of a function; see `compile_batch`."""
         self._function, self._precision, self._threads = function, precision, threads
+        self._rows = tuple(map(function.numel_out, range(function.n_out())))
         self._kernels: dict[tuple[bool, ...], SimdBatch] = {}
         self._small: dict[Shapes, Prepared] = {}
+        self._large: dict[Shapes, InPlace] = {}
+        self._maps: dict[tuple[tuple[bool, ...], int], MappedBuffers] = {}
         self.backend = chosen_backend(backend)
         if self.backend == "llvm":
             try:
@@ -90,8 +105,10 @@ class BatchFunction:
         """
         arrays = _numbers(arguments)
         shapes = tuple([a.shape for a in arrays])
-        small = self._small.get(shapes)
-        if small is not None:
+        small, large = self._small.get(shapes), self._large.get(shapes)
+        if large is not None:
+            outputs = split(large(arrays), self._rows)
+        elif small is not None:
             for buffer, given in zip(small.arguments, arrays, strict=True):
                 buffer[...] = given
             small.run()
@@ -109,6 +126,8 @@ class BatchFunction:
         kernel = self._kernel(differs)
         if kernel.is_small(arrays):
             self._small[shapes] = kernel.prepare(size)
+        else:
+            self._large[shapes] = InPlace(kernel, size)
         return kernel.evaluate(arrays)
 
     def prepare(self, *arguments: ArrayLike) -> Prepared:
@@ -165,20 +184,25 @@ class BatchFunction:
         self, arrays: list[Array], differs: tuple[bool, ...], size: int
     ) -> tuple[Array, ...]:
         """Evaluate by CasADi's map: individuals side by side, in matrices."""
-        f = self._function
         # CasADi cannot map a function 0 times.
         if size == 0:
-            return tuple(np.empty((f.numel_out(i), 0)) for i in range(f.n_out()))
-        given = []
-        for number, array in enumerate(arrays):
-            own = array if differs[number] else np.repeat(array[:, None], size, axis=1)
-            rows, columns = f.size_in(number)
-            given.append(np.reshape(own, (rows, columns * size), order="F"))
-        answers = f.map(size).call(given)
-        return tuple(
-            np.reshape(np.array(ca.DM(a)), (f.numel_out(i), size), order="F")
-            for i, a in enumerate(answers)
-        )
+            return tuple(np.empty((rows, 0)) for rows in self._rows)
+        buffers = self._maps.get((differs, size))
+        if buffers is None:
+            shared = [i for i, own in enumerate(differs) if not own]
+            buffers = mapped_buffers(densified(self._function), size, shared)
+            self._maps[differs, size] = buffers
+        for buffer, array in zip(buffers.arguments, arrays, strict=True):
+            np.copyto(buffer, array.T)
+        buffers.run()
+        return tuple(result.T.copy() for result in buffers.results)
+
+
+def densified(function: ca.Function) -> ca.Function:
+    """Return a function whose arguments and outputs are dense."""
+    given = [ca.MX.sym(f"a{i}", *function.size_in(i)) for i in range(function.n_in())]
+    outputs = map(ca.densify, function.call(given))
+    return ca.Function(function.name(), given, [*outputs])
 
 
 def _numbers(arguments: Sequence[ArrayLike]) -> list[Array]:

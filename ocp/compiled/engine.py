@@ -19,11 +19,11 @@ except ImportError:  # pragma: no cover - numba brings it, but a platform may la
 _NEON_BITS, _AVX512_BITS = 128, 512
 _OLDEST = (0, 45)
 """The first llvmlite whose LLVM reads untyped pointers."""
-MOST_CHARACTERS = 8_000_000
-"""Longest module that is translated. It takes LLVM 20 s; a module twice as long takes
-more than a minute."""
-MOST_IN_HASTE = 24_000_000
-"""The same if LLVM optimises nothing, which takes it 10 s."""
+MOST_OPTIMISED = 3_000_000
+"""Characters of the longest module that LLVM optimises, some 20 000 operations. It
+takes 10 s; twice as many take four times as long."""
+MOST_CHARACTERS = 24_000_000
+"""Characters of the longest module that is translated, which takes 10 s."""
 
 
 class NoCompilerError(Exception):
@@ -133,38 +133,39 @@ def translate(ir: str, *, quickly: bool = False) -> bytes:
 
     Args:
         ir: A module with the function `kernel`.
-        quickly: Whether LLVM optimises nothing. It then takes a tenth of the time, and
-            the code, with the same results, twice as long as otherwise.
+        quickly: Whether LLVM optimises nothing, as in a module that is very long. It
+            then takes a tenth of the time, and the code, with the same results, up to
+            twice as long as otherwise.
 
     Raises:
         NoCompilerError: If machine code cannot be made here, or the module is too long.
     """
     target = machine()
-    require_short(ir, quickly=quickly)
+    require_short(ir)
+    level = 0 if quickly or len(ir) > MOST_OPTIMISED else 2
     try:
         module = llvm.parse_assembly(ir)
         module.triple = target.triple
         module.verify()
-        code: bytes = _target_machine(target, 0 if quickly else 2).emit_object(module)
+        code: bytes = _target_machine(target, level).emit_object(module)
     except RuntimeError as error:
         raise NoCompilerError(f"LLVM refuses the code: {error}") from error
     return code
 
 
-def require_short(ir: str, *, quickly: bool = False) -> None:
+def require_short(ir: str) -> None:
     """Validate that a module is short enough for LLVM.
 
     Args:
         ir: The module.
-        quickly: As in `translate`.
 
     Raises:
         NoCompilerError: If it is too long.
     """
-    most = MOST_IN_HASTE if quickly else MOST_CHARACTERS
-    if len(ir) > most:
+    if len(ir) > MOST_CHARACTERS:
         raise NoCompilerError(
-            f"expected at most {most} characters of code, found {len(ir)}"
+            f"expected at most {MOST_CHARACTERS} characters of code, found {len(ir)}; "
+            "compile one of the steps that repeat and call it in a loop"
         )
 
 

@@ -4,7 +4,8 @@ import ctypes
 import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache, cached_property, partial
+from itertools import accumulate
 from typing import NamedTuple
 
 import casadi as ca
@@ -37,6 +38,8 @@ from swarmstart.ocp.interpolation.interpolants import without_interpolants
 from swarmstart.tape import read_tape
 
 Shapes = tuple[tuple[int, ...], ...]
+Table = ctypes.Array[ctypes.c_void_p]
+"""Addresses of arguments or outputs, as a kernel takes them."""
 
 _COPIED = 4096
 """Arguments of up to this many numbers are copied into fixed buffers: to look up the
@@ -165,24 +168,34 @@ class SimdBatch:
         outputs = split(results, self.shape.outputs)
         tables = addresses(arguments), addresses(outputs)
         places = tuple(map(ctypes.addressof, tables))
-        run = partial(
-            _WITHOUT_CONVERSION(self.address),
-            *map(ctypes.c_void_p, places),
-            ctypes.c_int64(size),
-        )
-        if self.threads > 1:
-            run = partial(in_parts, partial(self._compiled.part, *tables, size), size,
-                          self.threads)  # fmt: skip
         return Prepared(
             arguments=arguments,
             outputs=outputs,
             results=results,
             pointers=Pointers(self.address, *places),
             size=size,
-            run=run,
+            run=self.caller(tables, size),
             rows=self.shape.outputs,
             _keeps_alive=(tables, self),
         )
+
+    def caller(self, tables: tuple[Table, Table], size: int) -> Callable[[], None]:
+        """Return a call of the kernel, on what the tables point to when it is called.
+
+        Args:
+            tables: Addresses of the arguments, and of the outputs.
+            size: Number of individuals.
+        """
+        if self.threads > 1:
+            part = partial(self._compiled.part, *tables, size)
+            return partial(in_parts, part, size, self.threads)
+        places = (ctypes.c_void_p(ctypes.addressof(table)) for table in tables)
+        return partial(self._unconverted, *places, ctypes.c_int64(size))
+
+    @cached_property
+    def _unconverted(self) -> Callable[..., None]:
+        """The kernel as a function of ctypes that takes objects of ctypes only."""
+        return _WITHOUT_CONVERSION(self.address)
 
     def evaluate(self, arguments: Sequence[Array]) -> tuple[Array, ...]:
         """Return the outputs for all arguments, each output (rows, size).
@@ -195,25 +208,11 @@ class SimdBatch:
         """
         size = arguments[self.shape.per_individual.index(True)].shape[1]
         self._require(tuple(a.shape for a in arguments), size)
-        return split(self.evaluate_in_place(arguments, size), self.shape.outputs)
+        return split(InPlace(self, size)(arguments), self.shape.outputs)
 
     def is_small(self, arguments: Sequence[Array]) -> bool:
         """Return whether copying the arguments costs less than locating them."""
         return sum(a.size for a in arguments) <= _COPIED
-
-    def evaluate_in_place(self, arguments: Sequence[Array], size: int) -> Array:
-        """Return all outputs, (all rows, size), for arguments of the right shapes.
-
-        Args:
-            arguments: As in `evaluate`; copied only if they are not contiguous doubles.
-            size: Number of individuals.
-        """
-        given = [np.ascontiguousarray(a, dtype=np.float64) for a in arguments]
-        results = np.empty((sum(self.shape.outputs), size))
-        tables = addresses(given), addresses(split(results, self.shape.outputs))
-        part = partial(self._compiled.part, *tables, size)
-        in_parts(part, size, self.threads)
-        return results
 
     def _require(self, shapes: Shapes, size: int) -> None:
         """Validate shapes, since the kernel reads without checks."""
@@ -222,6 +221,47 @@ class SimdBatch:
             raise InvalidProblemError(
                 f"arguments must have shapes {expected}, got {shapes}"
             )
+
+
+class InPlace:
+    """A kernel for one number of individuals that reads its arguments in place.
+
+    Tables are reused, so one object must not be called from two threads at once.
+    """
+
+    def __init__(self, kernel: SimdBatch, size: int) -> None:
+        """Make the tables of addresses.
+
+        Args:
+            kernel: The kernel.
+            size: Number of individuals.
+        """
+        shape = kernel.shape
+        self._inputs: Table = (ctypes.c_void_p * len(shape.inputs))()
+        self._outputs: Table = (ctypes.c_void_p * len(shape.outputs))()
+        self._results = sum(shape.outputs), size
+        before = accumulate(shape.outputs[:-1], initial=0)
+        self._offsets = [
+            rows * size * ctypes.sizeof(ctypes.c_double) for rows in before
+        ]
+        self._run = kernel.caller((self._inputs, self._outputs), size)
+
+    def __call__(self, arguments: Sequence[Array]) -> Array:
+        """Return all outputs, (all rows, size).
+
+        Args:
+            arguments: Of the right shapes, which are not checked; copied only if they
+                are not contiguous doubles.
+        """
+        given = [np.ascontiguousarray(a, dtype=np.float64) for a in arguments]
+        results = np.empty(self._results)
+        for number, array in enumerate(given):
+            self._inputs[number] = address_of(array)
+        first = address_of(results)
+        for number, offset in enumerate(self._offsets):
+            self._outputs[number] = first + offset
+        self._run()
+        return results
 
 
 class Bound:
@@ -251,6 +291,7 @@ class Bound:
         self._shared = [np.array(values, dtype=np.float64) for values in shared]
         _require(kernel.shape.inputs[1:], tuple(a.size for a in self._shared))
         self._prepared: dict[tuple[int, ...], Prepared] = {}
+        self._in_place: dict[tuple[int, ...], InPlace] = {}
         self._attached: list[object] = []
 
     def __call__(self, population: Array) -> Array:
@@ -259,13 +300,16 @@ class Bound:
         Raises:
             InvalidProblemError: If the kernel reads another number of rows.
         """
+        large = self._in_place.get(population.shape)
+        if large is not None:
+            return large([population, *self._shared])
         prepared = self._prepared.get(population.shape)
         if prepared is None:
             _require((self._dim,), population.shape[:1])
             if population.size > _COPIED:
-                return self._kernel.evaluate_in_place(
-                    [population, *self._shared], population.shape[1]
-                )
+                large = InPlace(self._kernel, population.shape[1])
+                self._in_place[population.shape] = large
+                return large([population, *self._shared])
             prepared = self._buffers(population.shape)
         prepared.arguments[0][...] = population
         prepared.run()
@@ -325,11 +369,19 @@ def split(results: Array, rows: Sequence[int]) -> tuple[Array, ...]:
     return tuple(parts)
 
 
-def addresses(arrays: Sequence[Array]) -> ctypes.Array[ctypes.c_void_p]:
+def addresses(arrays: Sequence[Array]) -> Table:
     """Return a table of the addresses of arrays, as a kernel takes it."""
-    # This takes a third of the time of array.ctypes.data.
-    pointers = [array.__array_interface__["data"][0] for array in arrays]
-    return (ctypes.c_void_p * len(pointers))(*pointers)
+    return (ctypes.c_void_p * len(arrays))(*map(address_of, arrays))
+
+
+def address_of(array: Array) -> int:
+    """Return the address of an array's first entry."""
+    # array.ctypes.data takes ten times as long.
+    if array.size and array.flags.writeable:
+        # NumPy calls a writeable array a buffer from Python 3.12 on only.
+        return ctypes.addressof(ctypes.c_char.from_buffer(array))  # type: ignore[arg-type]
+    address: int = array.__array_interface__["data"][0]
+    return address
 
 
 def compile_flat(
@@ -494,7 +546,7 @@ def cached(
         if code is not None:
             return link(code)
         ir = emit()
-        require_short(ir, quickly=quickly)
+        require_short(ir)
 
         def make() -> bytes:
             made = translate(ir, quickly=quickly)

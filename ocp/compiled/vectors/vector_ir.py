@@ -58,7 +58,7 @@ FORMATS: dict[str, Format] = {"double": DOUBLE, "single": SINGLE}
 RARELY = "!prof !0"
 """Mark of a branch whose first way is rarely taken."""
 WEIGHTS = '!0 = !{!"branch_weights", i32 1, i32 100000}'
-"""What the mark says, for the end of a module."""
+"""Definition of the mark, for the end of a module."""
 
 
 class Function(NamedTuple):
@@ -316,7 +316,7 @@ class VectorIR:
     def corrected(
         self, values: Sequence[str], right: str, make: Callable[[], Sequence[str]]
     ) -> list[str]:
-        """Return values; others in the lanes where they are not right.
+        """Return values; others in the lanes in which they are not right.
 
         Args:
             values: The values.

@@ -43,14 +43,56 @@ def test_one_output_is_one_array() -> None:
     np.testing.assert_array_equal(got, np.full((1, 5), 2.0))
 
 
-def test_results_are_not_overwritten_by_the_next_call(function: ca.Function) -> None:
-    evaluate, x = compile_batch(function, backend="llvm"), population_of(9)
+@pytest.mark.parametrize("backend", ["llvm", "casadi"])
+@pytest.mark.parametrize("size", [9, 3000])
+def test_results_are_not_overwritten_by_the_next_call(
+    function: ca.Function, backend: str, size: int
+) -> None:
+    evaluate, x = compile_batch(function, backend=backend), population_of(size)
     evaluate(x, [2.0])
     first = evaluate(x, [2.0])
     kept = [output.copy() for output in first]
     evaluate(x + 1, [3.0])
     for output, copy in zip(first, kept, strict=True):
         np.testing.assert_array_equal(output, copy)
+
+
+@pytest.mark.parametrize("backend", ["llvm", "casadi"])
+@pytest.mark.parametrize("size", [9, 3000])
+def test_each_call_reads_its_own_arguments(
+    function: ca.Function, backend: str, size: int
+) -> None:
+    """Read-only, transposed, of integers: in any memory, which may be gone later."""
+    evaluate = compile_batch(function, backend=backend)
+    for seed in range(4):
+        x = np.random.default_rng(seed).integers(-3, 3, size=(2, size))
+        given = [
+            x.astype(float),
+            np.asfortranarray(x.astype(float)),
+            x,
+            x.astype(float),
+        ]
+        given[3].flags.writeable = False
+        for array in given:
+            first, _ = evaluate(array, [2.0])
+            np.testing.assert_allclose(first, 2 * np.sin(x), rtol=1e-15)
+
+
+def test_casadi_s_map_is_made_once_for_each_size(function: ca.Function) -> None:
+    evaluate = compile_batch(function, backend="casadi")
+    for size in (5, 6, 5, 5, 6):
+        evaluate(population_of(size), [2.0])
+    assert sorted(size for _, size in evaluate._maps) == [5, 6]
+
+
+def test_casadi_s_map_of_sparse_arguments_and_outputs_is_dense() -> None:
+    x = ca.SX.sym("x", ca.Sparsity.lower(2))
+    f = ca.Function("f", [x], [ca.diag(ca.diag(x)) * 2])
+    given = np.array([[1.0, 5.0], [2.0, 6.0], [3.0, 7.0], [4.0, 8.0]])
+    want = np.array([[2.0, 10.0], [0, 0], [0, 0], [8.0, 16.0]])
+    for backend in ("llvm", "casadi"):
+        found = compile_batch(f, backend=backend)(given)
+        np.testing.assert_array_equal(found, want)
 
 
 def test_prepared_function_evaluates_what_is_in_its_buffers(

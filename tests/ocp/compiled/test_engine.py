@@ -19,7 +19,7 @@ from swarmstart.ocp.compiled.engine import (
     machine,
     translate,
 )
-from swarmstart.ocp.compiled.frame import Target
+from swarmstart.ocp.compiled.frame import Target, target_of
 from swarmstart.ocp.compiled.simd import Shape, SimdBatch, compile_flat
 from swarmstart.ocp.compiled.vectors.vector_ir import FORMATS, Precision
 from swarmstart.tape import OPERATIONS, read_tape
@@ -46,8 +46,21 @@ def test_code_that_would_take_minutes_is_refused(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(engine, "MOST_CHARACTERS", 3)
-    with pytest.raises(NoCompilerError, match="at most 3 characters of code, found 4"):
+    with pytest.raises(NoCompilerError, match="at most 3 characters"):
         translate("; ir")
+
+
+def test_very_long_code_is_translated_without_optimisation(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    x = ca.SX.sym("x", 3)
+    f = ca.Function("f", [x], [ca.exp(x[0]) * x[1] ** 2.5 + ca.sin(x[2])])
+    tape, target = read_tape(f), target_of([read_tape(f)], "double")
+    ir = emit_flat(tape, per_individual=(True,), target=target)
+    monkeypatch.setattr(engine, "MOST_OPTIMISED", len(ir))
+    optimised, quick = translate(ir), translate(ir, quickly=True)
+    monkeypatch.setattr(engine, "MOST_OPTIMISED", len(ir) - 1)
+    assert translate(ir) == quick != optimised
 
 
 @pytest.mark.usefixtures("unknown_machine")
