@@ -114,6 +114,7 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         Multistart as Multistart,
         NlpOptions as NlpOptions,
         NonMinimalWarning as NonMinimalWarning,
+        NoSensitivityError as NoSensitivityError,
         OpenLoop as OpenLoop,
         OptimalControlProblem as OptimalControlProblem,
         OptimalityGap as OptimalityGap,
@@ -230,8 +231,8 @@ _NAMES = {
         Agent AlgebraicEquations BackendWarning BoundKind Bounds Connection CountedFrom
         Decision DivergedError DualMode Fitness Free
         InvalidProblemError InvalidSystemError IpoptOptions Known LocalAgent LocalTeam
-        LowerBound Memetic Mode Model Multistart NlpOptions NonMinimalWarning
-        OpenLoop OptimalControlProblem OptimalityGap
+        LowerBound Memetic Mode Model Multistart NlpOptions NoSensitivityError
+        NonMinimalWarning OpenLoop OptimalControlProblem OptimalityGap
         PathConstraint PhasedHorizon Phases
         Plan Planner PlanningInterrupted Plant PolishStatus Radau RecedingHorizon
         SearchReport

@@ -4,6 +4,7 @@ from swarmstart.ocp.answer.multistart import multistart
 from swarmstart.ocp.answer.optimality_gap import OptimalityGap
 from swarmstart.ocp.answer.plan import Plan, PlanningInterrupted, SearchReport, Source
 from swarmstart.ocp.answer.planner import Planner
+from swarmstart.ocp.answer.sensitivity import NoSensitivityError, Sensitivity
 from swarmstart.ocp.answer.solution import Solution, verified
 from swarmstart.ocp.answer.solving import SolveInterrupted, solve
 from swarmstart.ocp.common.errors import DivergedError, InvalidProblemError, SolveError
@@ -109,6 +110,7 @@ __all__ = [
     "Multipliers",
     "Multistart",
     "NlpOptions",
+    "NoSensitivityError",
     "NonMinimalWarning",
     "OpenLoop",
     "OptimalControlProblem",
@@ -130,6 +132,7 @@ __all__ = [
     "SearchAlgorithm",
     "SearchReport",
     "SearchSettings",
+    "Sensitivity",
     "Separation",
     "Solution",
     "SolutionStatus",

@@ -18,7 +18,7 @@ touches no kink or jump of the problem's expressions.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -26,10 +26,25 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from swarmstart.arguments import FLAG, a_number, checked, of_kind, optional, reals
+from swarmstart.arguments import (
+    FLAG,
+    a_number,
+    checked,
+    choice,
+    of_kind,
+    optional,
+    reals,
+    several,
+)
 from swarmstart.arrays import Array
 from swarmstart.ocp.answer.optimality_gap import OptimalityGap
 from swarmstart.ocp.answer.plan import Plan, guess_of, start_of
+from swarmstart.ocp.answer.sensitivity import (
+    DATA,
+    Data,
+    Sensitivity,
+    sensitivity_of,
+)
 from swarmstart.ocp.common.errors import refused
 from swarmstart.ocp.common.presentation import Presented
 from swarmstart.ocp.lanes.answers import Optimum
@@ -246,6 +261,35 @@ class Solution(Presented):
         """
         point = self.plan.point
         return None if point is None else multipliers_of(point, self.problem)
+
+    @checked(refused, by=several(choice(DATA), "names of data"))
+    def sensitivity(self, by: Sequence[Data] = DATA) -> Sensitivity:
+        """Return the derivatives of the answer by its data, to first order.
+
+        Args:
+            by: "x0", the states at the start that are not decided; "parameters", those
+                of the model that are not decided.
+
+        Raises:
+            NoSensitivityError: If no NLP solver has converged to the answer, or it is
+                no strict minimum whose active limits are independent.
+
+        Example:
+            >>> import casadi as ca, swarmstart as ss
+            >>> x, u = ca.SX.sym("x"), ca.SX.sym("u")
+            >>> problem = ss.OptimalControlProblem(
+            ...     ss.Model(states=x, controls=u, ode=u), horizon=1.0, intervals=4,
+            ...     stage_cost=u**2, bounds=ss.Bounds(controls=(-9, 9)),
+            ...     terminal=[(x, 0)],
+            ... )
+            >>> found = ss.solve(problem, [2.0], seed=0).sensitivity()
+            >>> found.data, found.cost.round(6)  # Of x0^2.
+            (('x',), array([4.]))
+            >>> found.controls[:, :, 0].round(6)
+            array([[-1., -1., -1., -1.]])
+        """
+        core = lowered(self.problem)
+        return sensitivity_of(self.plan.point, core, self.plan.controls, by)
 
     @checked(
         refused,

@@ -281,9 +281,7 @@ class _Stages:
         """Mark the variables that are held at a bound; the inner ones come first."""
         problem = point.program.problem
         nx, nu = problem.model.nx, inputs_of(problem)
-        room = _room(point.lam_x, point.w, point.limits.lbx, point.limits.ubx)
-        fixed = point.limits.lbx == point.limits.ubx
-        at_bound = fixed | (np.abs(point.lam_x) > room)
+        at_bound = np.abs(point.lam_x) > rooms(point)[1]
         inside_bounds = at_bound[:inner].reshape((nu + nx, -1), order="F")
         self.held_controls = inside_bounds[: nu - inner_unknowns(problem)].T
         self.held_states = inside_bounds[nu:].T.astype(np.float64)
@@ -346,6 +344,19 @@ def _distance(point: NlpPoint) -> Array:
     lower, upper = point.limits.lbg, point.limits.ubg
     # Less than any multiplier: equalities are always active.
     return np.where(lower == upper, -1.0, _room(point.lam_g, g, lower, upper))
+
+
+def rooms(point: NlpPoint) -> tuple[Array, Array]:
+    """Return how far rows and variables are from their limits; below 0: always active.
+
+    A limit counts as active if its multiplier is larger than this distance.
+
+    Returns:
+        For each row, shape (ng,), and for each variable, shape (nw,).
+    """
+    lower, upper = point.limits.lbx, point.limits.ubx
+    room = _room(point.lam_x, point.w, lower, upper)
+    return _distance(point), np.where(lower == upper, -1.0, room)
 
 
 def _room(lam: Array, value: Array, lower: Array, upper: Array) -> Array:
