@@ -10,6 +10,7 @@ gain of a second thread is wall time, and needs two idle cores.
 
 import time
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -201,8 +202,14 @@ def _expanded(planner: Planner) -> Planner:
         far = ca.nlpsol(
             "far", "ipopt", one.program.nlp, {"expand": True, **quiet, **options}
         )
-        built[steps] = one._replace(far=far)
+        built[steps] = one._replace(far=partial(_same, far))
     return again
+
+
+def _same(solver: ca.Function, is_observed: bool) -> ca.Function:
+    """Return a solver, whether its iterates are observed or not."""
+    del is_observed
+    return solver
 
 
 def _warm(

@@ -61,6 +61,7 @@ class PosedAgent:
         shows: Rows of its states that other agents use: its position.
         previous: Control of the interval before the first, shape (nu,); None means the
             allowed one nearest to zero.
+        within: Wall time for one plan in closed loop [s]; None means no limit.
     """
 
     problem: OptimalControlProblem
@@ -75,6 +76,7 @@ class PosedAgent:
     watches: tuple[int, ...] = ()
     shows: tuple[int, ...] = ()
     previous: Array | None = None
+    within: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -170,6 +170,7 @@ def _receding_horizon(agent: PosedAgent, scenario: Scenario) -> RecedingHorizon:
         # A given plan is the first plan, which no search or polish changes.
         first=agent.first if agent.given is None else agent.given,
         previous=agent.previous,
+        within=agent.within,
     )
 
 

@@ -53,6 +53,7 @@ def trajectory_arrays(trajectory: Trajectory) -> dict[str, Array]:
         "search_history": _histories(plans, lambda search: search.history),
         "search_evaluations": _histories(plans, lambda search: search.evaluations),
         "plan_start": _padded(plans, _start_of),
+        **_stopped(plans),
         **_acting(decisions),
         **_lengths(decisions),
         **_ends_of_lines(decisions),
@@ -319,7 +320,15 @@ def _plan(arrays: Mapping[str, NDArray[Any]], number: int, agent: int) -> Plan:
         start=_unpadded(arrays["plan_start"][number, agent])
         if "plan_start" in arrays
         else None,
+        stopped="plan_stopped" in arrays
+        and bool(arrays["plan_stopped"][number, agent]),
     )
+
+
+def _stopped(plans: Sequence[Sequence[Plan]]) -> dict[str, NDArray[np.bool_]]:
+    """Return whether plans were stopped in time; empty if none was."""
+    found = _of_plans(plans, lambda p: p.stopped).astype(bool)
+    return {"plan_stopped": found} if found.any() else {}
 
 
 def _unpadded(history: Array) -> Array:

@@ -155,6 +155,8 @@ class Plan:
             there are no multipliers.
         spent: Iterations of the polishes from multipliers, up to this plan; see
             `Carried`.
+        stopped: Whether the time of its step (`within`) was over before it was
+            finished; it is the best that was found until then.
     """
 
     controls: Array
@@ -174,6 +176,7 @@ class Plan:
     starts: StartsAccount | None = None
     duals: Duals | None = None
     spent: tuple[int, ...] = ()
+    stopped: bool = False
 
     @property
     def is_searched(self) -> bool:
@@ -194,6 +197,7 @@ class Plan:
             f"Plan: {kind}, cost {self.cost:.9g}, violation {self.violation:.3g}, "
             f"{self.controls.shape[1]} intervals, from {self.source.value}, "
             f"{self.evaluations} evaluations"
+            f"{', stopped when its time was over' if self.stopped else ''}"
         )
 
 
@@ -219,6 +223,7 @@ class Account(TypedDict, total=False):
     relaxed_cost: float
     starts: StartsAccount | None
     spent: tuple[int, ...]
+    stopped: bool
 
 
 class PlanningInterrupted(KeyboardInterrupt):

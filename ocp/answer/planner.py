@@ -57,9 +57,18 @@ from swarmstart.ocp.nlp.polish import (
     is_better,
     polish_basins,
 )
-from swarmstart.ocp.nlp.polish_options import PolishOptions
+from swarmstart.ocp.nlp.polish_options import DEAF, PolishOptions, PolishStatus
 from swarmstart.ocp.nlp.start import Start
-from swarmstart.ocp.nlp.watching import UNWATCHED, WATCH, Answer, Watch
+from swarmstart.ocp.nlp.watching import (
+    UNWATCHED,
+    WATCH,
+    Answer,
+    Relay,
+    Watch,
+    deadline_of,
+    is_late,
+    is_watched,
+)
 from swarmstart.ocp.rollout.checking import Checker, Excess
 from swarmstart.ocp.rollout.fitness import (
     KNOWN,
@@ -117,6 +126,8 @@ _VALUE = Check(
 _GUESS = optional(either(reals(), of_kind(Start, "a Start")))
 _BASINS = 3
 """Number of basins to polish if there are decisions besides the controls."""
+_SEARCHED = 0.5
+"""Largest share of the time left that a search takes if a polish follows."""
 
 
 class _Request(NamedTuple):
@@ -172,7 +183,7 @@ class Planner:
         polish: Options of the polish; None without one.
         polisher: Its NLP solver (that of the relaxed problem if controls take whole
             numbers); None without a polish.
-        watch: Observer of search and polish, which may stop them.
+        watch: Relay to the observer of search and polish, which may stop them.
 
     Example:
         >>> import casadi as ca, numpy as np
@@ -229,7 +240,8 @@ class Planner:
         if search is not None and problem.maximize:
             # The user's target belongs to the maximised cost, the core's is minimised.
             search = _turned(search)
-        self.search, self.polish, self.watch = search, polish, watch
+        self.search, self.polish = search, polish
+        self.watch = watch = watch if isinstance(watch, Relay) else Relay(watch)
         self._space: SearchSpace | None = None
         if search is not None:
             self._space = space_of(self.fitness, family)
@@ -272,6 +284,53 @@ class Planner:
         if self._lane_search is not None:
             other._lane_search = self._lane_search.with_search(other.search)
         return other
+
+    def in_time(self) -> Planner:
+        """Return the same planner without lanes, so that a deadline can stop it.
+
+        Raises:
+            InvalidProblemError: If its search solves in lanes, or the solver of its
+                polish cannot be stopped.
+        """
+        if self._lane_search is not None and self._lane_search.uses_lanes:
+            raise InvalidProblemError(
+                "within needs a search that can be stopped at any time, got one in "
+                "lanes: take a population search such as lshade, or "
+                "Multistart(lanes=False)"
+            )
+        if self.polish is not None and self.polish.plugin in DEAF:
+            raise InvalidProblemError(
+                "within needs a polish that can be stopped between iterations, such "
+                f"as ipopt, got {self.polish.plugin}"
+            )
+        return self._without_lanes() if self._lanes else self
+
+    def _without_lanes(self) -> Planner:
+        other = copy(self)
+        other._lanes = 0
+        # A copy takes cached values along; this one is for a planner with lanes.
+        other.__dict__.pop("many_starts", None)
+        return other
+
+    @checked(refused, x0=reals(), known=KNOWN, guess=_GUESS)
+    def as_begun(
+        self,
+        x0: ArrayLike,
+        *,
+        known: Known = NOTHING,
+        guess: Array | Start | None = None,
+    ) -> Plan:
+        """Return what a plan begins from: the guess, or the first cold start.
+
+        Args:
+            x0: Initial state, shape (nx,).
+            known: Parameters and signals.
+            guess: As in `plan`.
+        """
+        still = self._without_lanes()
+        still.search, still._space, still.polisher = None, None, None
+        # Nothing is drawn.
+        return still.plan(x0, known=known, guess=guess, rng=np.random.default_rng(0))
 
     def prepare(self) -> None:
         """Wait for machine code that is still being compiled."""
@@ -394,6 +453,8 @@ class Planner:
             warm = self._alone.plan(x0, known=known, guess=guess, near=near, rng=rng)
             if near and is_enough(self.fitness, warm, x0, known, last_cost):
                 return warm
+            if is_late(self.watch):
+                return warm
             follows = False  # From here on as for a first plan.
         plan = self._made(x0, known, guess, candidates, follows, rng, progress)
         return (
@@ -409,10 +470,8 @@ class Planner:
     @cached_property
     def _alone(self) -> Planner:
         """The same planner without search and lanes."""
-        alone = copy(self)
-        alone.search, alone._space, alone._lanes = None, None, 0
-        # A copy takes cached values along; this one is for a planner with lanes.
-        alone.__dict__.pop("many_starts", None)
+        alone = self._without_lanes()
+        alone.search, alone._space = None, None
         return alone
 
     def _made(  # noqa: PLR0913, PLR0917 - what plan was given
@@ -450,6 +509,8 @@ class Planner:
         plan, starts = self._searched(request)
         if self.polisher is None:
             return plan
+        if is_late(self.watch):
+            return replace(plan, polish_status=PolishStatus.ITERATION_LIMIT)
         if guess is not None:
             starts = self._with_guess(starts, guess)
         request.progress(0, 0, "polishing")
@@ -692,11 +753,8 @@ class Planner:
         x0, known, rng = request.x0, request.known, request.rng
         guess = None if request.guess is None else request.guess.controls
         search, space = self.search, self._space
-        if search is None or space is None:
-            cold = cold_controls(self.problem) if guess is None else [guess]
-            source = Source.COLD if guess is None else Source.GUESS
-            plan = self.evaluated(cold[0], x0, known=known, source=source)
-            return plan, [Start(controls) for controls in cold]
+        if search is None or space is None or is_late(self.watch):
+            return self._unsearched(x0, known, guess)
         objective = space.objective(x0, known)
         order = search.order or default_order(self.problem.tolerance)
         basins = search.basins if self.polisher else 0  # They are for the polish.
@@ -705,6 +763,7 @@ class Planner:
             order = search.order or traded_order(objective, space.box, rng)
         if self._lane_search is not None and self.polisher:
             basins = basins or _BASINS
+        search, lanes = self._shortened(search)
         task = Task(
             x0=x0,
             known=known,
@@ -719,7 +778,7 @@ class Planner:
         )
         try:
             with self.watch.searching():
-                found = searched(search, space, task, self._lane_search)
+                found = searched(search, space, task, lanes)
                 self.watch.searched(found.result)
         except SearchInterrupted as stopped:
             start = space.decoded(stopped.partial.x, x0, known)
@@ -750,10 +809,30 @@ class Planner:
         )
         return plan, starts
 
+    def _unsearched(
+        self, x0: ArrayLike, known: Known, guess: Array | None
+    ) -> tuple[Plan, list[Start]]:
+        """Return the guess, or the first cold start, and the starts of the polish."""
+        cold = cold_controls(self.problem) if guess is None else [guess]
+        source = Source.COLD if guess is None else Source.GUESS
+        plan = self.evaluated(cold[0], x0, known=known, source=source)
+        return plan, [Start(controls) for controls in cold]
+
+    def _shortened(
+        self, search: SearchSettings
+    ) -> tuple[SearchSettings, LaneSearch | None]:
+        """Return the search, and that of its local solves, within the time left."""
+        lanes, deadline = self._lane_search, deadline_of(self.watch)
+        if deadline is None:
+            return search, lanes
+        share = _SEARCHED if self.polisher else 1.0
+        search = replace(search, budget=deadline.shortened(search.budget, share))
+        return search, None if lanes is None else lanes.with_search(search)
+
     def _told_best(self, space: SearchSpace, x0: ArrayLike, known: Known) -> ToldBest:
         """Return the callback for a search's best point; None if it is not observed."""
         watch = self.watch
-        if watch is UNWATCHED:
+        if not is_watched(watch):
             return None
 
         def answer(x: Array) -> Answer:

@@ -132,6 +132,11 @@ class Trajectory(Presented):
         return rows_at(time, self.dense_times, self.dense_states), control
 
     @property
+    def stopped_steps(self) -> int:
+        """Number of steps at which a plan was stopped when its time was over."""
+        return sum(any(plan.stopped for plan in d.plans) for d in self.decisions)
+
+    @property
     def received(self) -> Array:
         """Controls that reached the equations of a `Plant`, shape (nu, T)."""
         if all(decision.acting is None for decision in self.decisions):
@@ -149,12 +154,16 @@ class Trajectory(Presented):
         """Return length, sizes and number of feasible plans in a few lines."""
         plans = [plan for decision in self.decisions for plan in decision.plans]
         feasible = sum(plan.feasible for plan in plans)
+        stopped = ""
+        if self.stopped_steps:
+            stopped = f"; {self.stopped_steps} stopped when their time was over"
         return "\n".join(
             [
                 f"Trajectory of {len(self.decisions)} steps over {self.times[-1]:g} s: "
                 f"{self.states.shape[0]} states, {self.controls.shape[0]} controls",
                 f"  plans: {feasible} of {len(plans)} feasible",
-                f"  decisions: {float(np.median(self.step_seconds)):.3g} s (median)",
+                f"  decisions: {float(np.median(self.step_seconds)):.3g} s (median)"
+                f"{stopped}",
             ]
         )
 

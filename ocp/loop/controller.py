@@ -15,9 +15,10 @@ can stall: an infeasible plan would be repeated for ever.)
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
-from typing import Protocol, get_args
+from functools import partial
+from typing import Protocol, Required, TypedDict, Unpack, get_args
 
 import numpy as np
 
@@ -36,6 +37,7 @@ from swarmstart.arguments import (
     several,
 )
 from swarmstart.arrays import Array
+from swarmstart.machine_code import stopwatch
 from swarmstart.ocp.answer.improving import improved
 from swarmstart.ocp.answer.plan import Plan, Source
 from swarmstart.ocp.answer.planner import Planner
@@ -43,6 +45,7 @@ from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.nlp.multipliers import duals_of
 from swarmstart.ocp.nlp.polish import is_better
 from swarmstart.ocp.nlp.start import Carried, Start
+from swarmstart.ocp.nlp.watching import Answer, Deadline
 from swarmstart.ocp.rollout.fitness import Known
 from swarmstart.ocp.statement.control_shape import Profile
 from swarmstart.ocp.statement.decisions import Free
@@ -191,6 +194,7 @@ def known_at(
     period=optional(a_number(above=0)),
     previous=optional(reals()),
     carries=FLAG,
+    within=optional(a_number(above=0)),
 )
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class RecedingHorizon:
@@ -220,10 +224,17 @@ class RecedingHorizon:
             it to False if the meaning of the signals changes from plan to plan. A
             polish that takes three times the median of the earlier iterations, and at
             least 20, is given up for the usual start.
+        within: Wall time for one plan [s], without that of loading and compiling: then
+            search and polish are stopped, and the best plan so far is applied, by
+            violation, then cost, never worse than the shifted last plan or the start.
+            `Plan.stopped` says so. A generation or an iteration that has begun is
+            finished, and lanes are not used. None: plans are finished.
 
     Raises:
         InvalidProblemError: If the end time is free and there is no period or it may
-            not shrink to one period; or if the members of an ensemble share no control.
+            not shrink to one period; if the members of an ensemble share no control; or
+            if there is a time for a plan, and a search in lanes or a polish that cannot
+            be stopped.
 
     Example:
         >>> import casadi as ca
@@ -251,9 +262,12 @@ class RecedingHorizon:
     period: float | None = None
     previous: Array | None = None
     carries: bool = True
+    within: float | None = None
 
     def __post_init__(self) -> None:
-        """Check that the run can end if the end time is free."""
+        """Check that the run can end if the end time is free, and plans be stopped."""
+        if self.within is not None:
+            self.planner.in_time()
         horizon = self.planner.stated.horizon
         risk = self.planner.stated.risk
         if risk is not None and risk.robust_horizon == 0:
@@ -436,9 +450,12 @@ class RecedingHorizon:
         begun = shifted if self.shift and shifted is not None else guess
         if last is not None and begun is not None and not isinstance(begun, Start):
             begun = Start(begun, carried=self._carried(last, left))
-        plan = self.planner.plan(
+        return plan_of_step(
+            self.planner,
             state,
-            known=known,
+            known,
+            shifted,
+            within=self.within,
             guess=begun,
             candidates=None if self.candidates is None else self.candidates(time),
             near=last is not None,
@@ -447,9 +464,6 @@ class RecedingHorizon:
             is_new=not self._leaves_some,
             rng=rng,
         )
-        if plan.feasible or shifted is None:  # A first plan has no fallback.
-            return plan
-        return fallback_of(self.planner, plan, shifted, state, known)
 
     def _posed(
         self, state: Array, known: Known, last: Plan | None
@@ -546,30 +560,111 @@ def _acting(planner: Planner, plan: Plan, number: int) -> Array | None:
     return None if found is None else found[: planner.stated.flown_controls, number]
 
 
-def fallback_of(
-    planner: Planner, plan: Plan, again: Array, state: Array, known: Known
+class _Asked(TypedDict, total=False):
+    """Further arguments of `Planner.plan`."""
+
+    guess: Array | Start | None
+    candidates: Array | None
+    near: bool
+    last_cost: float | None
+    in_loop: bool
+    is_new: bool
+    rng: Required[np.random.Generator]
+
+
+def plan_of_step(
+    planner: Planner,
+    state: Array,
+    known: Known,
+    shifted: Array | None,
+    *,
+    within: float | None,
+    **asked: Unpack[_Asked],
 ) -> Plan:
-    """Return the shifted last plan in place of an infeasible one, unless it is worse.
+    """Return the plan of a step; the shifted last one if none is feasible, or better.
 
     Args:
-        planner: The planner that made the plan.
-        plan: Result of planning; its search values and effort are kept.
-        again: Controls of the shifted last plan, shape (nu, N).
+        planner: The planner.
         state: State of the core, shape (nx,).
         known: Parameters and signals of the plan.
+        shifted: Controls of the shifted last plan, shape (nu, N); None at the start.
+        within: As in `RecedingHorizon`.
+        **asked: Further arguments of `Planner.plan`.
     """
-    shifted = planner.evaluated(
-        again,
+    if within is None:
+        plan = planner.plan(state, known=known, **asked)
+    else:
+        plan = _in_time(planner, state, known, shifted, within=within, **asked)
+    if plan.feasible or shifted is None:  # A first plan has no fallback.
+        return plan
+    # Values of the search and the effort are those of planning.
+    again = _another(planner, plan, shifted, state, known, source=Source.SHIFTED)
+    values = [(one.cost, one.violation) for one in (plan, again)]
+    return plan if is_better(*values, tolerance=planner.problem.tolerance) else again
+
+
+def _in_time(
+    planner: Planner,
+    state: Array,
+    known: Known,
+    shifted: Array | None,
+    *,
+    within: float,
+    **asked: Unpack[_Asked],
+) -> Plan:
+    """Return the plan of a step, or the best so far when its time is over."""
+    with stopwatch() as watch:
+        deadline = Deadline(
+            within,
+            lambda: watch.seconds,
+            value_of=lambda controls, x0: planner.fitness.value(controls, x0, known),
+            better=partial(is_better, tolerance=planner.problem.tolerance),
+            watch=planner.watch.watch,
+        )
+        with planner.watch.to(deadline):
+            best = planner.in_time().plan(state, known=known, **asked)
+    if not deadline.stopped:
+        return best
+    found, guess = (best.cost, best.violation), asked.get("guess")
+    chosen: tuple[Answer, Source] | None = None
+    others: list[tuple[Answer, Source]] = []
+    if deadline.best is not None:
+        others.append((deadline.best, Source.POLISH))
+    if shifted is not None:
+        others.append(((shifted, state), Source.GUESS))
+    # Else planning began from the shifted plan itself.
+    if not isinstance(guess, Start) or guess.controls is not shifted:
+        begun = planner.as_begun(state, known=known, guess=guess)
+        others.append(((begun.controls, begun.x0), begun.source))
+    for other in others:
+        value = planner.fitness.value(*other[0], known)
+        if is_better(value, found, tolerance=planner.problem.tolerance):
+            found, chosen = value, other
+    if chosen is not None:
+        (controls, x0), source = chosen
+        best = _another(planner, best, controls, x0, known, source=source)
+    return replace(best, stopped=True)
+
+
+def _another(
+    planner: Planner,
+    plan: Plan,
+    controls: Array,
+    state: Array,
+    known: Known,
+    *,
+    source: Source,
+) -> Plan:
+    """Return other controls as a plan, with the effort of a plan that was made."""
+    return planner.evaluated(
+        controls,
         state,
         known=known,
-        source=Source.SHIFTED,
+        source=source,
         search=plan.search,
         evaluations=plan.evaluations,
         polish_status=plan.polish_status,
-    )
-    found, last = (plan.cost, plan.violation), (shifted.cost, shifted.violation)
-    return (
-        plan if is_better(found, last, tolerance=planner.problem.tolerance) else shifted
+        stopped=plan.stopped,
     )
 
 
@@ -584,7 +679,8 @@ class OpenLoop:
             again with a margin, as in `solve`.
 
     Raises:
-        InvalidProblemError: If members of an ensemble have controls of their own.
+        InvalidProblemError: If members of an ensemble have controls of their own, or
+            the loop has a time for one plan.
 
     Example:
         >>> import casadi as ca
@@ -606,7 +702,12 @@ class OpenLoop:
     repair: bool = True
 
     def __post_init__(self) -> None:
-        """Raise if members of an ensemble have controls of their own."""
+        """Raise if members have controls of their own, or a plan has a time."""
+        if self.loop.within is not None:
+            raise InvalidProblemError(
+                "an open loop plans once, before it begins: expected within=None, got "
+                f"{self.loop.within:g} s"
+            )
         stated = self.loop.planner.stated
         risk = stated.risk
         shared = None if risk is None else risk.robust_horizon

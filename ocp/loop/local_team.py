@@ -129,6 +129,7 @@ class LocalAgent:
     range=a_number(above=0, finite=False),
     position=INDICES,
     links=a_count(),
+    within=optional(a_number(above=0)),
 )
 class LocalTeam:
     """Controller of similar agents, each of which sees those within range.
@@ -162,7 +163,7 @@ class LocalTeam:
         [1.0, 0.5]
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0913 - a team and the time of a plan
         self,
         agents: Sequence[LocalAgent],
         *,
@@ -171,6 +172,7 @@ class LocalTeam:
         range: float,
         position: tuple[int, ...],
         links: int = 0,
+        within: float | None = None,
     ) -> None:
         """Set up a team.
 
@@ -183,6 +185,8 @@ class LocalTeam:
             position: Rows of an agent's states that are its position.
             links: Number of links that the problems have signals for. An agent with
                 fewer links gets the position FAR for the rest.
+            within: Wall time for the plan of one agent [s], as in `RecedingHorizon`;
+                None: no limit.
 
         Raises:
             InvalidProblemError: If the order is not a permutation, a link plans later,
@@ -195,7 +199,10 @@ class LocalTeam:
         self._check_order()
         self._check_planners(planners)
         self._controllers = [
-            {room: _controller(agent, planner) for room, planner in planners.items()}
+            {
+                room: _controller(agent, planner, within)
+                for room, planner in planners.items()
+            }
             for agent in self.agents
         ]
         self._nx = planners[self._rooms[0]].problem.model.nx
@@ -381,7 +388,9 @@ class LocalTeam:
         return [np.full((len(self.position), nodes), FAR)] * count
 
 
-def _controller(agent: LocalAgent, planner: Planner) -> RecedingHorizon:
+def _controller(
+    agent: LocalAgent, planner: Planner, within: float | None
+) -> RecedingHorizon:
     candidates = agent.candidates
     return RecedingHorizon(
         planner=planner,
@@ -389,4 +398,5 @@ def _controller(agent: LocalAgent, planner: Planner) -> RecedingHorizon:
         candidates=None if candidates is None else lambda time: candidates,
         append="last",
         carries=False,  # The signal rows change their meaning.
+        within=within,
     )

@@ -39,7 +39,7 @@ from swarmstart.ocp.answer.plan import Plan
 from swarmstart.ocp.answer.planner import Planner
 from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.common.expressions import symbol_names, symbol_of
-from swarmstart.ocp.loop.controller import Decision, fallback_of
+from swarmstart.ocp.loop.controller import Decision, plan_of_step
 from swarmstart.ocp.loop.plant import Plant
 from swarmstart.ocp.nlp.polish_options import PolishOptions
 from swarmstart.ocp.rollout.fitness import Known
@@ -81,6 +81,7 @@ _VALUES = mapping(values=a_number(), words="a mapping of names to finite numbers
     planners=several(of_kind(Planner, "a Planner"), "a sequence of Planners"),
     model=of_kind(Model, "a Model"),
     parameters=_VALUES,
+    within=optional(a_number(above=0)),
 )
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class PhasedHorizon:
@@ -94,6 +95,11 @@ class PhasedHorizon:
         model: Model of the plant: all states by their names, then time, phase, and time
             in the phase.
         parameters: Values of the known parameters by name.
+        within: Wall time for one plan [s], as in `RecedingHorizon`; None: no limit.
+
+    Raises:
+        InvalidProblemError: If there is a time for a plan, and a search in lanes or a
+            polish that cannot be stopped.
 
     Example:
         >>> import casadi as ca
@@ -114,6 +120,12 @@ class PhasedHorizon:
     planners: tuple[Planner, ...]
     model: Model
     parameters: Mapping[str, float]
+    within: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check that plans can be stopped if they have a time."""
+        if self.within is not None:
+            self.planners[0].in_time()
 
     @property
     def dt(self) -> float:
@@ -244,18 +256,18 @@ class PhasedHorizon:
                 guess = guesses.get(name, float(state[place]))
                 limits = decided[name]
                 state[place] = np.clip(guess, limits.lower, limits.upper)
-        plan = planner.plan(
+        return plan_of_step(
+            planner,
             state,
-            known=core,
+            core,
+            shifted,
+            within=self.within,
             guess=shifted,
             near=previous is not None,
             last_cost=None if previous is None else previous.plans[0].cost,
             in_loop=True,
             rng=rng,
         )
-        if plan.feasible or shifted is None:
-            return plan
-        return fallback_of(planner, plan, shifted, state, core)
 
     def _shifted(
         self, number: int, previous: Decision
@@ -306,8 +318,9 @@ class PhasedHorizon:
     period=a_number(above=0),
     linkages=of_kind((list, tuple), "a sequence of linkages"),
     parameters=_VALUES,
+    within=optional(a_number(above=0)),
 )
-def phased_horizon(
+def phased_horizon(  # noqa: PLR0913 - phases, and how each plan is made
     stated: Sequence[OptimalControlProblem],
     linkages: Sequence[Linkage] = (),
     *,
@@ -315,6 +328,7 @@ def phased_horizon(
     search: SearchGiven = None,
     polish: PolishOptions | None,
     parameters: Mapping[str, float] = NO_PARAMETERS,
+    within: float | None = None,
 ) -> PhasedHorizon:
     """Return a controller that runs phases and plans them anew every period.
 
@@ -325,6 +339,7 @@ def phased_horizon(
         search: The population search of each plan, as for a Planner; None: no search.
         polish: Options of the polish; None: no polish.
         parameters: Values of the parameters that are not decided, by name.
+        within: Wall time for one plan [s], as in `RecedingHorizon`; None: no limit.
 
     Returns:
         The controller; its `plant` and `start` give the plant and the initial state.
@@ -365,6 +380,7 @@ def phased_horizon(
         ),
         model=_plant_model(stated, links, together),
         parameters=dict(parameters),
+        within=within,
     )
 
 

@@ -14,6 +14,7 @@ from swarmstart.ocp.nlp.polish import (
     is_better,
 )
 from swarmstart.ocp.nlp.polish_options import (
+    DEAF,
     PolishOptions,
     check_solver,
     has_solver,
@@ -22,22 +23,27 @@ from swarmstart.ocp.nlp.start import (
     Start,
 )
 from swarmstart.ocp.nlp.watching import (
-    UNWATCHED,
     Answer,
     Ratios,
+    Relay,
+    Unwatched,
+    Value,
     Watch,
     Work,
 )
 
 __all__ = [
-    "UNWATCHED",
+    "DEAF",
     "Answer",
     "Duals",
     "Multipliers",
     "PolishOptions",
     "Polisher",
     "Ratios",
+    "Relay",
     "Start",
+    "Unwatched",
+    "Value",
     "Watch",
     "Work",
     "check_solver",

@@ -59,6 +59,8 @@ from swarmstart.ocp.nlp.watching import (
     Ratios,
     Watch,
     Work,
+    is_late,
+    is_watched,
     work_of,
 )
 from swarmstart.ocp.rollout.fitness import (
@@ -251,7 +253,6 @@ class Polisher:
         self._solvers = NlpSolvers(
             fitness.shooting,
             self._options,
-            is_watched=watch is not UNWATCHED,
             is_compiled=fitness.backend == "llvm",
         )
 
@@ -268,7 +269,7 @@ class Polisher:
     def prepare(self) -> None:
         """Build the solver for starts near an answer now, not at the first use."""
         if self._choice is None:
-            self._solvers(None).near()
+            self._solvers(None).near(is_watched(self.watch))
 
     @checked(
         refused,
@@ -337,7 +338,8 @@ class Polisher:
             warm = how._replace(near=True, carried=carried)
             found = self._tried(controls, states, x0, known, before, warm)
             found = _with_spent(found, carried)
-        if found is None or found.status is not PolishStatus.CONVERGED:
+        fails = found is None or found.status is not PolishStatus.CONVERGED
+        if found is None or (fails and not is_late(self.watch)):
             begun = self._tried(controls, states, x0, known, before, how)
             found = (
                 begun
@@ -352,12 +354,12 @@ class Polisher:
             still = np.repeat(states[:, :1], states.shape[1], axis=1)
             again = self._tried(controls, still, x0, known, before, how)
             found = better_of(found, again, tolerance=problem.tolerance)
-            ended = found.status is PolishStatus.CONVERGED
+            ended = found.status is PolishStatus.CONVERGED or self.watch.is_over
         if near and not ended and self._can_start_afresh:
             how = how._replace(near=False)
             again = self._tried(controls, states, x0, known, before, how)
             found = better_of(found, again, tolerance=problem.tolerance)
-        if not self.watch.is_over:
+        if self._choice is not None and not self.watch.is_over:
             found = self._with_finer_steps(found, steps, known, held)
         self.watch.answered((found.controls, found.x0), found.cost, found.violation)
         return found
@@ -388,7 +390,7 @@ class Polisher:
         held: Sequence[int],
     ) -> Polished:
         """Return an answer, polished again if it needs more steps than its guess."""
-        if self._choice is None or steps is None:
+        if steps is None:
             return found
         states = self._fitness.states(found.controls, found.x0, known)
         needed = self._steps(found.controls, states, found.x0, known)
@@ -568,7 +570,7 @@ class Polisher:
         """
         begun = {}
         if asked.multipliers is None:
-            solver = solvers.near() if near else solvers.far
+            solver = (solvers.near if near else solvers.far)(is_watched(self.watch))
         else:
             solver = solvers.warm()
             begun = dict(zip(("lam_g0", "lam_x0"), asked.multipliers, strict=True))
@@ -660,8 +662,9 @@ def polish_basins(
         near: Whether the starts are answers that the solver should stay near; see
             Polisher.
     """
-    best, *others = (
-        polisher(
+
+    def polished(start: Start) -> Polished:
+        return polisher(
             start.controls,
             x0 if start.x0 is None else start.x0,
             known,
@@ -671,10 +674,13 @@ def polish_basins(
             near=near and start.states is None,
             carried=start.carried,
         )
-        for start in starts
-    )
+
+    best = polished(starts[0])
     evaluations = best.evaluations
-    for one in others:
+    for start in starts[1:]:
+        if is_late(polisher.watch):
+            break
+        one = polished(start)
         evaluations += one.evaluations
         found, so_far = ((p.cost, p.violation) for p in (one, best))
         if is_better(found, so_far, tolerance=tolerance):

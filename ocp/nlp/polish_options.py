@@ -56,6 +56,8 @@ _QUIET: Mapping[str, Mapping[str, Any]] = MappingProxyType(
     }
 )
 """Options that keep the other solvers of CasADi from printing."""
+DEAF: Mapping[str, str] = MappingProxyType({"fatrop": "fatrop.max_iter"})
+"""NLP solvers that CasADi cannot stop between iterations -> option of their limit."""
 
 
 @checked(

@@ -18,9 +18,10 @@ on a slow machine. CasADi reports the counts only at the end of a solve. While i
 an iteration counts as one of each; trial steps of a line search are added at the end.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol
 
 import casadi as ca
@@ -28,13 +29,15 @@ import numpy as np
 
 from swarmstart.arguments import having
 from swarmstart.arrays import Array
-from swarmstart.heuristics import SearchResult
+from swarmstart.heuristics import Budget, SearchResult, StopReason
 from swarmstart.heuristics.running import Individual
 from swarmstart.ocp.nlp.transcription import NonlinearProgram
 from swarmstart.ocp.rollout.shooting import Shooting
 
 Answer = tuple[Array, Array]
 """Controls (nu, N), and the initial state with the decisions about it (nx,)."""
+Value = tuple[float, float]
+"""Cost and violation at the checks of the problem."""
 _CALLS = "n_call_nlp_"
 
 
@@ -214,26 +217,178 @@ UNWATCHED = Unwatched()
 WATCH = having("is_over", "searching", words="an observer with the methods of Watch")
 
 
-class WorkAlone(Unwatched):
-    """Report another problem's work to a watch, without its answers."""
+class Relay:
+    """Relay to one watch after another, so that compiled parts serve all of them.
 
-    def __init__(self, watch: Watch) -> None:
-        """Keep the watch."""
-        self._watch = watch
+    Attributes:
+        watch: The current watch.
+    """
+
+    def __init__(self, watch: Watch = UNWATCHED) -> None:
+        """Start with a watch."""
+        self.watch = watch
+
+    @contextmanager
+    def to(self, watch: Watch) -> Iterator[None]:
+        """Relay to another watch until the context ends."""
+        before, self.watch = self.watch, watch
+        try:
+            yield
+        finally:
+            self.watch = before
 
     @property
-    def is_over(self) -> bool:  # type: ignore[override]
-        """True if a budget is spent."""
-        return self._watch.is_over
+    def is_over(self) -> bool:
+        """State of the watch; all methods below are passed on to it."""
+        return self.watch.is_over
+
+    def searching(self) -> AbstractContextManager[None]:
+        """Pass on."""
+        return self.watch.searching()
+
+    def advanced(
+        self,
+        evaluations: int,
+        best: Callable[[], Individual],
+        answer: Callable[[Array], Answer],
+    ) -> None:
+        """Pass on."""
+        self.watch.advanced(evaluations, best, answer)
+
+    def searched(self, result: SearchResult) -> None:
+        """Pass on."""
+        self.watch.searched(result)
+
+    def counted(self, evaluations: float) -> None:
+        """Pass on."""
+        self.watch.counted(evaluations)
+
+    def iterated(self, evaluations: float, answer: Callable[[], Answer] | None) -> bool:
+        """Pass on."""
+        return self.watch.iterated(evaluations, answer)
+
+    def solved(self, work: Work, ratios: Ratios) -> None:
+        """Pass on."""
+        self.watch.solved(work, ratios)
+
+    def answered(self, answer: Answer, cost: float, violation: float) -> None:
+        """Pass on."""
+        self.watch.answered(answer, cost, violation)
+
+
+class WorkAlone(Relay):
+    """Report another problem's work to a watch, without its answers."""
+
+    def counted(self, evaluations: float) -> None:
+        """Do nothing."""
 
     def iterated(self, evaluations: float, answer: Callable[[], Answer] | None) -> bool:
         """Report an iterate, without its values."""
         del answer
-        return self._watch.iterated(evaluations, None)
+        return self.watch.iterated(evaluations, None)
 
-    def solved(self, work: Work, ratios: Ratios) -> None:
-        """Report the work of a solve."""
-        self._watch.solved(work, ratios)
+    def answered(self, answer: Answer, cost: float, violation: float) -> None:
+        """Do nothing."""
+
+
+class Deadline(Relay):
+    """End of the work on a plan at a time, with the best answer until then.
+
+    Attributes:
+        best: The best answer so far; None before the first.
+        value: Its cost and violation.
+        stopped: Whether the time has ended some work, or prevented it.
+    """
+
+    def __init__(
+        self,
+        within: float,
+        clock: Callable[[], float],
+        *,
+        value_of: Callable[[Array, Array], Value],
+        better: Callable[[Value, Value], bool],
+        watch: Watch = UNWATCHED,
+    ) -> None:
+        """Set the time.
+
+        Args:
+            within: The time at which the work ends [s].
+            clock: Returns the time since the start [s].
+            value_of: Controls and initial state -> cost and violation at the checks.
+            better: Whether the first value is better than the second.
+            watch: Another observer, which may stop the work earlier.
+        """
+        super().__init__(watch)
+        self._within, self._clock = within, clock
+        self._value_of, self._better = value_of, better
+        self._limits_search = False
+        self.best: Answer | None = None
+        self.value: Value = (math.inf, math.inf)
+        self.stopped = False
+
+    @property
+    def is_late(self) -> bool:
+        """True if the time is over; whatever asks is then not done."""
+        late = self._clock() >= self._within
+        self.stopped = self.stopped or late
+        return late
+
+    @property
+    def is_over(self) -> bool:
+        """True if the time is over, or another budget is spent."""
+        return self.is_late or self.watch.is_over
+
+    def shortened(self, budget: Budget, share: float) -> Budget:
+        """Return a search's budget with at most a share of the time that is left."""
+        # A budget needs a time above zero: the first generation is made in any case.
+        left = max(share * (self._within - self._clock()), 1e-9)
+        self._limits_search = budget.seconds is None or left < budget.seconds
+        return replace(budget, seconds=left) if self._limits_search else budget
+
+    def searched(self, result: SearchResult) -> None:
+        """Pass the result on; note if it is that of a shortened search."""
+        if self._limits_search and result.stopped is StopReason.SECONDS:
+            self.stopped = True
+        self.watch.searched(result)
+
+    def iterated(self, evaluations: float, answer: Callable[[], Answer] | None) -> bool:
+        """Keep an iterate if it is the best so far; return whether to continue."""
+        if answer is not None:
+            found = answer()
+            # Iterates of a solver that fails can be NaN.
+            if all(np.isfinite(part).all() for part in found):
+                self._keep(found, self._value_of(*found))
+        goes_on = self.watch.iterated(evaluations, answer)
+        return goes_on and not self.is_late
+
+    def answered(self, answer: Answer, cost: float, violation: float) -> None:
+        """Keep an answer if it is the best so far."""
+        self._keep(answer, (cost, violation))
+        self.watch.answered(answer, cost, violation)
+
+    def _keep(self, answer: Answer, value: Value) -> None:
+        if self._better(value, self.value):
+            self.best, self.value = answer, value
+
+
+def is_watched(watch: Watch) -> bool:
+    """Return whether anything is to be reported to a watch now."""
+    if isinstance(watch, Relay) and not isinstance(watch, Deadline):
+        return is_watched(watch.watch)
+    return watch is not UNWATCHED
+
+
+def deadline_of(watch: Watch) -> Deadline | None:
+    """Return the time limit that a watch passes on to; None without one."""
+    if isinstance(watch, Deadline):
+        return watch
+    return deadline_of(watch.watch) if isinstance(watch, Relay) else None
+
+
+def is_late(watch: Watch) -> bool:
+    """Return whether the time of a step is over, so that the rest is left out."""
+    deadline = deadline_of(watch)
+    return deadline is not None and deadline.is_late
 
 
 class Iterates(ca.Callback):

@@ -147,6 +147,11 @@ class LaneSearch:
         other._search = search
         return other
 
+    @property
+    def uses_lanes(self) -> bool:
+        """True if its local solves are made in lanes."""
+        return self._solver is not None
+
     def prepare(self) -> None:
         """Wait for machine code that is still being compiled."""
         if self._solver is not None:

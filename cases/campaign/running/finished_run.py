@@ -74,13 +74,13 @@ def _status_of(flight: Flight[Posed], trajectory: Trajectory) -> RunStatus:
         return _of_one_plan(flight, trajectory, unproven)
     found = [found_plans(d) for d in trajectory.decisions if planned(d)]
     infeasible, linear = found.count(False), len(trajectory.decisions) - len(found)
-    more = _searched(trajectory) + unproven
+    more = _searched(trajectory) + _stopped(trajectory) + unproven
     if not infeasible:
         under = f", {counted(linear, 'step')} under the linear law" if linear else ""
         more = under + more
         said = "every planned step found a feasible plan"
     elif infeasible == len(found):
-        more = unproven
+        more = _stopped(trajectory) + unproven
         said = "no step found a feasible plan"
     else:
         said = f"{infeasible} of {len(found)} planned steps found no feasible plan"
@@ -134,6 +134,15 @@ def _searched(trajectory: Trajectory) -> str:
         return ""
     were = "was" if searched == 1 else "were"
     return f", {searched} of {len(plans)} plans {were} searched"
+
+
+def _stopped(trajectory: Trajectory) -> str:
+    """Return at how many steps planning was stopped in time, if at any."""
+    count, steps = trajectory.stopped_steps, len(trajectory.decisions)
+    if not count:
+        return ""
+    were = "was" if count == 1 else "were"
+    return f", {count} of {counted(steps, 'step')} {were} stopped in time (within_s)"
 
 
 class Interrupted(KeyboardInterrupt):

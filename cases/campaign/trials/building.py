@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from swarmstart.cases.campaign.trials.history import Relay
 from swarmstart.cases.campaign.trials.own_solver import OwnSolver
 from swarmstart.cases.campaign.trials.peer_names import PEERS
 from swarmstart.cases.campaign.trials.solver_names import IPOPT, Solver, polish_of
@@ -30,15 +29,13 @@ from swarmstart.ocp import (
     SearchSettings,
     population_of,
 )
-from swarmstart.ocp.nlp import PolishOptions, Work
+from swarmstart.ocp.nlp import DEAF, PolishOptions, Relay, Unwatched, Work
 from swarmstart.ocp.search import SearchSpace, space_of
 
 SEARCH_SHARE, LEAST_SHARE = 0.9, 0.5
 """Part of the budget that a search has if an NLP solver follows."""
 ITERATIONS = 50
 """Iterations of an NLP solver that should fit into its part of the budget."""
-DEAF = {"fatrop": "fatrop.max_iter"}
-"""NLP solvers that CasADi cannot stop between iterations -> option of their limit."""
 ENDLESS = 2**60
 """Number of evaluations that stands for no limit."""
 
@@ -108,7 +105,8 @@ def built(posed: PlanningProblem, trial: Trial) -> Built:
     solver, relay = trial.solver, Relay()
     space = None
     quiet = silenced(is_needed=is_loud(trial))
-    with quiet, stopwatch() as watch:
+    # Observed already, so that no trial has to build the solver that reports iterates.
+    with quiet, stopwatch() as watch, relay.to(Unwatched()):
         planner = _planner(posed, trial, relay, _polish_of(trial))
         # The costs of derivatives are known only after the planner is built.
         fewer = _limited(planner, trial)

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,13 +26,11 @@ from swarmstart.cases.campaign.trials.result import finite
 from swarmstart.heuristics import SearchResult
 from swarmstart.heuristics.running import Individual, StopReason
 from swarmstart.machine_code import Stopwatch
-from swarmstart.ocp.nlp import UNWATCHED, Answer, Ratios, Watch, Work, is_better
+from swarmstart.ocp.nlp import Answer, Ratios, Value, Work, is_better
 
 PER_DECADE = 10
 CHECKPOINT_S = 0.25
 """Shortest time between two checkpoints; the first is written at once [s]."""
-Value = tuple[float, float]
-"""Cost and violation."""
 WORST: Value = (math.inf, math.inf)
 
 
@@ -373,62 +371,3 @@ class CountedObjective:
         if self.spent:
             raise BudgetSpent
         return values
-
-
-class Relay:
-    """Relay to one meter after another, so that common parts serve all trials.
-
-    Attributes:
-        meter: The current meter; None before a trial begins.
-    """
-
-    def __init__(self) -> None:
-        """Start without a meter."""
-        self.meter: Watch = UNWATCHED
-
-    @contextmanager
-    def to(self, meter: Meter) -> Iterator[None]:
-        """Relay to a meter until the context ends."""
-        self.meter = meter
-        try:
-            yield
-        finally:
-            self.meter = UNWATCHED
-
-    @property
-    def is_over(self) -> bool:
-        """State of the meter; all methods below are passed on to it."""
-        return self.meter.is_over
-
-    def searching(self) -> AbstractContextManager[None]:
-        """Pass on."""
-        return self.meter.searching()
-
-    def advanced(
-        self,
-        evaluations: int,
-        best: Callable[[], Individual],
-        answer: Callable[[Array], Answer],
-    ) -> None:
-        """Pass on."""
-        self.meter.advanced(evaluations, best, answer)
-
-    def searched(self, result: SearchResult) -> None:
-        """Pass on."""
-        self.meter.searched(result)
-
-    def counted(self, evaluations: float) -> None:
-        """Pass on."""
-        self.meter.counted(evaluations)
-
-    def iterated(self, evaluations: float, answer: Callable[[], Answer] | None) -> bool:
-        """Pass on."""
-        return self.meter.iterated(evaluations, answer)
-
-    def solved(self, work: Work, ratios: Ratios) -> None:
-        """Pass on."""
-        self.meter.solved(work, ratios)
-
-    def answered(self, answer: Answer, cost: float, violation: float) -> None:
-        """Pass on."""
-        self.meter.answered(answer, cost, violation)

@@ -117,6 +117,7 @@ def _agent(
         watches=tuple(range(len(before))),
         shows=positions_of(scenario),
         previous=previous_controls(scenario, group),
+        within=feedback.within_s,
     )
 
 

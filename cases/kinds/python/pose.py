@@ -60,6 +60,7 @@ def pose(scenario: PythonScenario) -> Posed:
                 append=scenario.feedback.append,
                 shift=scenario.feedback.last_plan == "shifted",
                 previous=stated.previous,
+                within=scenario.feedback.within_s,
             ),
         ),
         x0=stated.x0,

@@ -153,6 +153,7 @@ def measured(
         "infeasible_steps": sum(
             planned(d) and not found_plans(d) for d in trajectory.decisions
         ),
+        "stopped_steps": trajectory.stopped_steps,
         "linear_steps": sum(d.mode is Mode.LINEAR for d in trajectory.decisions),
         **effort(trajectory),
     }

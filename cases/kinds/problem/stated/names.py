@@ -28,6 +28,8 @@ MEASURES = {
     "terminal_excess": "Largest excess over a terminal constraint at the end of the "
     "simulated path [-]",
     "infeasible_steps": "Number of steps at which no feasible plan was found",
+    "stopped_steps": "Number of steps at which planning was stopped, since its time "
+    "was over",
     "linear_steps": "Number of steps under the linear law of a dual mode",
     "evaluations": "Number of trajectories that searches evaluated, plus the "
     "evaluations of the objective by the polish",

@@ -345,6 +345,9 @@ class Feedback(Part):
         last_plan: Starting point of planning: the last plan shifted by one interval, or
             as it is.
         append: Controls at the end of the shifted plan: zero, or the last ones again.
+        within_s: Wall time for one plan in a receding horizon [s], after which the best
+            plan so far is applied; results then depend on the speed of the machine, and
+            lanes are not used; null means no limit.
         repair: Option to solve an open-loop plan again with a margin if it breaks a
             constraint between checks.
     """
@@ -353,12 +356,22 @@ class Feedback(Part):
     period_s: Positive | None = None
     last_plan: Literal["shifted", "unshifted"] = "shifted"
     append: Appended = "zero"
+    within_s: Positive | None = None
     repair: bool = True
 
     @model_validator(mode="before")
     @classmethod
     def _from_name(cls, value: object) -> object:
         return {"law": value} if isinstance(value, str) else value
+
+    @model_validator(mode="after")
+    def _has_steps(self) -> "Feedback":
+        if self.within_s is not None and self.law == "open_loop":
+            raise ValueError(
+                "expected within_s with law: receding_horizon, which plans at each "
+                "step; found open_loop"
+            )
+        return self
 
     @classmethod
     def __get_pydantic_json_schema__(

@@ -6,7 +6,7 @@ are in parts.py, numbers and expressions in values.py.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, Tag, field_serializer, model_validator
@@ -14,7 +14,12 @@ from pydantic import Field, Tag, field_serializer, model_validator
 from swarmstart.cases.format.document import counted
 from swarmstart.cases.format.expressions import evaluate
 from swarmstart.cases.format.parts import BudgetPart, Part
-from swarmstart.cases.format.settings import AnySearch, PolishPart, Scenario
+from swarmstart.cases.format.settings import (
+    AnySearch,
+    LocatedFlaw,
+    PolishPart,
+    Scenario,
+)
 from swarmstart.cases.kinds.problem.stated.parts import (
     AlgebraicPart,
     Constraint,
@@ -41,6 +46,7 @@ from swarmstart.cases.kinds.problem.stated.values import (
 )
 from swarmstart.cases.record.results import recorded_plan
 from swarmstart.errors import SwarmstartError
+from swarmstart.ocp import Memetic, Multistart
 from swarmstart.ocp.interpolation import Table as LookupTable
 from swarmstart.ocp.search import LANES
 from swarmstart.ocp.statement import Measure
@@ -248,7 +254,8 @@ class UserScenario(Scenario):
         budget: Budget of the search for each planning problem.
         polish: Local solver that improves the answer of the search: IPOPT, or none.
         lanes: Number of random starts that are solved at once, beside the search, if
-            there is no earlier plan; null means 64 with a polish, else 0.
+            there is no earlier plan; null means 64 with a polish and without within_s,
+            else 0.
     """
 
     schema_version: Literal[1] = Field(default=1, alias="schema")
@@ -261,9 +268,27 @@ class UserScenario(Scenario):
 
     def random_starts(self) -> int:
         """Return the number of random starts; 64 unless the scenario gives another."""
-        if self.polish == "none":
+        if self.polish == "none" or self.feedback.within_s is not None:
             return 0
         return LANES if self.lanes is None else self.lanes
+
+    def flaws(self) -> Iterator[LocatedFlaw]:
+        """Yield errors between parts of the scenario."""
+        yield from super().flaws()
+        if self.feedback.within_s is None:
+            return
+        if self.lanes:
+            what = "expected no lanes with feedback.within_s: they cannot be stopped"
+            yield ("lanes",), f"{what}; found {self.lanes}"
+        search = self.search.algorithm()
+        if isinstance(search, Memetic) or (
+            isinstance(search, Multistart) and search.lanes
+        ):
+            yield (
+                ("search",),
+                "expected a search that can be stopped, such as lshade, or multistart "
+                f"with lanes: false, with feedback.within_s; found {self.search.name}",
+            )
 
 
 class ProblemScenario(UserScenario):

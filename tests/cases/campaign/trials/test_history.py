@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from swarmstart.cases.campaign.trials.history import PER_DECADE, Meter, Relay
+from swarmstart.cases.campaign.trials.history import PER_DECADE, Meter
 from swarmstart.machine_code.clocks import stopwatch
-from swarmstart.ocp.nlp.watching import UNWATCHED, Ratios, Work
+from swarmstart.ocp.nlp.watching import UNWATCHED, Ratios, Relay, Work
 
 NOWHERE = np.zeros((1, 1)), np.zeros(1)
 
@@ -102,5 +102,5 @@ def test_a_relay_tells_one_meter_after_another() -> None:
         with relay.to(one):
             relay.counted(3.0)
     relay.counted(5.0)
-    assert relay.meter is UNWATCHED
+    assert relay.watch is UNWATCHED
     assert first.evaluations == second.evaluations == 3.0
