@@ -6,9 +6,9 @@ An error is printed as one message on standard error, and has an exit code.
 
 Of long work, the first message says that the command is at work: loading libraries
 takes a second or two, and compiling takes ten at the first use, before any step is
-finished. A bar follows on a terminal, and a plain line every few seconds elsewhere (a
-notebook, a file, a pipe, CI). Nothing but that message is printed within the first two
-seconds.
+finished. A bar follows on a terminal, a line that is rewritten in a notebook, and a
+plain line every few seconds elsewhere (a file, a pipe, CI). Nothing but that message is
+printed within the first two seconds.
 """
 
 from __future__ import annotations
@@ -45,6 +45,7 @@ FIRST_SIGN_S = 0.6
 """A command that takes longer says that it is at work."""
 QUIET_S = 2.0  # Nothing is printed before, except the first sign.
 LINE_EVERY_S = 5.0
+REWRITTEN_EVERY_S = 0.5
 
 
 class OutputError(SwarmstartError):
@@ -211,13 +212,22 @@ class Progress:
     `with Progress("swing-up") as shown: solve(..., progress=shown.update)`.
     """
 
-    def __init__(self, title: str, *, quiet: bool = False, of: str = "step") -> None:
+    def __init__(
+        self,
+        title: str,
+        *,
+        quiet: bool = False,
+        of: str = "step",
+        waits: bool = False,
+    ) -> None:
         """Prepare; nothing is shown yet.
 
         Args:
             title: Name of the work.
             quiet: Whether to stay silent.
             of: Name of what is counted.
+            waits: Whether the last update is shown two seconds after the beginning,
+                even if no other one follows.
 
         Raises:
             InvalidArgumentError: If one is of another type.
@@ -225,14 +235,30 @@ class Progress:
         _require("title", title, str, "text")
         _require("quiet", quiet, bool, "True or False")
         _require("of", of, str, "text")
+        _require("waits", waits, bool, "True or False")
         self._title, self._quiet, self._of = title, quiet, of
         self._began = self._said = clock.monotonic()
         # The first step compiles, so the pace is taken from its end: (time, steps).
         self._pace_from: tuple[float, int] | None = None
         self._bar: RichProgress | None = None
+        self._last: tuple[int, int, str] | None = None
+        self._width = 0
+        self._timer: threading.Timer | None = None
+        if waits and not quiet:
+            self._timer = threading.Timer(QUIET_S, self._show_last)
+            # A pending one must not keep the process alive.
+            self._timer.daemon = True
+        # The timer draws in a thread of its own.
+        self._lock, self._is_over = threading.Lock(), False
+        self._hiding = contextlib.ExitStack()
 
     def __enter__(self) -> Self:
-        """Begin to count the time."""
+        """Begin to count the time; calls within show no progress of their own."""
+        from swarmstart.ocp.common import hidden
+
+        self._hiding.enter_context(hidden())
+        if self._timer is not None:
+            self._timer.start()
         return self
 
     def __exit__(
@@ -241,9 +267,16 @@ class Progress:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Remove the bar."""
-        if self._bar is not None:
-            self._bar.stop()
+        """Remove the bar or the line."""
+        self._hiding.close()
+        if self._timer is not None:
+            self._timer.cancel()
+        with self._lock:
+            self._is_over = True
+            if self._bar is not None:
+                self._bar.stop()
+            if self._width:
+                self._rewrite("")
 
     def update(self, done: int, total: int, what: str) -> None:
         """Show how far the work is.
@@ -264,10 +297,28 @@ class Progress:
         now = clock.monotonic()
         if self._pace_from is None and done:
             self._pace_from = now, done
+        self._last = done, total, what
         if self._quiet or now - self._began < QUIET_S:
             return
+        with self._lock:
+            self._show(now, done, total, what)
+
+    def _show_last(self) -> None:
+        """Show the last update, if there was one and the work goes on."""
+        with self._lock:
+            if self._last is not None and not self._is_over:
+                self._show(clock.monotonic(), *self._last)
+
+    def _show(self, now: float, done: int, total: int, what: str) -> None:
+        from swarmstart.ocp.common import is_notebook
+
         if fancy():
             self._draw(done, total, what)
+        elif is_notebook():
+            if now - self._said >= REWRITTEN_EVERY_S or not self._width:
+                self._said = now
+                share = f", {100 * done // total} % of {total}" if total else ""
+                self._rewrite(f"{self._title}: {what}{share}")
         elif now - self._said >= LINE_EVERY_S or self._said == self._began:
             # The first line comes at once after QUIET_S.
             self._said = now
@@ -293,15 +344,25 @@ class Progress:
                 console=Console(stderr=True),
                 transient=True,
             )
-            self._bar.add_task(self._title, total=total or None, counted="")
+            self._bar.add_task(f"{self._title}: {what}", total=None, counted="")
             self._bar.start()
+        # By itself `update` would keep the total of work that is done.
+        self._bar.tasks[0].total = total or None
         self._bar.update(
             self._bar.task_ids[0],
             completed=done,
-            total=total or None,
             counted=f"{done}/{total}" if total else "",
             description=f"{self._title}: {what}",
         )
+
+    def _rewrite(self, text: str) -> None:
+        """Write a line over the last one; an empty one erases it."""
+        shown, width = printable(text), self._width
+        self._width = len(shown)
+        with contextlib.suppress(OSError, ValueError):
+            # Twice back: spaces that are left would move what follows.
+            sys.stderr.write(f"\r{shown.ljust(width)}" + ("" if shown else "\r"))
+            sys.stderr.flush()
 
     def _left(self, now: float, done: int, total: int) -> str:
         """Return the time left in words; empty if it cannot be estimated."""

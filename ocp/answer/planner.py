@@ -64,6 +64,7 @@ from swarmstart.ocp.nlp.watching import (
     WATCH,
     Answer,
     Relay,
+    Reporting,
     Watch,
     deadline_of,
     is_late,
@@ -435,8 +436,9 @@ class Planner:
             is_new: Whether nothing of an earlier answer can be used, as for a horizon
                 of one interval; then a search is made as for a first plan.
             rng: Source of all randomness.
-            progress: Called with (evaluations, all, "searching") now and then, and with
-                "polishing" when that begins.
+            progress: Called with (evaluations, all, "searching") now and then, with
+                "polishing" when that begins, and in a long polish with the numbers of
+                the start and of the iteration as text.
 
         Returns:
             The best plan; it need not be feasible.
@@ -499,9 +501,13 @@ class Planner:
             columns = np.moveaxis(candidates, -1, 0)
             first = [bounded_controls(self.problem, one) for one in columns]
         request = _Request(x0, known, given, first, near, rng, progress)
-        if not near and self.many_starts is not None:
-            return self._from_many(request, self.many_starts)
-        return self._from_one(request)
+        watch = self.watch.watch
+        if progress is not tell_nothing:
+            watch = Reporting(progress, watch)
+        with self.watch.to(watch):
+            if not near and self.many_starts is not None:
+                return self._from_many(request, self.many_starts)
+            return self._from_one(request)
 
     def _from_one(self, request: _Request) -> Plan:
         """Return the best plan from the search's points, or from the guess."""

@@ -19,7 +19,6 @@ from swarmstart.arguments import (
     checked,
     choice,
     either,
-    function,
     of_kind,
     optional,
     reals,
@@ -38,7 +37,13 @@ from swarmstart.ocp.answer.solution import Solution, verified
 from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.common.expressions import shortened
 from swarmstart.ocp.common.limits import require_seconds
-from swarmstart.ocp.common.presentation import ProgressCallback, tell_nothing
+from swarmstart.ocp.common.presentation import (
+    PROGRESS,
+    ProgressCallback,
+    ProgressGiven,
+    shown,
+    tell_nothing,
+)
 from swarmstart.ocp.lower_bound import bounding
 from swarmstart.ocp.lower_bound.stated.answer import BoundKind, LowerBound
 from swarmstart.ocp.nlp.polish_options import (
@@ -100,7 +105,7 @@ class BoundInterrupted(KeyboardInterrupt):
         "None",
     ),
     backend=optional(text()),
-    progress=function(),
+    progress=PROGRESS,
 )
 def solve(  # noqa: PLR0913 - the whole way in one call
     problem: OptimalControlProblem,
@@ -119,7 +124,7 @@ def solve(  # noqa: PLR0913 - the whole way in one call
     bound: float | None = None,
     rng: np.random.Generator | None = None,
     seed: int | Sequence[int] | None = None,
-    progress: ProgressCallback = tell_nothing,
+    progress: ProgressGiven = True,
 ) -> Solution:
     """Solve an optimal-control problem from an initial state.
 
@@ -156,9 +161,11 @@ def solve(  # noqa: PLR0913 - the whole way in one call
             the answer is found, in units of about a second; None: no bound.
         rng: Source of all randomness; either this or a seed.
         seed: Seed of a new generator.
-        progress: Called with (evaluations, all, "searching") now and then, and at the
-            start of "polishing", "verifying" and "improving", whose length is not known
-            (0).
+        progress: True: shown on a terminal and in a notebook if it takes more than two
+            seconds. False: not shown. A function is called with (evaluations, all,
+            "searching") now and then, and at the start of "polishing", "verifying" and
+            "improving", whose length is not known (0); in a long polish also with
+            the number of the start and of the iteration as text.
 
     Returns:
         The best answer found, verified along its path.
@@ -199,38 +206,39 @@ def solve(  # noqa: PLR0913 - the whole way in one call
         lanes = LANES if polishing is not None else 0
     if settings is None and polishing is None:
         raise InvalidProblemError("solve needs a search, a polish or both, got neither")
-    with (
-        stopwatch() as watch,
-        kept_planner(
-            from_near_start(shooting_of(problem), x0, known),
-            search=settings,
-            polish=polishing,
-            backend=backend,
-            lanes=lanes,
-        ) as planner,
-    ):
-        start_at = None if guess is None else _start(guess)
-        x0, known, start_at = planner.posed(x0, known, start_at)
-        outside = planner.outside(x0, known)
-        if outside and start == "must hold":
-            raise InvalidProblemError(
-                "the start must keep the bounds of the states and the path "
-                f"constraints: {'; '.join(map(str, outside))} (start='may violate' "
-                "allows it)"
+    with shown(progress, "solve", "compiling") as told:
+        with (
+            stopwatch() as watch,
+            kept_planner(
+                from_near_start(shooting_of(problem), x0, known),
+                search=settings,
+                polish=polishing,
+                backend=backend,
+                lanes=lanes,
+            ) as planner,
+        ):
+            start_at = None if guess is None else _start(guess)
+            x0, known, start_at = planner.posed(x0, known, start_at)
+            outside = planner.outside(x0, known)
+            if outside and start == "must hold":
+                raise InvalidProblemError(
+                    "the start must keep the bounds of the states and the path "
+                    f"constraints: {'; '.join(map(str, outside))} (start='may violate' "
+                    "allows it)"
+                )
+            solution = _solved(
+                planner,
+                x0,
+                known,
+                guess=start_at,
+                repair=repair,
+                rng=rng,
+                progress=told,
             )
-        solution = _solved(
-            planner,
-            x0,
-            known,
-            guess=start_at,
-            repair=repair,
-            rng=rng,
-            progress=progress,
-        )
-    solution = replace(solution, compile_seconds=watch.compile_seconds)
-    if bound is None:
-        return solution
-    return _with_bound(solution, *given, work=bound, progress=progress)
+        solution = replace(solution, compile_seconds=watch.compile_seconds)
+        if bound is None:
+            return solution
+        return _with_bound(solution, *given, work=bound, progress=told)
 
 
 def bounded(

@@ -7,13 +7,23 @@ from swarmstart.ocp.common.limits import (
     require_seconds,
 )
 from swarmstart.ocp.common.presentation import (
+    PROGRESS,
     ProgressCallback,
+    ProgressGiven,
+    hidden,
+    is_notebook,
+    shown,
     tell_nothing,
 )
 
 __all__ = [
+    "PROGRESS",
     "ProgressCallback",
+    "ProgressGiven",
+    "hidden",
+    "is_notebook",
     "require_seconds",
+    "shown",
     "symbol_names",
     "tell_nothing",
 ]

@@ -2,16 +2,21 @@
 
 `ocp` neither prints, nor plots, nor writes. A result looks up the function for its
 figures, files and tables in the table below when it is needed, and `cases` does the
-work. Long work reports its progress to a callback of the program that called it.
+work. Long work reports its progress to a callback of the program that called it. By
+default a display of `cases` is that callback, on a terminal and in a notebook.
 """
 
+import os
+import sys
+import threading
 import time as clock
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any
 
-from swarmstart.arguments import FLAG, PATH, checked
+from swarmstart.arguments import FLAG, PATH, checked, either, function
 from swarmstart.heuristics import Budget
 from swarmstart.ocp.common.errors import refused
 
@@ -34,6 +39,13 @@ ProgressCallback = Callable[[int, int, str], None]
 
 The library itself prints nothing.
 """
+ProgressGiven = ProgressCallback | bool
+"""A callback; True: a display on a terminal and in a notebook; False: none."""
+PROGRESS = either(FLAG, function())
+_DISPLAY = "swarmstart.cases.commands.terminal:Progress"
+_FREE = threading.Lock()
+"""Held while the progress of a call is shown, or hidden: a second display would be
+drawn over the first."""
 
 
 class Presented:
@@ -129,3 +141,57 @@ def of_budget(
             progress(evaluations, budget.evaluations or 0, what)
 
     return tell
+
+
+@contextmanager
+def shown(
+    progress: ProgressGiven, title: str, what: str, *, of: str = "step", total: int = 0
+) -> Iterator[ProgressCallback]:
+    """Lend a callback for the progress of a call.
+
+    Args:
+        progress: A callback, which is lent as it is; True: a display on standard error
+            that appears after two seconds and is erased at the end, if that is a
+            terminal or a notebook's and no progress is shown yet; False: nothing.
+        title: Name of the call.
+        what: Description of the work that is done first.
+        of: Name of what is counted.
+        total: Number of them; 0 if it is not known.
+    """
+    if not isinstance(progress, bool):
+        yield progress
+        return
+    if not (progress and _is_seen() and _FREE.acquire(blocking=False)):
+        yield tell_nothing
+        return
+    try:
+        with resolve_name(_DISPLAY)(title, of=of, waits=True) as display:
+            display.update(0, total, what)
+            yield display.update
+    finally:
+        _FREE.release()
+
+
+@contextmanager
+def hidden() -> Iterator[None]:
+    """Show no progress by default until the context ends."""
+    is_first = _FREE.acquire(blocking=False)
+    try:
+        yield
+    finally:
+        if is_first:
+            _FREE.release()
+
+
+def _is_seen() -> bool:
+    """Return whether standard error is a terminal, or that of a notebook."""
+    try:
+        is_terminal = sys.stderr is not None and sys.stderr.isatty()
+    except ValueError:  # It is closed.
+        return False
+    return (is_terminal or is_notebook()) and "CI" not in os.environ
+
+
+def is_notebook() -> bool:
+    """Return whether standard error is shown in the cells of a notebook."""
+    return type(sys.stderr).__module__.partition(".")[0] == "ipykernel"

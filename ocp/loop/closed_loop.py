@@ -18,7 +18,6 @@ from swarmstart.arguments import (
     a_count,
     a_number,
     checked,
-    function,
     of_kind,
     optional,
     reals,
@@ -30,7 +29,12 @@ from swarmstart.machine_code import stopwatch
 from swarmstart.ocp.common.errors import DivergedError, InvalidProblemError, refused
 from swarmstart.ocp.common.expressions import shortened
 from swarmstart.ocp.common.limits import numbers_of
-from swarmstart.ocp.common.presentation import Presented, ProgressCallback, tell_nothing
+from swarmstart.ocp.common.presentation import (
+    PROGRESS,
+    Presented,
+    ProgressGiven,
+    shown,
+)
 from swarmstart.ocp.loop.controller import Controller, Decision
 from swarmstart.ocp.loop.plant import AnyPlant, Plant, SteppedPlant, plant_of
 from swarmstart.ocp.statement.control_shape import piece_at, rows_at
@@ -309,7 +313,7 @@ def _driven(
     return plant(state, several.mean(axis=1), time)
 
 
-@checked(refused, x0=reals(), steps=a_count(), progress=function())
+@checked(refused, x0=reals(), steps=a_count(), progress=PROGRESS)
 def simulate(  # noqa: PLR0913 - a closed loop in one call
     plant: AnyPlant,
     controller: Controller,
@@ -318,7 +322,7 @@ def simulate(  # noqa: PLR0913 - a closed loop in one call
     steps: int,
     rng: np.random.Generator | None = None,
     seed: int | Sequence[int] | None = None,
-    progress: ProgressCallback = tell_nothing,
+    progress: ProgressGiven = True,
 ) -> Trajectory:
     """Simulate the closed loop over `steps` control intervals.
 
@@ -332,7 +336,9 @@ def simulate(  # noqa: PLR0913 - a closed loop in one call
         steps: Number of control intervals.
         rng: Source of all randomness; either this or a seed.
         seed: Seed of a new generator.
-        progress: Called with (finished steps, all steps, "simulating") after each step.
+        progress: True: shown on a terminal and in a notebook if it takes more than two
+            seconds. False: not shown. A function is called with (finished steps, all
+            steps, "simulating") after each step.
 
     Returns:
         The trajectory of the whole run.
@@ -361,9 +367,10 @@ def simulate(  # noqa: PLR0913 - a closed loop in one call
     """
     rng = generator_of(rng, seed)
     flown: list[Step] = []
-    for step in fly(plant, controller, x0, steps=steps, rng=rng):
-        flown.append(step)
-        progress(len(flown), steps, "simulating")
+    with shown(progress, "simulate", "simulating", total=steps) as told:
+        for step in fly(plant, controller, x0, steps=steps, rng=rng):
+            flown.append(step)
+            told(len(flown), steps, "simulating")
     return collected(plant_of(plant, controller.dt), flown)
 
 

@@ -59,6 +59,7 @@ from swarmstart.ocp.nlp.watching import (
     Ratios,
     Watch,
     Work,
+    expect_starts,
     is_late,
     is_watched,
     work_of,
@@ -570,7 +571,8 @@ class Polisher:
         """
         begun = {}
         if asked.multipliers is None:
-            solver = (solvers.near if near else solvers.far)(is_watched(self.watch))
+            is_observed = is_watched(self.watch, variables=asked.first.size)
+            solver = (solvers.near if near else solvers.far)(is_observed)
         else:
             solver = solvers.warm()
             begun = dict(zip(("lam_g0", "lam_x0"), asked.multipliers, strict=True))
@@ -607,6 +609,8 @@ class Polisher:
         """Return the callback for the iterates of a solve, which informs the watch."""
         problem, ratios = self._fitness.problem, solvers.ratios
         each, iterations = Work(1, 1, 1).evaluations(ratios), count()
+        # Before the first iteration the start itself is evaluated.
+        first = Work(1, 1).evaluations(ratios)
 
         def told(w: Array) -> bool:
             number = next(iterations)
@@ -617,9 +621,7 @@ class Polisher:
                 x0 = np.empty(0) if asked.x0 is None else asked.x0
                 return _within(problem, x0, *solvers.program.split(w, asked.sizes))
 
-            # Before the first iteration the start itself is evaluated.
-            so_far = number * each + Work(1, 1).evaluations(ratios)
-            return self.watch.iterated(so_far, answer)
+            return self.watch.iterated(number * each + first, answer)
 
         return told
 
@@ -675,6 +677,7 @@ def polish_basins(
             carried=start.carried,
         )
 
+    expect_starts(polisher.watch, len(starts))
     best = polished(starts[0])
     evaluations = best.evaluations
     for start in starts[1:]:

@@ -19,6 +19,7 @@ an iteration counts as one of each; trial steps of a line search are added at th
 """
 
 import math
+import time as clock
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
@@ -31,6 +32,7 @@ from swarmstart.arguments import having
 from swarmstart.arrays import Array
 from swarmstart.heuristics import Budget, SearchResult, StopReason
 from swarmstart.heuristics.running import Individual
+from swarmstart.ocp.common.presentation import ProgressCallback
 from swarmstart.ocp.nlp.transcription import NonlinearProgram
 from swarmstart.ocp.rollout.shooting import Shooting
 
@@ -39,6 +41,11 @@ Answer = tuple[Array, Array]
 Value = tuple[float, float]
 """Cost and violation at the checks of the problem."""
 _CALLS = "n_call_nlp_"
+_REPORTED = 10
+"""Number of iterations of an NLP solver from one report to the next."""
+_SOON_S, _MANY = 0.5, 1000
+"""Time and number of variables from which iterations are reported: a report takes up to
+0.1 ms, a tenth of a short iteration."""
 
 
 class Ratios(NamedTuple):
@@ -371,10 +378,57 @@ class Deadline(Relay):
             self.best, self.value = answer, value
 
 
-def is_watched(watch: Watch) -> bool:
-    """Return whether anything is to be reported to a watch now."""
-    if isinstance(watch, Relay) and not isinstance(watch, Deadline):
-        return is_watched(watch.watch)
+class Reporting(Relay):
+    """Reports of the polishes to a callback for progress.
+
+    Attributes:
+        starts: Number of starts to be polished, as far as it is known.
+    """
+
+    def __init__(self, progress: ProgressCallback, watch: Watch = UNWATCHED) -> None:
+        """Keep the callback and another observer."""
+        super().__init__(watch)
+        self._progress, self.starts = progress, 0
+        self._polished, self._iterations = 0, 0
+        self._began = clock.perf_counter()
+
+    def reports(self, variables: int) -> bool:
+        """Return whether iterations of an NLP are reported now."""
+        return variables >= _MANY or clock.perf_counter() - self._began >= _SOON_S
+
+    def iterated(self, evaluations: float, answer: Callable[[], Answer] | None) -> bool:
+        """Report every tenth iteration of a start."""
+        # The first report is that of the start itself.
+        if self._iterations and self._iterations % _REPORTED == 0:
+            number = self._polished + 1
+            of = f" of {self.starts}" if self.starts >= number else ""
+            text = f"polishing start {number}{of}, iteration {self._iterations}"
+            self._progress(0, 0, text)
+        self._iterations += 1
+        return self.watch.iterated(evaluations, answer)
+
+    def answered(self, answer: Answer, cost: float, violation: float) -> None:
+        """Count a polished start."""
+        self._polished, self._iterations = self._polished + 1, 0
+        self.watch.answered(answer, cost, violation)
+
+    def expect(self, more: int) -> None:
+        """Receive the number of starts that will be polished besides those so far."""
+        self.starts = self._polished + more
+
+
+def is_watched(watch: Watch, *, variables: int = _MANY) -> bool:
+    """Return whether anything is to be reported to a watch now.
+
+    Args:
+        watch: The watch.
+        variables: Number of variables of the NLP.
+    """
+    if isinstance(watch, Deadline):
+        return True
+    if isinstance(watch, Relay):
+        reports = isinstance(watch, Reporting) and watch.reports(variables)
+        return reports or is_watched(watch.watch, variables=variables)
     return watch is not UNWATCHED
 
 
@@ -383,6 +437,14 @@ def deadline_of(watch: Watch) -> Deadline | None:
     if isinstance(watch, Deadline):
         return watch
     return deadline_of(watch.watch) if isinstance(watch, Relay) else None
+
+
+def expect_starts(watch: Watch, more: int) -> None:
+    """Tell a watch that reports progress how many starts will be polished."""
+    while isinstance(watch, Relay):
+        if isinstance(watch, Reporting):
+            watch.expect(more)
+        watch = watch.watch
 
 
 def is_late(watch: Watch) -> bool:

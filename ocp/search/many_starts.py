@@ -35,6 +35,7 @@ from swarmstart.ocp.lanes.solver import LaneSolver, NoLanesError, random_starts
 from swarmstart.ocp.nlp.polish import SAME_COST, Polished, Polisher, is_better
 from swarmstart.ocp.nlp.polish_options import PolishStatus
 from swarmstart.ocp.nlp.start import Start
+from swarmstart.ocp.nlp.watching import expect_starts
 from swarmstart.ocp.rollout.fitness import (
     Fitness,
     Known,
@@ -151,6 +152,7 @@ class ManyStarts:
         cold = self._cold()
         if guess is not None:
             cold.append(Origined("the guess", guess))
+        expect_starts(self._polisher.watch, len(cold))
         try:
             for one in cold:
                 tries.polish(one)
@@ -161,6 +163,8 @@ class ManyStarts:
             if not tries.is_beyond_rollouts:
                 lanes, optima = self._in_lanes(starts, x0, known, rng)
             guesses = state_guesses(fitness, x0, known, _GUESSES, rng)
+            several = len(optima) + len(found) + len(guesses)
+            expect_starts(self._polisher.watch, several)
             self._several(tries, [Origined("the lanes", one) for one in optima])
             self._several(tries, found)
             self._several(

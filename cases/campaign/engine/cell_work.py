@@ -155,12 +155,17 @@ def done(order: Mapping[str, Any], folder: Path) -> str:
     Errors of any type become text here, so that the other cells continue.
     """
     began = Beginning()
+    # Not above: a process for cells is ready before its libraries are loaded.
+    from swarmstart.ocp.common import hidden
+
     result: Mapping[str, Any] | None = None
     failure = ""
     function = order["rescue"] if order.get("spent") else order["work"]
     try:
         work = resolve_name(function)
-        result = dict(work(dict(order["job"]), folder, **order["permissions"]))
+        # The command shows the progress of all cells.
+        with hidden():
+            result = dict(work(dict(order["job"]), folder, **order["permissions"]))
     except SwarmstartError as error:
         failure = str(error) or type(error).__name__
     except Exception as error:  # noqa: BLE001 - whatever it is, the others go on

@@ -31,7 +31,6 @@ from swarmstart.arguments import (
     Check,
     a_count,
     checked,
-    function,
     mapping,
     of_kind,
     optional,
@@ -76,7 +75,7 @@ from swarmstart.cases.record.record import PNG, Recording
 from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics import Budget, is_algorithm
 from swarmstart.ocp import IpoptOptions, Known, OptimalControlProblem
-from swarmstart.ocp.common import ProgressCallback, tell_nothing
+from swarmstart.ocp.common import PROGRESS, ProgressGiven, shown
 from swarmstart.ocp.search import LANES, SearchGiven, search_settings
 from swarmstart.ocp.statement import has_decisions
 
@@ -190,7 +189,7 @@ class Row:
     force=FLAG,
     allow_python=FLAG,
     settings=mapping(text(), words="a mapping from keys to values"),
-    progress=function(),
+    progress=PROGRESS,
 )
 def run(  # noqa: PLR0913 - the options of a command
     scenario: Scenario,
@@ -206,7 +205,7 @@ def run(  # noqa: PLR0913 - the options of a command
     allow_python: bool = False,
     bound: float | None = None,
     settings: Mapping[str, Any] = NO_SETTINGS,
-    progress: ProgressCallback = tell_nothing,
+    progress: ProgressGiven = True,
 ) -> Run:
     """Run a scenario, measure it and judge its claims, as `swarmstart run` does.
 
@@ -226,7 +225,9 @@ def run(  # noqa: PLR0913 - the options of a command
             means that no bound is sought.
         settings: Keys and values as for --set, such as
             {"steps": 2, "budget.evaluations": 600}.
-        progress: Callback with (finished steps, all steps, current work).
+        progress: True: shown on a terminal and in a notebook if it takes more than two
+            seconds. False: not shown. A function is called with (finished steps, all
+            steps, current work).
 
     Returns:
         The finished run: measures, claims, trajectory and settings.
@@ -266,9 +267,10 @@ def run(  # noqa: PLR0913 - the options of a command
             force=force,
             figure_formats=tuple(figure_formats),
         )
-    return run_resolved(
-        resolved, seed=seed, recording=recording, bound_s=bound, progress=progress
-    )
+    with shown(progress, "run", "building") as told:
+        return run_resolved(
+            resolved, seed=seed, recording=recording, bound_s=bound, progress=told
+        )
 
 
 @checked(
@@ -279,7 +281,7 @@ def run(  # noqa: PLR0913 - the options of a command
     repair=FLAG,
     allow_python=FLAG,
     settings=mapping(text(), words="a mapping from keys to values"),
-    progress=function(),
+    progress=PROGRESS,
 )
 def compare(  # noqa: PLR0913 - the options of a command
     problems: Compared | Sequence[Compared] | Mapping[str, Compared],
@@ -290,7 +292,7 @@ def compare(  # noqa: PLR0913 - the options of a command
     repair: bool = True,
     allow_python: bool = False,
     settings: Mapping[str, Any] = NO_SETTINGS,
-    progress: ProgressCallback = tell_nothing,
+    progress: ProgressGiven = True,
 ) -> list[Row]:
     """Solve problems by several solvers and seeds under equal budgets, side by side.
 
@@ -317,7 +319,9 @@ def compare(  # noqa: PLR0913 - the options of a command
             again with a margin.
         allow_python: As in `run`.
         settings: Settings of the scenarios, as in `run`.
-        progress: Callback with (finished cells, all cells, name of the next one).
+        progress: True: shown on a terminal and in a notebook if it takes more than two
+            seconds. False: not shown. A function is called with (finished cells, all
+            cells, name of the next one).
 
     Returns:
         A row for each problem and solver, in this order.
@@ -366,11 +370,14 @@ def compare(  # noqa: PLR0913 - the options of a command
     every = [entry for each in entries for entry in each]
     count = sum(len(entry.cells) for entry in every)
     outcomes: dict[str, Outcome] = {}
-    with tempfile.TemporaryDirectory() as folder:
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        shown(progress, "compare", "building", of="run", total=count) as told,
+    ):
         for entry in every:
             one = work.get((entry.scenario, entry.solver.name), _carried_out)
             for cell in entry.cells:
-                progress(len(outcomes), count, cell.label)
+                told(len(outcomes), count, cell.label)
                 outcomes[cell.key] = _outcome(partial(one, cell, Path(folder)))
     return [row for each in entries for row in rows_of(each, outcomes, seeds=seeds)]
 

@@ -100,6 +100,7 @@ def exact_flight(scenario: CloseFormationScenario) -> Trajectory:
         flight.x0,
         steps=scenario.steps,
         rng=np.random.default_rng(0),  # Nothing is drawn.
+        progress=False,
     )
 
 

@@ -1,7 +1,11 @@
 """Progress of solve and multistart: reported, in order, without a changed result."""
 
+import math
+import re
 from dataclasses import replace
+from functools import partial
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -9,12 +13,14 @@ from swarmstart.heuristics import Budget
 from swarmstart.ocp import (
     Bounds,
     IpoptOptions,
+    Model,
     OptimalControlProblem,
     Planner,
     multistart,
     solve,
 )
 from swarmstart.ocp.common.presentation import of_budget, tell_nothing
+from swarmstart.ocp.nlp import watching
 
 News = list[tuple[int, int, str]]
 
@@ -77,3 +83,34 @@ def test_ctrl_c_in_a_callback_ends_the_search(bounded: OptimalControlProblem) ->
     with pytest.raises(KeyboardInterrupt) as stopped:
         solve(bounded, [1, 0], budget=2000, seed=0, progress=stop)
     assert stopped.value.partial.cost > 0  # type: ignore[attr-defined]
+
+
+def test_a_long_polish_tells_its_start_and_iteration(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A swing-up that takes more than ten iterations from each start."""
+    x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+    model = Model(states=x, controls=u, ode=ca.vertcat(x[1], u - 9.81 * ca.sin(x[0])))
+    problem = OptimalControlProblem(
+        model, horizon=3.0, intervals=50, stage_cost=u**2,
+        bounds=Bounds(controls=(-8, 6)), terminal=[x - ca.vertcat(np.pi, 0)],
+    )  # fmt: skip
+    told: News = []
+    quick = partial(
+        solve, problem, [0, 0], search=None, lanes=4, seed=0,
+        progress=lambda *news: told.append(news),
+    )  # fmt: skip
+    monkeypatch.setattr(watching, "_SOON_S", math.inf)
+    quick()
+    assert not any("iteration" in what for _, _, what in told)
+    monkeypatch.setattr(watching, "_SOON_S", 0.0)
+    seen = quick()
+    words = [what for _, _, what in told if what.startswith("polishing start")]
+    # Zero controls and the middle of the bounds; later starts are counted on.
+    assert words[0] == "polishing start 1 of 2, iteration 10"
+    numbers = [tuple(map(int, re.findall(r"\d+", one))) for one in words]
+    assert all(1 <= start <= of for start, of, _ in numbers)
+    assert [one[0] for one in numbers] == sorted(one[0] for one in numbers)
+    assert max(of for _, of, _ in numbers) > 2
+    silent = solve(problem, [0, 0], search=None, lanes=4, seed=0)
+    np.testing.assert_array_equal(seen.controls, silent.controls)
