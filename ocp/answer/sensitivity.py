@@ -44,7 +44,7 @@ _STEP = np.finfo(np.float64).eps ** (1 / 3)
 """Relative step of central differences."""
 _CLEAR = 1e3
 """Ratio of multiplier and distance, or of distance and multiplier, from which a limit
-is clearly active or clearly free. The multiplier is relative to the slope of the cost."""
+is clearly active or free. Multipliers are relative to the slope of the cost."""
 _NEAR = 1e-2
 """Distance, or multiplier, from which it is clear, too."""
 _RESIDUAL = 1e-6
