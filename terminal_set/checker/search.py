@@ -22,8 +22,6 @@ from swarmstart.terminal_set.checker.findings import (
 )
 from swarmstart.terminal_set.checker.models import (
     GROWTH,
-    ROUNDING,
-    TINY,
     Array,
     Model,
     algebra_of,
@@ -84,23 +82,14 @@ class Boxes:
         """Return some of the boxes."""
         return Boxes(self.lower[:, which], self.upper[:, which], self.slab[which])
 
-    def halves(self, axes: NDArray[np.int64]) -> tuple[Boxes, Flags]:
-        """Cut each box in two along an axis.
-
-        Args:
-            axes: Axis for each box, (N,).
-
-        Returns:
-            Both halves of all boxes; a mask of boxes that are too thin to be cut.
-        """
+    def halves(self, axes: NDArray[np.int64]) -> Boxes:
+        """Return both halves of all boxes, each cut along its own axis, axes (N,)."""
         each = np.arange(self.count)
-        cut = self.middle[axes, each]
-        thin = (cut <= self.lower[axes, each]) | (cut >= self.upper[axes, each])
         below, above = self.upper.copy(), self.lower.copy()
-        below[axes, each], above[axes, each] = cut, cut
+        below[axes, each] = above[axes, each] = self.middle[axes, each]
         return joined(
             [Boxes(self.lower, below, self.slab), Boxes(above, self.upper, self.slab)]
-        ), thin
+        )
 
 
 def joined(batches: list[Boxes]) -> Boxes:
@@ -122,32 +111,20 @@ def cut_by(boxes: Boxes, constraint: Model) -> tuple[Boxes, Flags]:
     """Drop points with c > 0.
 
     c >= c_0 + sum of g_a s_a - rest over the box, so that c <= 0 needs, for each a,
-    g_a s_a <= rest - c_0 + sum over the others of |g|.
+    g_a s_a <= rest + sum of |g| - c_0 - |g_a|.
 
     Returns:
         Smaller boxes; a mask of boxes without any point with c <= 0.
     """
-    d = len(boxes.lower)
-    slopes = constraint.coefficients[1 : 1 + d]
-    sizes = np.abs(slopes)
-    rest = (constraint.sums[2:].sum(axis=0) + constraint.error) * GROWTH
-    middle, radius = boxes.middle, boxes.radius
-    lower, upper = boxes.lower.copy(), boxes.upper.copy()
-    total = sizes.sum(axis=0) * GROWTH
-    for a in range(d):
-        others = (sizes.sum(axis=0) - sizes[a]) + ROUNDING * total
-        room = rest + others - constraint.middle
-        room += ROUNDING * (rest + others + np.abs(constraint.middle)) + TINY
-        reach = room / sizes[a]
-        # The bound of s_a, moved out; at least -1 if the box is not empty.
-        reach += ROUNDING * np.abs(reach) + TINY
-        at = np.clip(reach, -1.0, 1.0) * radius[a]
-        at += ROUNDING * radius[a] + TINY
-        pad = 2.0**-50 * np.abs(middle[a])
-        useful = np.isfinite(reach) & (reach < 1.0)
-        right, left = useful & (slopes[a] > 0.0), useful & (slopes[a] < 0.0)
-        upper[a] = np.where(right, np.minimum(upper[a], middle[a] + at + pad), upper[a])
-        lower[a] = np.where(left, np.maximum(lower[a], middle[a] - at - pad), lower[a])
+    slopes = constraint.coefficients[1 : 1 + len(boxes.lower)]
+    sizes, middle, radius = np.abs(slopes), boxes.middle, boxes.radius
+    # The reserve of `spread` is above the roundings up to `at`: a cut that matters has
+    # |c_0| <= spread and reach <= 1. One float farther covers that of the last sum.
+    at = ((constraint.spread - constraint.middle) / sizes - 1.0) * radius
+    last, first = np.nextafter(middle + at, np.inf), np.nextafter(middle - at, -np.inf)
+    # Not known is NaN, which `fmin` and `fmax` leave out.
+    upper = np.where(slopes > 0.0, np.fmin(boxes.upper, last), boxes.upper)
+    lower = np.where(slopes < 0.0, np.fmax(boxes.lower, first), boxes.lower)
     return Boxes(lower, upper, boxes.slab), constraint.lower > 0.0
 
 
@@ -192,19 +169,17 @@ def lowest(model: Model) -> Array:
     """
     d, c = model.algebra.d, model.coefficients
     total = c[0] - model.error
-    squares = np.zeros(len(c), dtype=bool)
-    parts = [c[0], model.error]
+    others = np.ones(len(c), dtype=bool)
+    others[: 1 + d] = False
     for a in range(d):
         place = _square_place(model, a)
-        squares[place] = True
+        others[place] = False
         g, h = np.abs(c[1 + a]), c[place]
         with np.errstate(all="ignore"):
             inner = -(g * g) / (4.0 * h)
-        least = np.where(g < 2.0 * h, inner, h - g)
-        total = total + least
-        parts += [g, h]
-    rest = np.abs(c[1 + d :][~squares[1 + d :]]).sum(axis=0) * GROWTH
-    return down(total - rest, *parts, rest)
+        total = total + np.where(g < 2.0 * h, inner, h - g)
+    rest = np.abs(c[others]).sum(axis=0) * GROWTH
+    return down(total - rest, model.size, model.error)
 
 
 def pulls(model: Model) -> Array:
@@ -346,12 +321,10 @@ def _halved(boxes: Boxes, pull: Array) -> tuple[Boxes, tuple[float, ...] | None]
     stuck = ~apart.any(axis=0)
     if stuck.any():
         return boxes, tuple(map(float, middle[:, np.flatnonzero(stuck)[0]]))
-    wanted = np.where(np.isfinite(pull), pull, boxes.upper - boxes.lower)
     # If a loss is not known, the widest side is cut.
-    unknown = ~np.isfinite(pull).all(axis=0)
-    wanted = np.where(unknown, boxes.upper - boxes.lower, wanted)
-    halves, _ = boxes.halves(np.where(apart, wanted, -1.0).argmax(axis=0))
-    return halves, None
+    known = np.isfinite(pull).all(axis=0)
+    wanted = np.where(known, pull, boxes.upper - boxes.lower)
+    return boxes.halves(np.where(apart, wanted, -1.0).argmax(axis=0)), None
 
 
 def finding_of(outcome: Outcome, text: str, start: float, point: str) -> Finding:

@@ -17,6 +17,7 @@ minimiser is clipped, or if q is small or 0.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -78,10 +79,8 @@ def least_over_controls(fixed: Model, terms: list[Term]) -> Least:
     for term in terms:
         v = _choice(term)
         q = _below(term.q)
-        chosen = term.factor.scaled(v)
-        square = q * v * v
-        # Covers q's own rounding too, which lowers it by at most one unit.
-        chosen = chosen.shifted(square, ROUNDING * square)
+        # `shifted` allows for more roundings than those of q and of its product.
+        chosen = term.factor.scaled(v).shifted(q * v * v)
         below, at = below + chosen, at + chosen
         below, lost = _less_loss(below, term, q, v)
         pull += lost
@@ -89,8 +88,11 @@ def least_over_controls(fixed: Model, terms: list[Term]) -> Least:
 
 
 def _below(q: Fraction) -> float:
+    """Return the next float that is not above q; NaN if it is beyond floats."""
     near, _ = rounded(q)
-    return near if Fraction(near) <= q else float(np.nextafter(near, 0.0))
+    if math.isnan(near) or Fraction(near) <= q:
+        return near
+    return math.nextafter(near, 0.0)
 
 
 def _choice(term: Term) -> Array:
@@ -110,38 +112,29 @@ def _less_loss(below: Model, term: Term, q: float, v: Array) -> tuple[Model, Arr
     b = term.factor
     beta = b.middle + 2.0 * q * v
     doubt = ROUNDING * (np.abs(b.middle) + 2.0 * q * np.abs(v)) + TINY
-    above = np.maximum(beta + b.spread + doubt, 0.0) * GROWTH
-    under = np.maximum(b.spread - beta + doubt, 0.0) * GROWTH
-    flat = np.maximum(
-        _most(above, (v - term.lower) * GROWTH, q),
-        _most(under, (term.upper - v) * GROWTH, q),
-    )
+    # `doubt` and `spread` exceed the sums' roundings; the models' errors all others.
+    above = np.maximum(beta + b.spread + doubt, 0.0)
+    under = np.maximum(b.spread - beta + doubt, 0.0)
+    flat = np.maximum(_most(above, v - term.lower, q), _most(under, term.upper - v, q))
+    bends = np.zeros(flat.shape, dtype=bool)
     if q > 0.0:
-        curved = np.maximum(above, under) ** 2 / (4.0 * q) * (1.0 + 1e-9)
-        # Both bounds are valid, so the choice needs no care about rounding.
-        bends = curved <= flat * (1.0 + 2e-9)
-    else:
-        bends = np.zeros(flat.shape, dtype=bool)
+        bends = np.maximum(above, under) ** 2 / (4.0 * q) <= flat
     lost = np.where(bends, 0.0, flat)
     width = term.upper - term.lower
     pull = np.where(bends | (flat == 0.0), 0.0, width) * pulls(b)
     below = below.widened(lost)
     if bends.any():
-        kappa = np.where(bends, 1.0 / (4.0 * q) * GROWTH, 0.0)
+        kappa = np.where(bends, 1.0 / (4.0 * q), 0.0)
         below = _less_square(below, b, kappa, np.abs(beta) + doubt)
     return below, pull
 
 
 def _most(R: Array, W: Array, q: float) -> Array:
-    """Return an upper bound of D."""
-    if q > 0.0:
-        with np.errstate(all="ignore"):
-            most = np.where(R <= 2.0 * q * W, R * R / (4.0 * q), W * (R - q * W))
-    else:
-        most = W * R
-    grown: Array = most * GROWTH
-    # 0 * inf is NaN, which rightly stands for an unknown bound.
-    return grown
+    """Return D; 0 * inf is NaN, which rightly stands for an unknown bound."""
+    if not q > 0.0:
+        return W * R
+    with np.errstate(all="ignore"):
+        return np.where(R <= 2.0 * q * W, R**2 / (4.0 * q), W * (R - q * W))
 
 
 def _less_square(below: Model, b: Model, kappa: Array, offset: Array) -> Model:
@@ -159,7 +152,7 @@ def _less_square(below: Model, b: Model, kappa: Array, offset: Array) -> Model:
             place = b.algebra.numbers[tuple(exponents)]
             c[place] -= kappa * slopes[i] * slopes[j] * (1.0 if i == j else 2.0)
     reach = b.sums[1]
-    rest = (offset + b.sums[2:].sum(axis=0) + b.error) * GROWTH
+    rest = offset + b.sums[2:].sum(axis=0) + b.error
     lost = kappa * (2.0 * reach * rest + rest * rest)
     lost = lost + ROUNDING * (kappa * reach * reach + below.size)
     return Model(below.algebra, c, (below.error + lost) * GROWTH + TINY)

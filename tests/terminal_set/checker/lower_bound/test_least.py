@@ -109,3 +109,126 @@ def test_the_square_of_a_sum_is_subtracted_whole() -> None:
         algebra.constant(zero), [Term(b, Fraction(1), -9.0, 9.0)]
     )
     assert lowest(least.below)[0] == pytest.approx(-1.0, abs=1e-8)
+
+
+def spread_of(b: Model, k: int) -> Fraction:
+    rest = (abs(Fraction(float(c))) for c in b.coefficients[1:, k])
+    return sum(rest, Fraction(float(b.error[k])))
+
+
+def exact_loss(
+    beta: Fraction, spread: Fraction, rooms: tuple[Fraction, Fraction], q: Fraction
+) -> tuple[Fraction, bool | None]:
+    """D, and whether it is the square of all of b; None if it is nearly either."""
+    losses = []
+    for reach, W in zip((beta + spread, spread - beta), rooms, strict=True):
+        R = max(reach, Fraction(0))
+        bends = q > 0 and R <= 2 * q * W
+        losses.append((R, bends, R**2 / (4 * q) if bends else W * (R - q * W)))
+    (less, other, _), (most, bends, _) = sorted(losses)
+    is_sure = other == bends or most - less > Fraction(1, 10**9) * most
+    return max(loss[2] for loss in losses), bends if is_sure else None
+
+
+def assert_above(value: float, exact: Fraction, size: float) -> None:
+    """The value is not below, and near."""
+    assert exact <= Fraction(value) <= exact + Fraction(2, 10**11) * Fraction(size)
+
+
+@pytest.mark.parametrize("q", [0.0, 1e-3, 0.1, 1.0, 50.0])
+def test_what_is_lost_is_the_loss_of_exact_arithmetic(q: float) -> None:
+    rng = np.random.default_rng(0)
+    algebra, count, ends, exact = algebra_of(2), 600, (-1.0, 2.0), Fraction(q)
+    fixed = random_model(rng, algebra, count)
+    size = rng.choice([1e-6, 1e-2, 0.3, 1.0, 100.0], count) * max(q, 1e-2)
+    b = random_model(rng, algebra, count)
+    chosen = rng.choice([0.0, 1e-2, 1.0], b.coefficients.shape)
+    error = rng.choice([0.0, 0.1], count)
+    b = Model(algebra, size * chosen * b.coefficients, size * error * b.error)
+    b.coefficients[0] *= rng.choice([1.0, 20.0, 500.0], count)
+    least = least_over_controls(fixed, [Term(b, exact, *ends)])
+    of_b = algebra.monomials.T @ np.abs(b.coefficients)
+    kinds = []
+    for k in range(count):
+        v = np.clip(-b.middle[k] / (2 * q), *ends) if q else ends[int(b.middle[k] <= 0)]
+        v = Fraction(float(v))
+        beta = Fraction(float(b.middle[k])) + 2 * exact * v
+        rooms = v - Fraction(ends[0]), Fraction(ends[1]) - v
+        lost, bends = exact_loss(beta, spread_of(b, k), rooms, exact)
+        kinds.append((bends, lost == 0))
+        error = float(least.below.error[k])
+        known = Fraction(float(fixed.error[k])) + abs(v) * Fraction(float(b.error[k]))
+        whole = fixed.size[k] + fixed.error[k] + 3 * (b.size[k] + b.error[k] + 3 * q)
+        moved = least.at.coefficients[:, k] - least.below.coefficients[:, k]
+        if bends is False:
+            assert_above(error, known + lost, whole)
+            expected = 3.0 * of_b[:, k] if lost else np.zeros(2)
+            np.testing.assert_allclose(least.pull[:, k], expected, rtol=1e-12)
+            assert not moved.any()
+        if bends:
+            assert not least.pull[:, k].any()
+            # The square of the linear part is in the polynomial, the rest in the error.
+            first, second = (Fraction(float(c)) for c in b.coefficients[1:3, k])
+            reach = abs(first) + abs(second)
+            rest = spread_of(b, k) - reach + abs(beta)
+            lost = (2 * reach * rest + rest**2) / (4 * exact)
+            whole += float((reach + rest) ** 2 / exact)
+            assert_above(error, known + lost, whole)
+            for exponents, c in {
+                (2, 0): first**2, (1, 1): 2 * first * second, (0, 2): second**2
+            }.items():  # fmt: skip
+                near = pytest.approx(float(c / (4 * exact)), abs=1e-12 * whole)
+                assert moved[algebra.numbers[exponents]] == near
+                moved[algebra.numbers[exponents]] = 0.0
+            assert not moved.any()
+    for kind in [(False, False), (False, True), *[(True, False)] * (q > 0)]:
+        assert kinds.count(kind) > 10
+
+
+def test_the_chosen_control_minimises_at_the_middle() -> None:
+    algebra = algebra_of(1)
+    b = algebra.constant(np.array([-9.0, -1.0, 0.0, 1.0, 9.0, 0.0]))
+    zero = algebra.constant(np.zeros(6))
+    for q, least in (
+        (0.0, [-18, -2, 0, -1, -9, 0]),
+        (0.5, [-16, -0.5, 0, -0.5, -8.5, 0]),
+    ):
+        found = least_over_controls(zero, [Term(b, Fraction(q), -1.0, 2.0)])
+        np.testing.assert_allclose(found.at.middle, least, atol=1e-15)
+        np.testing.assert_allclose(lowest(found.below), least, atol=1e-11)
+        assert (lowest(found.below) <= np.array(least)).all()
+        assert (found.at.upper >= np.array(least)).all()
+
+
+def test_each_control_is_lowered_by_itself() -> None:
+    algebra = algebra_of(1)
+    b = algebra.variable(0, np.array([0.5]), np.array([1.0]))
+    term = Term(b, Fraction(0), -1.0, 1.0)
+    one, two = (least_over_controls(b, [term] * n) for n in (1, 2))
+    np.testing.assert_array_equal(two.pull, 2 * one.pull)
+    # .5 + s - n (.5 + s), less 2 R = 2 (1 - .5) for each.
+    assert lowest(one.below)[0] == pytest.approx(-1.0)
+    assert lowest(two.below)[0] == pytest.approx(-0.5 - 1.0 - 2.0)
+    assert two.at.middle[0] == pytest.approx(-0.5)
+
+
+@pytest.mark.parametrize("q", [Fraction(1, 3), Fraction(2, 3), Fraction(1, 10)])
+def test_a_weight_between_two_floats_is_rounded_down_in_the_bound(q: Fraction) -> None:
+    algebra = algebra_of(1)
+    b = algebra.constant(np.linspace(-2.0, 2.0, 401))
+    least = least_over_controls(
+        algebra.constant(np.zeros(401)), [Term(b, q, -1.0, 2.0)]
+    )
+    for k, middle in enumerate(b.middle.tolist()):
+        u = min(max(-Fraction(middle) / (2 * q), Fraction(-1)), Fraction(2))
+        exact = Fraction(middle) * u + q * u * u
+        assert lowest(least.below)[k] <= exact <= least.at.upper[k]
+        assert float(exact) - lowest(least.below)[k] < 1e-12
+
+
+def test_of_a_weight_beyond_floats_nothing_is_known() -> None:
+    algebra = algebra_of(1)
+    b = algebra.variable(0, np.array([0.5]), np.array([1.0]))
+    least = least_over_controls(b, [Term(b, Fraction(10) ** 400, -1.0, 1.0)])
+    assert not lowest(least.below)[0] > -np.inf
+    assert not least.at.upper[0] < np.inf
