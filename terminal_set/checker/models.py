@@ -212,9 +212,8 @@ class Model:
         low, high = self.lower, self.upper
         with np.errstate(all="ignore"):
             slope = np.clip((high + low) / (high - low), -1.0, 1.0)
-        slope = np.where(low >= 0.0, 1.0, np.where(high <= 0.0, -1.0, slope))
-        most = np.maximum(high * (1.0 - slope), -low * (1.0 + slope)) * GROWTH
-        half = np.where((low >= 0.0) | (high <= 0.0), 0.0, most / 2.0)
+        # 0 if the sign is known, where the slope is clipped.
+        half = 0.5 * np.maximum(high * (1.0 - slope), -low * (1.0 + slope))
         return self.scaled(slope).shifted(half, half)
 
     def composed(self, of: Callable[[Array, Model], Series]) -> Model:
@@ -232,9 +231,12 @@ class Model:
             total = total.shifted(factors[k]) * rest
         total = total.shifted(factors[0])
         rho = rest.spread
-        # Of the factors, of underflow, and of Lagrange's remainder.
-        noise = sum(ELEMENTARY * size * rho**k for k, size in enumerate(sizes))
-        error = noise + TINY * (1.0 + rho**ORDER) + last * rho ** (ORDER + 1)
+        # Lagrange's remainder, the factors' errors, and underflow. Powers of rho alone
+        # could underflow where their products with large factors do not.
+        error = last
+        for size in reversed(sizes):
+            error = error * rho + ELEMENTARY * size
+        error = error + TINY * (1.0 + rho**ORDER)
         return total.widened(error * GROWTH)
 
     def shifted(self, constant: Array | float, error: Array | float = 0.0) -> Model:

@@ -22,6 +22,7 @@ import numpy as np
 from swarmstart.terminal_set.checker.models import (
     ELEMENTARY,
     GROWTH,
+    ORDER,
     TINY,
     Array,
     Model,
@@ -106,11 +107,9 @@ class Along:
         slope = first.scaled(two) + second.scaled(three)
         slope = slope.shifted(one)
         reach = (delta.size + delta.error + h.size + h.error) * GROWTH
-        terms = (np.ones_like(reach), 2.0 * reach, 3.0 * reach**2)
-        noise = sum(
-            ELEMENTARY * size * term
-            for size, term in zip(sizes[1:], terms, strict=True)
-        )
-        error = noise + TINY * (1.0 + reach**2) + 4.0 * last * reach**3
+        error = 4.0 * last
+        for k in range(ORDER, 0, -1):
+            error = error * reach + k * ELEMENTARY * sizes[k]
+        error = error + TINY * (1.0 + reach**2)
         slope = slope.widened(error * GROWTH)
         return Along(self.at.composed(of), slope * self.slope, self.rho)

@@ -148,13 +148,12 @@ def test_losses_count_for_the_variables_they_depend_on() -> None:
     model = algebra.constant(np.full(2, 3.0), 6.0)
     for exponents, c in {(1, 0): 1, (0, 1): -2, (1, 1): 4, (0, 3): 5}.items():
         model.coefficients[algebra.numbers[exponents]] = c
-    boxes = Boxes(
-        np.zeros((2, 2)), np.array([[1.0, 0.0], [2.0, 0.0]]), np.zeros(2, int)
-    )
+    lower = np.full((2, 2), 5.0)
+    boxes = Boxes(lower, lower + np.array([[1.0, 0.0], [2.0, 0.0]]), np.zeros(2, int))
     mask = np.array([True, False])
     extra = np.array([[10.0], [20.0]])
-    for more, added in ((extra, extra), (0.0, np.zeros((2, 1)))):
-        found = judgement(model, boxes, proven=mask, suspect=~mask, extra=more)
+    for more, added in (({"extra": extra}, extra), ({}, np.zeros((2, 1)))):
+        found = judgement(model, boxes, proven=mask, suspect=~mask, **more)
         # Each s_1^3 counts three times; the error by the widths, of a point not at all.
         expected = np.array([[5.0 + 2.0, 5.0], [21.0 + 4.0, 21.0]]) + added
         np.testing.assert_allclose(found.pull, expected, rtol=1e-14)
