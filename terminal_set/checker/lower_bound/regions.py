@@ -108,22 +108,17 @@ class Tube:
         x = slice(1, 1 + n)
         least = up @ lower[x] + dn @ upper[x]
         size = np.abs(self.directions) @ np.maximum(np.abs(lower[x]), np.abs(upper[x]))
-        rounding = ROUNDING * (size + np.abs(most)) + TINY
-        room = most - least + rounding  # of d_k x, above its least value
+        # More than all roundings, also of the new ends: each is a part of `size`.
+        reserve = ROUNDING * (size + np.abs(most)) + TINY
+        room = most - least + reserve  # of d_k x, above its least value
         outside = np.asarray((room < 0.0).any(axis=0), dtype=np.bool_)
         for k, direction in enumerate(self.directions):
             for i in np.flatnonzero(direction):
-                reach = room[k] / abs(direction[i])
-                reach += ROUNDING * np.abs(reach) + TINY
-                pad = ROUNDING * np.abs(boxes.upper[1 + i] - boxes.lower[1 + i])
+                reach, a = room[k] / direction[i], 1 + i
                 if direction[i] > 0.0:
-                    at = boxes.lower[1 + i] + reach
-                    pad += ROUNDING * np.abs(boxes.lower[1 + i])
-                    upper[1 + i] = np.fmin(upper[1 + i], at + pad)
+                    upper[a] = np.fmin(upper[a], boxes.lower[a] + reach)
                 else:
-                    at = boxes.upper[1 + i] - reach
-                    pad += ROUNDING * np.abs(boxes.upper[1 + i])
-                    lower[1 + i] = np.fmax(lower[1 + i], at - pad)
+                    lower[a] = np.fmax(lower[a], boxes.upper[a] + reach)
         return Boxes(lower, upper, boxes.slab), outside
 
     def holds(self, boxes: Boxes, *, but: int | None = None) -> Flags:

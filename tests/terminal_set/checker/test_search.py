@@ -296,7 +296,7 @@ def test_a_box_is_cut_where_most_is_lost_and_it_is_not_a_point() -> None:
                 losses[:, :1].repeat(boxes.count, axis=1),
             )
 
-    box = np.array([[5.0, 0.0, 0.0], [5.0, 1.0, 4.0]])  # The first is a point.
+    box = np.array([[5.0, 9.0, 0.0], [5.0, 10.0, 4.0]])  # The first is a point.
     for axis, pull in [
         (1, [3.0, 2.0, 1.0]),
         (2, [0.0, 1.0, 2.0]),
