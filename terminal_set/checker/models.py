@@ -236,8 +236,7 @@ class Model:
         error = last
         for size in reversed(sizes):
             error = error * rho + ELEMENTARY * size
-        error = error + TINY * (1.0 + rho**ORDER)
-        return total.widened(error * GROWTH)
+        return total.widened(error + TINY * rho**ORDER)
 
     def shifted(self, constant: Array | float, error: Array | float = 0.0) -> Model:
         """The model plus a float known to within an error, of each box if arrays."""

@@ -21,7 +21,6 @@ import numpy as np
 
 from swarmstart.terminal_set.checker.models import (
     ELEMENTARY,
-    GROWTH,
     ORDER,
     TINY,
     Array,
@@ -106,10 +105,9 @@ class Along:
         second = h * h + (delta * (delta + h)).scaled(3.0)
         slope = first.scaled(two) + second.scaled(three)
         slope = slope.shifted(one)
-        reach = (delta.size + delta.error + h.size + h.error) * GROWTH
+        reach = delta.size + delta.error + h.size + h.error
         error = 4.0 * last
         for k in range(ORDER, 0, -1):
             error = error * reach + k * ELEMENTARY * sizes[k]
-        error = error + TINY * (1.0 + reach**2)
-        slope = slope.widened(error * GROWTH)
-        return Along(self.at.composed(of), slope * self.slope, self.rho)
+        slope = slope.widened(error + TINY * reach * reach) * self.slope
+        return Along(self.at.composed(of), slope, self.rho)

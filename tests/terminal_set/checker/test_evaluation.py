@@ -153,11 +153,10 @@ def test_numbers_of_any_size_are_enclosed(name: str) -> None:
             found = FUNCTIONS[name](*models)
         assert_encloses(found, (s,), exact(*balls))
         known += bool(np.isfinite(found.error).all())
-        if r:
-            continue
-        rho = algebra.variable(0, np.array([b]), np.array([b]))
+        half = r / 2 or 10.0 ** rng.uniform(-160, 160)  # of the longest ray
+        rho = algebra.variable(0, np.array([half]), np.array([half]))
         rays = [Along(rho.number(a), rho.number(1.0), rho)]
-        moved = arb(a) + arb(b) * (1 + arb(s))
+        moved = arb(a) + arb(half) * (1 + arb(s))
         numbers = [arb(a)]
         if name in BINARY:
             rays.append(Along(rho.number(b), rho.number(0.0), rho))

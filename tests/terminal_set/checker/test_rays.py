@@ -7,7 +7,13 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from swarmstart.terminal_set.checker.models import ELEMENTARY, Model, algebra_of
+from swarmstart.arrays import Array
+from swarmstart.terminal_set.checker.models import (
+    ELEMENTARY,
+    Model,
+    Series,
+    algebra_of,
+)
 from swarmstart.terminal_set.checker.rays import Along
 from swarmstart.tests.terminal_set.checker.test_models import cubic, terms_of, total
 
@@ -146,3 +152,18 @@ def test_the_remainder_of_a_slope_is_four_times_the_last_by_the_cube(
         noisy = a.composed(cubic(FACTORS, 0.0, sizes)).slope.error[0]
         more = slope * ELEMENTARY * 1e15 * k * reach ** max(k - 1, 0)
         assert noisy - plain == pytest.approx(more, rel=1e-9)
+
+
+def test_a_remainder_is_bounded_over_all_values_of_the_ray() -> None:
+    a, seen = random_along(6, 1e-3), []
+
+    def of(at: Array, model: Model) -> Series:
+        seen.append((at, model))
+        return cubic(FACTORS, 0.0, [0.0] * 4)(at, model)
+
+    a.composed(of)
+    (along, model), (start, at) = seen
+    np.testing.assert_array_equal(along, a.at.middle)
+    np.testing.assert_array_equal(model.coefficients, a.value.coefficients)
+    np.testing.assert_array_equal(model.error, a.value.error)
+    assert at is a.at and start is not None

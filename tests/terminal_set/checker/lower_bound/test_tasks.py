@@ -17,6 +17,9 @@ from swarmstart.ocp.lower_bound.stated.answer import (
     Step,
     Tube,
 )
+from swarmstart.terminal_set.checker.lower_bound.certificate_file import (
+    Step as CheckedStep,
+)
 from swarmstart.terminal_set.checker.lower_bound.certificate_file import certificate_of
 from swarmstart.terminal_set.checker.lower_bound.controls import split
 from swarmstart.terminal_set.checker.lower_bound.regions import (
@@ -24,12 +27,13 @@ from swarmstart.terminal_set.checker.lower_bound.regions import (
     pruned_by,
     stated_tube,
 )
+from swarmstart.terminal_set.checker.lower_bound.regions import Tube as CheckedTube
 from swarmstart.terminal_set.checker.lower_bound.tasks import (
     EndTask,
     FaceTask,
     StepTask,
 )
-from swarmstart.terminal_set.checker.search import Boxes, lowest
+from swarmstart.terminal_set.checker.search import Boxes, lowest, pulls
 from swarmstart.tests.ocp.lower_bound import evidence_by_hand as by_hand
 
 T, X, U = ca.SX.sym("t"), ca.SX.sym("x", 2), ca.SX.sym("u", 2)
@@ -222,3 +226,269 @@ def test_points_that_hold_are_not_refuted(make: Callable[[], Evidence]) -> None:
         task = StepTask(region.certificate.final, region)
         with np.errstate(all="ignore"):
             assert not task.refuted(boxes).any()
+
+
+def single(low: list[float], high: list[float], slab: int = 0) -> Boxes:
+    return Boxes(np.array([low]).T, np.array([high]).T, np.array([slab]))
+
+
+@pytest.mark.parametrize("kind", ["step", "end"])
+def test_a_box_is_proven_from_its_bound_on_and_suspect_below_its_middle(
+    kind: str,
+) -> None:
+    """At the very slack that the bound needs it is proven, one float below not."""
+    evidence, rng = random_evidence(RATES["affine"]), np.random.default_rng(6)
+    region = region_of(evidence)
+    boxes = random_boxes(rng, region, 40)
+    final = region.certificate.final
+    make = StepTask if kind == "step" else EndTask
+    name = "slack" if kind == "step" else "end_slack"
+    task = make(final, region)
+    if isinstance(task, StepTask):
+        least = task._least(boxes)
+        below, at, extra = least.below, least.at.middle, least.pull
+    else:
+        below = task._excess(boxes)
+        at, extra = below.middle, np.zeros((3, 40))
+    bound = lowest(below)
+    width = boxes.upper - boxes.lower
+    shares = width / np.maximum(width.sum(axis=0), 1e-300)
+    expected = pulls(below) + extra + below.error * shares
+    for k in range(40):
+        for slack, proven in ((-bound[k], True), (np.nextafter(-bound[k], -9), False)):
+            changed = dataclasses.replace(final, **{name: float(slack)})
+            judged = make(changed, region).judge(boxes)
+            assert judged.proven[k] == proven
+            np.testing.assert_array_equal(judged.proven, bound >= -slack)
+            np.testing.assert_array_equal(judged.suspect, at < -slack)
+            np.testing.assert_allclose(judged.pull, expected, rtol=1e-12)
+    at_middle = dataclasses.replace(final, **{name: -float(at[7])})
+    assert not make(at_middle, region).judge(boxes).suspect[7]
+
+
+def test_a_missing_end_slack_is_zero() -> None:
+    region = region_of(random_evidence(RATES["affine"]))
+    final = region.certificate.final
+    boxes = random_boxes(np.random.default_rng(7), region, 50)
+    none, zero = (
+        EndTask(dataclasses.replace(final, end_slack=slack), region)
+        for slack in (None, 0.0)
+    )
+    judged, expected = none.judge(boxes), zero.judge(boxes)
+    np.testing.assert_array_equal(judged.proven, expected.proven)
+    np.testing.assert_array_equal(judged.suspect, expected.suspect)
+    points = boxes.points()
+    np.testing.assert_array_equal(none.refuted(points), zero.refuted(points))
+
+
+def constrained(**changes: ca.SX | tuple[ca.SX, ...]) -> Region:
+    """x' = u, L = x_0 - x_1, phi = x_0 + x_1; x_0 <= .5, and x_1 <= .25 at the end."""
+    evidence = random_evidence(RATES["affine"])
+    entries: dict[str, ca.SX | tuple[ca.SX, ...]] = {
+        "rate": U, "stage": X[0] - X[1], "end": X[0] + X[1],
+        "path": (X[0] - 0.5,), "ends": (X[1] - 0.25,),
+    }  # fmt: skip
+    statement = dataclasses.replace(evidence.statement, **(entries | changes))  # type: ignore[arg-type]
+    return region_of(dataclasses.replace(evidence, statement=statement))
+
+
+def constant_step(region: Region, value: float) -> CheckedStep:
+    return dataclasses.replace(
+        region.certificate.final,
+        exponents=((0, 0, 0),), coefficients=(value,), slack=0.125, end_slack=0.125,
+    )  # fmt: skip
+
+
+def at_points(*points: tuple[float, float, float]) -> Boxes:
+    y = np.array(points).T
+    return Boxes(y, y, np.zeros(len(points), dtype=np.int64))
+
+
+def test_points_of_the_region_refute_and_others_do_not() -> None:
+    """Of V = 1: L = x_0 - x_1 >= -.125, and V - phi <= .125 where x_1 <= .25 too."""
+    region = constrained()
+    step = StepTask(constant_step(region, 1.0), region)
+    points = at_points(
+        (0.1, 0.0, 0.5),  # L = -.5
+        (0.1, 0.0, 0.0),
+        (0.1, 0.75, 0.99),  # beyond the path constraint
+        (0.1, 0.0, 9.0),  # outside of the tube
+        (0.1, -0.125, 0.0),  # as much as the slack
+        (0.1, -0.126, 0.0),
+    )
+    assert step.refuted(points).tolist() == [True, False, False, False, False, True]
+    assert not step.refuted(points.only(slice(1, 5))).any()
+    assert step.shown(points) == (0.1, 0.0, 0.5)
+    end = EndTask(constant_step(region, 1.0), region)
+    points = at_points(
+        (0.1, 0.5, 0.25),  # phi = .75, on the edges of both constraints
+        (0.1, 0.4, 0.2),
+        (0.1, 0.45, 0.4),  # phi = .85, no end
+        (0.1, 0.49, 0.24),
+        (0.1, 0.7, 0.0),  # beyond the path constraint
+        (0.1, -0.5, 0.2),
+    )
+    assert end.refuted(points).tolist() == [False, True, False, True, False, True]
+    assert not end.refuted(points.only(np.array([2, 4]))).any()
+    assert end.shown(points.only(slice(1, None))) == (0.1, 0.4, 0.2)
+
+
+def test_ends_are_cut_by_their_constraints_and_steps_only_by_the_path() -> None:
+    region = constrained()
+    box = single([0.0, 0.0, 0.0], [0.1, 1.0, 1.0])
+    for task, high in (
+        (StepTask(constant_step(region, 1.0), region), [0.1, 0.5, 1.0]),
+        (EndTask(constant_step(region, 1.0), region), [0.1, 0.5, 0.25]),
+    ):
+        cut, outside = task.cut_more(box)
+        np.testing.assert_allclose(cut.upper[:, 0], high, atol=1e-11)
+        assert not outside.any()
+        far = single([0.0, 0.0, 0.0], [0.1, 9.0, 9.0])
+        np.testing.assert_array_equal(task.cut(far)[0].upper, region.cut(far)[0].upper)
+
+
+def test_roots_of_a_face_are_the_slabs_up_to_the_last_end() -> None:
+    region = region_of(random_evidence(RATES["affine"]))
+    problem = dataclasses.replace(region.certificate.problem, horizon=(0.5, 0.75))
+    certificate = dataclasses.replace(region.certificate, problem=problem)
+    region = dataclasses.replace(region, certificate=certificate)
+    for face, place in ((0, 1), (3, 2), (4, 2), (5, 2)):
+        roots = FaceTask(face, region).roots([1, 0])
+        whole = region.roots()
+        assert roots.slab.tolist() == [1, 0]
+        np.testing.assert_array_equal(roots.lower[0], [0.4, 0.0])
+        np.testing.assert_array_equal(roots.upper[0], [0.75, 0.4])
+        other = 3 - place
+        np.testing.assert_array_equal(roots.lower[place], [0.0, 0.0])
+        np.testing.assert_array_equal(roots.upper[place], [0.0, 0.0])
+        np.testing.assert_array_equal(roots.lower[other], whole.lower[other].repeat(2))
+        np.testing.assert_array_equal(roots.upper[other], whole.upper[other].repeat(2))
+
+
+@pytest.mark.parametrize("face", range(len(FACES)))
+def test_states_of_a_face_lie_on_it(face: int) -> None:
+    region, rng = region_of(random_evidence(RATES["affine"])), np.random.default_rng(8)
+    task = FaceTask(face, region)
+    p = 1 + int(np.abs(FACES[face]).argmax())
+    for slab in range(2):
+        root = task.roots([slab])
+        count = 50
+        share = np.sort(rng.uniform(size=(2, 3, count)), axis=0)
+        ends = root.lower + share * (root.upper - root.lower)
+        boxes = Boxes(ends[0], ends[1], np.full(count, slab))
+        models = task._variables(boxes, region.tube)
+        placed = task._placed(boxes, models)
+        for _ in range(20):
+            y = points(rng, boxes)
+            level = np.interp(y[0], region.tube.times, region.tube.levels[:, face])
+            others = FACES[face] @ y[1:] - FACES[face][p - 1] * y[p]
+            on_face = (level - others) / FACES[face][p - 1]
+            assert (placed.lower[p] <= on_face).all()
+            assert (on_face <= placed.upper[p]).all()
+        # It is linear, so at the corners it is reached.
+        slope = region.tube.levels[slab + 1, face] - region.tube.levels[slab, face]
+        slope /= region.tube.times[slab + 1] - region.tube.times[slab]
+        width = boxes.upper - boxes.lower
+        whole = np.abs(slope) * width[0] + np.abs(FACES[face]) @ width[1:]
+        found = (placed.upper - placed.lower)[p] * np.abs(FACES[face][p - 1])
+        np.testing.assert_allclose(found, whole, atol=1e-11)
+        np.testing.assert_array_equal(task._taken_back(placed).upper, boxes.upper)
+        np.testing.assert_array_equal(task._taken_back(placed).lower, boxes.lower)
+
+
+@pytest.mark.parametrize("face", range(len(FACES)))
+def test_no_state_of_a_face_within_the_others_is_cut_off(face: int) -> None:
+    """What lies beyond another face, or beyond the bounds of the states, is dropped."""
+    evidence, rng = random_evidence(RATES["affine"]), np.random.default_rng(9)
+    region = region_of(evidence)
+    box = ((-1.2, None), (None, 1.25))
+    problem = dataclasses.replace(region.certificate.problem, state_box=box)
+    certificate = dataclasses.replace(region.certificate, problem=problem)
+    region = dataclasses.replace(region, certificate=certificate)
+    task, count = FaceTask(face, region), 400
+    p = 1 + int(np.abs(FACES[face]).argmax())
+    slab = rng.integers(0, 2, count)
+    root = task.roots(slab.tolist())
+    size = rng.choice([1e-3, 0.1, 0.5], size=root.lower.shape)
+    lower = root.lower + rng.uniform(size=size.shape) * (1 - size) * (
+        root.upper - root.lower
+    )
+    boxes = Boxes(lower, lower + size * (root.upper - root.lower), slab)
+    cut, outside = task.cut(boxes)
+    seen = np.zeros(count, dtype=bool)
+    shrunk = (cut.upper - cut.lower).sum() / (boxes.upper - boxes.lower).sum()
+    for _ in range(150):
+        y = points(rng, boxes)
+        tube = region.tube
+        levels = np.array([np.interp(y[0], tube.times, s) for s in tube.levels.T])
+        others = FACES[face] @ y[1:] - FACES[face][p - 1] * y[p]
+        x = y.copy()
+        x[p] = (levels[face] - others) / FACES[face][p - 1]
+        inside = (np.delete(FACES @ x[1:] - levels, face, axis=0) <= -1e-9).all(axis=0)
+        inside &= (x[1] >= -1.2) & (x[2] <= 1.25)
+        kept = ((cut.lower <= y) & (y <= cut.upper)).all(axis=0)
+        assert kept[inside].all() and not outside[inside].any()
+        seen |= inside
+    # Of boxes without any such state most are dropped, and others shrink.
+    assert outside.any() and seen.any()
+    assert (outside | seen).mean() > 0.8
+    assert shrunk < 0.9
+
+
+def falling(rate: float) -> Region:
+    """x_0' = rate + u_0, |u_0| <= .5, x_1' = 0; x_0 <= s(t), s = 1 - t to s = .5."""
+    region = region_of(
+        dataclasses.replace(
+            random_evidence(RATES["affine"]),
+            statement=dataclasses.replace(
+                random_evidence(RATES["affine"]).statement,
+                rate=ca.vertcat(rate + U[0], 0 * U[1]),
+                control_box=(np.array([-0.5, 0.0]), np.array([0.5, 0.0])),
+                path=(X[1] - 0.5,),
+            ),
+        )
+    )
+    levels = np.array([[1.0] + [9.0] * 3, [0.5] + [9.0] * 3])
+    tube = CheckedTube(FACES[:4], np.array([0.0, 0.5]), levels)
+    return dataclasses.replace(region, tube=tube, stated=tube)
+
+
+@pytest.mark.parametrize(
+    ("rate", "holds"), [(-1.51, True), (-1.5, False), (-1.49, False)]
+)
+def test_a_face_must_fall_more_slowly_than_the_fastest_state(
+    rate: float, holds: bool
+) -> None:
+    """s' = -1 > rate + .5; at equality it is open, beyond it refuted."""
+    region = falling(rate)
+    task = FaceTask(0, region)
+    box = single([0.0, 0.0, -1.0], [0.5, 0.0, 0.25])
+    judged = task.judge(box)
+    assert judged.proven[0] == holds
+    assert judged.suspect[0] == (rate == -1.49)
+    points = at_points((0.25, 0.0, 0.0), (0.25, 0.0, 0.75), (0.25, 0.0, 10.0))
+    # Beyond the path constraint, or outside of another face, it does not matter.
+    assert task.refuted(points).tolist() == [rate == -1.49, False, False]
+    assert not task.refuted(points.only(slice(1, None))).any()
+    assert task.shown(points) == (0.25, 0.75, 0.0)
+    cut, outside = task.cut_more(single([0.0, 0.0, 0.25], [0.5, 0.0, 1.0]))
+    assert cut.upper[2, 0] == pytest.approx(0.5, abs=1e-11)
+    assert not outside.any()
+    assert task.cut_more(single([0.0, 0.0, 0.75], [0.5, 0.0, 1.0]))[1].all()
+
+
+@pytest.mark.parametrize(("lower", "upper"), [(None, 0.7), (0.8, None), (0.5, 1.0)])
+def test_a_state_of_a_face_beyond_the_bounds_is_no_counterexample(
+    lower: float | None, upper: float | None
+) -> None:
+    """At .25 s the face is at x_0 = .75."""
+    region = falling(-1.0)
+    problem = dataclasses.replace(
+        region.certificate.problem, state_box=((lower, None), (upper, None))
+    )
+    certificate = dataclasses.replace(region.certificate, problem=problem)
+    region = dataclasses.replace(region, certificate=certificate)
+    task, point = FaceTask(0, region), at_points((0.25, 0.0, 0.0))
+    within = upper == 1.0
+    assert task.refuted(point)[0] == within
+    assert task.cut(point)[1][0] != within
