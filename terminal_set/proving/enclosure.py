@@ -123,17 +123,15 @@ class DecreaseBounds:
         kinks, cuts = self._rays.kinks(from_zero, upper)
         if not self._is_kinked:
             return quadratic, np.where(kinks | cuts, np.inf, remainder)
-        if kinks.any():
-            _, (whole,) = self._rays.slopes(from_zero, upper)
-            at_zero = upper.copy()
-            at_zero[0] = 0.0
-            _, (centre,) = self._rays.slopes(from_zero, at_zero)
-            # The bound is the sum, which is rounded up once more.
-            rest = np.where(np.isfinite(whole), whole - centre, np.inf)
-            rest += PADDING * (np.abs(whole) + np.abs(centre))
-            quadratic = np.where(kinks, centre, quadratic)
-            remainder = np.where(kinks, rest, remainder)
-        return quadratic, np.where(cuts, np.inf, remainder)
+        # A kink at the centre is in every box from there.
+        _, (whole,) = self._rays.slopes(from_zero, upper)
+        at_zero = upper.copy()
+        at_zero[0] = 0.0
+        _, (centre,) = self._rays.slopes(from_zero, at_zero)
+        # The bound is the sum, which is rounded up once more.
+        rest = np.where(np.isfinite(whole), whole - centre, np.inf)
+        rest += PADDING * (np.abs(whole) + np.abs(centre))
+        return centre, np.where(cuts, np.inf, rest)
 
 
 def undecided(

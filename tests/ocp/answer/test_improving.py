@@ -37,7 +37,7 @@ from swarmstart.ocp.answer.improving import (
 )
 from swarmstart.ocp.rollout.checking import Excess
 from swarmstart.ocp.rollout.fitness import NOTHING
-from swarmstart.ocp.search.account import Repair
+from swarmstart.ocp.search.account import Repair, Restarts
 
 X, U = ca.SX.sym("x"), ca.SX.sym("u")
 
@@ -608,3 +608,34 @@ def test_an_answer_is_better_by_what_the_checks_say_first() -> None:
     assert better(judged(5e-4, 0.05), infeasible)
     assert better(judged(0.0, 0.4), feasible)
     assert better(judged(0.0, 0.5, cost=0.5), feasible)
+
+
+def test_account_of_starts_begins_with_nothing_and_adds_up() -> None:
+    found = improving._Descended(
+        better=None, evaluations=9, iterations=50, starts=3, decides=False
+    )
+    first = improving._counted(None, found, 2.0)
+    assert first == Restarts(starts=3, iterations=50, better=0, seconds=2.0)
+    assert first.seconds == 2.0
+    both = improving._counted(first, found, 0.5)
+    assert both == Restarts(starts=6, iterations=100, better=0, seconds=2.5)
+    assert both.seconds == 2.5
+
+
+def test_account_of_a_repair_is_added_once(above: tuple[Planner, Solution]) -> None:
+    _, solution = above
+    first, second = (
+        Repair(
+            attempts=n, checks=1, margins=1, evaluations=0, seconds=0.0, succeeded=True
+        )
+        for n in (1, 2)
+    )
+    assert improving._with_account(solution, None) is solution
+    once = improving._with_account(solution, first)
+    assert once.repair is first
+    assert improving._with_account(once, second) is once
+    failed = broken(solution, 0.4)
+    assert improving._with_account(failed, None) is failed
+    told = improving._with_account(failed, first)
+    assert told.repair is first and told.reason.endswith(f"{first.tried}, in vain")
+    assert "use more intervals (4)" in told.advice

@@ -598,6 +598,19 @@ def test_optima_of_lanes_have_the_costs_of_their_controls(sense: int) -> None:
     assert verified(problem, guess, [0.0]).optima == ()
 
 
+def test_optima_of_linear_controls_have_their_knots() -> None:
+    """The first knot is a state of the start, all others are those of the intervals."""
+    problem = replace(two_valleys(), control_shape="linear")
+    found = solve(problem, [0.0], search=None, seed=0)
+    for one in found.optima:
+        assert one.controls.shape == (1, 3)
+        np.testing.assert_allclose(one.solution().controls, one.controls, atol=1e-3)
+        steps = 0.25 * (one.controls[0, :-1] + one.controls[0, 1:])
+        np.testing.assert_allclose(np.diff(one.states[0]), steps, atol=1e-9)
+    first = {round(float(one.controls[0, 0])) for one in found.optima}
+    assert len(first) > 1  # In either valley.
+
+
 @pytest.mark.parametrize("sense", [1, -1])
 @pytest.mark.parametrize(
     ("cost", "relaxed", "status", "told"),

@@ -1,6 +1,7 @@
 """First and second order conditions against a dense reference of the whole NLP."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
@@ -23,6 +24,7 @@ from swarmstart.ocp import (
     Radau,
     TerminalConstraint,
 )
+from swarmstart.ocp.nlp import optimality
 from swarmstart.ocp.nlp.optimality import (
     Curvature,
     NlpPoint,
@@ -563,3 +565,34 @@ def test_unmet_is_infinite_where_a_slope_is() -> None:
             left = unmet(point.program, point.w, point.q, point.limits)
             assert np.isfinite(left) == is_finite
             assert is_finite or left == np.inf
+
+
+def test_tied_controls_are_the_first_member_s_or_those_of_the_interval_before() -> None:
+    """Of four controls 2 is the same as 0 in the first interval, and in the next one.
+
+    There 0 is as well the same as before, and 3 as the one before that is 1.
+    """
+    rng = np.random.default_rng(0)
+    labels = np.array([[0, 0], [1, 4], [0, 0], [3, 1]])
+    problem = SimpleNamespace(
+        model=SimpleNamespace(nx=2, nu=4), intervals=2, control_labels=labels
+    )
+    stages = optimality._Stages.__new__(optimality._Stages)
+    H = [one + one.T for one in rng.normal(size=(2, 6, 6))]
+    dynamics, active = rng.normal(size=(2, 2, 6)), rng.normal(size=(2, 1, 6))
+    stages.hessian, stages.dynamics, stages.active = [*H], [*dynamics], [*active]
+    stages.held_controls = np.zeros((2, 4), dtype=bool)
+    stages.held_states = np.zeros((2, 2))
+    stages.ends = [(np.eye(2), np.ones((1, 2)))]
+    stages.remember_controls(problem)  # type: ignore[arg-type]
+    z = rng.normal(size=10)
+    x, v, u = np.split(z, [2, 6])
+    for k, used in enumerate(([u[0], u[1], u[0], u[3]], [v[2], u[1], v[2], v[1]])):
+        w = np.concatenate([x, used])
+        assert z @ stages.hessian[k] @ z == pytest.approx(w @ H[k] @ w)
+        np.testing.assert_allclose(stages.dynamics[k] @ z, [*dynamics[k] @ w, *used])
+        np.testing.assert_allclose(stages.active[k] @ z, active[k] @ w)
+    np.testing.assert_array_equal(
+        stages.held_controls, [[False, False, True, False], [True, False, True, True]]
+    )
+    assert stages.held_states.shape == (2, 6)

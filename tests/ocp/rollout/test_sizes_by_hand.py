@@ -313,3 +313,19 @@ def test_costs_of_members_have_one_size_as_states() -> None:
     others = [i for i in range(problem.model.nx) if i not in ours]
     assert sorted(found.states[others]) == [2.0, 6.0]
     assert found.states[ours] == pytest.approx(np.full(len(ours), 0.618 * (60 + 2)))
+
+
+@pytest.mark.parametrize(("p", "size"), [(0.0, 2.0), (-1.0, 2.0), (0.01, 10.0)])
+def test_way_that_is_no_number_does_not_count(p: float, size: float) -> None:
+    """x' = u, |u| <= 1 for 2 s moves x by 2; (x - 1 / sqrt(p))^2 asks for 10."""
+    x, u, at = ca.SX.sym("x"), ca.SX.sym("u"), ca.SX.sym("p")
+    problem = OptimalControlProblem(
+        Model(states=x, controls=u, ode=u, parameters=at),
+        horizon=2.0,
+        intervals=2,
+        bounds=Bounds(controls=(-1, 1)),
+        terminal_cost=(x - 1 / ca.sqrt(at)) ** 2,
+    )
+    empty = np.empty((0, problem.nodes))
+    found = Sizing(problem)(np.zeros(1), np.array([p]), empty)
+    assert found.states[0] == pytest.approx(size)

@@ -92,6 +92,19 @@ def test_the_field_is_enclosed_in_the_whole_tube_and_no_wider() -> None:
     assert size == pytest.approx(2 * 0.5 * moved / 1e-6, rel=1e-5)
 
 
+def test_the_field_turns_with_the_held_control_as_well() -> None:
+    """Of x' = x u it is u: by e = z / 2 it turns by -GAIN, for |v| up to 1 / 2."""
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    f = ca.Function("f", [x, u], [x * u])
+    own = law(np.array([[GAIN]]), np.array([[P]]), np.array([0.3]))
+    residual = Residual(f, own, dt=DT, substeps=1)
+    start = residual.start(0, np.array([[0.4]]), np.zeros((1, 1)))
+    (middle, _), (turn, blur) = residual.field(start, (0.1, 0.1), 0.2)
+    assert middle[0, 0, 0] == pytest.approx(-GAIN * 0.2, rel=1e-12)
+    size = abs(turn[0, 0, 0]) + blur[0, 0, 0]
+    assert size == pytest.approx(0.5 * GAIN, rel=1e-9)
+
+
 def test_coordinates_are_those_of_the_ellipsoid(formation: ca.Function) -> None:
     """e = T z with e'Pe = |z|^2, and a start of boxes is around e and u."""
     rng = np.random.default_rng(0)
