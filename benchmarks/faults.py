@@ -121,8 +121,14 @@ MORE_TESTS: Mapping[str, tuple[str, ...]] = {
     "terminal_set/checker/ellipsoid_search.py": (
         "tests/terminal_set/checker/test_ellipsoid_statements.py",
     ),
-    "terminal_set/checker/models.py": ("tests/terminal_set/checker/test_functions.py",),
-    "terminal_set/checker/rays.py": ("tests/terminal_set/checker/test_functions.py",),
+    "terminal_set/checker/models.py": (
+        "tests/terminal_set/checker/test_evaluation.py",
+        "tests/terminal_set/checker/test_functions.py",
+    ),
+    "terminal_set/checker/rays.py": (
+        "tests/terminal_set/checker/test_evaluation.py",
+        "tests/terminal_set/checker/test_functions.py",
+    ),
     "terminal_set/checker/evaluation.py": (
         "tests/terminal_set/checker/test_functions.py",
     ),

@@ -339,3 +339,46 @@ def test_the_clock_is_looked_at_every_32_steps(length: int) -> None:
         else:
             assert abs(program(variables)[length - 1].middle[0]) == 1.0
     assert Program(nodes, [length - 1], NEVER)(variables)
+
+
+OF_NUMPY = {"exp": "exp", "log": "log", "sqrt": "sqrt", "atan": "arctan"} | {
+    name: name for name in ("sin", "cos")
+}
+
+
+@pytest.mark.parametrize("units", [-15, 15])
+@pytest.mark.parametrize("name", OF_NUMPY)
+def test_functions_of_numpy_may_be_off_by_sixteen_units(
+    name: str, units: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In the last place of the result, and of 1 for sines and cosines; so do slopes."""
+    of_one = name in ("sin", "cos")
+
+    def off(own: Callable[[Array], Array]) -> Callable[[Array], Array]:
+        size = 1.0 if of_one else 0.0
+
+        def function(x: Array) -> Array:
+            exact = own(x)
+            return np.asarray(exact + units * 2.0**-52 * (size or np.abs(exact)))
+
+        return function
+
+    names = ("sin", "cos") if of_one else (OF_NUMPY[name],)
+    algebra = algebra_of(1)
+    middle = np.random.default_rng(3).uniform(0.5, 9.0, 40)
+    middle[:8] = np.arange(1, 9) * np.pi / 2  # where sines or cosines are small
+    x = algebra.variable(0, middle, np.zeros(40))
+    with monkeypatch.context() as patch:
+        for other in names:
+            patch.setattr(np, other, off(getattr(np, other)))
+        found = FUNCTIONS[name](x)
+        rho = algebra.variable(0, np.full(40, 1e-3), np.full(40, 1e-3))
+        rays = FUNCTIONS[name](Along(x.number(middle), x.number(1.0), rho))
+    for k in range(40):
+        exact = UNARY[name](arb(float(middle[k])))
+        one = Model(algebra, found.coefficients[:, [k]], found.error[[k]])
+        assert_encloses(one, (0.0,), exact)
+        one = Model(algebra, rays.slope.coefficients[:, [k]], rays.slope.error[[k]])
+        far = arb(1e-3) + arb(1e-3) * arb(-0.999)
+        slope = (UNARY[name](arb(float(middle[k])) + far) - exact) / far
+        assert_encloses(one, (-0.999,), slope)

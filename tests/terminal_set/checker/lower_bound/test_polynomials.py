@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from fractions import Fraction
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from swarmstart.terminal_set.checker.lower_bound.certificate_file import Step
 from swarmstart.terminal_set.checker.lower_bound.polynomials import (
     Expansion,
+    _table,
     exact_value,
 )
 from swarmstart.terminal_set.checker.models import Model, algebra_of
@@ -108,3 +110,139 @@ def test_what_cancels_in_the_polynomial_costs_nothing() -> None:
     model = Expansion(step, algebra_of(D), np.zeros((D, 1)), radius).value()
     assert model.error[0] == pytest.approx(8 * 0.125**4, rel=1e-9)
     assert np.abs(model.coefficients).max() < 1e-13
+
+
+def chebyshev_series(z: Fraction, size: int) -> list[list[Fraction]]:
+    """T_e^[p], the coefficients of T_e(z + d) by powers of d, e and p below `size`."""
+    rows = [[Fraction(1)], [z, Fraction(1)]]
+    while len(rows) < size:
+        longer = [Fraction(0)] * (len(rows) + 1)
+        for p, c in enumerate(rows[-1]):
+            longer[p] += 2 * z * c
+            longer[p + 1] += 2 * c
+        for p, c in enumerate(rows[-2]):
+            longer[p] -= c
+        rows.append(longer)
+    return [row + [Fraction(0)] * (size - len(row)) for row in rows[:size]]
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 12])
+def test_the_table_of_series_has_balls_about_it_and_these_are_small(size: int) -> None:
+    rng = np.random.default_rng(size)
+    y = np.concatenate([rng.uniform(-3, 3, 30), [0.0, 0.7, 1e-9]])
+    middle, half = 0.7, 1.3
+    table, radii = _table(y, middle, half, size)
+    assert table.shape == radii.shape == (33, size, size)
+    for k in range(33):
+        z = (Fraction(float(y[k])) - Fraction(middle)) / Fraction(half)
+        exact = chebyshev_series(z, size)
+        # A part of what the terms of the recurrence add up to: of T_e(|z| + 1).
+        most = chebyshev_series(abs(z) + 1, size)
+        for e in range(size):
+            for p in range(size):
+                radius = Fraction(float(radii[k, e, p]))
+                assert abs(Fraction(float(table[k, e, p])) - exact[e][p]) <= radius
+                assert radius <= Fraction(size**2, 2**48) * most[e][p] + Fraction(
+                    1, 10**150
+                )
+
+
+def test_rounding_is_counted_as_the_docstring_says() -> None:
+    """((1 + share)^d - 1 + 2^-43) times the sums of absolute values of all terms."""
+    rng = np.random.default_rng(5)
+    step = random_step(rng, 5)
+    middle, radius = rng.uniform(-2, 2, (D, 4)), rng.uniform(0, 0.5, (D, 4))
+    expansion = Expansion(step, algebra_of(D), middle, radius)
+    for axis in (None, 0, 1, 2):
+        for k in range(4):
+            share, rows = 0.0, []
+            for a in range(D):
+                table, radii = (
+                    np.abs(t[a][k]) for t in (expansion._tables, expansion._radii)
+                )
+                size, row = len(table), []
+                for e in range(size):
+                    # Of the derivative by z: p d^(p - 1).
+                    powers = [
+                        (radius[a, k] / step.half[a]) ** (p - (a == axis))
+                        * (p if a == axis else 1.0)
+                        for p in range(1 if a == axis else 0, size)
+                    ]
+                    start = size - len(powers)
+                    off = sum(
+                        r * q for r, q in zip(radii[e][start:], powers, strict=True)
+                    )
+                    whole = (
+                        sum(
+                            t * q for t, q in zip(table[e][start:], powers, strict=True)
+                        )
+                        + off
+                    )
+                    row.append(max(whole, 1.0))
+                    share = max(share, off / row[-1])
+                rows.append(row)
+            total = sum(
+                abs(c) * rows[0][e[0]] * rows[1][e[1]] * rows[2][e[2]]
+                for e, c in zip(step.exponents, step.coefficients, strict=True)
+            )
+            expected = (D * share + 2.0**-43) * total
+            found = expansion._noise(axis)[k]
+            assert found == pytest.approx(expected, rel=1e-9)
+            assert share > 2.0**-53
+
+
+@pytest.mark.parametrize("extra", [0, 1, 2])
+def test_what_is_beyond_order_three_is_the_error(extra: int) -> None:
+    """Its terms' sizes at the ends; further variables, such as controls, are unused."""
+    rng = np.random.default_rng(6)
+    step = random_step(rng, 6)
+    middle, radius = rng.uniform(-1, 1, (D + extra, 3)), np.full((D + extra, 3), 0.25)
+    algebra = algebra_of(D + extra)
+    expansion = Expansion(step, algebra, middle, radius)
+    for axis in (None, 0, 1, 2):
+        model = expansion.value() if axis is None else expansion.derivative(axis)
+        for k in range(3):
+            series = [
+                chebyshev_series(
+                    (Fraction(float(middle[a, k])) - Fraction(step.middle[a]))
+                    / Fraction(step.half[a]),
+                    7,
+                )
+                for a in range(D)
+            ]
+            powers: dict[tuple[int, ...], Fraction] = {}
+            for e, c in zip(step.exponents, step.coefficients, strict=True):
+                for place in np.ndindex(*(x + 1 for x in e)):
+                    term = Fraction(c)
+                    for a, p in enumerate(place):
+                        term *= series[a][e[a]][p]
+                        scale = Fraction(1, 4) / Fraction(step.half[a])
+                        term *= scale ** (p - (a == axis)) * (p if a == axis else 1)
+                        term /= Fraction(step.half[a]) if a == axis else 1
+                    lowered = tuple(p - (a == axis) for a, p in enumerate(place))
+                    if term:
+                        powers[lowered] = powers.get(lowered, Fraction(0)) + term
+            size = float(sum(map(abs, powers.values())))
+            cut = float(sum(abs(c) for e, c in powers.items() if sum(e) > 3))
+            assert cut <= model.error[k] <= cut + 1e-10 * size
+            for e, number in algebra.numbers.items():
+                exact = 0.0 if any(e[D:]) else float(powers.get(e[:D], Fraction(0)))
+                found = model.coefficients[number, k]
+                assert found == pytest.approx(exact, abs=1e-12 * size)
+
+
+def test_a_product_given_twice_counts_twice_and_none_is_zero() -> None:
+    twice = Step(
+        middle=(0.0,) * D,
+        half=(1.0,) * D,
+        exponents=((1, 0, 0), (1, 0, 0)),
+        coefficients=(2.0, 3.0),
+        slack=0.0,
+        end_slack=None,
+    )
+    middle, radius = np.full((D, 1), 0.5), np.zeros((D, 1))
+    model = Expansion(twice, algebra_of(D), middle, radius).value()
+    assert model.middle[0] == 2.5 == exact_value(twice, (0.5, 0.5, 0.5))
+    none = dataclasses.replace(twice, exponents=(), coefficients=())
+    model = Expansion(none, algebra_of(D), middle, radius).value()
+    assert model.upper[0] < 1e-150 and exact_value(none, (0.5,) * D) == 0
