@@ -153,12 +153,8 @@ class DecreaseTask:
         """Return a box for each face of the cube and each piece of time."""
         n, pieces = self.n, len(self.T)
         slab = np.arange(2 * n * pieces)
-        ones = np.ones((n - 1, slab.size))
-        reach = np.full((1, slab.size), np.inf)
-        lower, upper = (
-            np.vstack([0.0 * reach.clip(0, 1), -ones]),
-            np.vstack([reach, ones]),
-        )
+        lower, upper = -np.ones((n, slab.size)), np.ones((n, slab.size))
+        lower[0], upper[0] = 0.0, np.inf
         if self.times is not None:
             piece = slab // (2 * n)
             lower = np.vstack([lower, self.times[piece]])

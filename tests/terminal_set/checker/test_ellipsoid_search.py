@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from fractions import Fraction
 
 import casadi as ca
 import numpy as np
@@ -146,6 +147,101 @@ def test_roots_and_cuts_keep_every_state_of_the_set(kind: str) -> None:
         beyond = Boxes(at * 1.0, at * 1.0, inside.slab)
         beyond.lower[0] *= math.sqrt(1.001 / share)
         assert task.cut(beyond)[1].all()
+
+
+def plain_task(rng: np.random.Generator, n: int, pieces: int) -> DecreaseTask:
+    """Coordinates by chance, without a statement."""
+    return DecreaseTask(
+        change=None,  # type: ignore[arg-type]
+        stated=None,  # type: ignore[arg-type]
+        alpha=0.7,
+        T=rng.normal(size=(pieces, n, n)) * 10.0 ** rng.integers(-3, 3, (pieces, n, n)),
+        delta=rng.uniform(0, 0.2, pieces),
+        times=None if pieces == 1 else np.linspace(0, 0.5, pieces + 1),
+    )
+
+
+def boxes_of_faces(rng: np.random.Generator, task: DecreaseTask, count: int) -> Boxes:
+    """About all faces and pieces; some are points, some hold the axis of their face."""
+    d = task.n + (task.times is not None)
+    lower = rng.uniform(-1, 1, (d, count))
+    lower[0] = rng.uniform(0.2, 1.2, count)
+    upper = lower + rng.choice([0.0, 1e-9, 0.3], (d, count))
+    return Boxes(lower, upper, rng.integers(0, 2 * task.n * len(task.T), count))
+
+
+@pytest.mark.parametrize(("n", "pieces"), [(1, 1), (2, 1), (3, 1), (3, 4)])
+def test_a_cut_is_at_the_least_direction_of_the_box(n: int, pieces: int) -> None:
+    """s^2 (1 - delta) (1 + the least of |w|^2 beside the face) <= alpha, exactly."""
+    rng = np.random.default_rng(n)
+    task = plain_task(rng, n, pieces)
+    boxes = boxes_of_faces(rng, task, 300)
+    cut, outside = task.cut(boxes)
+    np.testing.assert_array_equal(cut.lower, boxes.lower)
+    np.testing.assert_array_equal(cut.upper[1:], boxes.upper[1:])
+    for k in range(300):
+        square = Fraction(1)
+        for a in range(1, n):
+            low, high = (Fraction(float(e[a, k])) for e in (boxes.lower, boxes.upper))
+            square += max(low, -high, Fraction(0)) ** 2
+        square *= 1 - Fraction(float(task.delta[boxes.slab[k] // (2 * n)]))
+        low, high, found = (
+            Fraction(float(e[0, k])) for e in (boxes.lower, boxes.upper, cut.upper)
+        )
+        alpha = Fraction(0.7)
+        assert outside[k] == (low**2 * square > alpha)
+        if found < high:
+            assert alpha <= found**2 * square <= alpha * (1 + Fraction(1, 10**12))
+        else:
+            assert high**2 * square <= alpha * (1 + Fraction(1, 10**12))
+    assert (cut.upper[0] < boxes.upper[0]).any() and 20 < outside.sum() < 280
+
+
+@pytest.mark.parametrize(("n", "pieces"), [(1, 1), (2, 1), (3, 1), (3, 4)])
+def test_directions_are_those_of_the_faces(n: int, pieces: int) -> None:
+    """v = T w, with 1 or -1 in the place of the face, linear in the other entries."""
+    rng = np.random.default_rng(n)
+    task = plain_task(rng, n, pieces)
+    boxes = boxes_of_faces(rng, task, 100)
+    models = task._directions(boxes)
+    for k in range(100):
+        face = int(boxes.slab[k]) % (2 * n)
+        T = task.T[int(boxes.slab[k]) // (2 * n)]
+        others = [j for j in range(n) if j != face // 2]
+        s = [Fraction(int(c), 8) for c in rng.integers(-8, 9, len(boxes.lower))]
+        w = [Fraction(1 - 2 * (face % 2))] * n
+        for a, j in enumerate(others, start=1):
+            middle, radius = boxes.middle[a, k], boxes.radius[a, k]
+            w[j] = Fraction(float(middle)) + s[a] * Fraction(float(radius))
+        for i, model in enumerate(models):
+            exact_entry = sum(Fraction(float(T[i, j])) * w[j] for j in range(n))
+            size = sum(abs(Fraction(float(T[i, j])) * w[j]) for j in range(n))
+            found = Fraction(float(model.middle[k])) + sum(
+                Fraction(float(model.coefficients[1 + a, k])) * s[a]
+                for a in range(len(boxes.lower))
+            )
+            off = abs(found - exact_entry)
+            assert off <= Fraction(float(model.error[k]))
+            most = sum(abs(Fraction(float(T[i, j]))) for j in range(n)) * 2
+            assert Fraction(float(model.error[k])) <= most / 2**46 + size / 2**46
+            assert Fraction(float(model.error[k])) > 0
+            assert not model.coefficients[1 + len(boxes.lower) :, k].any()
+
+
+@pytest.mark.parametrize(("n", "pieces"), [(1, 1), (3, 1), (2, 3)])
+def test_roots_are_all_faces_for_all_times(n: int, pieces: int) -> None:
+    task = plain_task(np.random.default_rng(n), n, pieces)
+    roots = task.roots()
+    assert roots.slab.tolist() == list(range(2 * n * pieces))
+    most = np.sqrt(0.7 / (1 - task.delta))
+    np.testing.assert_array_equal(roots.lower[0], 0.0)
+    np.testing.assert_allclose(roots.upper[0], most.repeat(2 * n), rtol=1e-12)
+    assert (roots.lower[1:n] == -1.0).all() and (roots.upper[1:n] == 1.0).all()
+    if task.times is not None:
+        np.testing.assert_array_equal(roots.lower[n], task.times[:-1].repeat(2 * n))
+        np.testing.assert_array_equal(roots.upper[n], task.times[1:].repeat(2 * n))
+    cut, outside = task.cut_more(roots)
+    assert cut is roots and outside.shape == (2 * n * pieces,) and not outside.any()
 
 
 def test_quadratic_part_is_nearly_diagonal_and_that_at_the_centre() -> None:
