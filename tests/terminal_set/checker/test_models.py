@@ -168,8 +168,9 @@ def test_numbers_and_variables_are_models_without_rounding() -> None:
     x = algebra.variable(1, middle, radius)
     assert terms_of(x, 0) == dict.fromkeys(terms_of(x, 0), 0) | {(0, 0): 1, (0, 1): 0.5}
     assert not x.error.any()
+    wide = x.widened(np.array([7.0, 0.0]))
     for number, off in ((3.0, 0.0), (np.array([3.0, 4.0]), np.array([0.5, 0.0]))):
-        found = x.number(number, off)
+        found = wide.number(number, off)
         assert (found.middle == number).all() and not found.coefficients[1:].any()
         assert (found.error == off).all() and found.error.shape == (2,)
 
@@ -303,6 +304,13 @@ def test_a_cubic_of_a_model_is_its_composition(error: float) -> None:
         noisy = a.composed(cubic(factors, 0.0, sizes))
         added = float(error_of(noisy, 0) - error_of(plain, 0))
         assert added == pytest.approx(ELEMENTARY * 1e12 * spread**place, rel=1e-9)
+
+
+def test_of_a_cubic_of_one_variable_nothing_is_cut_off() -> None:
+    x = algebra_of(1).variable(0, np.array([5.0]), np.array([2.0]))
+    found = x.composed(cubic([7.0, -2.0, 3.0, 0.5], 0.0, [0.0] * 4))
+    assert found.coefficients[:, 0] == pytest.approx([7.0, -4.0, 12.0, 4.0], rel=1e-13)
+    assert found.error[0] < 1e-11
 
 
 @pytest.mark.parametrize("d", [1, 2, 4])
