@@ -200,9 +200,7 @@ class Pruned:
         algebra = variables[0].algebra
         come = Expansion(self.come, algebra, middle, radius).value()
         go = Expansion(self.go, algebra, middle, radius).value()
-        slope, off = rounded(self.slope)
-        time = variables[0]
-        losses = time.scaled(slope).widened((time.size + time.error) * off)
+        losses = variables[0].scaled(*rounded(self.slope))
         return (go - come + losses).shifted(*rounded(self.constant))
 
 

@@ -98,7 +98,8 @@ def test_an_absolute_value_has_the_slope_of_the_sign(middle: float) -> None:
         a = Along(a.at.shifted(middle - a.at.middle), a.slope, a.rho)
         found = a.absolute()
         slope, before = found.slope, a.slope
-        assert_is(found, SHARES[0], *map(abs, parts(a, SHARES[0])), error=99.0)
+        start, end = map(abs, parts(a, SHARES[0]))
+        assert_is(found, SHARES[0], start, end, error=99.0)
         if abs(middle) > 1:
             sign = np.sign(middle)
             np.testing.assert_array_equal(
@@ -125,7 +126,9 @@ def test_a_cubic_along_a_ray_is_exact() -> None:
     c = Fraction(float(a.middle[0]))
     for s in SHARES:
         start, end = (
-            sum(Fraction(g) * (x - c) ** k for k, g in enumerate(FACTORS))
+            sum(
+                (Fraction(g) * (x - c) ** k for k, g in enumerate(FACTORS)), Fraction(0)
+            )
             for x in parts(a, s)
         )
         assert_is(found, s, start, end, error=99.0)

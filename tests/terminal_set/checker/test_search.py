@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from fractions import Fraction
 
@@ -195,7 +194,7 @@ class Widths:
 
     width: float = 0.25
     within: tuple[float, float] = (-np.inf, np.inf)
-    late: Callable[[int], bool] = lambda _: False
+    late: int = 0
     false_at: float = np.nan
     pull: float = 1.0
     batches: list[int] = field(default_factory=list)
@@ -213,7 +212,7 @@ class Widths:
 
     def judge(self, boxes: Boxes) -> Judgement:
         self.batches.append(boxes.count)
-        if self.late(len(self.batches)):
+        if len(self.batches) == self.late:
             raise TimeIsUpError
         wide = boxes.upper - boxes.lower
         proven = (wide <= self.width)[0]
@@ -256,7 +255,7 @@ def test_what_is_outside_of_the_set_is_not_judged_or_halved() -> None:
 def test_time_that_is_up_leaves_the_boxes_that_were_not_judged() -> None:
     roots = row((0.0, 1.0), (1.0, 2.0), (2.0, 3.0))
     for call, judged, left in ((1, 3, 3), (2, 9, 6), (3, 21, 12)):
-        outcome = prove(Widths(late=lambda n, call=call: n == call), roots, NEVER)
+        outcome = prove(Widths(late=call), roots, NEVER)
         remark = f"{left} boxes left in the queue"
         assert outcome == Outcome(False, judged - left, remark=remark)
     outcome = prove(Widths(), roots, Deadline.after(-1.0))

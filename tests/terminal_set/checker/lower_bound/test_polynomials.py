@@ -147,6 +147,24 @@ def test_the_table_of_series_has_balls_about_it_and_these_are_small(size: int) -
                 )
 
 
+def test_radii_follow_from_the_recurrence_number_by_number() -> None:
+    """2 (|z| + r_z) r + 2 r' + r'' + 2 r_z |T|, and 8 units of the terms' sizes."""
+    rng = np.random.default_rng(7)
+    y, middle, half, size = rng.uniform(-3, 3, 20), 0.7, 1.3, 7
+    table, radii = _table(y, middle, half, size)
+    for k in range(20):
+        z = abs((y[k] - middle) / half)
+        of_z, T, r = z * 2.0**-50, np.abs(table[k]), np.zeros((size, size))
+        r[1, 0] = of_z
+        for e in range(2, size):
+            for p in range(size):
+                lower, its = (T[e - 1, p - 1], r[e - 1, p - 1]) if p else (0.0, 0.0)
+                terms = 2 * z * T[e - 1, p] + 2 * lower + T[e - 2, p]
+                r[e, p] = 2 * (z + of_z) * r[e - 1, p] + 2 * its + r[e - 2, p]
+                r[e, p] += 2 * of_z * T[e - 1, p] + 2.0**-50 * terms
+        np.testing.assert_allclose(radii[k], r, rtol=1e-9, atol=1e-150)
+
+
 def test_rounding_is_counted_as_the_docstring_says() -> None:
     """((1 + share)^d - 1 + 2^-43) times the sums of absolute values of all terms."""
     rng = np.random.default_rng(5)

@@ -24,6 +24,7 @@ from swarmstart.terminal_set.checker.lower_bound.statements import (
     proven_bound,
     verdict,
 )
+from swarmstart.terminal_set.checker.search import Outcome
 from swarmstart.tests.ocp.lower_bound import evidence_by_hand as by_hand
 from swarmstart.tests.terminal_set.checker.changes import after_looks
 
@@ -168,6 +169,23 @@ def test_pieces_beyond_the_bounds_of_the_states_are_exempt() -> None:
             assert len(found) == 3
 
 
+@pytest.mark.parametrize("levels", [(1.5, 4.0, 1.5), (1.5, 1.5, 4.0)])
+def test_both_ends_of_an_exempt_piece_are_beyond_the_bounds(
+    levels: tuple[float, ...],
+) -> None:
+    """x <= 2, and x rises from 1 at 2 a second: it reaches 2, beyond 1.5."""
+    certificate = read(
+        by_hand.quadratic(),
+        times=(0.0, 0.5, 1.0),
+        levels=tuple((level, 9.0) for level in levels),
+        state_box=((-9.0,), (2.0,)),
+        final=constant(-1.0, 0.0, 0.0),
+        bound=-1.0,
+    )
+    found = judged(certificate)
+    assert found[2].verdict is Verdict.REFUSED and "by face 0" in found[2].text
+
+
 @pytest.mark.parametrize(("latest", "expected"), [(0.75, True), (1.0, False)])
 def test_slabs_after_the_last_end_need_no_proof(latest: float, expected: bool) -> None:
     """The upper face falls from 1 s on; a slab that begins at the last end counts."""
@@ -194,8 +212,8 @@ def test_boxes_of_all_faces_are_counted(monkeypatch: pytest.MonkeyPatch) -> None
     counts = iter([5, 7, 11, 13])
     proofs = iter([True, True, False])
 
-    def prove(*_: object) -> statements.Outcome:
-        return statements.Outcome(next(proofs), next(counts), remark="late")
+    def prove(*_: object) -> Outcome:
+        return Outcome(next(proofs), next(counts), remark="late")
 
     monkeypatch.setattr(statements, "prove", prove)
     found = judged(read(by_hand.least_time()))

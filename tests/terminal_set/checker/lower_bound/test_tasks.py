@@ -257,13 +257,13 @@ def test_a_box_is_proven_from_its_bound_on_and_suspect_below_its_middle(
     expected = pulls(below) + extra + below.error * shares
     for k in range(40):
         for slack, proven in ((-bound[k], True), (np.nextafter(-bound[k], -9), False)):
-            changed = dataclasses.replace(final, **{name: float(slack)})
+            changed = dataclasses.replace(final, **{name: float(slack)})  # type: ignore[arg-type]
             judged = make(changed, region).judge(boxes)
             assert judged.proven[k] == proven
             np.testing.assert_array_equal(judged.proven, bound >= -slack)
             np.testing.assert_array_equal(judged.suspect, at < -slack)
             np.testing.assert_allclose(judged.pull, expected, rtol=1e-12)
-    at_middle = dataclasses.replace(final, **{name: -float(at[7])})
+    at_middle = dataclasses.replace(final, **{name: -float(at[7])})  # type: ignore[arg-type]
     assert not make(at_middle, region).judge(boxes).suspect[7]
 
 
@@ -529,8 +529,9 @@ def test_a_state_of_a_face_beyond_the_bounds_is_no_counterexample(
 ) -> None:
     """At .25 s the face is at .75; the other state is at -3, within [-4, -2]."""
     region = falling(-1.0, axis)
-    low, high = [-4.0, -4.0], [-2.0, -2.0]
-    low[axis], high[axis] = lower, upper  # type: ignore[call-overload]
+    low: list[float | None] = [-4.0, -4.0]
+    high: list[float | None] = [-2.0, -2.0]
+    low[axis], high[axis] = lower, upper
     problem = dataclasses.replace(
         region.certificate.problem, state_box=(tuple(low), tuple(high))
     )
