@@ -145,6 +145,6 @@ def _less_square(below: Model, b: Model, kappa: Array, offset: Array) -> Model:
             c[place] -= kappa * slopes[i] * slopes[j] * (1.0 if i == j else 2.0)
     reach = b.sums[1]
     rest = offset + b.sums[2:].sum(axis=0) + b.error
-    lost = kappa * (2.0 * reach * rest + rest * rest)
-    lost = lost + ROUNDING * (kappa * reach * reach + below.size)
+    # What is subtracted is rounded, and has no reserve yet.
+    lost = kappa * (2.0 * reach * rest + rest * rest + ROUNDING * reach * reach)
     return Model(below.algebra, c, (below.error + lost) * GROWTH + TINY)

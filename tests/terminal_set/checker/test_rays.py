@@ -126,9 +126,7 @@ def test_a_cubic_along_a_ray_is_exact() -> None:
     c = Fraction(float(a.middle[0]))
     for s in SHARES:
         start, end = (
-            sum(
-                (Fraction(g) * (x - c) ** k for k, g in enumerate(FACTORS)), Fraction(0)
-            )
+            Fraction(7) - 2 * (x - c) + 3 * (x - c) ** 2 + (x - c) ** 3 / 2
             for x in parts(a, s)
         )
         assert_is(found, s, start, end, error=99.0)

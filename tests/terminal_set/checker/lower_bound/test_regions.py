@@ -312,8 +312,8 @@ def test_constraints_and_prunings_are_cut_and_held_together() -> None:
     ):
         smaller = dataclasses.replace(region, prunings=prunings)
         assert smaller.cut_more(boxes)[1].tolist() == expected
-    points = Boxes(*[np.array([[0.5] * 5, [0.3, 0.45, 0.55, 0.1, 1.1], [0.0] * 5])] * 2,
-                   np.zeros(5, dtype=np.int64))  # fmt: skip
+    at = np.array([[0.5] * 5, [0.3, 0.45, 0.55, 0.1, 1.1], [0.0] * 5])
+    points = Boxes(at, at, np.zeros(5, dtype=np.int64))
     assert region.holds(points).tolist() == [True, True, True, True, False]
     for prunings, held in (
         ((inner,), [True, True, False, True, False]),
