@@ -82,7 +82,7 @@ def _root(at: Array, a: Model) -> Series:
 
 def _angles(at: Array, turns: int) -> Series:
     sine, cosine = np.sin(at), np.cos(at)
-    cycle = [sine, cosine, -sine, -cosine, sine, cosine, -sine, -cosine]
+    cycle = [sine, cosine, -sine, -cosine, sine]
     scales = (1.0, 1.0, 2.0, 6.0)
     # Beyond it, neither the spacing of floats nor the library's reduction is reliable:
     # only that values and slopes are within [-1, 1].

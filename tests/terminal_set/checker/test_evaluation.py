@@ -241,6 +241,25 @@ def test_operations_with_exact_numbers_are_enclosed_and_thin(
             assert divided or found.error[0] < 1e-13
 
 
+@pytest.mark.parametrize("name", BINARY)
+def test_a_step_of_a_program_is_the_function_of_its_operands(name: str) -> None:
+    algebra = algebra_of(2)
+    x = algebra.variable(0, np.array([2.0]), np.array([0.25]))
+    y = algebra.variable(1, np.array([1.0]), np.array([0.5]))
+    nodes = [Node("point", (1,)), Node("point", (0,)), Node(name, (1, 0))]
+    found, expected = Program(nodes, [2])([x, y])[2], FUNCTIONS[name](x, y)
+    np.testing.assert_array_equal(found.coefficients, expected.coefficients)
+    np.testing.assert_array_equal(found.error, expected.error)
+
+
+@pytest.mark.parametrize("name", UNARY)
+def test_so_is_a_step_of_one_operand(name: str) -> None:
+    x = algebra_of(1).variable(0, np.array([2.0]), np.array([0.25]))
+    found = Program([Node("point", (0,)), Node(name, (0,))], [1])([x])[1]
+    np.testing.assert_array_equal(found.error, FUNCTIONS[name](x).error)
+    np.testing.assert_array_equal(found.coefficients, FUNCTIONS[name](x).coefficients)
+
+
 def test_numbers_are_added_and_multiplied_exactly() -> None:
     a, b = Fraction(1, 3), Fraction(2, 7)
     assert times(a, b) == a * b

@@ -68,7 +68,7 @@ def assert_close(
         found: The model.
         k: Number of its column.
         exact: The polynomial without rounding, of any degree.
-        error: What else the error must hold.
+        error: Other parts of the error.
         rounded: Sum of sizes that were rounded.
     """
     terms = terms_of(found, k)

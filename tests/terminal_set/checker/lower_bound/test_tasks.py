@@ -424,7 +424,7 @@ def face_boxes(face: int) -> tuple[FaceTask, Boxes, np.random.Generator]:
 
 @pytest.mark.parametrize("face", range(len(FACES)))
 def test_no_state_of_a_face_within_the_others_is_cut_off(face: int) -> None:
-    """What lies beyond another face, or beyond the bounds of the states, is dropped."""
+    """States beyond another face, or beyond their bounds, are dropped."""
     task, boxes, rng = face_boxes(face)
     tube, p = task.region.tube, 1 + task._pivot
     cut, outside = task.cut(boxes)
