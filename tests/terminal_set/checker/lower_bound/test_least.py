@@ -141,7 +141,9 @@ def rounding_of_square(
 ) -> Fraction:
     """The square of the linear part over 4 q is taken from the polynomial, no more."""
     first, second = linear
-    squares = {(2, 0): first**2, (1, 1): 2 * first * second, (0, 2): second**2}
+    squares: dict[tuple[int, ...], Fraction] = {
+        (2, 0): first**2, (1, 1): 2 * first * second, (0, 2): second**2
+    }  # fmt: skip
     off, algebra = Fraction(0), least.at.algebra
     for exponents, place in algebra.numbers.items():
         at, below = (
