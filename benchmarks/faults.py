@@ -138,6 +138,7 @@ MORE_TESTS: Mapping[str, tuple[str, ...]] = {
         "tests/terminal_set/checker/lower_bound/test_least.py",
     ),
     "terminal_set/checker/lower_bound/*.py": (
+        "tests/terminal_set/checker/lower_bound/test_faces.py",
         "tests/terminal_set/checker/lower_bound/test_tasks.py",
         "tests/terminal_set/checker/lower_bound/test_tube.py",
         "tests/ocp/lower_bound/test_check.py",
