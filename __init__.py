@@ -154,7 +154,6 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         ensemble as ensemble,
         fly as fly,
         interpolate as interpolate,
-        lower_bound as lower_bound,
         multistart as multistart,
         phased_horizon as phased_horizon,
         phases as phases,
@@ -164,6 +163,9 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         table as table,
         terminal_set_of as terminal_set_of,
         warm_start as warm_start,
+    )
+    from swarmstart.ocp.lower_bound.bounding import (
+        lower_bound as lower_bound,
     )
     from swarmstart.terminal_set import (
         AsymmetricMatrixError as AsymmetricMatrixError,
@@ -241,9 +243,10 @@ _NAMES = {
         TerminalConstraint Trajectory TrajectoryFamily TransportDelay
         UncertifiedSetError
         WarmStartReport WarmStartedSolver compile_batch disc ensemble fly interpolate
-        lower_bound multistart phased_horizon phases simulate solve stack_models table
+        multistart phased_horizon phases simulate solve stack_models table
         terminal_set_of warm_start
     """,
+    "swarmstart.ocp.lower_bound.bounding": "lower_bound",
     "swarmstart.terminal_set": """
         AsymmetricMatrixError Certificate CoarseHoldError
         ForeignCertificateError HeldTooLongError IndefiniteMatrixError

@@ -8,7 +8,7 @@ belongs to this user, and its key covers the code, the libraries and the process
 import importlib
 from typing import TYPE_CHECKING, Any
 
-if TYPE_CHECKING:  # Loaded when first used: kernels need Numba, the clock does not.
+if TYPE_CHECKING:  # Loaded when first used: kernels need NumPy, the clock does not.
     from swarmstart.machine_code.clocks import (
         Stopwatch as Stopwatch,
         WorkClock as WorkClock,
@@ -31,12 +31,14 @@ if TYPE_CHECKING:  # Loaded when first used: kernels need Numba, the clock does 
         source as source,
         sources as sources,
     )
-    from swarmstart.machine_code.numba_kernels import (
+    from swarmstart.machine_code.kernels import (
         Count as Count,
+        Pointers as Pointers,
         address_of as address_of,
         call_at as call_at,
         free_kernel as free_kernel,
         ieee_kernel as ieee_kernel,
+        intrinsic as intrinsic,
         is_kept as is_kept,
         kernel as kernel,
         prepare as prepare,
@@ -50,8 +52,9 @@ _NAMES = {
         Stopwatch WorkClock compiling done held_while_compiling now stopwatch working
     """,
     "fingerprints": "source sources",
-    "numba_kernels": """
-        Count address_of call_at free_kernel ieee_kernel is_kept kernel prepare
+    "kernels": """
+        Count Pointers address_of call_at free_kernel ieee_kernel intrinsic is_kept
+        kernel prepare
     """,
 }
 _HOMES = {name: home for home, names in _NAMES.items() for name in names.split()}

@@ -1,183 +1,266 @@
 """Optimal-control problems: statement, solution, verification and closed loop."""
 
-from swarmstart.ocp.answer.multistart import multistart
-from swarmstart.ocp.answer.optimality_gap import OptimalityGap
-from swarmstart.ocp.answer.plan import Plan, PlanningInterrupted, SearchReport, Source
-from swarmstart.ocp.answer.planner import Planner
-from swarmstart.ocp.answer.sensitivity import NoSensitivityError, Sensitivity
-from swarmstart.ocp.answer.solution import Solution, verified
-from swarmstart.ocp.answer.solving import SolveInterrupted, solve
-from swarmstart.ocp.common.errors import DivergedError, InvalidProblemError, SolveError
-from swarmstart.ocp.compiled.backend import Backend, BackendWarning, chosen_backend
-from swarmstart.ocp.compiled.batch import BatchFunction, compile_batch
-from swarmstart.ocp.compiled.simd import Prepared
-from swarmstart.ocp.foreign_nlp.opti import warm_start
-from swarmstart.ocp.foreign_nlp.warm_started import (
-    StartOutcome,
-    WarmStartedSolver,
-    WarmStartReport,
-)
-from swarmstart.ocp.integration.integrators import INTEGRATORS, Integrator, held_step
-from swarmstart.ocp.integration.radau import Radau
-from swarmstart.ocp.interpolation.tables import Table, table
-from swarmstart.ocp.loop.closed_loop import Step, Trajectory, collected, fly, simulate
-from swarmstart.ocp.loop.controller import (
-    Controller,
-    Decision,
-    Mode,
-    OpenLoop,
-    RecedingHorizon,
-)
-from swarmstart.ocp.loop.dense_output import (
-    DenseOutput,
-    interpolate,
-    largest_distance,
-    smallest_distance,
-)
-from swarmstart.ocp.loop.dual_mode import DualMode, UncertifiedSetError, terminal_set_of
-from swarmstart.ocp.loop.local_team import LocalAgent, LocalTeam
-from swarmstart.ocp.loop.phased_horizon import PhasedHorizon, phased_horizon
-from swarmstart.ocp.loop.plant import Plant, SteppedPlant, Steps
-from swarmstart.ocp.loop.team import Agent, Team
-from swarmstart.ocp.lower_bound.bounding import lower_bound
-from swarmstart.ocp.lower_bound.stated.answer import BoundKind, LowerBound
-from swarmstart.ocp.nlp.multipliers import Multipliers
-from swarmstart.ocp.nlp.polish import Polished, Polisher
-from swarmstart.ocp.nlp.polish_options import IpoptOptions, NlpOptions, PolishStatus
-from swarmstart.ocp.nlp.start import Start
-from swarmstart.ocp.rollout.fitness import Fitness, Known
-from swarmstart.ocp.rollout.status import SolutionStatus
-from swarmstart.ocp.search.search_space import TrajectoryFamily
-from swarmstart.ocp.search.settings import (
-    Memetic,
-    Multistart,
-    SearchAlgorithm,
-    SearchSettings,
-    WarmStart,
-    When,
-    population_of,
-)
-from swarmstart.ocp.statement.decisions import Free
-from swarmstart.ocp.statement.ensemble import ensemble
-from swarmstart.ocp.statement.guesses import shifted_controls, zero_controls
-from swarmstart.ocp.statement.phases import Phases, phases
-from swarmstart.ocp.statement.problem import OptimalControlProblem
-from swarmstart.ocp.statement.rewrites.counted_from import CountedFrom
-from swarmstart.ocp.statement.rewrites.delay import TransportDelay
-from swarmstart.ocp.system.algebraic import AlgebraicEquations
-from swarmstart.ocp.system.constraints import (
-    Bounds,
-    Constraint,
-    PathConstraint,
-    Rows,
-    TerminalConstraint,
-)
-from swarmstart.ocp.system.control_systems import InvalidSystemError, NonMinimalWarning
-from swarmstart.ocp.system.model import Model, right_hand_side
-from swarmstart.ocp.system.separation import Connection, Separation, disc
-from swarmstart.ocp.system.stacked_models import stack_models
+# ruff: noqa: I001  (it would write one statement for each name)
+import importlib
+from typing import TYPE_CHECKING, Any
 
-__all__ = [
-    "INTEGRATORS",
-    "Agent",
-    "AlgebraicEquations",
-    "Backend",
-    "BackendWarning",
-    "BatchFunction",
-    "BoundKind",
-    "Bounds",
-    "Connection",
-    "Constraint",
-    "Controller",
-    "CountedFrom",
-    "Decision",
-    "DenseOutput",
-    "DivergedError",
-    "DualMode",
-    "Fitness",
-    "Free",
-    "Integrator",
-    "InvalidProblemError",
-    "InvalidSystemError",
-    "IpoptOptions",
-    "Known",
-    "LocalAgent",
-    "LocalTeam",
-    "LowerBound",
-    "Memetic",
-    "Mode",
-    "Model",
-    "Multipliers",
-    "Multistart",
-    "NlpOptions",
-    "NoSensitivityError",
-    "NonMinimalWarning",
-    "OpenLoop",
-    "OptimalControlProblem",
-    "OptimalityGap",
-    "PathConstraint",
-    "PhasedHorizon",
-    "Phases",
-    "Plan",
-    "Planner",
-    "PlanningInterrupted",
-    "Plant",
-    "PolishStatus",
-    "Polished",
-    "Polisher",
-    "Prepared",
-    "Radau",
-    "RecedingHorizon",
-    "Rows",
-    "SearchAlgorithm",
-    "SearchReport",
-    "SearchSettings",
-    "Sensitivity",
-    "Separation",
-    "Solution",
-    "SolutionStatus",
-    "SolveError",
-    "SolveInterrupted",
-    "Source",
-    "Start",
-    "StartOutcome",
-    "Step",
-    "SteppedPlant",
-    "Steps",
-    "Table",
-    "Team",
-    "TerminalConstraint",
-    "Trajectory",
-    "TrajectoryFamily",
-    "TransportDelay",
-    "UncertifiedSetError",
-    "WarmStart",
-    "WarmStartReport",
-    "WarmStartedSolver",
-    "When",
-    "chosen_backend",
-    "collected",
-    "compile_batch",
-    "disc",
-    "ensemble",
-    "fly",
-    "held_step",
-    "interpolate",
-    "largest_distance",
-    "lower_bound",
-    "multistart",
-    "phased_horizon",
-    "phases",
-    "population_of",
-    "right_hand_side",
-    "shifted_controls",
-    "simulate",
-    "smallest_distance",
-    "solve",
-    "stack_models",
-    "table",
-    "terminal_set_of",
-    "verified",
-    "warm_start",
-    "zero_controls",
-]
+if TYPE_CHECKING:  # Loaded when first used: few commands need all of these.
+    from swarmstart.ocp.answer.multistart import (
+        multistart as multistart,
+    )
+    from swarmstart.ocp.answer.optimality_gap import (
+        OptimalityGap as OptimalityGap,
+    )
+    from swarmstart.ocp.answer.plan import (
+        Plan as Plan,
+        PlanningInterrupted as PlanningInterrupted,
+        SearchReport as SearchReport,
+        Source as Source,
+    )
+    from swarmstart.ocp.answer.planner import (
+        Planner as Planner,
+    )
+    from swarmstart.ocp.answer.sensitivity import (
+        NoSensitivityError as NoSensitivityError,
+        Sensitivity as Sensitivity,
+    )
+    from swarmstart.ocp.answer.solution import (
+        Solution as Solution,
+        verified as verified,
+    )
+    from swarmstart.ocp.answer.solving import (
+        SolveInterrupted as SolveInterrupted,
+        solve as solve,
+    )
+    from swarmstart.ocp.common.errors import (
+        DivergedError as DivergedError,
+        InvalidProblemError as InvalidProblemError,
+        SolveError as SolveError,
+    )
+    from swarmstart.ocp.compiled.backend import (
+        Backend as Backend,
+        BackendWarning as BackendWarning,
+        chosen_backend as chosen_backend,
+    )
+    from swarmstart.ocp.compiled.batch import (
+        BatchFunction as BatchFunction,
+        compile_batch as compile_batch,
+    )
+    from swarmstart.ocp.compiled.simd import (
+        Prepared as Prepared,
+    )
+    from swarmstart.ocp.foreign_nlp.opti import (
+        warm_start as warm_start,
+    )
+    from swarmstart.ocp.foreign_nlp.warm_started import (
+        StartOutcome as StartOutcome,
+        WarmStartedSolver as WarmStartedSolver,
+        WarmStartReport as WarmStartReport,
+    )
+    from swarmstart.ocp.integration.integrators import (
+        INTEGRATORS as INTEGRATORS,
+        Integrator as Integrator,
+        held_step as held_step,
+    )
+    from swarmstart.ocp.integration.radau import (
+        Radau as Radau,
+    )
+    from swarmstart.ocp.interpolation.tables import (
+        Table as Table,
+        table as table,
+    )
+    from swarmstart.ocp.loop.closed_loop import (
+        Step as Step,
+        Trajectory as Trajectory,
+        collected as collected,
+        fly as fly,
+        simulate as simulate,
+    )
+    from swarmstart.ocp.loop.controller import (
+        Controller as Controller,
+        Decision as Decision,
+        Mode as Mode,
+        OpenLoop as OpenLoop,
+        RecedingHorizon as RecedingHorizon,
+    )
+    from swarmstart.ocp.loop.dense_output import (
+        DenseOutput as DenseOutput,
+        interpolate as interpolate,
+        largest_distance as largest_distance,
+        smallest_distance as smallest_distance,
+    )
+    from swarmstart.ocp.loop.dual_mode import (
+        DualMode as DualMode,
+        UncertifiedSetError as UncertifiedSetError,
+        terminal_set_of as terminal_set_of,
+    )
+    from swarmstart.ocp.loop.local_team import (
+        LocalAgent as LocalAgent,
+        LocalTeam as LocalTeam,
+    )
+    from swarmstart.ocp.loop.phased_horizon import (
+        PhasedHorizon as PhasedHorizon,
+        phased_horizon as phased_horizon,
+    )
+    from swarmstart.ocp.loop.plant import (
+        Plant as Plant,
+        SteppedPlant as SteppedPlant,
+        Steps as Steps,
+    )
+    from swarmstart.ocp.loop.team import (
+        Agent as Agent,
+        Team as Team,
+    )
+    from swarmstart.ocp.lower_bound.stated.answer import (
+        BoundKind as BoundKind,
+        LowerBound as LowerBound,
+    )
+    from swarmstart.ocp.nlp.multipliers import (
+        Multipliers as Multipliers,
+    )
+    from swarmstart.ocp.nlp.polish import (
+        Polished as Polished,
+        Polisher as Polisher,
+    )
+    from swarmstart.ocp.nlp.polish_options import (
+        IpoptOptions as IpoptOptions,
+        NlpOptions as NlpOptions,
+        PolishStatus as PolishStatus,
+    )
+    from swarmstart.ocp.nlp.start import (
+        Start as Start,
+    )
+    from swarmstart.ocp.rollout.fitness import (
+        Fitness as Fitness,
+        Known as Known,
+    )
+    from swarmstart.ocp.rollout.status import (
+        SolutionStatus as SolutionStatus,
+    )
+    from swarmstart.ocp.search.search_space import (
+        TrajectoryFamily as TrajectoryFamily,
+    )
+    from swarmstart.ocp.search.settings import (
+        Memetic as Memetic,
+        Multistart as Multistart,
+        SearchAlgorithm as SearchAlgorithm,
+        SearchSettings as SearchSettings,
+        WarmStart as WarmStart,
+        When as When,
+        population_of as population_of,
+    )
+    from swarmstart.ocp.statement.decisions import (
+        Free as Free,
+    )
+    from swarmstart.ocp.statement.ensemble import (
+        ensemble as ensemble,
+    )
+    from swarmstart.ocp.statement.guesses import (
+        shifted_controls as shifted_controls,
+        zero_controls as zero_controls,
+    )
+    from swarmstart.ocp.statement.phases import (
+        Phases as Phases,
+        phases as phases,
+    )
+    from swarmstart.ocp.statement.problem import (
+        OptimalControlProblem as OptimalControlProblem,
+    )
+    from swarmstart.ocp.statement.rewrites.counted_from import (
+        CountedFrom as CountedFrom,
+    )
+    from swarmstart.ocp.statement.rewrites.delay import (
+        TransportDelay as TransportDelay,
+    )
+    from swarmstart.ocp.system.algebraic import (
+        AlgebraicEquations as AlgebraicEquations,
+    )
+    from swarmstart.ocp.system.constraints import (
+        Bounds as Bounds,
+        Constraint as Constraint,
+        PathConstraint as PathConstraint,
+        Rows as Rows,
+        TerminalConstraint as TerminalConstraint,
+    )
+    from swarmstart.ocp.system.control_systems import (
+        InvalidSystemError as InvalidSystemError,
+        NonMinimalWarning as NonMinimalWarning,
+    )
+    from swarmstart.ocp.system.model import (
+        Model as Model,
+        right_hand_side as right_hand_side,
+    )
+    from swarmstart.ocp.system.separation import (
+        Connection as Connection,
+        Separation as Separation,
+        disc as disc,
+    )
+    from swarmstart.ocp.system.stacked_models import (
+        stack_models as stack_models,
+    )
+
+_NAMES = {
+    "answer.multistart": "multistart",
+    "answer.optimality_gap": "OptimalityGap",
+    "answer.plan": "Plan PlanningInterrupted SearchReport Source",
+    "answer.planner": "Planner",
+    "answer.sensitivity": "NoSensitivityError Sensitivity",
+    "answer.solution": "Solution verified",
+    "answer.solving": "SolveInterrupted solve",
+    "common.errors": "DivergedError InvalidProblemError SolveError",
+    "compiled.backend": "Backend BackendWarning chosen_backend",
+    "compiled.batch": "BatchFunction compile_batch",
+    "compiled.simd": "Prepared",
+    "foreign_nlp.opti": "warm_start",
+    "foreign_nlp.warm_started": "StartOutcome WarmStartedSolver WarmStartReport",
+    "integration.integrators": "INTEGRATORS Integrator held_step",
+    "integration.radau": "Radau",
+    "interpolation.tables": "Table table",
+    "loop.closed_loop": "Step Trajectory collected fly simulate",
+    "loop.controller": "Controller Decision Mode OpenLoop RecedingHorizon",
+    "loop.dense_output": "DenseOutput interpolate largest_distance smallest_distance",
+    "loop.dual_mode": "DualMode UncertifiedSetError terminal_set_of",
+    "loop.local_team": "LocalAgent LocalTeam",
+    "loop.phased_horizon": "PhasedHorizon phased_horizon",
+    "loop.plant": "Plant SteppedPlant Steps",
+    "loop.team": "Agent Team",
+    "lower_bound.stated.answer": "BoundKind LowerBound",
+    "nlp.multipliers": "Multipliers",
+    "nlp.polish": "Polished Polisher",
+    "nlp.polish_options": "IpoptOptions NlpOptions PolishStatus",
+    "nlp.start": "Start",
+    "rollout.fitness": "Fitness Known",
+    "rollout.status": "SolutionStatus",
+    "search.search_space": "TrajectoryFamily",
+    "search.settings": """
+        Memetic Multistart SearchAlgorithm SearchSettings WarmStart When
+        population_of
+    """,
+    "statement.decisions": "Free",
+    "statement.ensemble": "ensemble",
+    "statement.guesses": "shifted_controls zero_controls",
+    "statement.phases": "Phases phases",
+    "statement.problem": "OptimalControlProblem",
+    "statement.rewrites.counted_from": "CountedFrom",
+    "statement.rewrites.delay": "TransportDelay",
+    "system.algebraic": "AlgebraicEquations",
+    "system.constraints": "Bounds Constraint PathConstraint Rows TerminalConstraint",
+    "system.control_systems": "InvalidSystemError NonMinimalWarning",
+    "system.model": "Model right_hand_side",
+    "system.separation": "Connection Separation disc",
+    "system.stacked_models": "stack_models",
+}
+_HOMES = {name: home for home, names in _NAMES.items() for name in names.split()}
+__all__ = list(_HOMES)
+
+
+def __getattr__(name: str) -> Any:
+    """Import a name of the room when it is first used."""
+    if name in _HOMES:
+        return getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    """List the names of the room."""
+    return [*__all__, *(name for name in globals() if name.startswith("__"))]

@@ -39,7 +39,6 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
-from scipy.optimize import linear_sum_assignment
 
 from swarmstart.arrays import Array
 from swarmstart.cases.format.parts import Number, Part, Range
@@ -349,6 +348,8 @@ def shortest_assignment(starts: Array, targets: Array) -> NDArray[np.int64]:
         starts: Shape (n, 2) [m].
         targets: Same number, shape (n, 2) [m].
     """
+    from scipy.optimize import linear_sum_assignment  # Slow to import.
+
     squared = np.sum((starts[:, None] - targets[None]) ** 2, axis=2)
     _, columns = linear_sum_assignment(squared)
     return np.asarray(columns, dtype=np.int64)

@@ -15,8 +15,6 @@ from collections.abc import Iterator
 from contextvars import ContextVar
 from dataclasses import dataclass
 
-import numba
-
 from swarmstart.heuristics.laws.algorithm import Algorithm
 from swarmstart.machine_code import cache_refusal
 
@@ -103,6 +101,8 @@ def helper_runs() -> bool:
 
 def _is_possible() -> bool:
     """Return whether a helper would be of any use."""
+    import numba
+
     # The processors that this process may use; some systems do not tell.
     here = getattr(os, "sched_getaffinity", lambda _: range(os.cpu_count() or 1))(0)
     jit = not numba.config.DISABLE_JIT  # type: ignore[attr-defined, unused-ignore]

@@ -11,10 +11,7 @@ compiled only once for both loops.
 from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol, cast
 
-import numba
 import numpy as np
-from llvmlite import ir
-from numba.extending import intrinsic
 
 from swarmstart.arrays import Array
 from swarmstart.heuristics.laws.algorithm import Kernels, State
@@ -26,7 +23,7 @@ from swarmstart.heuristics.running.budget import (
     finished,
     progress_of,
 )
-from swarmstart.machine_code import Count, call_at, kernel
+from swarmstart.machine_code import Count, Pointers, call_at, intrinsic, kernel
 
 CHUNK = 1
 """Generations before the first look at the clock."""
@@ -47,20 +44,6 @@ def next_chunk(generations: int, seconds: float, *, left: float = np.inf) -> int
     # The time may be below the clock's resolution.
     fitting = generations * wanted / max(seconds, CHUNK_S / LARGEST_CHUNK)
     return min(max(int(fitting), 1), LARGEST_CHUNK)
-
-
-class Pointers(NamedTuple):
-    """A compiled objective bound to buffers.
-
-    Attributes:
-        function: Address of void f(double **in, double **out, int64 size).
-        inputs: Address of its first argument.
-        outputs: Address of its second argument.
-    """
-
-    function: int
-    inputs: int
-    outputs: int
 
 
 class CompiledObjective(Protocol):
@@ -124,6 +107,8 @@ def new_work(dim: int, size: int, generations: int) -> Work:
 
 def can_loop(objective: object) -> bool:
     """Return whether an objective may be called from the compiled loop."""
+    import numba
+
     return hasattr(objective, "attach") and not numba.config.DISABLE_JIT  # type: ignore[attr-defined]
 
 
@@ -207,6 +192,9 @@ def _call_kernel(
     typing_context: Any, function: Any, inputs: Any, outputs: Any, size: Any
 ) -> tuple[Any, Callable[..., Any]]:
     """Call void f(double **in, double **out, int64 size) at an address."""
+    import numba
+    from llvmlite import ir
+
     integer = numba.types.int64
     signature = numba.types.void(integer, integer, integer, integer)
 

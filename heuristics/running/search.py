@@ -48,7 +48,6 @@ from swarmstart.heuristics.running.compiled_loop import (
     Call,
     CompiledObjective,
     Entries,
-    Pointers,
     Work,
     calls_of,
     loop,
@@ -56,7 +55,14 @@ from swarmstart.heuristics.running.compiled_loop import (
 )
 from swarmstart.heuristics.running.interrupts import put_off
 from swarmstart.heuristics.searches.arguments import default_order
-from swarmstart.machine_code import address_of, compiling, is_kept, prepare, stopwatch
+from swarmstart.machine_code import (
+    Pointers,
+    address_of,
+    compiling,
+    is_kept,
+    prepare,
+    stopwatch,
+)
 
 ROOM = 4
 """The archive holds this many times the requested basins, since merging basins frees

@@ -3,7 +3,6 @@
 Nothing is imported here, so that `swarmstart list` and `--help` stay quick.
 """
 
-from importlib.metadata import entry_points
 from typing import NamedTuple
 
 
@@ -61,6 +60,8 @@ SEARCHES = {
 
 def installed_searches() -> dict[str, SearchEntry]:
     """Return the searches of other installed packages, none of which is imported."""
+    from importlib.metadata import entry_points  # Loads sockets and e-mail.
+
     return {
         point.name: SearchEntry(f"a search of {point.module}", point.value)
         for point in entry_points(group=SEARCH_GROUP)

@@ -145,7 +145,7 @@ class LocalOptimum:
             >>> [round(float(one.states[0, -1]), 2) for one in (found, second)]
             [-1.01, 0.98]
         """
-        from swarmstart.ocp.answer.planner import Planner  # noqa: PLC0415 - slow
+        from swarmstart.ocp.answer.planner import Planner
 
         problem, known = self._answer.problem, self._answer.known
         planner = Planner(problem, search=None, polish=IpoptOptions(), backend="casadi")

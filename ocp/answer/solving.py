@@ -44,7 +44,6 @@ from swarmstart.ocp.common.presentation import (
     shown,
     tell_nothing,
 )
-from swarmstart.ocp.lower_bound import bounding
 from swarmstart.ocp.lower_bound.stated.answer import BoundKind, LowerBound
 from swarmstart.ocp.nlp.polish_options import (
     IpoptOptions,
@@ -264,6 +263,9 @@ def bounded(
     Raises:
         BoundInterrupted: On Ctrl-C, with the best bound so far.
     """
+    # Many modules, which most calls do not need.
+    from swarmstart.ocp.lower_bound import bounding
+
     progress(0, 0, "bounding")
     found = None
     try:

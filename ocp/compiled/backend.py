@@ -18,7 +18,7 @@ import numpy as np
 from swarmstart.arguments import checked, optional, text
 from swarmstart.arrays import Array
 from swarmstart.errors import brief
-from swarmstart.heuristics import Pointers
+from swarmstart.machine_code import Pointers
 from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.compiled.engine import NoCompilerError, machine
 from swarmstart.tape import UnknownOperationError

@@ -12,8 +12,14 @@ import casadi as ca
 import numpy as np
 
 from swarmstart.arrays import Array
-from swarmstart.heuristics import Pointers
-from swarmstart.machine_code import compiling, load_code, source, sources, store_code
+from swarmstart.machine_code import (
+    Pointers,
+    compiling,
+    load_code,
+    source,
+    sources,
+    store_code,
+)
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.compiled.emitter import (
     Roll,

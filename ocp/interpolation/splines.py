@@ -82,7 +82,7 @@ class Spline:
 
     def _pieces(self) -> tuple[Array, Array]:
         """Return the start of each piece, and its polynomial there, (degree + 1, n)."""
-        from scipy.interpolate import PPoly  # noqa: PLC0415 - slow
+        from scipy.interpolate import PPoly
 
         (knots,), (degree,) = self.knots, self.degrees
         found = PPoly.from_spline((knots, self.coefficients, degree))

@@ -293,7 +293,7 @@ def table(
 
 def _not_a_knot(known: Array, values: Array, axis: int) -> tuple[Array, Array]:
     """Return knots and coefficients of the cubic splines along an axis."""
-    from scipy.interpolate import make_interp_spline  # noqa: PLC0415 - slow
+    from scipy.interpolate import make_interp_spline
 
     with np.errstate(all="ignore"):
         found = make_interp_spline(known, values, k=3, axis=axis)

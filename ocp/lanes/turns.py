@@ -16,12 +16,8 @@ import ctypes
 from collections.abc import Callable
 from typing import Any, NamedTuple, cast
 
-import numba
-from llvmlite import ir
-from numba.extending import intrinsic
-
 from swarmstart.arrays import Array
-from swarmstart.machine_code import Count, free_kernel, kernel
+from swarmstart.machine_code import Count, free_kernel, intrinsic, kernel
 from swarmstart.ocp.compiled.engine import PART
 
 Call = Callable[[int, int, int, int, int], None]
@@ -40,6 +36,9 @@ def _call_part(
     typing_context: Any, function: Any, inputs: Any, outputs: Any, size: Any, last: Any
 ) -> tuple[Any, Callable[..., Any]]:
     """Call void part(double **in, double **out, int64 n, int64 first, int64 last)."""
+    import numba
+    from llvmlite import ir
+
     integer = numba.types.int64
     signature = numba.types.void(integer, integer, integer, integer, integer)
 
@@ -64,8 +63,7 @@ def _in_python(function: int, inputs: int, outputs: int, size: int, last: int) -
 
 
 # Without compilation the loop is plain Python, which knows no intrinsics.
-_PLAIN = bool(numba.config.DISABLE_JIT)  # type: ignore[attr-defined, unused-ignore]
-call_part = cast(Call, _in_python if _PLAIN else intrinsic(_call_part))
+call_part = cast(Call, intrinsic(_call_part, plain=_in_python))
 """Evaluate the first individuals: (address of `part`, addresses of the tables of its
 arguments and outputs, individuals in a row, number of individuals to evaluate)."""
 

@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import least_squares
 
 from swarmstart.arguments import (
     FLAG,
@@ -399,6 +398,8 @@ def _resting_input(
     limits: tuple[Array, Array],
 ) -> Array:
     """Return the input that gives the states their velocity, or nearly so."""
+    from scipy.optimize import least_squares  # Slow to import; only a design needs it.
+
     lower, upper = limits
     with np.errstate(invalid="ignore"):  # Of a control without bounds.
         middle = (lower + upper) / 2

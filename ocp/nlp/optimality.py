@@ -28,10 +28,9 @@ problems.
 
 from dataclasses import dataclass
 from enum import Enum
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import sparse
-from scipy.sparse.linalg import splu
 
 from swarmstart.arrays import Array
 from swarmstart.ocp.nlp.collocation import inner_unknowns
@@ -40,6 +39,9 @@ from swarmstart.ocp.nlp.transcription import Limits, NonlinearProgram
 from swarmstart.ocp.rollout.fitness import at_nodes
 from swarmstart.ocp.statement.control_shape import ties
 from swarmstart.ocp.statement.problem import OptimalControlProblem
+
+if TYPE_CHECKING:
+    from scipy import sparse
 
 STATIONARY_WITHIN = 1e-5
 """Largest residual of the first-order conditions, relative to their terms."""
@@ -128,6 +130,8 @@ def unmet(program: NonlinearProgram, w: Array, q: Array, limits: Limits) -> floa
         q: Arguments.
         limits: Bounds of variables and rows.
     """
+    from scipy import sparse  # Slow to import, and only a polish is judged so.
+
     g = np.array(program.derivatives["grad_f"](w, q)[1]).ravel()
     c, slopes = program.derivatives["jac_g"](w, q)
     J = slopes.sparse().tocsr()
@@ -150,6 +154,9 @@ def unmet(program: NonlinearProgram, w: Array, q: Array, limits: Limits) -> floa
 
 def _least_rest(g: Array, rows: "sparse.csr_matrix") -> tuple[Array, Array]:
     """Return lam and g + rows' lam with the least squares of the latter."""
+    from scipy import sparse  # As above.
+    from scipy.sparse.linalg import splu
+
     n, m = g.size, rows.shape[0]
     place = rows.tocoo()
     own, below, column = np.arange(n + m), n + place.row, place.col

@@ -20,7 +20,6 @@ Numerische Mathematik 87, for the costates of a grid.
 from __future__ import annotations
 
 import math
-import statistics
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -137,7 +136,7 @@ class Carried:
         """Number of iterations after which a solve is given up."""
         if not self.spent:
             return math.inf
-        return max(_LEAST_PATIENCE, _PATIENCE * statistics.median(self.spent))
+        return max(_LEAST_PATIENCE, _PATIENCE * float(np.median(self.spent)))
 
     def placed(
         self, program: NonlinearProgram, w: Array, q: Array, cost_size: float

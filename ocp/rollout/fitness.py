@@ -26,7 +26,7 @@ from swarmstart.arguments import (
     text,
 )
 from swarmstart.arrays import Array
-from swarmstart.heuristics import Pointers
+from swarmstart.machine_code import Pointers
 from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.common.expressions import symbol_names
 from swarmstart.ocp.common.limits import numbers_of

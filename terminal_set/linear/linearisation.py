@@ -18,7 +18,6 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-import scipy.linalg
 from numpy.typing import ArrayLike
 
 from swarmstart.arguments import a_number, checked, of_kind
@@ -106,7 +105,9 @@ def hold(A: ArrayLike, B: ArrayLike, dt: float) -> tuple[Array, Array]:
         InvalidShapeError: If A is not square or B has another number of rows.
     """
     block, nx = _block(A, B, dt)
-    exponential = scipy.linalg.expm(block)[:nx]  # The rows below are (0, I).
+    from scipy.linalg import expm  # It takes as long to import as CasADi and NumPy.
+
+    exponential = expm(block)[:nx]  # The rows below are (0, I).
     return read_only(exponential[:, :nx].copy()), read_only(exponential[:, nx:].copy())
 
 

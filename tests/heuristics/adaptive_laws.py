@@ -11,11 +11,11 @@ from swarmstart.heuristics import (
     Box,
     Budget,
     Order,
-    Pointers,
     Search,
     SearchResult,
     minimize,
 )
+from swarmstart.machine_code import Pointers
 
 DIM = 6
 BOX = Box(lower=np.full(DIM, -3.0), upper=np.full(DIM, 2.0))

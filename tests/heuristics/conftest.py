@@ -20,7 +20,6 @@ from swarmstart.heuristics import (
     Kernels,
     Order,
     ParticleSwarm,
-    Pointers,
     RandomSearch,
     SelfAdaptiveDE,
     epsilon_level,
@@ -33,6 +32,7 @@ from swarmstart.heuristics.searches.random_search import (
     RandomSearchSettings,
     RandomSearchState,
 )
+from swarmstart.machine_code import Pointers
 
 Values = Callable[[Array], tuple[Array, Array]]
 SIZE = 9  # odd: the last child of the genetic algorithm has no twin

@@ -160,6 +160,32 @@ def modules_of(arguments: list[str]) -> set[str]:
     return set(done.stderr.split("\n")[-2].split())
 
 
+STATE_A_PROBLEM = """
+import sys
+import casadi as ca
+import swarmstart as ss
+x, u = ca.SX.sym("x"), ca.SX.sym("u")
+ss.OptimalControlProblem(
+    ss.Model(states=x, controls=u, ode=u), horizon=1.0, intervals=2,
+    stage_cost=u**2, bounds=ss.Bounds(controls=(-1, 1)))
+ss.solve, ss.minimize, ss.simulate, ss.Planner, ss.RecedingHorizon, ss.Plant
+ss.LSHADE(), ss.Budget(evaluations=9), ss.IpoptOptions(), ss.DualMode
+print(*sorted({name.partition(".")[0] for name in sys.modules}), file=sys.stderr)
+"""
+
+
+def test_the_names_of_a_problem_import_no_compiler_and_no_scipy() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", STATE_A_PROBLEM],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    modules = set(done.stderr.split())
+    assert {"casadi", "numpy", "swarmstart"} <= modules
+    assert not modules & (HEAVY - {"casadi", "numpy"})
+
+
 def test_a_run_that_designs_nothing_imports_no_drawing_and_no_control(
     tmp_path: Path,
 ) -> None:
@@ -171,6 +197,7 @@ def test_a_run_that_designs_nothing_imports_no_drawing_and_no_control(
     ):
         modules = modules_of(arguments)
         assert "casadi" in modules
+        assert arguments[0] == "run" or not modules & {"numba", "scipy"}
         assert not modules & {"matplotlib", "control", "jinja2", "pebble"}
 
 

@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from swarmstart.arrays import Array
 from swarmstart.cases.format.kind import Measure, WholeRun
@@ -86,6 +85,8 @@ def savings(flight: CloseFormationFlight, states: Array) -> Array:
 
 def best_saving(flight: CloseFormationFlight) -> float:
     """Return the largest drag saved at the leader's height, a fraction."""
+    from scipy.optimize import minimize_scalar  # Slow to import; only measures need it.
+
     span = flight.posed.aircraft.span_ft
     found = minimize_scalar(
         lambda y: -drag_saving(flight.posed.aircraft, float(y), 0.0),

@@ -28,6 +28,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import Enum
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,7 +47,9 @@ from swarmstart.arguments import (
 )
 from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import refused
-from swarmstart.ocp.lower_bound.stated.statement import Statement
+
+if TYPE_CHECKING:
+    from swarmstart.ocp.lower_bound.stated.statement import Statement
 
 
 class BoundKind(Enum):

@@ -28,8 +28,9 @@ SCRIPT = """
 import ctypes, sys, time
 import numpy as np
 from swarmstart.heuristics import (
-    Box, Budget, Pointers, SearchInterrupted, StopReason, minimize
+    Box, Budget, SearchInterrupted, StopReason, minimize
 )
+from swarmstart.machine_code import Pointers
 
 DIM = 4
 DOUBLES = ctypes.POINTER(ctypes.c_double)

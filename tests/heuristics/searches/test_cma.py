@@ -14,7 +14,6 @@ from swarmstart.heuristics import (
     Budget,
     Initial,
     InvalidSettingsError,
-    Pointers,
     Search,
     SearchResult,
     feasibility_first,
@@ -29,6 +28,7 @@ from swarmstart.heuristics.searches.cma_constants import (
     default_size,
     weights_of,
 )
+from swarmstart.machine_code import Pointers
 
 DIM = 8
 BOX = Box(lower=np.full(DIM, -5.0), upper=np.full(DIM, 5.0))

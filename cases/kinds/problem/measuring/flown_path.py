@@ -10,7 +10,6 @@ from typing import Any, TypeVar
 
 import casadi as ca
 import numpy as np
-from scipy.integrate import simpson
 
 from swarmstart.arrays import Array
 from swarmstart.cases.format.expressions import interpret, parse, previous_of
@@ -135,6 +134,8 @@ def algebraic_rows(
 
 def integrated(values: Array, times: Array) -> float:
     """Return the time integral of values along a path, as from `rows_of`."""
+    from scipy.integrate import simpson  # Slow to import; `check` measures nothing.
+
     if times[0, -1] == times[0, -2]:  # The end of an interval changes the value.
         values, times = values[:, :-1], times[:, :-1]
     # Row by row: no parabola may reach over the jump of a held control.

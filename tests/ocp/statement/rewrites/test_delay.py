@@ -35,12 +35,12 @@ from swarmstart.ocp import (
     TransportDelay,
     ensemble,
     interpolate,
-    lower_bound,
     phases,
     simulate,
     solve,
 )
 from swarmstart.ocp.loop.team import Agent
+from swarmstart.ocp.lower_bound.bounding import lower_bound
 from swarmstart.ocp.statement.rewrites.chain import lowered
 from swarmstart.ocp.statement.rewrites.rewrite import Rewrite
 

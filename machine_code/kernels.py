@@ -1,0 +1,160 @@
+"""The decorators of every function that Numba compiles; Numba is imported when needed.
+
+Numba takes twice as long to import as CasADi and NumPy together, and no kernel is
+needed to state a problem or to check a file. So a decorated function only stands for
+its kernel, which `numba_kernels` makes when it is first called or asked for anything.
+Numba finds it by a protocol of its own, `_numba_type_`, if another kernel calls it.
+"""
+
+from collections.abc import Callable
+from functools import cached_property, update_wrapper
+from typing import Any, NamedTuple, TypeVar, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+Count = NDArray[np.int64]
+Function = TypeVar("Function", bound=Callable[..., object])
+
+
+class Pointers(NamedTuple):
+    """A compiled function bound to buffers.
+
+    Attributes:
+        function: Address of void f(double **in, double **out, int64 size).
+        inputs: Address of its first argument.
+        outputs: Address of its second argument.
+    """
+
+    function: int
+    inputs: int
+    outputs: int
+
+
+class Deferred:
+    """A kernel or an intrinsic that is made at its first use."""
+
+    def __init__(
+        self, function: Callable[..., object], make: Callable[[Any], Any]
+    ) -> None:
+        """Keep a function, and how the module `numba_kernels` makes a kernel of it."""
+        update_wrapper(self, function)
+        self._function, self._make = function, make
+
+    @cached_property
+    def made(self) -> Any:
+        """The kernel; the function itself with NUMBA_DISABLE_JIT=1."""
+        from swarmstart.machine_code import numba_kernels  # As the module's head says.
+
+        return self._make(numba_kernels)
+
+    @property
+    def _numba_type_(self) -> Any:
+        """The type of the kernel, for a kernel that calls it."""
+        from numba.core.registry import cpu_target
+
+        context = cpu_target.typing_context
+        context.refresh()  # An intrinsic is registered when it is made.
+        return context.resolve_value_type(self.made)
+
+    def __call__(self, *arguments: object) -> Any:
+        """Call the kernel."""
+        return self.made(*arguments)
+
+    def __getattr__(self, name: str) -> Any:
+        """Return an attribute of the kernel, such as its compiled versions."""
+        if name.startswith("__"):  # Copying and pickling ask for some of these.
+            raise AttributeError(name)
+        return getattr(self.made, name)
+
+    def __reduce__(self) -> str:
+        """Be pickled by name, as a function is."""
+        return self._function.__qualname__
+
+
+def kernel(function: Function) -> Function:
+    """Compile a function with Numba at its first call, and keep the machine code."""
+    return cast(Function, Deferred(function, lambda maker: maker.kernel(function)))
+
+
+def ieee_kernel(function: Function) -> Function:
+    """Compile as `kernel` does; a division by zero gives infinity or NaN, no error."""
+    return cast(Function, Deferred(function, lambda maker: maker.ieee_kernel(function)))
+
+
+def free_kernel(function: Function) -> Function:
+    """Compile as `kernel` does; Python's lock is released while the function runs."""
+    return cast(Function, Deferred(function, lambda maker: maker.free_kernel(function)))
+
+
+def intrinsic(
+    define: Callable[..., object], *, plain: Callable[..., Any] | None = None
+) -> Callable[..., Any]:
+    """Make a function for kernels from its definition, as `numba.extending` does.
+
+    Args:
+        define: The definition, as Numba calls it.
+        plain: The function with NUMBA_DISABLE_JIT=1; None if there is none.
+    """
+
+    def make(maker: Any) -> Any:
+        in_python = plain is not None and maker.numba.config.DISABLE_JIT
+        return plain if in_python else maker.intrinsic(define)
+
+    return Deferred(define, make)
+
+
+def prepare(function: Callable[..., object], *arguments: object) -> None:
+    """Load or compile a kernel for arguments of these types, without calling it.
+
+    Args:
+        function: A kernel; for any other function nothing is done.
+        arguments: Values of the types that it will be called with.
+    """
+    if isinstance(function, Deferred):
+        from swarmstart.machine_code import numba_kernels
+
+        numba_kernels.prepare(function.made, *arguments)
+
+
+def is_kept(
+    function: Callable[..., object], *arguments: object, for_kernel: bool
+) -> bool:
+    """Return whether a kernel need not be compiled for arguments of these types.
+
+    Args:
+        function: A kernel; another function needs no compiling.
+        arguments: Values of the types that it will be called with.
+        for_kernel: True for `address_of`, False for a call from Python.
+    """
+    if not isinstance(function, Deferred):
+        return True
+    from swarmstart.machine_code import numba_kernels
+
+    return numba_kernels.is_kept(function.made, *arguments, for_kernel=for_kernel)
+
+
+def address_of(function: Callable[..., object], *arguments: object) -> int:
+    """Return the address of a kernel's machine code, for `call_at`.
+
+    It stays there: Numba unloads no code as long as the process runs.
+
+    Args:
+        function: A kernel that returns None.
+        arguments: Values of the types that it will be called with.
+    """
+    from swarmstart.machine_code import numba_kernels
+
+    return numba_kernels.address_of(getattr(function, "made", function), *arguments)
+
+
+def _call_at(address: int, arguments: tuple[object, ...]) -> None:
+    """Call a kernel that returns None at its address.
+
+    Args:
+        address: That of `address_of`.
+        arguments: Of the types that `address_of` was given.
+    """
+
+
+call_at = Deferred(_call_at, lambda maker: maker.call_at)
