@@ -216,7 +216,7 @@ _NAMES = {
     "integration.integrators": "INTEGRATORS Integrator held_step",
     "integration.radau": "Radau",
     "interpolation.tables": "Table table",
-    "loop.closed_loop": "Step Trajectory collected fly simulate",
+    "loop.closed_loop": "Step Trajectory collected simulate",
     "loop.controller": "Controller Decision Mode OpenLoop RecedingHorizon",
     "loop.dense_output": "DenseOutput interpolate largest_distance smallest_distance",
     "loop.dual_mode": "DualMode UncertifiedSetError terminal_set_of",
@@ -251,6 +251,7 @@ _NAMES = {
     "system.stacked_models": "stack_models",
 }
 _HOMES = {name: home for home, names in _NAMES.items() for name in names.split()}
+_HOMES["fly"] = "loop.closed_loop"  # By itself, as the word is for aircraft.
 __all__ = list(_HOMES)
 
 

@@ -29,7 +29,11 @@ from swarmstart.terminal_set.linear.arrays import (
     read_only,
     square_matrix,
 )
+from swarmstart.terminal_set.linear.kept import Solution, kept
 from swarmstart.terminal_set.linear.stability import SAMPLED, growth
+
+EXPONENTIAL_LIMIT = 1e-9
+"""Largest relative error of a kept exponential (Frobenius norms)."""
 
 
 @dataclass(eq=False)
@@ -105,10 +109,33 @@ def hold(A: ArrayLike, B: ArrayLike, dt: float) -> tuple[Array, Array]:
         InvalidShapeError: If A is not square or B has another number of rows.
     """
     block, nx = _block(A, B, dt)
-    from scipy.linalg import expm  # It takes as long to import as CasADi and NumPy.
 
-    exponential = expm(block)[:nx]  # The rows below are (0, I).
+    def solve() -> Solution:
+        from scipy.linalg import expm  # Takes as long to import as CasADi and NumPy.
+
+        return (np.asarray(expm(block)),)
+
+    def solves(found: Solution) -> bool:
+        return [one.shape for one in found] == [block.shape] and _is_exponential(
+            found[0], block
+        )
+
+    (whole,) = kept("exponential", (block,), solve, solves)
+    exponential = whole[:nx]  # The rows below are (0, I).
     return read_only(exponential[:, :nx].copy()), read_only(exponential[:, nx:].copy())
+
+
+def _is_exponential(found: Array, block: Array) -> bool:
+    """Return whether a matrix is exp(block), by a series and squaring."""
+    halvings = max(0, int(np.ceil(np.log2(1e3 * (np.linalg.norm(block) + 1e-3)))))
+    part, series = block / 2.0**halvings, np.eye(len(block))
+    with np.errstate(over="ignore", invalid="ignore"):
+        for order in (4, 3, 2, 1):  # Horner's form; the next term is below 1e-17.
+            series = np.eye(len(block)) + part @ series / order
+        for _ in range(halvings):
+            series = series @ series
+        error, size = np.linalg.norm(found - series), np.linalg.norm(series)
+    return bool(error <= EXPONENTIAL_LIMIT * size)  # False if one is not finite.
 
 
 def runge_kutta_hold(

@@ -17,11 +17,12 @@ Along e' = F e the function e'Pe changes at the rate e'(F'P + PF)e, so the first
 equation to solve. With F = A - B K and Q* = Q + K'RK of an LQR, it gives the Riccati
 matrix back.
 
-python-control solves all of them, always with method="scipy": with slycot installed its
-default would be another solver with other errors. It returns a matrix even if no useful
-one exists: for a unicycle at rest and Q = 0 a "gain" that leaves a mode at modulus 1,
-for an unstable loop a negative definite P. So the conditions for a gain or a P to exist
-are tested before, and the residual of every solution is checked after.
+python-control solves all of them, or has solved them before (`kept.py`), always with
+method="scipy": with slycot installed its default would be another solver with other
+errors. It returns a matrix even if no useful one exists: for a unicycle at rest and
+Q = 0 a "gain" that leaves a mode at modulus 1, for an unstable loop a negative definite
+P. So the conditions for a gain or a P to exist are tested before, and the residual of
+every solution is checked after.
 """
 
 from __future__ import annotations
@@ -40,6 +41,7 @@ from swarmstart.terminal_set.linear.arrays import (
     read_only,
     square_matrix,
 )
+from swarmstart.terminal_set.linear.kept import Solution, kept
 from swarmstart.terminal_set.linear.stability import (
     CONTINUOUS,
     SAMPLED,
@@ -180,12 +182,49 @@ def _design(
 
 
 def _solve(matrices: tuple[Array, ...], domain: TimeDomain) -> tuple[Array, Array]:
-    """Return K and P by python-control, whose import takes about a second."""
-    import control
+    """Return K and P by python-control, or kept ones that it computed before."""
 
-    design = control.lqr if domain is CONTINUOUS else control.dlqr
-    K, P, _ = design(*matrices, method="scipy")
+    def solve() -> Solution:
+        import control  # Takes about a second.
+
+        design = control.lqr if domain is CONTINUOUS else control.dlqr
+        K, P, _ = design(*matrices, method="scipy")
+        return np.asarray(K), np.asarray(P)
+
+    def solves(found: Solution) -> bool:
+        return _is_gain(found, matrices, domain)
+
+    K, P = kept(f"{domain.name} Riccati", matrices, solve, solves)
     return K, P
+
+
+def _is_gain(found: Solution, matrices: tuple[Array, ...], domain: TimeDomain) -> bool:
+    """Return whether (K, P) stabilises and solves both equations at the module's head.
+
+    The Riccati equation has one solution that stabilises, so there is no other pair.
+    """
+    A, B, Q, R = matrices
+    if [one.shape for one in found] != [B.T.shape, A.shape]:
+        return False
+    K, P = found
+    if not (np.isfinite(K).all() and np.isfinite(P).all() and P.any()):
+        return False
+    F = A - B @ K
+    if domain is CONTINUOUS:
+        residual, gain = A.T @ P + P @ F + Q, R @ K - B.T @ P
+    else:
+        residual = A.T @ P @ F - P + Q
+        gain = R @ K - B.T @ P @ F
+    size = float(np.linalg.norm(P))
+    return (
+        _is_small(residual, size)
+        and _is_small(gain, float(np.linalg.norm(R @ K) + np.linalg.norm(B.T @ P)))
+        and float(np.max(domain.growth(np.linalg.eigvals(F)))) < domain.limit
+    )
+
+
+def _is_small(residual: Array, size: float) -> bool:
+    return bool(np.linalg.norm(residual) <= RESIDUAL_LIMIT * size)
 
 
 def continuous_lyapunov(F: ArrayLike, Q: ArrayLike) -> Array:
@@ -231,18 +270,32 @@ def sampled_lyapunov(F: ArrayLike, Q: ArrayLike) -> Array:
 
 
 def _lyapunov(F: ArrayLike, Q: ArrayLike, domain: TimeDomain) -> Array:
-    """Return P by python-control, whose import takes about a second."""
+    """Return P by python-control, or a kept one that it computed before."""
     F = square_matrix("F", F)
     Q = positive_semidefinite("Q", Q, len(F))
     require_stable(F, domain)
-    import control
+    equation = f"{domain.name} Lyapunov"
 
-    # It solves A X + X A' = -Q, or A X A' - X = -Q.
-    solve = control.lyap if domain is CONTINUOUS else control.dlyap
-    P = np.asarray(solve(F.T, Q, method="scipy"), dtype=np.float64)
-    if domain is CONTINUOUS:
-        return reliable_solution("continuous Lyapunov", P, F.T @ P + P @ F + Q)
-    return reliable_solution("sampled Lyapunov", P, F.T @ P @ F - P + Q)
+    def solve() -> Solution:
+        import control  # Takes about a second.
+
+        # It solves A X + X A' = -Q, or A X A' - X = -Q.
+        solver = control.lyap if domain is CONTINUOUS else control.dlyap
+        return (np.asarray(solver(F.T, Q, method="scipy"), dtype=np.float64),)
+
+    def residual(P: Array) -> Array:
+        if domain is CONTINUOUS:
+            return np.asarray(F.T @ P + P @ F + Q)
+        return np.asarray(F.T @ P @ F - P + Q)
+
+    def solves(found: Solution) -> bool:
+        # For a stable loop the solution is unique.
+        return [one.shape for one in found] == [F.shape] and _is_small(
+            residual(found[0]), float(np.linalg.norm(found[0]))
+        )
+
+    (P,) = kept(equation, (F, Q), solve, solves)
+    return reliable_solution(equation, P, residual(P))
 
 
 def reliable_solution(equation: str, P: Array, residual: Array) -> Array:

@@ -79,6 +79,7 @@ from swarmstart.terminal_set.proving.hold_margins import (
     provable_hold,
     with_proven_growth,
 )
+from swarmstart.terminal_set.proving.kept_sets import keep, key_of_set, load_set
 from swarmstart.terminal_set.proving.level_search import proven_level
 
 ROUNDING = 1e-12
@@ -245,10 +246,23 @@ def certify(
         True
     """
     options = options or ProofOptions()
+    nx = len(design.P)
+    Q_m = np.zeros((nx, nx)) if options.Q_m is None else np.asarray(options.Q_m)
+    # Without the limit of seconds: what it ended is not kept.
+    stated = dt, Q_m.tolist(), options.substeps, options.growth, options.work
+    key = key_of_set(dynamics, reference, design, stated, rng)
+    kept = load_set(
+        key, dynamics, reference, design,
+        dt=dt, Q_m=Q_m, substeps=options.substeps, rng=rng,
+    )  # fmt: skip
+    if kept is not None:
+        return kept
     with working(seconds=options.max_seconds) as clock:
-        return _certified(
+        found = _certified(
             dynamics, reference, design, rng=rng, dt=dt, options=options, clock=clock
         )
+    keep(key, found, rng)
+    return found
 
 
 def _certified(  # noqa: PLR0913 - what certify was given, and its clock

@@ -13,8 +13,18 @@ from numpy.typing import NDArray
 
 from swarmstart.terminal_set import Reference, linearise
 from swarmstart.terminal_set.check import main
+from swarmstart.terminal_set.proving import certification
 
 TURN_RATE = np.pi / 18  # 10 deg/s
+
+
+@pytest.fixture(autouse=True)
+def proven_anew(
+    request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Prove every set, unless a test has a cache of its own."""
+    if "fresh_cache" not in request.fixturenames:
+        monkeypatch.setattr(certification, "load_set", lambda *_, **__: None)
 
 
 @pytest.fixture(scope="session")

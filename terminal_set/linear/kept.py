@@ -1,0 +1,79 @@
+"""Solutions of matrix equations that are kept on disk, and checked when they are used.
+
+To import python-control and SciPy takes seconds, to check a solution microseconds. So a
+solution is kept in the cache of machine code (`code_cache.py` says which files are
+trusted), under a key of the numbers and versions that it was computed from. A kept
+solution is used only if it solves its equation, which is evaluated anew; any other one
+is computed again, by python-control or SciPy.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Sequence
+from functools import cache
+from importlib import metadata
+from itertools import count
+
+import numpy as np
+
+from swarmstart.arrays import Array
+from swarmstart.machine_code import load_code, store_code
+
+Solution = tuple[Array, ...]
+VERSIONS = ("control", "scipy", "numpy", "casadi")
+"""Packages that the kept numbers depend on."""
+MOST = 64
+"""Solutions that one process keeps: a loop over thousands needs no file of each."""
+_stored = count()
+
+
+def key_of(*parts: object) -> str:
+    """Return the key of what is computed from these parts and the present versions.
+
+    Args:
+        parts: Values whose `repr` is exact: numbers, texts, lists of them.
+    """
+    return hashlib.sha256(repr((_versions(), parts)).encode()).hexdigest()
+
+
+@cache
+def _versions() -> tuple[str, ...]:
+    return tuple(metadata.version(name) for name in VERSIONS)
+
+
+def kept(
+    name: str,
+    inputs: Sequence[Array],
+    solve: Callable[[], Solution],
+    solves: Callable[[Solution], bool],
+) -> Solution:
+    """Return a kept solution that solves its equation, or a new one.
+
+    Args:
+        name: Name of the equation.
+        inputs: Its matrices.
+        solve: Computes the solution.
+        solves: Whether matrices are a solution, whatever they hold.
+    """
+    key = key_of(name, [(np.shape(one), np.asarray(one).tolist()) for one in inputs])
+    found = _read(load_code(key))
+    if found is not None and solves(found):
+        return found
+    found = solve()
+    # What was refused is refused again, and is not to be overwritten each time.
+    if next(_stored) < MOST and solves(found):
+        store_code(key, json.dumps([one.tolist() for one in found]).encode())
+    return found
+
+
+def _read(content: bytes | None) -> Solution | None:
+    """Return the matrices of a file; None if it does not hold any."""
+    if content is None:
+        return None
+    try:
+        found = tuple(np.array(one, dtype=np.float64) for one in json.loads(content))
+    except (ValueError, TypeError, RecursionError):
+        return None
+    return found if all(one.ndim == 2 for one in found) else None  # noqa: PLR2004
