@@ -47,6 +47,7 @@ from swarmstart.terminal_set.linear.stability import (
     SAMPLED,
     ComplexArray,
     TimeDomain,
+    growth,
     require_stabilisable,
     require_stable,
     require_weighted,
@@ -219,7 +220,7 @@ def _is_gain(found: Solution, matrices: tuple[Array, ...], domain: TimeDomain) -
     return (
         _is_small(residual, size)
         and _is_small(gain, float(np.linalg.norm(R @ K) + np.linalg.norm(B.T @ P)))
-        and float(np.max(domain.growth(np.linalg.eigvals(F)))) < domain.limit
+        and growth(F, domain) < domain.limit
     )
 
 

@@ -266,7 +266,7 @@ def _step(certificate: Certificate) -> ca.Function:
     dynamics, held, dt = certificate.dynamics, certificate.held, certificate.dt
     x, u = (ca.SX.sym(name, dynamics.size1_in(k)) for k, name in enumerate("xu"))
     map_ = ca.simpleRK(dynamics, held.substeps if held else 1, 4).expand()
-    return ca.Function("step", [x, u], [map_(x, u, dt)])
+    return ca.Function("step", [x, u], [map_(x, u, dt or 0.0)])
 
 
 def _flow(certificate: Certificate, e: Array) -> list[Array]:

@@ -201,6 +201,12 @@ def test_a_run_that_designs_nothing_imports_no_drawing_and_no_control(
         assert not modules & {"matplotlib", "control", "jinja2", "pebble"}
 
 
-def test_python_control_designs_the_linear_law_of_a_flight(tmp_path: Path) -> None:
+def test_python_control_designs_the_linear_law_of_a_flight_once(
+    tmp_path: Path, fresh_cache: Path
+) -> None:
     flight = "run formation_v --no-figures --set steps=1 --out".split()
-    assert "control" in modules_of([*flight, str(tmp_path / "out")])
+    assert "control" in modules_of([*flight, str(tmp_path / "first")])
+    assert any(fresh_cache.iterdir())
+    assert "control" not in modules_of([*flight, str(tmp_path / "second")])
+    checked = modules_of(["check", "formation_v"])
+    assert "casadi" in checked and not checked & {"control", "numba", "scipy"}

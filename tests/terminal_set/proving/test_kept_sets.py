@@ -33,7 +33,10 @@ def certified(dt: float | None, seed: int = 0) -> TerminalSet:
     """Certify a pendulum that is held upright by a motor with much room."""
     x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
     f = ca.Function("f", [x, u], [ca.vertcat(x[1], 9.81 * ca.sin(x[0]) + u)])
-    upright = Reference(x_ref=[0, 0], u_ref=[0], u_lower=[-50], u_upper=[50])
+    room = np.array([50.0])
+    upright = Reference(
+        x_ref=np.zeros(2), u_ref=np.zeros(1), u_lower=-room, u_upper=room
+    )
     rng = np.random.default_rng(seed)
     weights = Weights(Q=np.eye(2), R=np.eye(1))
     found = certified_terminal_set(f, upright, weights, dt=dt, rng=rng)
