@@ -152,6 +152,8 @@ _LIMITED = (
     f"resource.setrlimit(resource.RLIMIT_DATA, 2 * ({LIMIT_GB} * 10**9,)); "
     "sys.exit(pytest.main())"
 )
+NO_TESTS = 5
+"""Exit status of pytest if there is no test to run."""
 PATIENCE = 4.0
 """Multiple of the time without a fault after which tests count as endless."""
 HARMLESS_FILE = ROOT / "benchmarks" / "harmless_faults.yaml"
@@ -316,7 +318,21 @@ def outcome_of(
 
 
 def _tested(copy: Path, tests: Sequence[str], limit_s: float) -> int | None:
-    """Return the exit status of tests run in a copy; None if they did not end."""
+    """Return the exit status of tests run in a copy; None if they did not end.
+
+    Tests that take long are run only if the others pass.
+    """
+    code: int | None = NO_TESTS
+    for mark in ("not long", "long"):
+        found = _marked(copy, tests, mark, limit_s)
+        code = code if found == NO_TESTS else found
+        if code not in (0, NO_TESTS):
+            break
+    return code
+
+
+def _marked(copy: Path, tests: Sequence[str], mark: str, limit_s: float) -> int | None:
+    """Return the exit status of tests with a mark; None if they did not end."""
     environment = {
         **os.environ,
         "PYTHONPATH": str(copy / ".dev"),
@@ -325,7 +341,7 @@ def _tested(copy: Path, tests: Sequence[str], limit_s: float) -> int | None:
         "XDG_CACHE_HOME": str(copy.parent / f"{copy.name}-cache"),
     }
     # The options stand in sys.argv, behind the "-c" that pytest.main skips.
-    options = ("-x", "-q", "-p", "no:cacheprovider", "-p", "no:xdist")
+    options = ("-x", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", "-m", mark)
     process = subprocess.Popen(
         [sys.executable, "-c", _LIMITED, *options, *tests],
         cwd=copy, env=environment, start_new_session=True,
