@@ -38,6 +38,7 @@ if TYPE_CHECKING:  # Loaded when first used: searches need Numba, their names do
     )
     from swarmstart.heuristics.running.compiled_loop import (
         CompiledObjective as CompiledObjective,
+        Pointers as Pointers,
     )
     from swarmstart.heuristics.running.minimize import (
         Objective as Objective,
@@ -106,7 +107,7 @@ _NAMES = {
         InvalidOrderError Order epsilon_level feasibility_first static_penalty
     """,
     "running.budget": "Budget InvalidBudgetError budget_of",
-    "running.compiled_loop": "CompiledObjective",
+    "running.compiled_loop": "CompiledObjective Pointers",
     "running.minimize": "Objective minimize run",
     "running.result": "GenerationEvent SearchInterrupted SearchResult StopReason",
     "running.search": """
