@@ -23,8 +23,7 @@ from swarmstart.heuristics.running.budget import (
     finished,
     progress_of,
 )
-from swarmstart.machine_code import Count, call_at, intrinsic, kernel
-from swarmstart.machine_code import Pointers as Pointers
+from swarmstart.machine_code import Count, Pointers, call_at, intrinsic, kernel
 
 CHUNK = 1
 """Generations before the first look at the clock."""
