@@ -38,6 +38,7 @@ if TYPE_CHECKING:  # Loaded when first used: searches need Numba, their names do
     )
     from swarmstart.heuristics.running.compiled_loop import (
         CompiledObjective as CompiledObjective,
+        Pointers as Pointers,
     )
     from swarmstart.heuristics.running.minimize import (
         Objective as Objective,
@@ -96,9 +97,6 @@ if TYPE_CHECKING:  # Loaded when first used: searches need Numba, their names do
     )
     from swarmstart.heuristics.searches.random_search import (
         RandomSearch as RandomSearch,
-    )
-    from swarmstart.machine_code import (
-        Pointers as Pointers,
     )
 
 _NAMES = {

@@ -23,7 +23,8 @@ from swarmstart.heuristics.running.budget import (
     finished,
     progress_of,
 )
-from swarmstart.machine_code import Count, Pointers, call_at, intrinsic, kernel
+from swarmstart.machine_code import Count, call_at, intrinsic, kernel
+from swarmstart.machine_code import Pointers as Pointers  # noqa: PLC0414 - public here
 
 CHUNK = 1
 """Generations before the first look at the clock."""
