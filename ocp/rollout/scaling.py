@@ -8,7 +8,8 @@ initial state x0 and the right-hand side f, the size of
                   and to the least of its own quadratic costs, and, if it has no bounds,
                   its way along a guess. If all of these are zero: its way by the motion
                   that is linear about x0, under the controls' lower, middle and upper
-                  values; else T max |f_i| around x0, over the range of the sizes known
+                  values, by the sizes of the slopes, or with their signs where that is
+                  absurd; else T max |f_i| around x0, over the range of the sizes known
                   so far; else the size that the rate of a known state implies, s_i /
                   (T |df_i/dx_j|). A rate acts for 1 / |df_i/dx_i| if that is shorter
                   than T
@@ -47,6 +48,9 @@ _PARTS = (0.618, -0.382)
 """Moves around the start, relative to the sizes; irregular, to avoid half turns."""
 _NEGLIGIBLE = 1e-6
 """Relative size below which a way or a guess is negligible."""
+_ABSURD, _SOON, _TURNS = 1e3, 3, 200
+"""Ratio from which a way by sizes of rates may be absurd beside that of its first
+orders, and is beside the linear motion with its signs; and steps of that motion."""
 _LIMIT_SHARE = 1e-3
 """Smallest scale of a nonzero limit, relative to the size of its expression."""
 _NEAR_SHARE = 0.01
@@ -144,8 +148,8 @@ class Sizing:
     ) -> Sizes:
         first, last = signals[:, 0], signals[:, -1]
         middle = _middle(*self._problem.control_limits)
-        slopes = np.abs(np.array(self._slopes(x0, middle, parameters, first)))
-        at = _Point(x0, parameters, first, slopes)
+        derivative = np.array(self._slopes(x0, middle, parameters, first))
+        at = _Point(x0, parameters, first, derivative, np.abs(derivative))
         states = self._first_states(x0, parameters, first, last)
         if along is not None and np.isfinite(along).all():
             way = np.abs(along - x0[:, None]).max(axis=1)
@@ -217,7 +221,7 @@ class Sizing:
             signals: At the start, shape (ns,).
             sizes: Sizes of states and controls.
         """
-        at = _Point(x0, parameters, signals, np.empty(0))
+        at = _Point(x0, parameters, signals, np.empty(0), np.empty(0))
         with np.errstate(over="ignore", invalid="ignore"):
             return self._cost(self._around(at, sizes.states, sizes.controls, None))
 
@@ -341,17 +345,45 @@ class Sizing:
         moves by T |f|, the next one that it drives by T^2 / 2 of it, and so on. What
         that leaves at rest moves by T times the largest rate around the start.
         """
-        rates = np.abs(self._around(at, states, controls, guess)[0])
-        lasting = self._lasting(at)
-        far = np.nan_to_num(lasting * rates, nan=0, posinf=0)
+        rates, lasting = self._around(at, states, controls, guess)[0], self._lasting(at)
+        far = np.nan_to_num(lasting * np.abs(rates), nan=0, posinf=0)
         drives = np.nan_to_num(at.slopes[:, : states.size], nan=0, posinf=0)
         np.fill_diagonal(drives, 0.0)
-        step = linear = far[:, :3].max(axis=1)  # Under three values of the controls.
+        # The first three are at the start, under three values of the controls.
+        soon = step = linear = far[:, :3].max(axis=1)
         for order in range(2, states.size + 1):
             step = lasting[:, 0] / order * (drives @ step)
             linear = np.maximum(linear, step)
+            soon = linear if order <= _SOON else soon
         linear = np.where(np.isfinite(linear), linear, 0.0)
+        if (linear > _ABSURD * soon).any():
+            turned = self._turned(at, rates[:, :3])
+            linear = np.where(linear > _ABSURD * turned, turned, linear)
         return np.where(linear > 0, linear, far.max(axis=1, initial=0))
+
+    def _turned(self, at: "_Point", rates: Array) -> Array:
+        """Return how far the motion that is linear about the start goes, shape (nx,).
+
+        Sizes of rates know no signs: of what swings they say that it flies away.
+
+        Args:
+            at: The start.
+            rates: f there under three values of the controls, shape (nx, 3).
+        """
+        A = np.nan_to_num(at.derivative[:, : at.x0.size], nan=0, posinf=0, neginf=0)
+        h = self._problem.length / _TURNS
+        way = most = np.zeros(rates.shape)
+        for _ in range(_TURNS):  # The classical Runge-Kutta step of x' = A x + f.
+            first = A @ way + rates
+            second = A @ (way + h / 2 * first) + rates
+            third = A @ (way + h / 2 * second) + rates
+            fourth = A @ (way + h * third) + rates
+            way = way + h / 6 * (first + 2 * second + 2 * third + fourth)
+            most = np.fmax(most, np.abs(way))
+        found = most.max(axis=1)
+        return np.where(
+            np.isfinite(found) & np.isfinite(way).all(axis=1), found, np.inf
+        )
 
     def _without_tiny(
         self, at: "_Point", direct: Array, known: Array, guess: ArrayLike | None
@@ -462,7 +494,7 @@ class Sizing:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Point:
-    """Point to evaluate around: state, parameters, signals, and |df / d(x, u)|.
+    """Point to evaluate around: state, parameters, signals, df / d(x, u) and its sizes.
 
     Results are kept, since the same is often asked twice.
     """
@@ -470,6 +502,7 @@ class _Point:
     x0: Array
     parameters: Array
     signals: Array
+    derivative: Array
     slopes: Array
     seen: dict[bytes, list[Array]] = field(default_factory=dict)
 

@@ -8,6 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from swarmstart.ocp import (
     Bounds,
@@ -15,8 +16,11 @@ from swarmstart.ocp import (
     Model,
     OptimalControlProblem,
     PathConstraint,
+    SolutionStatus,
     TerminalConstraint,
     ensemble,
+    right_hand_side,
+    solve,
 )
 from swarmstart.ocp.rollout.scaling import Sizes, Sizing
 from swarmstart.ocp.statement.rewrites.chain import lowered
@@ -329,3 +333,61 @@ def test_way_that_is_no_number_does_not_count(p: float, size: float) -> None:
     empty = np.empty((0, problem.nodes))
     found = Sizing(problem)(np.zeros(1), np.array([p]), empty)
     assert found.states[0] == pytest.approx(size)
+
+
+def chain(**changes: Any) -> OptimalControlProblem:
+    """Return four masses on springs that harden; no state has bounds."""
+    x, v, u = ca.SX.sym("x", 4), ca.SX.sym("v", 4), ca.SX.sym("u", 2)
+    ends = ca.vertcat(0, x, 0)
+    stretch = ends[1:] - ends[:-1]
+    force = stretch + stretch**3
+    rate = force[1:] - force[:-1] - 0.1 * v + ca.vertcat(u[0], 0, 0, u[1])
+    return OptimalControlProblem(
+        Model(states=ca.vertcat(x, v), controls=u, ode=ca.vertcat(v, rate)),
+        horizon=6.0,
+        intervals=40,
+        stage_cost=ca.sumsqr(x) + 0.1 * ca.sumsqr(v) + 0.1 * ca.sumsqr(u),
+        bounds=Bounds(controls=(-1, 1)),
+        **changes,
+    )
+
+
+SWINGING = (1.0, -1.0, 1.0, 0.5, 0.0, 0.0, 0.0, 0.0)
+
+
+def test_sizes_of_what_swings_are_those_of_its_linear_motion() -> None:
+    """By an independent integrator. Slopes without signs say 1e7 times as much."""
+    problem = replace(chain(), stage_cost=ca.SX(0))
+    f = right_hand_side(problem.model)
+    x, u = ca.SX.sym("x", 8), ca.SX.sym("u", 2)
+    A = np.array(ca.Function("A", [x, u], [ca.jacobian(f(x, u, []), x)])(SWINGING, 0))
+    most = np.zeros(8)
+    for push in (-1.0, 0.0, 1.0):
+        rate = np.array(f(SWINGING, [push, push], [])).ravel()
+        found = solve_ivp(
+            lambda _, z, rate=rate: A @ z + rate, (0, 6), np.zeros(8),
+            t_eval=np.linspace(0, 6, 601), rtol=1e-10, atol=1e-10,
+        )  # fmt: skip
+        most = np.maximum(most, np.abs(found.y).max(axis=1))
+    np.testing.assert_allclose(sizes_of(problem, SWINGING).states, most, rtol=0.02)
+
+
+def test_no_optimum_is_seen_where_sizes_would_hide_the_slope() -> None:
+    """Zero controls, at a cost of 14.26, were called a local optimum of this chain."""
+    found = solve(chain(), SWINGING, search=None, lanes=0, seed=0)
+    assert found.status is SolutionStatus.CONVERGED
+    assert found.cost == pytest.approx(10.555275, rel=1e-6)
+
+
+def test_what_flies_away_keeps_its_large_size() -> None:
+    """A chain of integrators: T^5 / 5! times all rates."""
+    x, u = ca.SX.sym("x", 5), ca.SX.sym("u")
+    problem = OptimalControlProblem(
+        Model(states=x, controls=u, ode=ca.vertcat(u, 30 * x[:-1])),
+        horizon=4.0,
+        intervals=5,
+        stage_cost=u**2,
+        bounds=Bounds(controls=(-1, 1)),
+    )
+    last = sizes_of(problem, [0.0] * 5).states[-1]
+    assert last == pytest.approx(4.0**5 / 120 * 30**4)
