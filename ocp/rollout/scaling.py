@@ -8,7 +8,7 @@ initial state x0 and the right-hand side f, the size of
                   and to the least of its own quadratic costs, and, if it has no bounds,
                   its way along a guess. If all of these are zero: its way by the motion
                   that is linear about x0, under the controls' lower, middle and upper
-                  values, by the sizes of the slopes, or with their signs where that is
+                  values, by the sizes of the slopes, or with their signs if that is
                   absurd; else T max |f_i| around x0, over the range of the sizes known
                   so far; else the size that the rate of a known state implies, s_i /
                   (T |df_i/dx_j|). A rate acts for 1 / |df_i/dx_i| if that is shorter
@@ -364,7 +364,7 @@ class Sizing:
     def _turned(self, at: "_Point", rates: Array) -> Array:
         """Return how far the motion that is linear about the start goes, shape (nx,).
 
-        Sizes of rates know no signs: of what swings they say that it flies away.
+        Sizes of rates know no signs: they take an oscillation for a growth.
 
         Args:
             at: The start.

@@ -635,6 +635,17 @@ def test_whole_numbers_are_told_beside_the_relaxed_problem(
     assert _whole(plan, sense).startswith(f"whole numbers {told}")
 
 
+def test_outputs_of_one_interval_are_those_of_both_its_ends() -> None:
+    problem = OptimalControlProblem(
+        Model(states=X, controls=U, ode=U, outputs={"double": 2 * X}),
+        horizon=1.0,
+        intervals=1,
+    )
+    planner = Planner(problem, search=None, backend="casadi")
+    found = verified(problem, planned(planner, [3.0], 0.5), [0.5])
+    np.testing.assert_allclose(found.outputs, [[1, 7]])
+
+
 def test_outputs_at_the_nodes_have_the_control_of_the_interval_after_them() -> None:
     outputs = {"double": 2 * X, "push": U}
     problem = OptimalControlProblem(

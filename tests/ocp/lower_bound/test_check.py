@@ -216,6 +216,7 @@ UNUSABLE: dict[str, tuple[tuple[str | int, ...], object]] = {
     "later operand": (("problem", "tape", 1), ["sq", 2]),
     "unknown state": (("problem", "tape", 0), ["x", 1]),
     "unknown control": (("problem", "tape", 0), ["u", 1]),
+    "second time": (("problem", "tape", 0), ["t", 1]),
     "constant that is a text": (("problem", "tape", 0), ["const", "__import__"]),
     "no instruction": (("problem", "tape", 0), []),
     "times in disorder": (("tube", "times"), [1.0, 0.0]),

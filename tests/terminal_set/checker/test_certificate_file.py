@@ -183,3 +183,16 @@ def test_statements_are_those_of_the_kind_of_set(proven: bool) -> None:
         else:
             with pytest.raises(CertificateFileError, match="with the margins stated"):
                 as_read(changed)
+
+
+@pytest.mark.parametrize("integrator", [True, False])
+@pytest.mark.parametrize("growth", [True, False])
+def test_states_between_samples_are_proven_only_with_error_and_growth(
+    integrator: bool, growth: bool
+) -> None:
+    grounds = certificate_file.expected_statements(
+        held=True, integrator_proven=integrator, growth_proven=growth
+    )
+    states = "the states stay within their bounds on the set, between samples too"
+    proven = grounds[states] == certificate_file.TAKEN
+    assert proven is (integrator and growth)

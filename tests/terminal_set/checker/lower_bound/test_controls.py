@@ -11,6 +11,7 @@ import pytest
 from swarmstart.ocp.lower_bound.certificate import certificate_content
 from swarmstart.ocp.lower_bound.stated.answer import Evidence
 from swarmstart.terminal_set.checker.evaluation import Program, as_model
+from swarmstart.terminal_set.checker.lower_bound import controls
 from swarmstart.terminal_set.checker.lower_bound.certificate_file import (
     Problem,
     certificate_of,
@@ -109,3 +110,25 @@ def test_weights_of_squares_are_exact_fractions() -> None:
     third = Fraction(1, 9)
     assert abs(parts.quadratic[0] - third) < Fraction(1, 10**15)
     assert parts.quadratic[1] == Fraction(0.1)
+
+
+@pytest.mark.parametrize(
+    ("operation", "values", "result"),
+    [
+        ("div", (3, 2), Fraction(3, 2)),
+        ("div", (0, 2), Fraction(0)),
+        ("div", (3, 0), None),
+        ("inv", (4,), Fraction(1, 4)),
+        ("inv", (0,), None),
+        ("add", (3, 0), Fraction(3)),
+        ("sub", (3, 0), Fraction(3)),
+        ("mul", (3, 0), Fraction(0)),
+        ("mul", (None, 0), Fraction(0)),
+        ("mul", (None, 3), None),
+    ],
+)
+def test_constants_are_folded_exactly_and_no_quotient_by_zero(
+    operation: str, values: tuple[int | None, ...], result: Fraction | None
+) -> None:
+    exact = [None if v is None else Fraction(v) for v in values]
+    assert controls._folded(operation, exact) == result
