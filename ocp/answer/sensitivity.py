@@ -112,31 +112,42 @@ def sensitivity_of(
         raise NoSensitivityError(f"expected a strict minimum, found {found.value}")
     if core.stated.risk is not None:
         raise NoSensitivityError("expected a problem without members, found a risk")
+    known, count = len(core.known_parameters), point.program.problem.model.np
+    if known != count:
+        raise NoSensitivityError(
+            f"expected {known} parameters in the problem that is solved, found {count}"
+        )
     names, along = _data(point, core, by)
     rates = [_rate(point, dq) for dq in along]
     variables, unclear = _solved(point, rates)
     moved = [
         _Moved.of(point, core, dw, dq) for dw, dq in zip(variables, along, strict=True)
     ]
-    u, x = controls, _Moved.of(point, core, point.w, point.q).ends[:, 0]
+    here, nx = _Moved.of(point, core, point.w, point.q), core.stated.model.nx
+    u, x = controls, here.ends[:, 0]
     slope = core.stated.sense * point.cost_size
     return Sensitivity(
         data=names,
         cost=slope * np.array([rate.cost for rate in rates]),
-        controls=np.stack(
-            [
-                core.knots(u + one.controls, x + one.ends[:, 0]) - core.knots(u, x)
-                for one in moved
-            ],
-            axis=-1,
+        controls=_stacked(
+            core.knots(u, x),
+            [core.knots(u + m.controls, x + m.ends[:, 0]) for m in moved],
         ),
-        states=np.stack([m.ends[: core.stated.model.nx] for m in moved], axis=-1),
+        states=_stacked(0.0 * here.ends[:nx], [m.ends[:nx] for m in moved]),
         decided={
             name: np.array([core.decided(one.ends[:, 0])[name] for one in moved])
             for name in core.decided(x)
         },
         unclear=unclear,
     )
+
+
+def _stacked(here: Array, moved: Sequence[Array]) -> Array:
+    """Return the changes side by side, in one more axis, which may be empty."""
+    found = np.empty((*here.shape, len(moved)))
+    for number, there in enumerate(moved):
+        found[..., number] = there - here
+    return found
 
 
 class _Moved(NamedTuple):

@@ -19,6 +19,7 @@ from swarmstart.ocp import (
     PathConstraint,
     Solution,
     TransportDelay,
+    ensemble,
     solve,
 )
 
@@ -210,6 +211,26 @@ def test_decisions_are_no_data() -> None:
     assert free.sensitivity(by=["x0"]).data == (names[1],)
     assert free.sensitivity(by=["parameters"]).data == ("p",)
     assert solved(CASES["decided parameter"]).sensitivity().data[-1] == "p"
+
+
+def test_without_data_there_is_nothing_to_derive() -> None:
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    problem = OptimalControlProblem(
+        Model(states=x, controls=u, ode=u),
+        horizon=1.0, intervals=4, stage_cost=u**2, terminal_cost=x**2,
+    )  # fmt: skip
+    found = solve(problem, [1.0], search=None, lanes=0, seed=0)
+    slopes = found.sensitivity(by=["parameters"])
+    assert slopes.data == ()
+    assert slopes.cost.shape == (0,)
+    assert (slopes.controls.shape, slopes.states.shape) == ((1, 4, 0), (1, 5, 0))
+
+
+def test_members_are_refused() -> None:
+    members = ensemble(pendulum(), {"p": [1.0, 2.0]}, risk="worst")
+    answer = solve(members, [1.0, 0.3], search=None, lanes=0, polish=EXACT, seed=0)
+    with pytest.raises(NoSensitivityError, match="without members"):
+        answer.sensitivity()
 
 
 def test_limit_that_is_about_to_act_is_counted() -> None:
