@@ -21,8 +21,6 @@ from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
-from scipy import sparse
-from scipy.sparse.linalg import splu
 
 from swarmstart.arrays import Array
 from swarmstart.errors import SwarmstartError
@@ -250,6 +248,9 @@ def _solved(point: NlpPoint, rates: Sequence[_Rate]) -> tuple[list[Array], int]:
     Raises:
         NoSensitivityError: If the linear equations have no unique solution.
     """
+    from scipy import sparse  # Takes as long to import as CasADi and NumPy.
+    from scipy.sparse.linalg import splu
+
     derivatives = point.program.derivatives
     upper = derivatives["hess_lag"](point.w, point.q, 1.0, point.lam_g).sparse()
     jacobian = derivatives["jac_g"](point.w, point.q)[1].sparse()
