@@ -34,6 +34,8 @@ from swarmstart.terminal_set.linear.stability import SAMPLED, growth
 
 EXPONENTIAL_LIMIT = 1e-9
 """Largest relative error of a kept exponential (Frobenius norms)."""
+MOST_EXPONENT = 1e6
+"""Largest sum of a row of a matrix whose exponential is kept."""
 
 
 @dataclass(eq=False)
@@ -127,6 +129,9 @@ def hold(A: ArrayLike, B: ArrayLike, dt: float) -> tuple[Array, Array]:
 
 def _is_exponential(found: Array, block: Array) -> bool:
     """Return whether a matrix is exp(block), by a series and squaring."""
+    largest = float(np.abs(block).sum(axis=1).max())
+    if not largest < MOST_EXPONENT:  # Nothing is kept of it.
+        return False
     halvings = max(0, int(np.ceil(np.log2(1e3 * (np.linalg.norm(block) + 1e-3)))))
     part, series = block / 2.0**halvings, np.eye(len(block))
     with np.errstate(over="ignore", invalid="ignore"):

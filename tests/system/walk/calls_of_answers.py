@@ -97,6 +97,7 @@ def _planning() -> Calls:
             planner.plan, **start, guess=made.CONTROLS, rng=made.rng()
         ),
         "Planner.posed": with_defaults(planner.posed, **start),
+        "Planner.as_begun": with_defaults(planner.as_begun, **start),
         "Planner.outside": Call(planner.outside, start),
         "Planner.evaluated": Call(
             planner.evaluated,
@@ -132,6 +133,7 @@ def _solving() -> Calls:
         "Solution": record(solution),
         "Solution.as_guess": Call(solution.as_guess, {"problem": problem}),
         "Solution.beside": Call(solution.beside, {"bound": bound}),
+        "Solution.sensitivity": Call(solution.sensitivity, {"by": ("x0",)}),
         "Solution.linearised": Call(solution.linearised, {"time": 0.5}),
         "Solution.save": Call(
             lambda **given: solution.save(**{"folder": _new_folder(), **given}),
@@ -167,6 +169,7 @@ def _records() -> Calls:
         "SearchReport.lines": with_defaults(plan.search.lines),
         "SearchReport.told": with_defaults(plan.search.told),
         "Multipliers": record(made.solution().multipliers),
+        "Sensitivity": record(made.solution().sensitivity()),
         "Polished": record(polished),
         "StartOutcome": record(made.warm_report().own),
         "WarmStartReport": record(made.warm_report()),
