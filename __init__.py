@@ -4,8 +4,9 @@ Public names are imported when first used, so that the command line stays quick.
 """
 
 # ruff: noqa: I001  (it would write one statement for each name)
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from swarmstart.doors import door
 
 if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
     from swarmstart.cases.campaign.studies.library import (
@@ -259,17 +260,5 @@ _NAMES = {
         UnweightedModeError Weights certificate_text certify sampled_terminal_set
     """,
 }
-_HOMES = {name: home for home, names in _NAMES.items() for name in names.split()}
+_HOMES, __getattr__, __dir__ = door(__name__, _NAMES, within="")
 __all__ = list(_HOMES)
-
-
-def __getattr__(name: str) -> Any:
-    """Import a public name when it is first used."""
-    if name in _HOMES:
-        return getattr(importlib.import_module(_HOMES[name]), name)
-    raise AttributeError(f"module 'swarmstart' has no attribute {name!r}")
-
-
-def __dir__() -> list[str]:
-    """List the public names."""
-    return [*__all__, *(name for name in globals() if name.startswith("__"))]

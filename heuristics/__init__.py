@@ -4,8 +4,9 @@ A population is a float64 array of shape (dim, size): a column is an individual.
 """
 
 # ruff: noqa: I001  (it would write one statement for each name)
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from swarmstart.doors import door
 
 if TYPE_CHECKING:  # Loaded when first used: searches need Numba, their names do not.
     from swarmstart.heuristics.laws.algorithm import (
@@ -127,17 +128,5 @@ _NAMES = {
     "searches.pso": "ParticleSwarm",
     "searches.random_search": "RandomSearch",
 }
-_HOMES = {name: home for home, names in _NAMES.items() for name in names.split()}
+_HOMES, __getattr__, __dir__ = door(__name__, _NAMES)
 __all__ = list(_HOMES)
-
-
-def __getattr__(name: str) -> Any:
-    """Import a name of the room when it is first used."""
-    if name in _HOMES:
-        return getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-
-def __dir__() -> list[str]:
-    """List the names of the room."""
-    return [*__all__, *(name for name in globals() if name.startswith("__"))]

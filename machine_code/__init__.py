@@ -5,8 +5,9 @@ belongs to this user, and its key covers the code, the libraries and the process
 """
 
 # ruff: noqa: I001  (it would write one statement for each name)
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from swarmstart.doors import door
 
 if TYPE_CHECKING:  # Loaded when first used: kernels need NumPy, the clock does not.
     from swarmstart.machine_code.clocks import (
@@ -57,12 +58,5 @@ _NAMES = {
         kernel prepare
     """,
 }
-_HOMES = {name: home for home, names in _NAMES.items() for name in names.split()}
+_HOMES, __getattr__, __dir__ = door(__name__, _NAMES)
 __all__ = list(_HOMES)
-
-
-def __getattr__(name: str) -> Any:
-    """Import a name of the room when it is first used."""
-    if name in _HOMES:
-        return getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

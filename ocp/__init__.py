@@ -1,8 +1,9 @@
 """Optimal-control problems: statement, solution, verification and closed loop."""
 
 # ruff: noqa: I001  (it would write one statement for each name)
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from swarmstart.doors import door
 
 if TYPE_CHECKING:  # Loaded when first used: few commands need all of these.
     from swarmstart.ocp.answer.multistart import (
@@ -216,7 +217,8 @@ _NAMES = {
     "integration.integrators": "INTEGRATORS Integrator held_step",
     "integration.radau": "Radau",
     "interpolation.tables": "Table table",
-    "loop.closed_loop": "Step Trajectory collected simulate",
+    # By itself, as the word is for aircraft.
+    "loop.closed_loop": " ".join(["Step Trajectory collected simulate", "fly"]),
     "loop.controller": "Controller Decision Mode OpenLoop RecedingHorizon",
     "loop.dense_output": "DenseOutput interpolate largest_distance smallest_distance",
     "loop.dual_mode": "DualMode UncertifiedSetError terminal_set_of",
@@ -250,18 +252,5 @@ _NAMES = {
     "system.separation": "Connection Separation disc",
     "system.stacked_models": "stack_models",
 }
-_HOMES = {name: home for home, names in _NAMES.items() for name in names.split()}
-_HOMES["fly"] = "loop.closed_loop"  # By itself, as the word is for aircraft.
+_HOMES, __getattr__, __dir__ = door(__name__, _NAMES)
 __all__ = list(_HOMES)
-
-
-def __getattr__(name: str) -> Any:
-    """Import a name of the room when it is first used."""
-    if name in _HOMES:
-        return getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-
-def __dir__() -> list[str]:
-    """List the names of the room."""
-    return [*__all__, *(name for name in globals() if name.startswith("__"))]

@@ -7,8 +7,9 @@ matrix equations of K and P, the level of the bounds, and its refutation or proo
 """
 
 # ruff: noqa: I001  (it would write one statement for each name)
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from swarmstart.doors import door
 
 if TYPE_CHECKING:  # Loaded when first used: a set that is kept needs no proof.
     from swarmstart.terminal_set.certificates.certificate import (
@@ -139,17 +140,5 @@ _NAMES = {
     """,
     "proving.proof": "prove_level refuted_level",
 }
-_HOMES = {name: home for home, names in _NAMES.items() for name in names.split()}
+_HOMES, __getattr__, __dir__ = door(__name__, _NAMES)
 __all__ = list(_HOMES)
-
-
-def __getattr__(name: str) -> Any:
-    """Import a name of the room when it is first used."""
-    if name in _HOMES:
-        return getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-
-def __dir__() -> list[str]:
-    """List the names of the room."""
-    return [*__all__, *(name for name in globals() if name.startswith("__"))]

@@ -13,7 +13,7 @@ from swarmstart.errors import SwarmstartError
 LAYERS = ("swarmstart.ocp", "swarmstart.heuristics", "swarmstart.terminal_set")
 
 
-LAZY = ("swarmstart", "swarmstart.heuristics", "swarmstart.machine_code")
+LAZY = ("swarmstart", "swarmstart.machine_code", *LAYERS)
 
 
 @pytest.mark.parametrize("door", LAZY)

@@ -49,7 +49,7 @@ def copied(folder: Path) -> Path:
     package = folder / "swarmstart"
     package.mkdir(parents=True)
     (package / "__init__.py").write_text('__version__ = "0.1.0"\n')
-    for module in ("arguments.py", "arrays.py", "errors.py"):
+    for module in ("arguments.py", "arrays.py", "doors.py", "errors.py"):
         shutil.copy(ROOT / module, package / module)
     for room in ("machine_code", "heuristics"):
         skipped = shutil.ignore_patterns("__pycache__")
