@@ -1,4 +1,4 @@
-"""The decorators of every function that Numba compiles, and the cache of its code.
+"""The kernels that Numba makes of functions, and the cache of their code.
 
 Numba is imported untyped; only this module has to deal with that.
 With NUMBA_DISABLE_JIT=1 the same functions run as plain Python. No fast-math: both give
@@ -34,7 +34,6 @@ from numba.core.serialize import dumps
 from numba.core.sigutils import normalize_signature
 from numba.core.types import unliteral
 from numba.extending import intrinsic
-from numpy.typing import NDArray
 
 from swarmstart.machine_code.clocks import announce, compiling
 from swarmstart.machine_code.code_cache import cache_refusal, load_code, store_code
@@ -43,8 +42,6 @@ from swarmstart.machine_code.fingerprints import (
     UnknownValueError,
     fingerprint,
 )
-
-Count = NDArray[np.int64]
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
@@ -60,27 +57,22 @@ _OPTIONS = ("OPT", "LOOP_VECTORIZE", "SLP_VECTORIZE", "BOUNDSCHECK", "ENABLE_AVX
 
 
 def kernel(function: Function) -> Function:
-    """Compile a function with Numba at its first call, and keep the machine code."""
+    """Return a function that Numba compiles, as `kernels.kernel` says."""
     return _compiled(function)
 
 
 def ieee_kernel(function: Function) -> Function:
-    """Compile as `kernel` does; a division by zero gives infinity or NaN, no error."""
+    """Return the same as `kernels.ieee_kernel` says."""
     return _compiled(function, error_model="numpy")
 
 
 def free_kernel(function: Function) -> Function:
-    """Compile as `kernel` does; Python's lock is released while the function runs."""
+    """Return the same as `kernels.free_kernel` says."""
     return _compiled(function, nogil=True)
 
 
 def prepare(function: Callable[..., object], *arguments: object) -> None:
-    """Load or compile a kernel for arguments of these types, without calling it.
-
-    Args:
-        function: A kernel; for any other function nothing is done.
-        arguments: Values of the types that it will be called with.
-    """
+    """Load or compile a kernel, as `kernels.prepare` says; else do nothing."""
     known = function, _key_of(arguments)
     if isinstance(function, _Kernel) and known not in _PREPARED:
         kinds = _types_of(arguments)
@@ -93,13 +85,7 @@ def prepare(function: Callable[..., object], *arguments: object) -> None:
 def is_kept(
     function: Callable[..., object], *arguments: object, for_kernel: bool
 ) -> bool:
-    """Return whether a kernel need not be compiled for arguments of these types.
-
-    Args:
-        function: A kernel; another function needs no compiling.
-        arguments: Values of the types that it will be called with.
-        for_kernel: True for `address_of`, False for a call from Python.
-    """
+    """Return whether a kernel need not be compiled, as `kernels.is_kept` says."""
     known = for_kernel and (function, _key_of(arguments)) in _ADDRESSES
     if known or not isinstance(function, _Kernel):
         return True
@@ -114,14 +100,7 @@ def is_kept(
 
 
 def address_of(function: Callable[..., object], *arguments: object) -> int:
-    """Return the address of a kernel's machine code, for `call_at`.
-
-    It stays there: Numba unloads no code as long as the process runs.
-
-    Args:
-        function: A kernel that returns None.
-        arguments: Values of the types that it will be called with.
-    """
+    """Return the address of a kernel's machine code, as `kernels.address_of` says."""
     known = function, _key_of(arguments)
     if known not in _ADDRESSES:
         kinds, dispatcher = _types_of(arguments), cast(Any, function)
@@ -327,7 +306,4 @@ def _call_at(
 
 
 call_at = cast(Callable[[int, tuple[object, ...]], None], intrinsic(_call_at))
-"""Call a kernel that returns None: (its address, its arguments) -> None.
-
-The arguments must be of the types that `address_of` was given.
-"""
+"""As `kernels.call_at` says."""
