@@ -133,10 +133,8 @@ def _is_exponential(found: Array, block: Array) -> bool:
     if not largest < MOST_EXPONENT:  # Nothing is kept of it.
         return False
     halvings = max(0, int(np.ceil(np.log2(1e3 * (np.linalg.norm(block) + 1e-3)))))
-    part, series = block / 2.0**halvings, np.eye(len(block))
     with np.errstate(over="ignore", invalid="ignore"):
-        for order in (4, 3, 2, 1):  # Horner's form; the next term is below 1e-17.
-            series = np.eye(len(block)) + part @ series / order
+        series = _series(block / 2.0**halvings)  # The next term is below 1e-17.
         for _ in range(halvings):
             series = series @ series
         error, size = np.linalg.norm(found - series), np.linalg.norm(series)
@@ -165,15 +163,18 @@ def runge_kutta_hold(
         InvalidShapeError: If A is not square or B has another number of rows.
     """
     block, nx = _block(A, B, dt / substeps)
-    one = np.eye(len(block))
-    series = one
     with np.errstate(over="ignore", invalid="ignore"):  # An overflow is refused below.
-        # Horner's form of I + M + M^2/2! + M^3/3! + M^4/4!.
-        for order in (4, 3, 2, 1):
-            series = one + block @ series / order
-        whole = np.linalg.matrix_power(series, substeps)[:nx]
+        whole = np.linalg.matrix_power(_series(block), substeps)[:nx]
     whole = finite_array("the Runge-Kutta map of the hold", whole, whole.shape)
     return read_only(whole[:, :nx].copy()), read_only(whole[:, nx:].copy())
+
+
+def _series(block: Array) -> Array:
+    """Return I + M + M^2/2! + M^3/3! + M^4/4!, by Horner's rule."""
+    series = one = np.eye(len(block))
+    for order in (4, 3, 2, 1):
+        series = one + block @ series / order
+    return series
 
 
 def _block(A: ArrayLike, B: ArrayLike, dt: float) -> tuple[Array, int]:
