@@ -25,8 +25,6 @@ import numpy as np
 from swarmstart.arrays import Array
 from swarmstart.errors import SwarmstartError
 from swarmstart.ocp.common.expressions import symbol_names
-from swarmstart.ocp.nlp.nlp_assembly import inputs_of
-from swarmstart.ocp.nlp.nlp_solvers import ends_of
 from swarmstart.ocp.nlp.optimality import (
     Curvature,
     NlpPoint,
@@ -118,10 +116,8 @@ def sensitivity_of(
     names, along = _data(point, core, by)
     rates = [_rate(point, dq) for dq in along]
     variables, unclear = _solved(point, rates)
-    moved = [
-        _Moved.of(point, core, dw, dq) for dw, dq in zip(variables, along, strict=True)
-    ]
-    here, nx = _Moved.of(point, core, point.w, point.q), core.stated.model.nx
+    moved = [_Moved.of(point, dw, dq) for dw, dq in zip(variables, along, strict=True)]
+    here, nx = _Moved.of(point, point.w, point.q), core.stated.model.nx
     u, x = controls, here.ends[:, 0]
     slope = core.stated.sense * point.cost_size
     return Sensitivity(
@@ -160,15 +156,12 @@ class _Moved(NamedTuple):
     ends: Array
 
     @classmethod
-    def of(cls, point: NlpPoint, core: Lowered, w: Array, q: Array) -> "_Moved":
-        problem = point.program.problem
-        model, N = problem.model, problem.intervals
-        first = model.nx + model.np
-        sizes_x, sizes_u, _ = np.split(point.q[first:], [model.nx, model.nx + model.nu])
-        width = model.nx + inputs_of(problem)
-        inside = w[: width * N].reshape((width, N), order="F")
-        ends = ends_of(replace(point, w=w, q=q))
-        return cls(inside[: model.nu] * sizes_u[:, None], ends * sizes_x[:, None])
+    def of(cls, point: NlpPoint, w: Array, q: Array) -> "_Moved":
+        moved, nu = replace(point, w=w, q=q), point.program.problem.model.nu
+        return cls(
+            moved.intervals[:nu] * point.control_sizes[:, None],
+            moved.ends * point.state_sizes[:, None],
+        )
 
 
 def _data(
@@ -176,10 +169,10 @@ def _data(
 ) -> tuple[tuple[str, ...], list[Array]]:
     """Return the names of the data, and the change of q with each."""
     problem, stated = point.program.problem, core.stated
-    nx, count = problem.model.nx, problem.model.np
+    nx = problem.model.nx
     names, along = list[str](), list[Array]()
     if "x0" in by:
-        sizes, zero = point.q[nx + count :][:nx], np.zeros(stated.model.nx)
+        zero = np.zeros(stated.model.nx)
         decided = {i for one in problem.free_starts for i in one.states}
         before = core.start(zero)
         for i, name in enumerate(stated.model.state_names):
@@ -187,7 +180,7 @@ def _data(
                 continue
             zero[i] = 1.0
             dq = np.zeros(point.q.size)
-            dq[:nx] = (core.start(zero) - before) / sizes
+            dq[:nx] = (core.start(zero) - before) / point.state_sizes
             dq[[*decided]] = 0.0
             zero[i] = 0.0
             names.append(name)

@@ -95,8 +95,8 @@ def multipliers_of(point: NlpPoint, stated: OptimalControlProblem) -> Multiplier
     core, parts = point.program.problem, point.program.parts
     nx, nu, N = core.model.nx, inputs_of(core), core.intervals
     splits = np.cumsum(parts.argument_sizes(core))[:-1]
-    _, shared, *weights, _ = np.split(point.q, splits)
-    sizes_x, sizes_u, _ = np.split(shared[core.model.np :], [nx, nx + nu])
+    _, _, *weights, _ = np.split(point.q, splits)
+    sizes_x, sizes_u = point.state_sizes, point.control_sizes
     cost = stated.sense * point.cost_size
     lam_x, lam_start = np.split(cost * point.lam_x, [(nu + nx) * N])
     of_bounds = lam_x.reshape((nu + nx, N), order="F")
@@ -117,7 +117,7 @@ def multipliers_of(point: NlpPoint, stated: OptimalControlProblem) -> Multiplier
     soft = len(found) - len(core.soft)
     of_path = [*found[: len(core.stated)], *found[soft:]]
     # Excesses and collocation unknowns follow the controls.
-    controls = (of_bounds[:nu] / sizes_u[:, None])[: core.model.nu]
+    controls = of_bounds[: core.model.nu] / sizes_u[:, None]
     states = of_bounds[nu:] / sizes_x[:, None]
     if last > len(core.stated):  # Bounds at inner checks.
         states[core.bounded_states] += found[len(core.stated)]

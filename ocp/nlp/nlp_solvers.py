@@ -38,7 +38,6 @@ from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.integration.integrators import MORE_PARTS, PARTS, stiff_lengths
 from swarmstart.ocp.integration.rodas import FIRST, ROUNDED, finer, followed, rodas4
 from swarmstart.ocp.nlp.collocation import layout_of
-from swarmstart.ocp.nlp.nlp_assembly import decided_states, inputs_of
 from swarmstart.ocp.nlp.nlp_sources import last_line
 from swarmstart.ocp.nlp.optimality import NlpPoint
 from swarmstart.ocp.nlp.polish_options import PolishOptions
@@ -354,7 +353,7 @@ def corrected(
     if guess is None or layout is None:
         return None
     nx, N = problem.model.nx, problem.intervals
-    ends = ends_of(point) * sizes.states[:, None]
+    ends = point.ends * sizes.states[:, None]
     controls, _ = program.split(point.w, sizes)
     pieces = guess.followed(controls, ends[:, :-1], (parameters, signals), sizes)
     if not np.isfinite(pieces).all():
@@ -370,13 +369,3 @@ def corrected(
         columns = bounds[: height * N].reshape((N, height))  # A view.
         columns[:, : nx + layout.states] = shift
     return w, point.limits._replace(lbg=lbg, ubg=ubg)
-
-
-def ends_of(point: NlpPoint) -> Array:
-    """Return the scaled states between the intervals, shape (nx, N + 1)."""
-    problem = point.program.problem
-    free = decided_states(problem)
-    start, inner = point.q[: problem.model.nx].copy(), point.w.size - len(free)
-    start[free] = point.w[inner:]
-    both = point.w[:inner].reshape((-1, problem.intervals), order="F")
-    return np.hstack([start[:, None], both[inputs_of(problem) :]])

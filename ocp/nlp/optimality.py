@@ -87,6 +87,33 @@ class NlpPoint:
     lam_x: Array
     limits: Limits
 
+    @property
+    def ends(self) -> Array:
+        """States between the intervals, divided by their sizes, shape (nx, N + 1)."""
+        problem, inside = self.program.problem, self.intervals
+        start = self.q[: problem.model.nx].copy()
+        start[decided_states(problem)] = self.w[inside.size :]
+        return np.hstack([start[:, None], inside[inputs_of(problem) :]])
+
+    @property
+    def intervals(self) -> Array:
+        """Variables of each interval, its controls first, shape (inputs + nx, N)."""
+        problem = self.program.problem
+        count = (inputs_of(problem) + problem.model.nx) * problem.intervals
+        return self.w[:count].reshape((-1, problem.intervals), order="F")
+
+    @property
+    def state_sizes(self) -> Array:
+        """Divisors of the states, shape (nx,)."""
+        model = self.program.problem.model
+        return self.q[model.nx + model.np :][: model.nx]
+
+    @property
+    def control_sizes(self) -> Array:
+        """Divisors of the controls, shape (nu,)."""
+        model = self.program.problem.model
+        return self.q[2 * model.nx + model.np :][: model.nu]
+
 
 def is_stationary(point: NlpPoint) -> bool:
     """Return whether the first-order conditions hold."""
@@ -244,12 +271,9 @@ class _Stages:
         nx, nu, N = problem.model.nx, inputs_of(problem), problem.intervals
         interval = program.parts.interval
         rows = interval.height
-        inner = (nu + nx) * N
-        both = point.w[:inner].reshape((nu + nx, N), order="F")
-        start, self.decided = point.q[:nx].copy(), decided_states(problem)
-        start[self.decided] = point.w[inner:]
-        x = np.hstack([start[:, None], both[nu:, :-1]])
-        z = np.vstack([x, both[:nu]])
+        inner, self.decided = (nu + nx) * N, decided_states(problem)
+        ends = point.ends
+        z = np.vstack([ends[:, :-1], point.intervals[:nu]])
         sizes = program.parts.argument_sizes(problem)
         _, shared, inside, *weights, signals = np.split(point.q, np.cumsum(sizes)[:-1])
         checks = problem.checks
@@ -268,7 +292,7 @@ class _Stages:
             kept = active[(k + 1) * rows - (len(J) - nx) : (k + 1) * rows]
             self.active.append(J[nx:][kept])
         self.ends, first = [], rows * N
-        nodes = ((both[nu:, -1], s[:, -1]), (start, s[:, 0]))
+        nodes = ((ends[:, -1], s[:, -1]), (ends[:, 0], s[:, 0]))
         for part, (at_node, known_there), own in zip(
             program.parts.present[1:], nodes, weights, strict=False
         ):

@@ -40,7 +40,6 @@ from swarmstart.ocp.nlp.nlp_solvers import (
     Solvers,
     StepChoice,
     corrected,
-    ends_of,
 )
 from swarmstart.ocp.nlp.nlp_sources import last_line
 from swarmstart.ocp.nlp.optimality import NlpPoint, is_stationary
@@ -510,7 +509,7 @@ class Polisher:
         shooting, sizes = self._fitness.shooting, answer.sizes.states
         if shooting.problem.model.jumps:
             return None, value
-        ends = ends_of(answer.point) * sizes[:, None]
+        ends = answer.point.ends * sizes[:, None]
         ends[:, 0] = start
         if not growth_along(shooting, ends[:, :-1], controls, known, sizes).is_large:
             return None, value
