@@ -7,8 +7,6 @@ Seconds are CPU time of the process and of gcc. Contestants are timed in turns.
 
 import ctypes
 import os
-import shutil
-import subprocess
 import sys
 import tempfile
 import time
@@ -20,8 +18,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from swarmstart.arrays import Array
+from swarmstart.benchmarks.rivals import compiled_library
 from swarmstart.benchmarks.tables import head, page_options, publish, row
+from swarmstart.benchmarks.timing import Timing, timings
 from swarmstart.ocp import compile_batch
 from swarmstart.ocp.compiled.emitter import simplified
 from swarmstart.tape import Node, Tape, read_tape
@@ -34,7 +33,7 @@ Made by `python benchmarks/long_graphs.py --write docs/measured/long_graphs.md`:
 ascent of a rocket with a heat load, 72 steps of Runge-Kutta written as one graph, with
 648 exponentials and 504 powers that are no whole numbers, for 1024 individuals. "SIMD
 C" is the same graph as C over vectors of individuals, whose exp and pow are those of
-the C library for vectors (`gcc -O2 -march=native -ffast-math -fopenmp-simd -lmvec`).
+the C library for vectors (`gcc -O3 -march=native -ffast-math -fopenmp-simd`).
 A model with intervals is compiled as a loop: then neither code nor time to compile grow
 with the horizon.
 
@@ -104,15 +103,13 @@ def c_code(tape: Tape, lanes: int = 8) -> str:
 
 
 def compiled_c(code: str, folder: Path) -> ctypes.CDLL:
-    """Return a library made by gcc, which must be there."""
-    source, library = folder / "graph.c", folder / "graph.so"
+    """Return the code as a library, which takes a C compiler."""
+    source = folder / "graph.c"
     source.write_text(code, encoding="utf-8")
-    options = "-O2 -march=native -ffast-math -fopenmp-simd -shared -fPIC".split()
-    gcc = shutil.which("gcc") or "gcc"
-    subprocess.run(
-        [gcc, *options, str(source), "-o", str(library), "-lmvec", "-lm"], check=True
-    )
-    return ctypes.CDLL(str(library))
+    library = compiled_library(source, "-ffast-math", "-fopenmp-simd")
+    if library is None:
+        raise FileNotFoundError("expected a C compiler, cc or gcc; found none")
+    return library
 
 
 def spent(call: Callable[[], Any]) -> tuple[float, Any]:
@@ -120,18 +117,6 @@ def spent(call: Callable[[], Any]) -> tuple[float, Any]:
     begin = os.times()
     value = call()
     return float(np.subtract(os.times()[:4], begin[:4]).sum()), value
-
-
-def quartiles(calls: Sequence[Callable[[], object]], repeats: int = 1) -> list[Array]:
-    """Return the quartiles of each call's CPU time, measured in turns [s]."""
-    seconds: list[list[float]] = [[] for _ in calls]
-    for _ in range(ROUNDS):
-        for number, call in enumerate(calls):
-            begin = time.process_time()
-            for _ in range(repeats):
-                call()
-            seconds[number].append((time.process_time() - begin) / repeats)
-    return [np.quantile(one, [0.25, 0.5, 0.75]) for one in seconds]
 
 
 def graph_rows(folder: Path) -> list[str]:
@@ -146,24 +131,25 @@ def graph_rows(folder: Path) -> list[str]:
     ]
     (_, ours), (_, library), (_, mapped) = builds
     pointers = [ctypes.c_void_p(a.ctypes.data) for a in (thrust, START, out)]
-    calls = [
+    names = ("swarmstart", "SIMD C", "CasADi's map")
+    calls: list[Callable[[], object]] = [
         lambda: ours(thrust, START),
         lambda: library.kernel(*pointers, ctypes.c_long(SIZE)),
         lambda: mapped(thrust, START),
     ]
-    found = quartiles(calls)
+    found = cpu_timings(dict(zip(names, calls, strict=True)))
     for values in (ours(thrust, START), mapped(thrust, START)):
         np.testing.assert_allclose(np.vstack(values), out, 1e-11, 1e-11)
-    reference = found[1][1]
+    reference = found["SIMD C"].median
     return [
         row(
-            name, f"{build:.1f}", *(f"{1e6 * q / SIZE:.2f}" for q in one),
-            f"{one[1] / reference:.2f}",
+            name,
+            f"{build:.1f}",
+            *(f"{1e6 * q / SIZE:.2f}" for q in by_size(found[name])),
+            f"{found[name].median / reference:.2f}",
         )
-        for name, (build, _), one in zip(
-            ("swarmstart", "SIMD C", "CasADi's map"), builds, found, strict=True
-        )
-    ]  # fmt: skip
+        for name, (build, _) in zip(names, builds, strict=True)
+    ]
 
 
 def call_rows() -> list[str]:
@@ -174,13 +160,26 @@ def call_rows() -> list[str]:
     lines = []
     for size in (10, 68, 69, 100, 200):
         given = np.random.default_rng(0).normal(size=(60, size)), np.ones(3)
-        call, kernel = quartiles(
-            [partial(evaluate, *given), evaluate.prepare(*given)], 300
-        )
+        calls = {"call": partial(evaluate, *given), "kernel": evaluate.prepare(*given)}
+        found = cpu_timings(calls)
         lines.append(
-            row(str(size), *(f"{1e6 * q:.1f}" for q in call), f"{1e6 * kernel[1]:.1f}")
+            row(
+                str(size),
+                *(f"{1e6 * q:.1f}" for q in by_size(found["call"])),
+                f"{1e6 * found['kernel'].median:.1f}",
+            )
         )
     return lines
+
+
+def cpu_timings(calls: Mapping[str, Callable[[], object]]) -> dict[str, Timing]:
+    """Return how much CPU time each call takes, measured in turns."""
+    return timings(calls, rounds=ROUNDS, clock=time.process_time)
+
+
+def by_size(found: Timing) -> tuple[float, float, float]:
+    """Return the quartiles, the least first [s]."""
+    return found.lower, found.median, found.upper
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -120,7 +120,7 @@ def generated_c(instance: Instance, population: Array) -> Contestant | None:
             for name in ("arg", "res", "iw", "w")
         }
         loop.write_text(LOOP.format(**sizes, dim=instance.dim))
-        library = _compiled(loop)
+        library = compiled_library(loop)
     return _from_library(library, instance, np.array(population.T, order="C"))
 
 
@@ -128,7 +128,7 @@ def hand_written_c(instance: Instance, population: Array) -> Contestant | None:
     """Return five_uavs.c; None for other problems, or without a C compiler."""
     if _uavs(instance) != UAVS:
         return None
-    library = _compiled(YARDSTICK, f"-DSUBSTEPS={instance.problem.substeps}")
+    library = compiled_library(YARDSTICK, f"-DSUBSTEPS={instance.problem.substeps}")
     return _from_library(library, instance, population)
 
 
@@ -137,7 +137,7 @@ def compiler() -> str | None:
     return shutil.which("cc") or shutil.which("gcc")
 
 
-def _compiled(source: Path, *options: str) -> ctypes.CDLL | None:
+def compiled_library(source: Path, *options: str) -> ctypes.CDLL | None:
     """Return a C file as a loaded library; None without a C compiler."""
     command = compiler()
     if command is None:

@@ -22,7 +22,11 @@ class Timing(NamedTuple):
 
 
 def timings(
-    calls: Mapping[str, Callable[[], object]], *, rounds: int, at_least_s: float = 0.01
+    calls: Mapping[str, Callable[[], object]],
+    *,
+    rounds: int,
+    at_least_s: float = 0.01,
+    clock: Callable[[], float] = time.perf_counter,
 ) -> dict[str, Timing]:
     """Return how long each call takes, measured in turns.
 
@@ -31,15 +35,16 @@ def timings(
             compiled or first touched while the clock runs.
         rounds: Number of turns of each.
         at_least_s: A call is repeated until a turn takes about this long [s].
+        clock: The clock, such as that of CPU time, `time.process_time`.
     """
     repeats = {name: _repeats(call, at_least_s) for name, call in calls.items()}
     seconds: dict[str, list[float]] = {name: [] for name in calls}
     for _ in range(rounds):
         for name, call in calls.items():
-            begin = time.perf_counter()
+            begin = clock()
             for _ in range(repeats[name]):
                 call()
-            spent = time.perf_counter() - begin
+            spent = clock() - begin
             seconds[name].append(spent / repeats[name])
     return {
         name: Timing(
