@@ -306,4 +306,4 @@ def _call_at(
 
 
 call_at = cast(Callable[[int, tuple[object, ...]], None], intrinsic(_call_at))
-"""As `kernels.call_at` says."""
+"""The intrinsic of `kernels.call_at`."""

@@ -328,8 +328,8 @@ class Planner:
             known: Parameters and signals.
             guess: As in `plan`.
         """
-        still = self._without_lanes()
-        still.search, still._space, still.polisher = None, None, None
+        still = copy(self._alone)
+        still.polisher = None
         # Nothing is drawn.
         return still.plan(x0, known=known, guess=guess, rng=np.random.default_rng(0))
 
