@@ -29,6 +29,9 @@ from swarmstart.terminal_set.linear.arrays import (
     positive_definite,
 )
 
+ORDER = 4
+"""Order of the classical Runge-Kutta method."""
+
 
 @dataclass(eq=False)
 class MovingCentreError(SwarmstartError, ValueError):
@@ -143,6 +146,20 @@ def held_change(
         NotFiniteError: If Q_m holds NaN or infinity.
     """
     return _change(step, terminal_set, Q_m, is_held=True)
+
+
+def held_map(dynamics: ca.Function, dt: float, substeps: int) -> ca.Function:
+    """Return F(x, u) -> x after a hold, by steps of the classical Runge-Kutta method.
+
+    Args:
+        dynamics: f(x, u) -> xdot.
+        dt: Time for which the input is held [s].
+        substeps: Number of steps.
+    """
+    x = ca.SX.sym("x", dynamics.size1_in(0))
+    u = ca.SX.sym("u", dynamics.size1_in(1))
+    step = ca.simpleRK(dynamics, substeps, ORDER).expand()
+    return ca.Function("step", [x, u], [step(x, u, dt)])
 
 
 def _change(

@@ -45,7 +45,7 @@ from swarmstart.terminal_set.interval_arithmetic.taylor import (
     TimedCells,
 )
 from swarmstart.terminal_set.linear.ellipsoid import Ellipsoid
-from swarmstart.terminal_set.proving.decrease import Change
+from swarmstart.terminal_set.proving.decrease import ORDER, Change, held_map
 from swarmstart.terminal_set.proving.drift import linear_decrease
 from swarmstart.terminal_set.proving.enclosure import (
     Undecided,
@@ -61,7 +61,7 @@ from swarmstart.terminal_set.proving.proof import (
     refuted_level,
     search_ball,
 )
-from swarmstart.terminal_set.proving.residual import ORDER, Residual
+from swarmstart.terminal_set.proving.residual import Residual
 
 ENOUGH = 0.005
 """Margin, relative to the linear decrease, that hardly lowers the level."""
@@ -129,11 +129,8 @@ class HeldMotion:
     ) -> None:
         """Build the maps."""
         h, one = dt / substeps, ca.simpleRK(dynamics, 1, ORDER).expand()
-        x = ca.SX.sym("x", dynamics.size1_in(0))
-        u = ca.SX.sym("u", dynamics.size1_in(1))
-        map_ = ca.simpleRK(dynamics, substeps, ORDER).expand()
-        self.step = ca.Function("step", [x, u], [map_(x, u, dt)])
-        e, t = ca.SX.sym("e", x.numel()), ca.SX.sym("t")
+        self.step = held_map(dynamics, dt, substeps)
+        e, t = ca.SX.sym("e", dynamics.size1_in(0)), ca.SX.sym("t")
         held, pieces = ca.DM(law.u_ref) - ca.DM(law.K) @ e, -(-PIECES // substeps)
         now, holds = ca.DM(law.x_ref) + e, []
         for _ in range(substeps):

@@ -46,7 +46,12 @@ from swarmstart.terminal_set.certificates.certificate import (
 from swarmstart.terminal_set.certificates.design import TerminalSet
 from swarmstart.terminal_set.linear.ellipsoid import Ellipsoid, Reference
 from swarmstart.terminal_set.linear.kept import key_of
-from swarmstart.terminal_set.proving.decrease import continuous_change, held_change
+from swarmstart.terminal_set.proving.decrease import (
+    ORDER,
+    continuous_change,
+    held_change,
+    held_map,
+)
 
 SAMPLES = 500
 RADII = (0.01, 0.3, 0.6, 0.8, 0.9, 0.97, 1.0)
@@ -235,7 +240,8 @@ def _is_credible(certificate: Certificate, design: TerminalSet) -> bool:
     else:
         if not (0 <= held.integrator_error < 1 <= held.growth):
             return False
-        step, flows = _step(certificate), _flow(certificate, e)
+        step = held_map(certificate.dynamics, certificate.dt or 0.0, held.substeps)
+        flows = _flow(certificate, e)
         # As in `hold_margins.py`.
         c = held.integrator_error
         Q_m = certificate.Q_m + (2 * c + c**2) * design.P
@@ -261,14 +267,6 @@ def _is_refuted(certificate: Certificate, change: ca.Function) -> bool:
     )
 
 
-def _step(certificate: Certificate) -> ca.Function:
-    """Return the Runge-Kutta map of a hold, (x, u) -> x."""
-    dynamics, held, dt = certificate.dynamics, certificate.held, certificate.dt
-    x, u = (ca.SX.sym(name, dynamics.size1_in(k)) for k, name in enumerate("xu"))
-    map_ = ca.simpleRK(dynamics, held.substeps if held else 1, 4).expand()
-    return ca.Function("step", [x, u], [map_(x, u, dt or 0.0)])
-
-
 def _flow(certificate: Certificate, e: Array) -> list[Array]:
     """Return deviations from the reference along the flow of a hold, finely stepped.
 
@@ -278,7 +276,7 @@ def _flow(certificate: Certificate, e: Array) -> list[Array]:
     """
     reference, held, dt = certificate.reference, certificate.held, certificate.dt
     steps = STEPS * (held.substeps if held else 1)
-    one = ca.simpleRK(certificate.dynamics, 1, 4).expand().map(e.shape[1] + 1)
+    one = ca.simpleRK(certificate.dynamics, 1, ORDER).expand().map(e.shape[1] + 1)
     # The last column is the reference itself, which may move.
     e = np.hstack([e, np.zeros((len(e), 1))])
     x = reference.x_ref[:, None] + e

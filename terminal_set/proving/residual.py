@@ -31,6 +31,7 @@ from swarmstart.terminal_set.interval_arithmetic.taylor import (
     middle_and_radius,
 )
 from swarmstart.terminal_set.linear.arrays import Mask
+from swarmstart.terminal_set.proving.decrease import ORDER
 from swarmstart.terminal_set.proving.enclosure import defect
 
 Balls = tuple[Array, Array]
@@ -38,8 +39,6 @@ Balls = tuple[Array, Array]
 Times = tuple[float, float]
 """First and last time of an interval [s]."""
 
-ORDER = 4
-"""Order of the classical Runge-Kutta method."""
 ULPS = 4 * float(np.finfo(np.float64).eps)
 """Padding of sums of two numbers, relative to their sizes; above rounding."""
 
