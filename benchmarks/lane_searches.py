@@ -20,7 +20,7 @@ from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.cases.kinds.flight import first_problem
 from swarmstart.heuristics import Budget, Initial, default_order, minimize
 from swarmstart.ocp import IpoptOptions, Planner
-from swarmstart.ocp.nlp.polish import polish_basins
+from swarmstart.ocp.nlp.several import polish_basins
 from swarmstart.ocp.search.search_space import space_of
 from swarmstart.ocp.search.settings import search_settings, traded_order
 

@@ -197,7 +197,9 @@ def _expanded(planner: Planner) -> Planner:
         polish=IpoptOptions(max_iterations=ITERATIONS),
         backend="casadi",
     )
-    built = again.polisher._solvers.built  # type: ignore[union-attr]
+    polishing = again.polisher
+    polishing.prepare()  # type: ignore[union-attr]
+    built = polishing._solvers.built  # type: ignore[union-attr]
     for steps, one in built.items():
         far = ca.nlpsol(
             "far", "ipopt", one.program.nlp, {"expand": True, **quiet, **options}

@@ -3,6 +3,11 @@
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+# A machine may be busy: no test asserts times.
+settings.register_profile("swarmstart", deadline=None)
+settings.load_profile("swarmstart")
 
 LONG = Path(__file__).with_name("long.txt")
 """Names of tests that take a second and more, but for those that nothing replaces."""

@@ -1,6 +1,8 @@
 """Planners, controller and plant for any kind of scenario, from what it poses."""
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -34,20 +36,21 @@ from swarmstart.ocp.loop import known_at
 from swarmstart.ocp.rollout import replay
 
 P = TypeVar("P", bound=Posed)
+_Planning = Callable[[PosedAgent], Planner]
+"""Makes the planner of an agent."""
 
 
-def flight_of(posed: P, scenario: Scenario) -> Flight[P]:
-    """Return the closed loop of posed agents; all of its problems are compiled here.
-
-    Kernels of a search that are new on this machine are compiled at the first step.
+def flight_of(posed: P, scenario: Scenario, *, threads: int | None = 1) -> Flight[P]:
+    """Return the closed loop of posed agents; code is compiled at the first step.
 
     Args:
         posed: Agents and plant, posed by the scenario's kind.
         scenario: The scenario, with its search, polish and backend.
+        threads: Largest number of threads and processes of planning, as in `Planner`.
     """
     plant, problem = posed.plant, posed.agents[0].problem
     is_decided = isinstance(problem.horizon, Free)
-    controller = _controller(posed, scenario)
+    controller = _controller(posed, partial(_planner, scenario, threads))
     return Flight(
         posed=posed,
         plant=Plant(
@@ -105,19 +108,19 @@ def first_problem(posed: Posed) -> PlanningProblem:
     )
 
 
-def _controller(posed: Posed, scenario: Scenario) -> Controller:
+def _controller(posed: Posed, planner: _Planning) -> Controller:
     if posed.nearby is not None:
-        return _local_team(posed, posed.nearby, scenario)
+        return _local_team(posed, posed.nearby, planner)
     agents = posed.agents
     if posed.order is None:
         # Without an order there is one agent.
         (agent,) = agents
-        loop = replace(_receding_horizon(agent, scenario), period=posed.period)
+        loop = replace(_receding_horizon(agent, planner), period=posed.period)
         return OpenLoop(loop=loop, repair=posed.repair) if posed.open_loop else loop
     team = Team(
         [
             Agent(
-                controller=_receding_horizon(agent, scenario),
+                controller=_receding_horizon(agent, planner),
                 watches=agent.watches,
                 shows=agent.shows,
             )
@@ -133,7 +136,7 @@ def _controller(posed: Posed, scenario: Scenario) -> Controller:
     )
 
 
-def _local_team(posed: Posed, nearby: Nearby, scenario: Scenario) -> LocalTeam:
+def _local_team(posed: Posed, nearby: Nearby, planner: _Planning) -> LocalTeam:
     return LocalTeam(
         [
             LocalAgent(
@@ -149,7 +152,7 @@ def _local_team(posed: Posed, nearby: Nearby, scenario: Scenario) -> LocalTeam:
         ],
         # One planner for each number of others, shared by all agents: few compilations.
         planners={
-            others: _planner(PosedAgent(problem=problem), scenario)
+            others: planner(PosedAgent(problem=problem))
             for others, problem in nearby.problems.items()
         },
         order=posed.order or (),
@@ -159,9 +162,9 @@ def _local_team(posed: Posed, nearby: Nearby, scenario: Scenario) -> LocalTeam:
     )
 
 
-def _receding_horizon(agent: PosedAgent, scenario: Scenario) -> RecedingHorizon:
+def _receding_horizon(agent: PosedAgent, planner: _Planning) -> RecedingHorizon:
     return RecedingHorizon(
-        planner=_planner(agent, scenario),
+        planner=planner(agent),
         reference=agent.reference,
         parameters=agent.parameters,
         candidates=agent.candidates,
@@ -174,7 +177,7 @@ def _receding_horizon(agent: PosedAgent, scenario: Scenario) -> RecedingHorizon:
     )
 
 
-def _planner(agent: PosedAgent, scenario: Scenario) -> Planner:
+def _planner(scenario: Scenario, threads: int | None, agent: PosedAgent) -> Planner:
     """Return the planner of an agent, which only evaluates a given plan."""
     return Planner(
         agent.problem,
@@ -183,6 +186,7 @@ def _planner(agent: PosedAgent, scenario: Scenario) -> Planner:
         family=agent.family,
         backend=scenario.backend,
         lanes=scenario.random_starts() if agent.given is None else 0,
+        threads=threads,
     )
 
 

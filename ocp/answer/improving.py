@@ -14,12 +14,15 @@ a fifth of the solver's iterations before them; with fewer than five nothing is 
 """
 
 from collections.abc import Iterator, Mapping
+from copy import deepcopy
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from swarmstart.arrays import Array
 from swarmstart.machine_code import stopwatch
 from swarmstart.ocp.answer.plan import Plan, Source, start_of
 from swarmstart.ocp.answer.planner import Planner
@@ -38,11 +41,13 @@ from swarmstart.ocp.answer.repair import (
     with_more_checks,
 )
 from swarmstart.ocp.answer.solution import Solution, verified
+from swarmstart.ocp.common.processes import processes_of
 from swarmstart.ocp.nlp.optimality import Curvature, NlpPoint, curvature
 from swarmstart.ocp.nlp.polish import SAME_COST, Polished, Polisher, is_better
 from swarmstart.ocp.nlp.polish_options import PolishStatus
+from swarmstart.ocp.nlp.several import in_turn
 from swarmstart.ocp.rollout.checking import Excess
-from swarmstart.ocp.rollout.fitness import Fitness, Known
+from swarmstart.ocp.rollout.fitness import Known
 from swarmstart.ocp.rollout.kinks import PARTS, kink_sizes, smoothed
 from swarmstart.ocp.rollout.status import SolutionStatus
 from swarmstart.ocp.search.account import Repair, Restarts
@@ -182,7 +187,7 @@ def settled(
         known: Parameters and signals.
         rng: Source of all randomness.
     """
-    polisher, fitness = planner.polisher, planner.fitness
+    polisher = planner.polisher
     before = 0 if plan.starts is None else sum(t.iterations for t in plan.starts.tried)
     left = max(round(_SHARE * before), _LEAST_ITERATIONS)
     told: Restarts | None = None
@@ -194,7 +199,7 @@ def settled(
         if bent is Curvature.POSITIVE:
             return Settled(plan, True, told)
         with stopwatch() as watch:
-            found = _descended(fitness, polisher, plan, x0, known, rng=rng, left=left)
+            found = _descended(planner, polisher, plan, x0, known, rng=rng, left=left)
         told = _counted(told, found, watch.seconds)
         left -= found.iterations
         better, evaluations = found.better, found.evaluations + plan.evaluations
@@ -229,7 +234,7 @@ def _counted(told: Restarts | None, found: "_Descended", seconds: float) -> Rest
 
 
 def _descended(  # noqa: PLR0913 - a plan, its start, and what is left
-    fitness: Fitness,
+    planner: Planner,
     polisher: Polisher,
     plan: Plan,
     x0: ArrayLike,
@@ -242,25 +247,38 @@ def _descended(  # noqa: PLR0913 - a plan, its start, and what is left
 
     No start begins after `left` iterations.
     """
+    fitness = planner.fitness
     x0 = start_of(fitness.problem, plan, x0)
     sizes = fitness.arguments.sizes_along(plan.controls, plan.states, x0, known)
     evaluations, iterations, starts, decides = 0, 0, 0, True
     rows = 0 if plan.point is None else plan.point.lam_g.size
-    while starts < STARTS and iterations < left:
-        if iterations * rows > _MOST_WORK:
-            decides = False
-            break
-        part = np.exp(rng.uniform(np.log(_SMALLEST), np.log(_LARGEST)))
-        move = part * sizes.controls[:, None] * rng.standard_normal(plan.controls.shape)
-        found = polisher(plan.controls + move, x0, known, near=True)
-        evaluations += found.evaluations
-        iterations += found.iterations
-        starts += 1
-        # Relative to the natural size as well: near a cost of 0 any change would count.
-        falls = plan.cost - found.cost > SAME_COST * max(abs(plan.cost), sizes.cost)
-        feasible = found.violation <= fitness.problem.tolerance
-        if feasible and falls and found.status is PolishStatus.CONVERGED:
-            return _Descended(found, evaluations, iterations, starts, False)
+
+    def moved(source: np.random.Generator) -> Array:
+        part = np.exp(source.uniform(np.log(_SMALLEST), np.log(_LARGEST)))
+        move = source.standard_normal(plan.controls.shape)
+        return np.asarray(plan.controls + part * sizes.controls[:, None] * move)
+
+    # Starts may be polished ahead of their turn, from the numbers that they will draw.
+    ahead = deepcopy(rng)
+    calls = [
+        partial(polisher, moved(ahead), x0, known, near=True) for _ in range(STARTS)
+    ]
+    with in_turn(polisher, calls, processes_of(planner.threads)) as results:
+        while starts < STARTS and iterations < left:
+            if iterations * rows > _MOST_WORK:
+                decides = False
+                break
+            moved(rng)
+            found = results.result(starts).found
+            evaluations += found.evaluations
+            iterations += found.iterations
+            starts += 1
+            # Relative to the natural size as well: near a cost of 0 any change would
+            # count.
+            falls = plan.cost - found.cost > SAME_COST * max(abs(plan.cost), sizes.cost)
+            feasible = found.violation <= fitness.problem.tolerance
+            if feasible and falls and found.status is PolishStatus.CONVERGED:
+                return _Descended(found, evaluations, iterations, starts, False)
     decides = decides and starts >= ENOUGH
     return _Descended(None, evaluations, iterations, starts, decides)
 
@@ -524,6 +542,7 @@ def _solved_again(  # noqa: PLR0913 - of a problem and of the answer to start fr
         search=_shorter(planner.search) if planner.polish is None else None,
         polish=planner.polish,
         backend=backend or planner.fitness.backend,
+        threads=planner.threads,
     )
     start = start_of(planner.problem, at.plan, x0)
     plan = other.plan(start, known=given, guess=at.plan.controls, rng=rng)

@@ -29,6 +29,7 @@ class _Settings(NamedTuple):
     backend: str | None
     of_the_environment: str | None
     lanes: int
+    threads: int | None
 
 
 class _Kept(NamedTuple):
@@ -44,6 +45,7 @@ def kept_planner(
     polish: PolishOptions | None,
     backend: str | None,
     lanes: int,
+    threads: int | None,
 ) -> Iterator[Planner]:
     """Lend a planner, which an earlier call with the same settings may have made.
 
@@ -55,6 +57,7 @@ def kept_planner(
         polish: As in `Planner`.
         backend: As in `Planner`.
         lanes: As in `Planner`.
+        threads: As in `Planner`.
 
     Raises:
         InvalidProblemError: As `Planner`.
@@ -67,13 +70,24 @@ def kept_planner(
     )
     # Options are a mapping, which may be changed after a call: its text is not.
     wanted = _Settings(
-        searched, polish, repr(polish), backend, os.environ.get(VARIABLE), lanes
+        searched,
+        polish,
+        repr(polish),
+        backend,
+        os.environ.get(VARIABLE),
+        lanes,
+        threads,
     )
     kept: list[_Kept] = problem.kept.setdefault("planners", [])
     planner = _taken(kept, wanted)
     if planner is None:
         planner = Planner(
-            problem, search=search, polish=polish, backend=backend, lanes=lanes
+            problem,
+            search=search,
+            polish=polish,
+            backend=backend,
+            lanes=lanes,
+            threads=threads,
         )
     yield planner
     kept.append(_Kept(wanted, planner))

@@ -49,15 +49,16 @@ from swarmstart.ocp.answer.plan import (
 )
 from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.common.presentation import ProgressCallback, of_budget, tell_nothing
+from swarmstart.ocp.common.processes import free_processors, processes_of
 from swarmstart.ocp.nlp.integer_polish import IntegerPolisher, WholePolished
 from swarmstart.ocp.nlp.polish import (
     Polished,
     Polisher,
     better_of,
     is_better,
-    polish_basins,
 )
 from swarmstart.ocp.nlp.polish_options import DEAF, PolishOptions, PolishStatus
+from swarmstart.ocp.nlp.several import polish_basins
 from swarmstart.ocp.nlp.start import Start
 from swarmstart.ocp.nlp.watching import (
     UNWATCHED,
@@ -209,9 +210,10 @@ class Planner:
         family: TrajectoryFamily | None = None,
         backend: str | None = None,
         lanes: int = 0,
+        threads: int | None = 1,
         watch: Watch = UNWATCHED,
     ) -> None:
-        """Compile the functions for planning.
+        """Prepare planning; functions are compiled when they are needed.
 
         Args:
             problem: The problem.
@@ -226,6 +228,9 @@ class Planner:
                 or "auto"; None asks SWARMSTART_BACKEND, then auto.
             lanes: Number of additional random starts that are solved at once if there
                 is no earlier answer (docs/answers.md, "Many starts"). 0 means none.
+            threads: Largest number of threads of populations and lanes, and of
+                processes of polishes from several starts; None as in `solve`. Plans are
+                the same for any number.
             watch: Observer of search and polish, which may stop them.
 
         Raises:
@@ -233,7 +238,9 @@ class Planner:
                 family does not fit the problem, or there are lanes without a polish.
             InvalidSettingsError: If the search's population does not fit into memory.
         """
-        self.fitness = Fitness(problem, backend=backend)
+        at_once = free_processors() if threads is None else threads
+        self.fitness = Fitness(problem, backend=backend, threads=at_once)
+        self.threads = threads
         self.lowered = self.fitness.shooting.lowered
         self.stated, self.problem = problem, self.lowered.core
         self._checker = Checker(self.fitness.shooting)
@@ -350,7 +357,7 @@ class Planner:
         """Local solves from many starts; None without them."""
         if not self._lanes or self.polisher is None or self._rounding is not None:
             return None
-        return ManyStarts(self.fitness, self.polisher, self._lanes)
+        return ManyStarts(self.fitness, self.polisher, self._lanes, self.threads)
 
     @checked(refused, x0=reals(), known=KNOWN, guess=_GUESS)
     def posed(
@@ -580,8 +587,6 @@ class Planner:
         searched: list[tuple[Plan, float]] = []
 
         def search() -> list[Start]:
-            if self.search is None:
-                return []
             with stopwatch() as watch:
                 try:
                     plan, starts = self._searched(request)
@@ -597,7 +602,11 @@ class Planner:
         try:
             with heeded():
                 answered = many_starts(
-                    request.guess, search, request.x0, request.known, request.rng
+                    request.guess,
+                    None if self.search is None else search,
+                    request.x0,
+                    request.known,
+                    request.rng,
                 )
         except ManyStartsInterrupted as stopped:
             best = self._of_many(stopped.partial, searched, request.known)
@@ -622,7 +631,7 @@ class Planner:
         polished, account = answered.polished, answered.account
         source = _SOURCES.get(account.won, Source.COLD)
         report, evaluations = NO_SEARCH, 0
-        for plan, seconds in searched:
+        for plan, seconds in searched if answered.is_searched else ():
             report, evaluations = plan.search, plan.evaluations
             effort = Effort(evaluations=evaluations, seconds=seconds)
             account = replace(account, search=effort)
@@ -674,6 +683,7 @@ class Planner:
             known,
             tolerance=tolerance,
             near=near or self.search is not None,
+            processes=processes_of(self.threads),
         )
         if found.violation <= tolerance or near or self.watch.is_over:
             return found, evaluations
@@ -681,7 +691,13 @@ class Planner:
         straight = self._straight(starts[0], x0, known)
         if straight:
             again, more = polish_basins(
-                polisher, straight, x0, known, tolerance=tolerance, near=False
+                polisher,
+                straight,
+                x0,
+                known,
+                tolerance=tolerance,
+                near=False,
+                processes=processes_of(self.threads),
             )
             evaluations += more
             found = better_of(found, again, tolerance=tolerance)

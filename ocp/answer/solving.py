@@ -97,6 +97,7 @@ class BoundInterrupted(KeyboardInterrupt):
     known=KNOWN,
     repair=FLAG,
     lanes=optional(a_count()),
+    threads=optional(a_count(least=1)),
     start=choice(get_args(StartRule)),
     polish=of_kind(
         (bool, str, IpoptOptions, NlpOptions, type(None)),
@@ -119,6 +120,7 @@ def solve(  # noqa: PLR0913 - the whole way in one call
     start: StartRule = "must hold",
     repair: bool = True,
     lanes: int | None = None,
+    threads: int | None = None,
     backend: str | None = None,
     bound: float | None = None,
     rng: np.random.Generator | None = None,
@@ -153,6 +155,11 @@ def solve(  # noqa: PLR0913 - the whole way in one call
             guess, the search's best points and guesses of states, and the answer
             reports the result of each. None means 64 if there is a polish; 0 means
             the guess, else zero controls and the middle of the bounds.
+        threads: Largest number of threads of the search and the lanes, and of processes
+            of polishes from several starts, which are copies of this one (Linux). The
+            answer has the same bits for any number. None: as many as there are
+            processors; but no copies if the program has threads of its own, as a
+            notebook has.
         backend: Backend that evaluates populations: "llvm" (machine code), "casadi" or
             "auto"; None asks SWARMSTART_BACKEND, then auto (docs/evaluator.md, "Choose
             the evaluator").
@@ -214,6 +221,7 @@ def solve(  # noqa: PLR0913 - the whole way in one call
                 polish=polishing,
                 backend=backend,
                 lanes=lanes,
+                threads=threads,
             ) as planner,
         ):
             start_at = None if guess is None else _start(guess)

@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from swarmstart.arrays import Array
-from swarmstart.ocp.nlp.polish import Polished, Polisher, is_better, polish_basins
+from swarmstart.ocp.nlp.polish import Polished, Polisher, is_better
 from swarmstart.ocp.nlp.polish_options import PolishOptions, PolishStatus
+from swarmstart.ocp.nlp.several import polish_basins
 from swarmstart.ocp.nlp.start import Start
 from swarmstart.ocp.nlp.watching import UNWATCHED, Watch, WorkAlone
 from swarmstart.ocp.rollout.fitness import Fitness, Known

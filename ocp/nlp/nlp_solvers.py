@@ -48,6 +48,7 @@ from swarmstart.ocp.nlp.transcription import (
     multiple_shooting,
 )
 from swarmstart.ocp.nlp.watching import Iterates, Ratios, ratios_of
+from swarmstart.ocp.rollout.fitness import Fitness
 from swarmstart.ocp.rollout.scaling import Sizes
 from swarmstart.ocp.rollout.shooting import Shooting
 
@@ -103,43 +104,33 @@ class NlpSolvers:
     """Solvers of one problem; each is built at its first use and then kept.
 
     Attributes:
+        has_fixed_steps: Whether the steps of the NLP are the problem's own.
         built: Solvers built so far, by the steps of their NLP.
     """
 
-    def __init__(
-        self,
-        shooting: Shooting,
-        options: PolishOptions,
-        *,
-        is_compiled: bool = False,
-    ) -> None:
-        """Build the solver, or postpone it until its steps are known.
+    def __init__(self, fitness: Fitness, options: PolishOptions) -> None:
+        """Try the options on a small NLP; the problem's own is built when asked for.
 
         Args:
-            shooting: The problem's functions.
+            fitness: The problem's evaluator; if it is machine code, the NLP's functions
+                are, too.
             options: Options of the solver.
-            is_compiled: Whether the NLP's functions are machine code.
 
         Raises:
             InvalidProblemError: If the solver refuses an option.
         """
-        self._shooting, self._options = shooting, options
-        self._is_compiled = is_compiled
+        self._fitness, self._options = fitness, options
         self.built: dict[FixedSteps | None, Solvers] = {}
-        problem = shooting.problem
-        if problem.is_adaptive and not problem.collocation:
-            # The steps are not known yet.
-            x = ca.MX.sym("x")
-            # A trial, so that a refused option is reported now.
-            self._solver({"x": x, "f": x}, _NONE, near=False)
-        else:
-            self.built[None] = self._new(None)
+        problem = fitness.problem
+        self.has_fixed_steps = not problem.is_adaptive or bool(problem.collocation)
+        x = ca.MX.sym("x")
+        # A trial, so that a refused option is reported now.
+        self._solver({"x": x, "f": x}, _NONE, near=False)
 
     @property
     def program(self) -> NonlinearProgram | None:
-        """The NLP; None if its steps are not known yet."""
-        built = self.built.get(None)
-        return None if built is None else built.program
+        """The NLP; None if its steps are chosen for each guess."""
+        return self(None).program if self.has_fixed_steps else None
 
     def __call__(self, steps: FixedSteps | None) -> Solvers:
         """Return the NLP for given steps with its solvers.
@@ -152,11 +143,18 @@ class NlpSolvers:
                 self.built[steps] = self._new(steps)
         return self.built[steps]
 
+    def steps_of(self, program: NonlinearProgram) -> FixedSteps | None:
+        """Return the steps of an NLP that was built here."""
+        return next(n for n, one in self.built.items() if one.program is program)
+
     def _new(self, steps: FixedSteps | None) -> Solvers:
-        fixed = self._shooting if steps is None else steps.shooting(self._shooting)
+        own = self._fitness.shooting
+        fixed = own if steps is None else steps.shooting(own)
         ipopt = self._options.plugin == "ipopt"
         # Other solvers ask CasADi for derivatives.
-        program = multiple_shooting(fixed, compiled=ipopt and self._is_compiled)
+        program = multiple_shooting(
+            fixed, compiled=ipopt and self._fitness.backend == "llvm"
+        )
         given: Mapping[str, Any] = program.derivatives if ipopt else _NONE
         iterates = Iterates(program.nlp)
 
@@ -170,7 +168,6 @@ class NlpSolvers:
                 )
 
         far = partial(solver, near=False)
-        far(False)  # Now, so that a refused option is reported.
         return Solvers(
             program,
             far,
@@ -178,7 +175,7 @@ class NlpSolvers:
             partial(solver, near=True) if ipopt else far,
             partial(solver, True, near=True, warm=True),
             iterates,
-            ratios_of(program, self._shooting),
+            ratios_of(program, own),
         )
 
     def _solver(

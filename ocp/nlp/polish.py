@@ -49,7 +49,7 @@ from swarmstart.ocp.nlp.polish_options import (
     PolishOptions,
     PolishStatus,
 )
-from swarmstart.ocp.nlp.start import Carried, Start
+from swarmstart.ocp.nlp.start import Carried
 from swarmstart.ocp.nlp.transcription import Given, Limits, NonlinearProgram
 from swarmstart.ocp.nlp.watching import (
     UNWATCHED,
@@ -58,7 +58,6 @@ from swarmstart.ocp.nlp.watching import (
     Ratios,
     Watch,
     Work,
-    expect_starts,
     is_late,
     is_watched,
     work_of,
@@ -89,6 +88,9 @@ _WILD = 1e4
 """Way of a state in a roll-out, relative to its size, that is no start for an NLP."""
 _REMEMBERED = 15
 """Number of polishes in a closed loop whose iterations are remembered."""
+_ITERATIONS, _FACTORS = 20, 4000
+"""Usual number of iterations, and operations of the linear solver in one, for each
+variable; measured in docs/measured/polish.md."""
 _STEEP = 1e3
 """Value of the NLP's cost when the cost has its natural size."""
 
@@ -205,6 +207,20 @@ class Polished:
         )
 
 
+class Packed(NamedTuple):
+    """An answer as it can be sent to another process.
+
+    Attributes:
+        found: The answer, without its point.
+        point: Its point, without the NLP; None if it has none.
+        steps: Steps of the NLP.
+    """
+
+    found: Polished
+    point: NlpPoint | None
+    steps: FixedSteps | None
+
+
 def _require_controls(held: Sequence[int], nu: int) -> None:
     """Raise unless the numbers are those of controls."""
     if any(number >= nu for number in held):
@@ -218,10 +234,11 @@ def _require_controls(held: Sequence[int], nu: int) -> None:
     watch=WATCH,
 )
 class Polisher:
-    """An NLP solver on the multiple-shooting NLP of one problem, built once.
+    """An NLP solver on the multiple-shooting NLP of one problem.
 
-    With step size control, the steps of the NLP are chosen for each guess
-    (nlp_solvers.py), and there is one NLP for each number of them.
+    The NLP is built when it is first needed, and then kept. With step size control, its
+    steps are chosen for each guess (nlp_solvers.py), and there is one NLP for each
+    number of them.
     """
 
     def __init__(
@@ -231,7 +248,7 @@ class Polisher:
         *,
         watch: Watch = UNWATCHED,
     ) -> None:
-        """Build the solver.
+        """Try the options; the NLP is built at its first use, or by `prepare`.
 
         Args:
             fitness: Evaluator of the problem, which also judges the answer.
@@ -247,14 +264,10 @@ class Polisher:
         near, far = (self._options.settings(near=either) for either in (True, False))
         # Other solvers than IPOPT have one way to start: it would be the same again.
         self._can_start_afresh = near != far
+        self._solvers = NlpSolvers(fitness, self._options)
         self._choice: StepChoice | None = None
-        if fitness.problem.is_adaptive and not fitness.problem.collocation:
+        if not self._solvers.has_fixed_steps:
             self._choice = StepChoice(fitness.shooting)
-        self._solvers = NlpSolvers(
-            fitness.shooting,
-            self._options,
-            is_compiled=fitness.backend == "llvm",
-        )
 
     @property
     def program(self) -> NonlinearProgram | None:
@@ -266,10 +279,43 @@ class Polisher:
         """Cost of its derivatives; None if steps are chosen for each guess."""
         return None if self._choice is not None else self._solvers(None).ratios
 
+    @property
+    def operations(self) -> float:
+        """Operations of a usual solve; infinite if steps are chosen for each guess."""
+        program = self.program
+        if program is None:
+            return math.inf
+        part, intervals = program.parts.interval, program.problem.intervals
+        derivatives = part.slopes.n_instructions() + part.curvature.n_instructions()
+        variables: int = program.nlp["x"].numel()
+        return _ITERATIONS * (derivatives * intervals + _FACTORS * variables)
+
     def prepare(self) -> None:
-        """Build the solver for starts near an answer now, not at the first use."""
+        """Build the solvers now, not at their first use."""
         if self._choice is None:
-            self._solvers(None).near(is_watched(self.watch))
+            solvers, is_observed = self._solvers(None), is_watched(self.watch)
+            solvers.far(is_observed)
+            solvers.near(is_observed)
+
+    def fall_silent(self) -> None:
+        """Report nothing from now on, as in a copy of a process."""
+        self.watch = UNWATCHED
+
+    def packed(self, found: Polished) -> Packed:
+        """Return an answer without its NLP, which cannot be sent to a process."""
+        if found.point is None:
+            return Packed(found, None, None)
+        steps = self._solvers.steps_of(found.point.program)
+        apart = replace(found.point, program=None)  # type: ignore[arg-type]
+        return Packed(replace(found, point=None), apart, steps)
+
+    def unpacked(self, packed: Packed) -> Polished:
+        """Return an answer of another process with the NLP of this one."""
+        found, point, steps = packed
+        if point is None:
+            return found
+        program = self._solvers(steps).program
+        return replace(found, point=replace(point, program=program))
 
     @checked(
         refused,
@@ -641,53 +687,6 @@ class Polisher:
             controls, states, x0, known, is_guess=is_guess
         )
         return replace(sizes, cost=sizes.cost / _STEEP)
-
-
-def polish_basins(
-    polisher: Polisher,
-    starts: Sequence[Start],
-    x0: ArrayLike,
-    known: Known,
-    *,
-    tolerance: float,
-    near: bool,
-) -> tuple[Polished, int]:
-    """Polish from each start; return the best answer, and the evaluations of all.
-
-    Args:
-        polisher: The polisher.
-        starts: Starts, at least one; among equal answers the first is kept.
-        x0: Initial state, shape (nx,).
-        known: Parameters and signals.
-        tolerance: Largest violation that counts as feasible.
-        near: Whether the starts are answers that the solver should stay near; see
-            Polisher.
-    """
-
-    def polished(start: Start) -> Polished:
-        return polisher(
-            start.controls,
-            x0 if start.x0 is None else start.x0,
-            known,
-            states=start.states,
-            is_guess=start.is_guess,
-            # A start with states of its own is a guess, not an answer.
-            near=near and start.states is None,
-            carried=start.carried,
-        )
-
-    expect_starts(polisher.watch, len(starts))
-    best = polished(starts[0])
-    evaluations = best.evaluations
-    for start in starts[1:]:
-        if is_late(polisher.watch):
-            break
-        one = polished(start)
-        evaluations += one.evaluations
-        found, so_far = ((p.cost, p.violation) for p in (one, best))
-        if is_better(found, so_far, tolerance=tolerance):
-            best = one
-    return best, evaluations
 
 
 def better_of(

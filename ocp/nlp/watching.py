@@ -432,6 +432,13 @@ def is_watched(watch: Watch, *, variables: int = _MANY) -> bool:
     return watch is not UNWATCHED
 
 
+def stops_nothing(watch: Watch) -> bool:
+    """Return whether a watch ends no work, and keeps no answers, but only reports."""
+    while type(watch) in (Relay, Reporting):
+        watch = watch.watch  # type: ignore[attr-defined]
+    return watch is UNWATCHED
+
+
 def deadline_of(watch: Watch) -> Deadline | None:
     """Return the time limit that a watch passes on to; None without one."""
     if isinstance(watch, Deadline):

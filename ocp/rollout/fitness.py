@@ -26,7 +26,7 @@ from swarmstart.arguments import (
     text,
 )
 from swarmstart.arrays import Array
-from swarmstart.machine_code import Pointers
+from swarmstart.machine_code import Pointers, compiling
 from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.common.expressions import symbol_names
 from swarmstart.ocp.common.limits import numbers_of
@@ -34,6 +34,7 @@ from swarmstart.ocp.compiled.backend import (
     BatchEvaluator,
     BoundEvaluator,
     CasadiMap,
+    chosen_backend,
     evaluator,
 )
 from swarmstart.ocp.compiled.simd import Ticking, compile_rollout
@@ -160,13 +161,11 @@ LEAST_STATE = 1e-8
     threads=a_count(least=1),
 )
 class Fitness:
-    """Evaluator of one problem, compiled once, for any initial state.
+    """Evaluator of one problem, compiled once when needed, for any initial state.
 
     Attributes:
         problem: The problem.
         shooting: Its compiled functions.
-        arguments: Returns the arguments that all individuals share.
-        backend: Name of the backend that evaluates populations.
 
     Example:
         >>> import casadi as ca, numpy as np
@@ -191,7 +190,7 @@ class Fitness:
         precision: Precision = "double",
         threads: int = 1,
     ) -> None:
-        """Compile the rollout of a problem.
+        """Keep a problem; its rollout is compiled at its first use.
 
         Args:
             problem: The problem, or its compiled functions.
@@ -206,26 +205,37 @@ class Fitness:
             InvalidProblemError: If the backend or the precision is unknown, or
                 `threads` is not a positive whole number.
         """
-        self.shooting = shooting = shooting_of(problem)
-        self.problem = problem = shooting.problem
+        self.shooting = shooting_of(problem)
+        self.problem = self.shooting.problem
+        self._chosen = chosen_backend(backend)
+        self._precision, self._threads = precision, threads
+
+    @cached_property
+    def arguments(self) -> Arguments:
+        """Arguments that all individuals share."""
+        return Arguments(self.shooting)
+
+    @cached_property
+    def _evaluate(self) -> BatchEvaluator:
+        """The rollout of populations, compiled at its first use."""
+        shooting, problem = self.shooting, self.problem
         decided = problem.start_decisions
-        self._evaluate: BatchEvaluator = evaluator(
-            lambda: compile_rollout(
-                shooting.stage_without_path,
-                shooting.terminal,
-                intervals=problem.intervals,
-                signals_per_interval=problem.ns * problem.checks,
-                decided=tuple(map(decided.get, range(problem.model.nx))),
-                begin=shooting.begin if shooting.has_begin else None,
-                ticking=_ticking(shooting, precision),
-                precision=precision,
-                threads=threads,
-            ),
-            lambda: CasadiMap(shooting.rollout),
-            backend,
-        )
-        self._trajectory = shooting.trajectory
-        self.arguments = Arguments(shooting)
+        with compiling():  # During planning.
+            return evaluator(
+                lambda: compile_rollout(
+                    shooting.stage_without_path,
+                    shooting.terminal,
+                    intervals=problem.intervals,
+                    signals_per_interval=problem.ns * problem.checks,
+                    decided=tuple(map(decided.get, range(problem.model.nx))),
+                    begin=shooting.begin if shooting.has_begin else None,
+                    ticking=_ticking(shooting, self._precision),
+                    precision=self._precision,
+                    threads=self._threads,
+                ),
+                lambda: CasadiMap(shooting.rollout),
+                self._chosen,
+            )
 
     @property
     def backend(self) -> str:
@@ -287,7 +297,8 @@ class Fitness:
             known: Parameters and signals.
         """
         shared = self.arguments(x0, known)
-        states, outside = self._trajectory(self.decision(controls, x0), *shared)
+        decision = self.decision(controls, x0)
+        states, outside = self.shooting.trajectory(decision, *shared)
         return np.array(states), float(outside)
 
     @checked(refused, x0=reals(), states=reals(), known=KNOWN)

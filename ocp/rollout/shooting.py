@@ -46,6 +46,8 @@ from swarmstart.ocp.system.model import jump_of, rate_of
 
 _UNROLLED = 20_000
 """Largest number of operations for which a trajectory is one function without calls."""
+_MOST_WRITTEN_OUT = 200_000
+"""Largest number of operations for which a roll-out is: with 400,000 this takes 7 s."""
 Symbolic = TypeVar("Symbolic", ca.SX, ca.MX)
 Values = TypeVar("Values", ca.SX, Array)
 ARGUMENTS = ("decisions", "x0", "parameters", "signals")
@@ -282,7 +284,11 @@ class Shooting:
             # The stage with step size control is made of calls, which SX cannot hold.
             arguments, outputs = _rolled(self, self.stage, ca.MX)
             return _named_rollout(arguments, outputs)
-        given, found = _rolled(self, self.stage_without_path, ca.SX)
+        stage = self.stage_without_path
+        if stage.n_instructions() * self.problem.intervals > _MOST_WRITTEN_OUT:
+            arguments, outputs = _rolled(self, stage, ca.MX)
+            return _named_rollout(arguments, outputs)
+        given, found = _rolled(self, stage, ca.SX)
         return _named_rollout(given, ca.cse(found))
 
     @cached_property

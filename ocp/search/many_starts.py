@@ -19,8 +19,10 @@ drawn, not optimised: only the NLP solver's answer shows which of them leads to 
 optimum.
 """
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple, get_args
 
 import numpy as np
@@ -28,12 +30,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.arrays import Array
 from swarmstart.machine_code import stopwatch
+from swarmstart.ocp.common.processes import Ahead, free_processors, processes_of
 from swarmstart.ocp.compiled.engine import NoCompilerError
 from swarmstart.ocp.compiled.threads import aside
 from swarmstart.ocp.lanes.answers import distinct_optima, unreached, unseen_share
 from swarmstart.ocp.lanes.solver import LaneSolver, NoLanesError, random_starts
 from swarmstart.ocp.nlp.polish import SAME_COST, Polished, Polisher, is_better
 from swarmstart.ocp.nlp.polish_options import PolishStatus
+from swarmstart.ocp.nlp.several import Timed, in_turn, polished_from
 from swarmstart.ocp.nlp.start import Start
 from swarmstart.ocp.nlp.watching import expect_starts
 from swarmstart.ocp.rollout.fitness import (
@@ -73,11 +77,19 @@ class Origined(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Answered:
-    """The best answer from many starts, and the results of all."""
+    """The best answer from many starts, and the results of all.
+
+    Attributes:
+        polished: The answer.
+        evaluations: Evaluations of the NLP solver.
+        account: Results of all starts.
+        is_searched: Whether the search counts.
+    """
 
     polished: Polished
     evaluations: int
     account: StartsAccount
+    is_searched: bool
 
 
 class ManyStartsInterrupted(KeyboardInterrupt):
@@ -96,16 +108,22 @@ class ManyStartsInterrupted(KeyboardInterrupt):
 class ManyStarts:
     """Local solves from many starts of one problem; built once."""
 
-    def __init__(self, fitness: Fitness, polisher: Polisher, random: int) -> None:
+    def __init__(
+        self, fitness: Fitness, polisher: Polisher, random: int, threads: int | None = 1
+    ) -> None:
         """Start to compile the lanes; the cold starts need not wait for them.
 
         Args:
             fitness: The problem's evaluator.
             polisher: Its NLP solver.
             random: Number of random starts.
+            threads: Largest number of threads, and of processes, as in `solve`.
         """
         self._fitness, self._polisher, self._random = fitness, polisher, random
+        self._processes = processes_of(threads)
         self._solver, self._refused = None, ""
+        # Built with the evaluator, which is needed at once and never compiled aside.
+        program = polisher.program
         try:
             # Compiled in another thread while the cold starts are polished.
             with aside():
@@ -113,7 +131,8 @@ class ManyStarts:
                     fitness.shooting,
                     # They seldom meet constraints; see LaneSolver.
                     constrained_slopes=False,
-                    program=polisher.program,
+                    program=program,
+                    threads=threads or free_processors(),
                 )
         except NoLanesError as error:
             self._refused = str(error)
@@ -130,7 +149,7 @@ class ManyStarts:
     def __call__(
         self,
         guess: Start | None,
-        search: Callable[[], Sequence[Start]],
+        search: Callable[[], Sequence[Start]] | None,
         x0: ArrayLike,
         known: Known,
         rng: np.random.Generator,
@@ -139,7 +158,8 @@ class ManyStarts:
 
         Args:
             guess: The user's guess, if there is one.
-            search: Runs the search and returns its points, the best first.
+            search: Runs the search and returns its points, the best first; None without
+                a search.
             x0: Initial state of the core, shape (nx,).
             known: Parameters and signals.
             rng: Source of all randomness.
@@ -148,30 +168,27 @@ class ManyStarts:
             ManyStartsInterrupted: On Ctrl-C after the first start.
         """
         fitness, lanes = self._fitness, None
-        tries = _Tries(self._polisher, x0, known, fitness.problem.tolerance)
+        tries = _Tries(
+            self._polisher, x0, known, fitness.problem.tolerance, self._processes
+        )
         cold = self._cold()
         if guess is not None:
             cold.append(Origined("the guess", guess))
         expect_starts(self._polisher.watch, len(cold))
         try:
-            for one in cold:
-                tries.polish(one)
-            # Where roll-outs say nothing, all that searches by them is skipped.
-            over = self._polisher.watch.is_over or tries.is_beyond_rollouts
-            found = [Origined("the search", one) for one in ([] if over else search())]
+            found = self._from_cold(tries, cold, search, rng)
             starts, optima = [one.start for one in (*cold, *found)], list[Start]()
             if not tries.is_beyond_rollouts:
                 lanes, optima = self._in_lanes(starts, x0, known, rng)
             guesses = state_guesses(fitness, x0, known, _GUESSES, rng)
             several = len(optima) + len(found) + len(guesses)
             expect_starts(self._polisher.watch, several)
-            self._several(tries, [Origined("the lanes", one) for one in optima])
-            self._several(tries, found)
-            self._several(
-                tries, [Origined("guesses of states", one) for one in guesses]
-            )
+            further = [Origined("the lanes", one) for one in optima]
+            further += found
+            further += [Origined("guesses of states", one) for one in guesses]
             if not fitness.problem.model.nu:
-                self._several(tries, self._drawn(x0, known, rng))
+                further += self._drawn(x0, known, rng)
+            self._several(tries, further)
             if not (self._polisher.watch.is_over or tries.is_beyond_rollouts):
                 tries.polish_again()
         except KeyboardInterrupt:
@@ -180,15 +197,41 @@ class ManyStarts:
             raise ManyStartsInterrupted(self._answered(tries, lanes)) from None
         return self._answered(tries, lanes)
 
+    def _from_cold(
+        self,
+        tries: "_Tries",
+        cold: Sequence[Origined],
+        search: Callable[[], Sequence[Start]] | None,
+        rng: np.random.Generator,
+    ) -> list[Origined]:
+        """Polish from cold starts, and search, if possible at the same time."""
+        state = rng.bit_generator.state
+        found: Sequence[Start] | None = None
+        with tries.polishes(cold) as results:
+            if search is not None and results.begin():
+                found = search()
+            for one, timed in zip(cold, results, strict=True):
+                tries.taken(one, timed)
+        # Where roll-outs say nothing, all that searches by them is skipped.
+        if self._polisher.watch.is_over or tries.is_beyond_rollouts:
+            rng.bit_generator.state = state
+            return []
+        tries.is_searched = True
+        if search is not None and found is None:
+            found = search()
+        return [Origined("the search", one) for one in found or []]
+
     def _several(self, tries: "_Tries", starts: Sequence[Origined]) -> None:
-        """Polish from starts of one kind, the best first, within the work limit."""
-        shooting = self._fitness.shooting
+        """Polish from starts, of each kind the best first, within its work limit."""
+        shooting, work = self._fitness.shooting, Counter[Origin]()
         each = shooting.stage_without_path.n_instructions() * shooting.problem.intervals
-        work = 0
-        for one in starts:
-            if work > _MOST_WORK or self._polisher.watch.is_over:
-                return
-            work += tries.polish(one).iterations * each
+        with tries.polishes(starts) as results:
+            for number, one in enumerate(starts):
+                if self._polisher.watch.is_over:
+                    return
+                if work[one.origin] <= _MOST_WORK:
+                    answer = tries.taken(one, results.result(number))
+                    work[one.origin] += answer.iterations * each
 
     def _answered(self, tries: "_Tries", lanes: Lanes | None) -> Answered:
         """Return the best answer, and the results of all starts."""
@@ -200,7 +243,9 @@ class ManyStarts:
             without_lanes="" if lanes else self._refused or self._stopped(tries),
         )
         evaluations = sum(one.evaluations for one in tries.answers)
-        return Answered(tries.answers[best], evaluations, account)
+        return Answered(
+            tries.answers[best], evaluations, account, is_searched=tries.is_searched
+        )
 
     def _stopped(self, tries: "_Tries") -> str:
         """Return why there were no lanes although there could have been."""
@@ -284,53 +329,75 @@ class _Tries:
     Attributes:
         answers: Its answers.
         tried: Account of each answer.
+        is_searched: Whether the search counts.
     """
 
     def __init__(
-        self, polisher: Polisher, x0: ArrayLike, known: Known, tolerance: float
+        self,
+        polisher: Polisher,
+        x0: ArrayLike,
+        known: Known,
+        tolerance: float,
+        processes: int,
     ) -> None:
         self._polisher, self._x0, self._known = polisher, x0, known
-        self._tolerance = tolerance
+        self._tolerance, self._processes = tolerance, processes
         self.answers: list[Polished] = []
         self.tried: list[Tried] = []
+        self.is_searched = False
 
-    def polish(self, one: Origined, *, near: bool | None = None) -> Polished:
-        """Polish from a start; near it if it is an answer, unless stated otherwise."""
-        origin, start = one
-        if near is None:
-            near = origin in _NEAR and start.states is None
-        with stopwatch() as watch:
-            answer = self._polisher(
-                start.controls,
-                self._x0 if start.x0 is None else start.x0,
+    def polishes(
+        self, starts: Sequence[Origined], *, near: bool | None = None
+    ) -> Ahead[Timed]:
+        """Return a context with the answers from starts, in their order.
+
+        Args:
+            starts: The starts.
+            near: Whether the solver stays near them; None: near those that are answers.
+        """
+
+        def made(one: Origined) -> Polished:
+            is_answer = one.origin in _NEAR and one.start.states is None
+            return polished_from(
+                self._polisher,
+                one.start,
+                self._x0,
                 self._known,
-                states=start.states,
-                is_guess=start.is_guess,
-                near=near,
-                carried=start.carried,
+                near=is_answer if near is None else near,
             )
-            self.answers.append(answer)
-            self.tried.append(
-                Tried(
-                    origin=origin,
-                    cost=answer.cost,
-                    violation=answer.violation,
-                    feasible=bool(
-                        np.isfinite(answer.cost) and answer.violation <= self._tolerance
-                    ),
-                    iterations=answer.iterations,
-                    evaluations=answer.evaluations,
-                    seconds=watch.seconds,
-                )
+
+        calls = [partial(made, one) for one in starts]
+        origins = [one.origin for one in starts]
+        # The work limit of a kind may leave out all but its first.
+        first = [origins.index(one) for one in dict.fromkeys(origins)]
+        return in_turn(self._polisher, calls, self._processes, first=first)
+
+    def taken(self, one: Origined, timed: Timed) -> Polished:
+        """Return an answer, which now counts."""
+        answer = timed.found
+        self.answers.append(answer)
+        self.tried.append(
+            Tried(
+                origin=one.origin,
+                cost=answer.cost,
+                violation=answer.violation,
+                feasible=bool(
+                    np.isfinite(answer.cost) and answer.violation <= self._tolerance
+                ),
+                iterations=answer.iterations,
+                evaluations=answer.evaluations,
+                seconds=timed.seconds,
             )
+        )
         return answer
 
     def polish_again(self) -> None:
         """Polish the best answer again, not near its start, if it was kept near."""
         origin, answer = self.tried[self.best].origin, self.answers[self.best]
         if origin in _NEAR and np.isfinite(answer.cost + answer.violation):
-            start = Start(answer.controls, x0=answer.x0)
-            self.polish(Origined(origin, start), near=False)
+            again = Origined(origin, Start(answer.controls, x0=answer.x0))
+            with self.polishes([again], near=False) as results:
+                self.taken(again, results.result(0))
 
     @property
     def is_beyond_rollouts(self) -> bool:

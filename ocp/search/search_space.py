@@ -28,6 +28,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import casadi as ca
@@ -266,19 +267,23 @@ class FamilySpace:
         problem = fitness.problem
         _require_fit(problem, family)
         self.box = family.box
-        self._problem, self._trajectory = problem, family.trajectory
-        self._arguments = fitness.arguments
-        self._evaluate = CasadiMap(_member_value(fitness.shooting, family))
+        self._problem, self._family, self._fitness = problem, family, fitness
+
+    @cached_property
+    def _evaluate(self) -> CasadiMap:
+        """Cost and violation of members, made at its first use."""
+        return CasadiMap(_member_value(self._fitness.shooting, self._family))
 
     def objective(self, x0: ArrayLike, known: Known) -> Objective:
         """Return population -> cost and violation; see SearchSpace."""
-        return Objective(self._evaluate.bind(self._arguments(x0, known)), self.box.dim)
+        shared = self._fitness.arguments(x0, known)
+        return Objective(self._evaluate.bind(shared), self.box.dim)
 
     def decoded(self, x: Array, x0: ArrayLike, known: Known) -> Start:
         """Return controls and states of a member; see SearchSpace."""
         states, controls = (
             np.array(part)
-            for part in self._trajectory(
+            for part in self._family.trajectory(
                 x, np.asarray(x0), np.asarray(known.parameters)
             )
         )

@@ -212,7 +212,10 @@ class Descents:
         self.planner = cast(
             Planner,
             SimpleNamespace(
-                polisher=polisher, fitness=real.fitness, evaluated=real.evaluated
+                polisher=polisher,
+                fitness=real.fitness,
+                evaluated=real.evaluated,
+                threads=1,
             ),
         )
 

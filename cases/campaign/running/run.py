@@ -93,6 +93,7 @@ def run(
     seed: int,
     recording: Recording | None = None,
     bound_s: float | None = None,
+    threads: int | None = 1,
     progress: ProgressCallback = tell_nothing,
 ) -> Run:
     """Simulate a scenario, measure and record it.
@@ -105,6 +106,7 @@ def run(
         bound_s: Work for a lower bound of the one plan, after all other work, in units
             of about a second; None means no bound. It changes no other result and no
             key.
+        threads: Largest number of threads and processes, as in `solve`.
         progress: Callback after each step.
 
     Raises:
@@ -123,14 +125,15 @@ def run(
     if bound_s is not None:
         _planned_once(resolved.posed(), resolved.scenario.steps)  # Else raises now.
     if recording is None:
-        return _bounded(_run(resolved, seed, None, progress), bound_s, progress)
+        finished = _run(resolved, seed, None, threads, progress)
+        return _bounded(finished, bound_s, progress)
     with locked(recording.folder):  # Tried before the simulation, not after it.
         if recording.force:
             _keep_original(resolved, recording.folder)
         else:
             key = key_of(resolved, seed)
             require_own(recording.folder, key, _scenario_text(resolved))
-        finished = _run(resolved, seed, recording, progress)
+        finished = _run(resolved, seed, recording, threads, progress)
         return _bounded(finished, bound_s, progress)
 
 
@@ -174,19 +177,21 @@ def _run(
     resolved: Resolved,
     seed: int,
     recording: Recording | None,
+    threads: int | None,
     progress: ProgressCallback,
 ) -> Run:
     """Return the run, in a folder that is locked and the run's own."""
     # IPOPT is quiet by its options; other solvers print from native code.
     is_loud = resolved.scenario.polish_name not in ("none", "ipopt")
     with silenced(is_needed=is_loud), stopwatch() as watch:
-        return _timed(resolved, seed, recording, progress, watch)
+        return _timed(resolved, seed, recording, threads, progress, watch)
 
 
 def _timed(
     resolved: Resolved,
     seed: int,
     recording: Recording | None,
+    threads: int | None,
     progress: ProgressCallback,
     watch: Stopwatch,
 ) -> Run:
@@ -196,7 +201,7 @@ def _timed(
         kind.check_animation(recording.animation)
     progress(0, scenario.steps, "building")
     with heeded():
-        flight = flight_of(resolved.posed(), scenario)
+        flight = flight_of(resolved.posed(), scenario, threads=threads)
     logger.debug("built after %.2f s", watch.seconds)
     folder = recording.folder if recording else None
     steps, resumed, multipliers = _flown(resolved, flight, seed, folder, progress)

@@ -188,6 +188,7 @@ class Row:
     figure_formats=NAMES,
     force=FLAG,
     allow_python=FLAG,
+    threads=optional(a_count(least=1)),
     settings=mapping(text(), words="a mapping from keys to values"),
     progress=PROGRESS,
 )
@@ -204,6 +205,7 @@ def run(  # noqa: PLR0913 - the options of a command
     force: bool = False,
     allow_python: bool = False,
     bound: float | None = None,
+    threads: int | None = None,
     settings: Mapping[str, Any] = NO_SETTINGS,
     progress: ProgressGiven = True,
 ) -> Run:
@@ -223,6 +225,7 @@ def run(  # noqa: PLR0913 - the options of a command
             as --allow-python.
         bound: Time for a lower bound of the cost of the one plan, as --bound [s]; None
             means that no bound is sought.
+        threads: Largest number of threads and processes, as in `solve`.
         settings: Keys and values as for --set, such as
             {"steps": 2, "budget.evaluations": 600}.
         progress: True: shown on a terminal and in a notebook if it takes more than two
@@ -269,7 +272,12 @@ def run(  # noqa: PLR0913 - the options of a command
         )
     with shown(progress, "run", "building") as told:
         return run_resolved(
-            resolved, seed=seed, recording=recording, bound_s=bound, progress=told
+            resolved,
+            seed=seed,
+            recording=recording,
+            bound_s=bound,
+            threads=threads,
+            progress=told,
         )
 
 

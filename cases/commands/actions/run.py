@@ -115,6 +115,7 @@ def _command(options: argparse.Namespace, begin: Callable[[Scenario], None]) -> 
                 seed=options.seed,
                 recording=recording,
                 bound_s=bound_s,
+                threads=options.workers,
                 progress=progress.update,
             )
     except DivergedError as error:

@@ -138,7 +138,7 @@ OPTIONS: Mapping[str, tuple[Option | OneOf, ...]] = {
                 "values",
             ),
         )),
-        _workers("number of processes for --seeds"),
+        _workers("number of processes for --seeds, or for the starts of one run"),
         _option(
             "--bound", metavar="TIME",
             help="after the run, search for a proven bound of the cost, with the work "

@@ -35,7 +35,12 @@ def solved(problem: OptimalControlProblem, seed: int = 0) -> Solution:
 def lent(problem: OptimalControlProblem, lanes: int = 0) -> Planner:
     """Return the planner that a call would use."""
     with kept_planner(
-        problem, search=None, polish=IpoptOptions(), backend=None, lanes=lanes
+        problem,
+        search=None,
+        polish=IpoptOptions(),
+        backend=None,
+        lanes=lanes,
+        threads=1,
     ) as planner:
         return planner
 
@@ -115,7 +120,12 @@ def test_a_planner_whose_use_fails_is_not_kept(swing_up: Swing) -> None:
     with (
         pytest.raises(ZeroDivisionError),
         kept_planner(
-            problem, search=None, polish=IpoptOptions(), backend=None, lanes=0
+            problem,
+            search=None,
+            polish=IpoptOptions(),
+            backend=None,
+            lanes=0,
+            threads=1,
         ),
     ):
         raise ZeroDivisionError

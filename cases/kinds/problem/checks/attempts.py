@@ -86,8 +86,17 @@ def quantity(place: Place, text: str, names: Mapping[str, float]) -> Attempt:
 
 
 def definitions(scenario: ProblemScenario) -> Iterator[Attempt]:
-    """Yield attempts to evaluate the definitions, with one more in each attempt."""
+    """Yield attempts to evaluate the definitions, with one more in each attempt.
+
+    There are none if all definitions can be evaluated.
+    """
     names, shared = list(scenario.definitions), shared_of(scenario)
+    try:
+        members_of(scenario, shared)
+    except SwarmstartError:
+        pass  # Which of them fails is found below.
+    else:
+        return
     # Without any definition first: an error there is not that of a definition.
     for count in range(len(names) + 1):
         some = {name: scenario.definitions[name] for name in names[:count]}

@@ -1,0 +1,140 @@
+"""Polishes from several starts, some of them ahead of their turn in other processes."""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import NamedTuple
+
+from numpy.typing import ArrayLike
+
+from swarmstart.machine_code import stopwatch
+from swarmstart.ocp.common.processes import Ahead
+from swarmstart.ocp.nlp.polish import Packed, Polished, Polisher, is_better
+from swarmstart.ocp.nlp.start import Start
+from swarmstart.ocp.nlp.watching import expect_starts, is_late, stops_nothing
+from swarmstart.ocp.rollout.fitness import Known
+
+_WORTH = 3e7
+"""Operations of a polish, about 30 ms, from which a copy of the process pays: it takes
+some milliseconds to make, and to fetch the memory that it writes to."""
+
+
+class Timed(NamedTuple):
+    """An answer of a polish, and its wall time [s]."""
+
+    found: Polished
+    seconds: float
+
+
+def in_turn(
+    polisher: Polisher,
+    polishes: Sequence[Callable[[], Polished]],
+    processes: int,
+    *,
+    first: Sequence[int] = (),
+) -> Ahead[Timed]:
+    """Return a context with the answers of polishes, in their order.
+
+    A watch that counts work, or may stop it, sees one polish after the other.
+
+    Args:
+        polisher: The polisher that all of them call.
+        polishes: Each makes one.
+        processes: Largest number of processes.
+        first: Numbers of the polishes that are most likely needed.
+    """
+    pays = processes > 1 and bool(polishes) and stops_nothing(polisher.watch)
+    if pays and polisher.operations >= _WORTH:
+        polisher.prepare()  # Before the process is copied.
+    else:
+        processes = 1
+
+    def timed(polish: Callable[[], Polished]) -> Timed:
+        with stopwatch() as watch:
+            return Timed(polish(), watch.seconds)
+
+    def begins() -> None:
+        polisher.fall_silent()
+
+    def sent(one: Timed) -> tuple[Packed, float]:
+        return polisher.packed(one.found), one.seconds
+
+    def received(sent: tuple[Packed, float]) -> Timed:
+        found = polisher.unpacked(sent[0])
+        polisher.watch.answered((found.controls, found.x0), found.cost, found.violation)
+        return Timed(found, sent[1])
+
+    return Ahead(
+        [partial(timed, one) for one in polishes],
+        processes=processes,
+        begins=begins,
+        sent=sent,
+        received=received,
+        first=first,
+    )
+
+
+def polished_from(
+    polisher: Polisher, start: Start, x0: ArrayLike, known: Known, *, near: bool
+) -> Polished:
+    """Return the polish from a start.
+
+    Args:
+        polisher: The polisher.
+        start: The start.
+        x0: Initial state, shape (nx,), unless the start has its own.
+        known: Parameters and signals.
+        near: Whether the solver should stay near the start; see Polisher.
+    """
+    return polisher(
+        start.controls,
+        x0 if start.x0 is None else start.x0,
+        known,
+        states=start.states,
+        is_guess=start.is_guess,
+        near=near,
+        carried=start.carried,
+    )
+
+
+def polish_basins(  # noqa: PLR0913 - starts and how they are polished
+    polisher: Polisher,
+    starts: Sequence[Start],
+    x0: ArrayLike,
+    known: Known,
+    *,
+    tolerance: float,
+    near: bool,
+    processes: int = 1,
+) -> tuple[Polished, int]:
+    """Polish from each start; return the best answer, and the evaluations of all.
+
+    Args:
+        polisher: The polisher.
+        starts: Starts, at least one; among equal answers the first is kept.
+        x0: Initial state, shape (nx,).
+        known: Parameters and signals.
+        tolerance: Largest violation that counts as feasible.
+        near: Whether the starts are answers that the solver should stay near; see
+            Polisher.
+        processes: Largest number of processes.
+    """
+
+    def polished(start: Start) -> Polished:
+        # A start with states of its own is a guess, not an answer.
+        is_near = near and start.states is None
+        return polished_from(polisher, start, x0, known, near=is_near)
+
+    expect_starts(polisher.watch, len(starts))
+    calls = [partial(polished, one) for one in starts]
+    with in_turn(polisher, calls, processes) as results:
+        best = results.result(0).found
+        evaluations = best.evaluations
+        for number in range(1, len(starts)):
+            if is_late(polisher.watch):
+                break
+            one = results.result(number).found
+            evaluations += one.evaluations
+            found, so_far = ((p.cost, p.violation) for p in (one, best))
+            if is_better(found, so_far, tolerance=tolerance):
+                best = one
+    return best, evaluations
