@@ -146,6 +146,7 @@ def test_rounding_of_spread_tube_and_slopes_is_that_of_their_sizes(
     f = ca.Function("f", [x, u], [1.5 * x**2 + 0 * u])
     own = law(np.array([[GAIN]]), np.array([[P]]), np.zeros(1))
     residual = Residual(f, own, dt=0.1, substeps=1)
+    residual.off = 0.125
     start = residual.start(0, np.array([[5.0]]), np.full((1, 1), 2.0))
     half = (start.upper - start.lower)[:, 0] / 2
     assert half[0] == pytest.approx((2 + 0.25 * (2 + 5)) / 2, rel=1e-9)
@@ -243,3 +244,144 @@ def test_nothing_is_said_of_a_box_with_a_kink(name: str) -> None:
             _, (_, blur) = residual.fourth(start, (0.0, 0.1))
             (_, radius), _ = residual.field(start, (0.0, 0.1), 1e-3)
         assert np.isfinite(blur).all() == np.isfinite(radius).all() == is_known
+
+
+class Quadratic:
+    """x_i' = c_i + (L w)_i + w'D_i w with w = (x, u), by series in time.
+
+    A series is an array (ORDERS, n, m): of m points, coefficients of powers of the time
+    from where it is expanded.
+    """
+
+    def __init__(self, rng: np.random.Generator, nx: int, nu: int) -> None:
+        n = nx + nu
+        self.nx, self.c, self.L = nx, rng.normal(size=nx), rng.normal(size=(nx, n))
+        D = rng.normal(size=(nx, n, n))
+        self.D = (D + D.transpose(0, 2, 1)) / 2
+        root = rng.normal(size=(nx, nx))
+        self.law = law(
+            rng.normal(size=(nu, nx)), root @ root.T + np.eye(nx), rng.normal(size=nx)
+        )
+        x, u = ca.SX.sym("x", nx), ca.SX.sym("u", nu)
+        w = ca.vertcat(x, u)
+        rate = ca.vertcat(*[ca.bilin(ca.DM(part), w, w) for part in self.D])
+        rate += ca.DM(self.c) + ca.DM(self.L) @ w
+        self.f = ca.Function("f", [x, u], [rate])
+
+    def rate(self, x: Array, u: Array) -> Array:
+        w = np.concatenate([x, u], axis=1)
+        found = np.einsum("ai,kim->kam", self.L, w)
+        found[0] += self.c[:, None]
+        for i in range(ORDERS):
+            for j in range(ORDERS - i):
+                found[i + j] += np.einsum("aij,im,jm->am", self.D, w[i], w[j])
+        return np.asarray(found)
+
+    def slopes(self, x: Array, u: Array) -> Array:
+        """Return f_x, (m, nx, nx)."""
+        turned = 2 * np.einsum("aij,jm->mai", self.D, np.concatenate([x, u]))
+        return np.asarray((self.L + turned)[:, :, : self.nx])
+
+    def step(self, x: Array, u: Array, s: Array) -> Array:
+        def later(k: Array, share: float) -> Array:
+            """Return x + share s k; s has two coefficients."""
+            found = x + share * s[0] * k
+            found[1:] += share * s[1] * k[:-1]
+            return np.asarray(found)
+
+        k1 = self.rate(x, u)
+        k2 = self.rate(later(k1, 1 / 2), u)
+        k3 = self.rate(later(k2, 1 / 2), u)
+        k4 = self.rate(later(k3, 1), u)
+        return later((k1 + 2 * k2 + 2 * k3 + k4) / 6, 1)
+
+    def at(self, z: Array, number: int, h: float, time: float) -> tuple[Array, ...]:
+        """Return the curve, the input and r4, of columns z that may be complex."""
+        e = np.linalg.solve(np.linalg.cholesky(self.law.P).T, z)
+        x, u = (
+            np.concatenate([part[None], np.zeros((ORDERS - 1, *part.shape))])
+            for part in (self.law.x_ref[:, None] + e, -self.law.K @ e)
+        )
+        for _ in range(number):
+            x = self.step(x, u, np.array([h, 0.0]))
+        curve = self.step(x, u, np.array([time, 1.0]))
+        residual = (ORDERS - 1) * curve[-1] - self.rate(curve, u)[-2]
+        return curve[0], u[0], 24 * residual
+
+
+ORDERS, TINY = 6, 1e-30
+"""Number of coefficients of series; length of an imaginary step, whose square is lost
+beside any number."""
+
+
+@pytest.fixture(scope="module")
+def quadratic() -> tuple[Quadratic, Residual]:
+    case = Quadratic(np.random.default_rng(3), 2, 1)
+    return case, Residual(case.f, case.law, dt=0.3, substeps=2)
+
+
+@pytest.mark.parametrize("reach", [0.0, 1e-3])
+@pytest.mark.parametrize("number", [0, 1])
+def test_all_that_is_enclosed_is_that_of_series_and_is_no_wider(
+    quadratic: tuple[Quadratic, Residual], number: int, reach: float
+) -> None:
+    """Two states, slopes by imaginary steps: r4, f_x in the tube, and its bends."""
+    (case, residual), rng = quadratic, np.random.default_rng(4)
+    h, tube, count = residual.h, 2 * reach, 400
+    S = np.linalg.cholesky(case.law.P).T
+    T = np.linalg.inv(S)
+    z_0, times = rng.normal(size=(2, 1)) / 2, (0.07, 0.07 + reach)
+    start = residual.start(number, z_0, np.full((2, 1), reach))
+    z = z_0 + reach * rng.uniform(-1, 1, (2, count))
+    z[:, ::2] = z_0 + reach * rng.choice([-1.0, 1.0], (2, count // 2))
+    d, v = rng.normal(size=(2, 2, count))
+    d, v = (T @ (w / np.linalg.norm(w, axis=0)) for w in (d, v))
+    (value, wide), slope = residual.fourth(start, times)
+    columns = value.T[:, None], wide.T[:, None]
+    balls = columns, slope, *residual.field(start, times, tube)
+    reached = [0 * middle for middle, _ in balls]
+    for time in times:
+        point, u, r4 = case.at(z, number, h, time)
+        moved = [
+            case.at(z + 1j * TINY * axis, number, h, time)
+            for axis in np.eye(2)[:, :, None]
+        ]
+        slopes = np.stack([r.imag.T / TINY for *_, r in moved], axis=2)
+        turns = [
+            np.einsum("ij,mjk,km->mi", S, case.slopes(p, w).imag / TINY, v)
+            for p, w, _ in moved
+        ]
+        found = (
+            (S @ r4).T[:, None],
+            S @ slopes,
+            S @ case.slopes(point + tube * d, u) @ T,
+            np.stack(turns, axis=2),
+        )
+        for k, ((middle, radius), exact) in enumerate(zip(balls, found, strict=True)):
+            apart, size = np.abs(exact - middle), np.abs(exact).max()
+            assert np.all(apart <= radius + 1e-12 * size), k
+            reached[k] = np.maximum(reached[k], apart.max(axis=0))
+    # By this factor interval arithmetic is wider: r4 is a long sum of products.
+    for (middle, radius), most, factor in zip(
+        balls, reached, (3000, 3000, 10, 10), strict=True
+    ):
+        size = np.abs(middle).max()
+        assert np.all(radius <= factor * most + 1e-8 * size)
+
+
+def test_coordinates_that_are_rounded_are_said_to_be_off(
+    formation: ca.Function, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Made visible: an inverse that is wrong by a part in a thousand."""
+    rng = np.random.default_rng(4)
+    root, own_inverse = rng.normal(size=(4, 4)), np.linalg.inv
+    P = root @ root.T + np.eye(4)
+    own = law(rng.normal(size=(2, 4)), P, np.array([15.0, 0.2, 1, 2]))
+    noise = 1 + 1e-3 * rng.uniform(-1, 1, (4, 4))
+    monkeypatch.setattr(np.linalg, "inv", lambda matrix: noise * own_inverse(matrix))
+    residual = Residual(formation, own, dt=0.5, substeps=1)
+    T, S = residual.T, np.linalg.cholesky(P).T
+    off = [np.abs(T.T @ P @ T - np.eye(4)), np.abs(S @ T - np.eye(4))]
+    assert min(part.max() for part in off) > 1e-4
+    expected = sum(part.sum(axis=1).max() for part in off)
+    assert residual.off == pytest.approx(expected, rel=1e-9)
