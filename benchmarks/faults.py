@@ -99,6 +99,9 @@ MORE_TESTS: Mapping[str, tuple[str, ...]] = {
     "terminal_set/proving/drift.py": (
         "tests/terminal_set/proving/test_prerequisites.py",
     ),
+    "terminal_set/proving/flow_error.py": (
+        "tests/terminal_set/proving/test_error_search.py",
+    ),
     "terminal_set/proving/hold_margins.py": (
         "tests/terminal_set/proving/test_growth.py",
         "tests/terminal_set/proving/test_held_motion.py",

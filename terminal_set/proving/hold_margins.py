@@ -157,7 +157,8 @@ class HeldMotion:
         directions = rng.normal(size=(len(self.law.P), SAMPLES))
         boundary = Ellipsoid(P=self.law.P, alpha=alpha).boundary(directions)
         e = np.hstack([radius * boundary for radius in RADII])
-        size, growth, later = self.law.value(e), 1.0, np.empty(0)
+        size = later = self.law.value(e)
+        growth = 1.0
         for hold in self.holds:
             motion = hold.motion.map(e.shape[1])
             for time in np.linspace(0.0, hold.dt, -(-TIMES // len(self.holds)) + 1)[1:]:

@@ -163,6 +163,13 @@ def test_a_margin_beyond_the_decrease_is_refused() -> None:
         held(HoldBounds(inputs=1.0, states=np.inf, drift=0.0), Q_m=100.0)
 
 
+def test_without_any_decrease_no_error_is_asked_for() -> None:
+    motion: Any = SimpleNamespace(residual=None, holds=[None])
+    with pytest.raises(UnprovenSetError) as caught:
+        hold_margins._affordable_error(motion, 2.0, 0.0, np.inf)
+    assert type(caught.value) is UnprovenSetError
+
+
 def test_steps_that_are_too_coarse_are_named() -> None:
     """x' = -x over a hold of 2.5 s: the map's 0.65 is not the flow's 0.08."""
     x, u = ca.SX.sym("x"), ca.SX.sym("u")
