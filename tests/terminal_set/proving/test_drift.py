@@ -27,13 +27,7 @@ from swarmstart.terminal_set import (
 from swarmstart.terminal_set.proving.drift import (
     _EXACT,
     _EXACT_AT,
-    LEAST_CORE,
-    LEAST_SHARE,
     MOST_CORE,
-    MOST_SHARE,
-    RESERVE,
-    ROOM,
-    ROUNDING,
     Drift,
     ReferenceMotion,
     _exactly,
@@ -275,11 +269,12 @@ def test_drift_is_measured_by_p_and_allowed_for_within_shares_of_the_decrease(
     change = linear_change(np.array([rate, 3 * rate]), P)
     for alpha in (1.0, 1e4, 1e16):
         found = bearable_drift(motion, motion.bound, change, alpha)
-        size = ROUNDING * (1e-9 * 2 + 2e-9 * 3)
+        size = (1 + 1e-9) * (1e-9 * 2 + 2e-9 * 3)
         assert found.size == pytest.approx(size, rel=1e-12)
         decay = 2 * rate  # Of the slower entry.
-        wanted = RESERVE * size / (ROOM * np.sqrt(alpha))
-        expected = np.clip(wanted, LEAST_SHARE * decay, MOST_SHARE * decay)
+        # A millionth of the radius, twice for rounding; at most 5e-4 of the decrease.
+        wanted = 2 * size / (1e-6 * np.sqrt(alpha))
+        expected = np.clip(wanted, 1e-9 * decay, 5e-4 * decay)
         assert found.relative == pytest.approx(float(expected), rel=1e-9)
         assert (found.entries, found.rates) == ((0, 1), (1e-9, -2e-9))
     still = bearable_drift(motion, np.zeros(2), change, 1.0)
@@ -298,15 +293,16 @@ def test_drift_beyond_all_levels_is_refused_unless_nothing_can_be_proven(
 
 
 def test_core_is_where_the_drift_is_the_stated_share() -> None:
+    """Twice for rounding; from a millionth of the level down to 1e-24 of it."""
     drift = Drift(entries=(0,), rates=(1.0,), size=1e-6, relative=0.5)
-    radius = RESERVE * 1e-6 / 0.5
-    edge = radius**2 / MOST_CORE
+    radius = 2 * 1e-6 / 0.5
+    edge = radius**2 / 1e-6
     assert drift.core_of(edge * (1 + 1e-9)) == pytest.approx(radius**2, rel=1e-12)
     with pytest.raises(NotAnEquilibriumError) as told:
         drift.core_of(edge * (1 - 1e-9))
     assert told.value.core == pytest.approx(radius**2, rel=1e-12)
-    large = 1e6 * radius**2 / LEAST_CORE
-    assert drift.core_of(large) == LEAST_CORE * large
+    large = 1e6 * radius**2 / 1e-24
+    assert drift.core_of(large) == 1e-24 * large
     with pytest.raises(NotAnEquilibriumError):
         replace(drift, relative=0.0).core_of(1e9)
     assert replace(drift, size=0.0).core_of(1.0) == 0
@@ -320,7 +316,31 @@ def test_constant_rate_moves_its_time_over_a_hold(substeps: int) -> None:
     motion = ReferenceMotion(f, at([2.0]))
     found = motion.over_hold(0.5, substeps)
     exact = 3e-3 * 0.5
-    assert exact <= found[0] <= exact * ROUNDING ** (2 * substeps + 1)
+    assert exact * (1 + 1e-9) < found[0] <= exact * (1 + 1e-9) ** (2 * substeps + 1)
+
+
+def test_rates_near_a_reference_are_those_of_a_box_that_is_rounded_outwards() -> None:
+    """Of 1e10 (x - 1), within 100 units in the last place: and four more."""
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    f = ca.Function("f", [x, u], [1e10 * (x - 1) + u])
+    unit = float(np.spacing(1.0))
+    found = ReferenceMotion(f, at([1.0]))._fastest(np.array([100 * unit]))[0]
+    assert 1e10 * 100 * unit <= found < 1e10 * 105 * unit
+
+
+def test_reference_that_rests_exactly_is_not_moved_by_the_rounding_of_intervals() -> (
+    None
+):
+    """0.1 + 0.1 - 0.2 is 0 and its interval wider; the state beside it rests as well.
+
+    A box around a reference that does not move is not widened.
+    """
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    f = ca.Function("f", [x, u], [(x + 0.1) - (x + 0.2) + 0.1 + u])
+    motion = ReferenceMotion(f, at([15.0], 1e3))
+    assert motion._fastest(np.zeros(1))[0] > 0
+    assert motion.entries == () and motion.bound[0] == 0
+    assert motion.over_hold(1.0, 2)[0] == 0
 
 
 def test_rates_are_exact_where_fractions_show_it_and_else_unknown() -> None:

@@ -304,6 +304,16 @@ def test_a_reference_without_second_derivatives_is_refused_with_the_reason(
         DecreaseBounds(change_of(make, is_held=False))
 
 
+def test_one_state_without_second_derivatives_is_enough_to_be_refused() -> None:
+    e = ca.SX.sym("e", 2)
+    change = Change(
+        motion=ca.Function("motion", [e], [ca.vertcat(-e[0], e[1] ** 1.5 - e[1])]),
+        P=np.eye(2), Q_m=np.zeros((2, 2)), is_held=False,
+    )  # fmt: skip
+    with pytest.raises(NotSmoothError, match="pow of motion is at the edge"):
+        DecreaseBounds(change)
+
+
 @pytest.mark.parametrize(
     ("make", "is_held", "falls"),
     [

@@ -149,3 +149,41 @@ def test_the_growth_over_an_interval_of_times_counts_and_not_that_in_its_middle(
     largest = np.exp(0.4)
     assert prove_growth(hold, 1.0, 1.01 * largest).proven
     assert not prove_growth(hold, 1.0, 0.9 * largest, work=1).proven
+
+
+@pytest.mark.parametrize("low", [0.0, 0.3])
+def test_growth_of_two_states_is_bounded_from_above_and_hardly_beyond(
+    low: float,
+) -> None:
+    """(A + t B) e and a part of second order, P by chance; directions in a small box.
+
+    Sampled are radii up to 0.32, directions, and times from 0.5 to 0.51.
+    """
+    rng, times = np.random.default_rng(8), (0.5, 0.51)
+    root, A, B, D = rng.normal(size=(4, 2, 2))
+    P = root @ root.T + np.eye(2)
+    v = ca.SX.sym("v", 3)
+    e, t = v[:2], v[2]
+    bent = t * ca.bilin(ca.DM(D), e, e) / 50
+    after = (ca.DM(A) + t * ca.DM(B)) @ e + bent
+    moved = ca.Function("moved", [v], [ca.bilin(ca.DM(P), after, after)])
+    own = ca.Function("own", [v], [ca.bilin(ca.DM(P), e, e)])
+
+    def bounds_of(growth: float) -> growth_module._GrowthBounds:
+        change = ca.Function("c", [v], [moved(v) - growth * own(v)])
+        return growth_module._GrowthBounds(TaylorForm(change, np.eye(3)), P, times)
+
+    T = bounds_of(1.0)._form._T[:2, :2]
+    np.testing.assert_allclose(T.T @ P @ T, np.eye(2), atol=1e-12)
+    for axis in (0, 1):
+        for end in (-1.0, 1.0):
+            lower, upper = np.array([low, end, end]), np.array([0.32, end, end])
+            lower[1 + axis], upper[1 + axis] = 0.2, 0.2002
+            w = rng.uniform(lower[1:], upper[1:], size=(4000, 2)).T
+            rho = rng.uniform(max(low, 1e-3), 0.32, 4000)
+            z = rho * w / np.linalg.norm(w, axis=0)
+            points = np.vstack([T @ z, rng.choice(times, 4000)])
+            most = float((np.array(moved(points)) / np.array(own(points))).max())
+            for share, is_left in ((0.999, True), (1.06, False)):
+                left = bounds_of(share * most)(lower[:, None], upper[:, None])
+                assert bool(left.lower.size) is is_left, (axis, end, share)
