@@ -176,3 +176,96 @@ def test_a_try_gets_its_share_of_the_work_that_is_left(
         assert not search.proves(4.0, share)
     assert granted == pytest.approx([250.0, 700.0, 1000.0], rel=1e-2)
     assert search.level.alpha == 0.0
+
+
+def scripted(
+    monkeypatch: pytest.MonkeyPatch, edge: float, boxes: int, *, is_broken: bool
+) -> tuple[level_search._LevelSearch, list[tuple[float, int]]]:
+    """Return a search up to level 4 in which all below an edge is proven.
+
+    Above it a state at the edge is met, or nothing is.
+    """
+    tried: list[tuple[float, int]] = []
+
+    def proves(_: Change, alpha: float, *, max_boxes: int, work: float) -> Proof:
+        assert 0 < work <= 1000
+        tried.append((alpha, max_boxes))
+        state = np.sqrt(edge) * np.ones(1) if is_broken and alpha >= edge else None
+        return Proof(
+            proven=alpha < edge, alpha=alpha, boxes=boxes, seconds=0.0,
+            counterexample=state,
+        )  # fmt: skip
+
+    e = ca.SX.sym("e")
+    change = Change(
+        motion=ca.Function("motion", [e], [0 * e]), P=np.eye(1), Q_m=np.zeros((1, 1)),
+        is_held=False,
+    )  # fmt: skip
+    monkeypatch.setattr(level_search, "prove_level", proves)
+    return level_search._LevelSearch(change, 4.0, now() + 1000.0), tried
+
+
+@pytest.mark.parametrize("boxes", [7, 6000])
+@pytest.mark.parametrize("edge", [3.9, 3.0, 1.7, 0.3])
+def test_levels_between_are_tried_by_their_ratio_until_they_are_close(
+    edge: float, boxes: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    search, tried = scripted(monkeypatch, edge, boxes, is_broken=False)
+    assert not search.proves(4.0, 0.25)
+    search.descend()
+    levels, high = [4.0, 0.92 * 4.0], 4.0
+    for share in (0.54, 0.25, 0.25):
+        if levels[-1] < edge:
+            break
+        high = levels[-1]
+        levels.append(share * levels[-1])
+    assert [alpha for alpha, _ in tried] == pytest.approx(levels, rel=1e-12)
+    low, begun = levels[-1], len(levels)
+    search.tighten()
+    while high > 1.011 * low:
+        levels.append((low * high) ** 0.5)
+        low, high = (levels[-1], high) if levels[-1] < edge else (low, levels[-1])
+    assert [alpha for alpha, _ in tried] == pytest.approx(levels, rel=1e-12)
+    assert {most for _, most in tried[begun:]} == {max(10 * boxes, 50_000)}
+    assert search.level.alpha == pytest.approx(low) and search.level.refutation is None
+
+
+@pytest.mark.parametrize("edge", [3.9, 3.0])
+def test_state_that_breaks_a_level_is_its_limit_and_no_smaller_one_s(
+    edge: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """0.99 of a refuted level is tried at last, if the middle is below that."""
+    search, tried = scripted(monkeypatch, edge, 7, is_broken=True)
+    assert not search.proves(4.0, 0.25)
+    refutation = search.level.refutation
+    assert refutation is not None and refutation.alpha == pytest.approx(edge)
+    search.descend()
+    search.tighten()
+    expected = [4.0, 0.92 * edge, 0.99 * edge]
+    assert [alpha for alpha, _ in tried] == pytest.approx(expected, rel=1e-12)
+    assert search.level.alpha == pytest.approx(0.99 * edge)
+
+
+def test_nearest_of_all_counterexamples_is_kept(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def refutation(alpha: float) -> Refutation:
+        return Refutation(alpha=alpha, e=np.array([alpha**0.5]), change=0.0)
+
+    search, _ = scripted(monkeypatch, 3.0, 7, is_broken=False)
+    search.refute(None)
+    assert not search.proves(4.0, 0.25)
+    assert (search._unproven, search._is_broken) == (4.0, False)
+    for alpha, nearest in ((4.0, 4.0), (5.0, 4.0), (3.5, 3.5), (3.7, 3.5), (1.0, 1.0)):
+        search.refute(refutation(alpha))
+        assert (search._unproven, search._is_broken) == (nearest, True)
+        found = search.level.refutation
+        assert found is not None and found.alpha == nearest
+    beyond, _ = scripted(monkeypatch, 3.0, 7, is_broken=False)
+    beyond.refute(refutation(5.0))  # Above all that is asked for: no limit.
+    assert (beyond._unproven, beyond._is_broken) == (4.0, False)
+    # A state a little outside of what was tried is one of that; none is stated.
+    beyond._break(np.array([4.001**0.5]))
+    assert (beyond._unproven, beyond._is_broken) == (4.0, True)
+    assert not beyond.proves(4.0, 0.25) and beyond.level.refutation is not None
+    assert beyond.level.refutation.alpha == 5.0

@@ -215,3 +215,43 @@ def test_nearest_counterexample_within_the_level_is_taken(
     change = Change(motion=motion, P=np.eye(1), Q_m=np.zeros((1, 1)), is_held=False)
     found = refuted_level(change, alpha_max=1.0, rng=rng())
     assert (None if found is None else found.alpha) == level
+
+
+@pytest.mark.parametrize(
+    ("inside", "pushed"), [(0.0, 0.0), (5e-10, 1e-9), (5e-9, 1e-6), (2e-6, None)]
+)
+def test_point_just_inside_is_pushed_outwards_by_little_or_given_up(
+    inside: float, pushed: float | None
+) -> None:
+    """c = |e| - 1, and a point that lies a part within the sphere where it is 0."""
+    e = ca.SX.sym("e", 2)
+    c = ca.Function("c", [e], [ca.norm_2(e) - 1])
+    for direction in ([1.0, 0.0], [0.0, -1.0]):
+        point = (1 - inside) * np.array(direction)
+        found = _checked(c, np.diag([2.0, 3.0]), point)
+        assert (found is None) == (pushed is None)
+        if found is not None and pushed is not None:
+            np.testing.assert_allclose(found.e, (1 + pushed) * point, rtol=1e-15)
+            assert found.alpha == pytest.approx(found.e @ np.diag([2, 3]) @ found.e)
+
+
+def test_nearest_point_of_a_plane_is_found_from_any_ray() -> None:
+    """c = a'e - 1: z is T'a / |T'a|^2, of all points with c >= 0."""
+    e, T = ca.SX.sym("e", 2), np.array([[2.0, 0.5], [0.0, 1.0]])
+    for a in ([1.0, 0.0], [-1.0, 0.2], [0.3, -1.0], [-0.5, -0.5], [0.0, 1.0]):
+        c = ca.Function("c", [e], [ca.dot(ca.DM(a), e) - 1])
+        pulled = T.T @ np.array(a)
+        exact = pulled / (pulled @ pulled)
+        radius = 3 * float(np.linalg.norm(exact))
+        side = np.array([-exact[1], exact[0]])
+        away = exact + 0.8 * side
+        begin = float(np.linalg.norm(away))
+        (found,) = proof._nearest(c, T, [(begin, away / begin)], radius)
+        np.testing.assert_allclose(found, exact, atol=1e-6 * radius)
+
+
+def test_motion_without_any_change_is_refuted_at_the_first_radius() -> None:
+    """c is 0 everywhere, which is no decrease."""
+    e = ca.SX.sym("e", 2)
+    found = proof._on_rays(ca.Function("c", [e], [0 * e[0]]), np.eye(2), 5.0, rng())
+    assert [rho for rho, _ in found] == [5.0 * proof.SMALLEST] * proof.STARTS
