@@ -198,10 +198,9 @@ def quadratic_bound(
     for k in range(len(order) + 1):
         if k:
             s[k - 1] = most[order[k - 1]]
-        total = s.sum(axis=0)
-        with np.errstate(invalid="ignore"):
-            value = np.where(total > 0, (d * s).sum(axis=0) / total, -np.inf)
-        best = np.maximum(best, value)
+        # The sum is at least 1: on a face of the cube one w is 1 or -1.
+        with np.errstate(invalid="ignore"):  # M may be infinite.
+            best = np.maximum(best, (d * s).sum(axis=0) / s.sum(axis=0))
     return np.asarray(best + PADDING * np.abs(diagonal).max() + beside)
 
 

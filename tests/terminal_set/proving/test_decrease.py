@@ -17,6 +17,7 @@ from swarmstart.terminal_set import (
     held_change,
     prove_level,
 )
+from swarmstart.terminal_set.proving.decrease import held_map
 
 
 def change_of(moved: ca.SX, e: ca.SX) -> Change:
@@ -105,3 +106,23 @@ def test_the_change_is_what_the_definition_says(is_held: bool) -> None:
             expected = moved @ P @ moved - e @ P @ e if is_held else 2 * e @ P @ moved
             expected += 0 if margin is None else e @ margin @ e
             assert float(change.function(e)) == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize("substeps", [1, 3])
+def test_map_of_a_hold_is_the_classical_one_step_after_step(substeps: int) -> None:
+    """Two states and one input: k1 to k4 written out."""
+    x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+    f = ca.Function("f", [x, u], [ca.vertcat(x[1] * x[0] + u, ca.sin(x[0]) - u * x[1])])
+
+    def rate(x: np.ndarray) -> np.ndarray:
+        return np.array([x[1] * x[0] + 0.3, np.sin(x[0]) - 0.3 * x[1]])
+
+    after, h = np.array([0.7, -0.4]), 0.6 / substeps
+    for _ in range(substeps):
+        k1 = rate(after)
+        k2 = rate(after + h / 2 * k1)
+        k3 = rate(after + h / 2 * k2)
+        k4 = rate(after + h * k3)
+        after = after + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    found = np.array(held_map(f, 0.6, substeps)([0.7, -0.4], 0.3)).ravel()
+    np.testing.assert_allclose(found, after, rtol=1e-14)

@@ -295,6 +295,7 @@ def test_a_cut_is_never_passed_over(kink: float) -> None:
         (lambda e: -e + ca.atan2(e, e), "atan2 of motion has its cut"),
         (lambda e: -e + e**1.5, "pow of motion is at the edge of its smooth domain"),
         (lambda e: -e + e**2.5, "pow of motion is at the edge of its smooth domain"),
+        (lambda e: -e + (-e) ** 1.5, "pow of motion is at the edge of its smooth"),
     ],
 )
 def test_a_reference_without_second_derivatives_is_refused_with_the_reason(

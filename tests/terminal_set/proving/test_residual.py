@@ -160,12 +160,18 @@ def test_rounding_of_spread_tube_and_slopes_is_that_of_their_sizes(
     assert radius[0, 0, 0] == pytest.approx(3 * 0.2 * length + reserve, rel=1e-9)
 
 
-def test_products_of_matrices_enclose_all_and_no_more() -> None:
+def test_products_of_matrices_enclose_all_and_no_more(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """[1, 3] times [4, 6] is [4, 18], which is 10 and 8 beyond it."""
     ends = np.array([[1.0]]), np.array([[3.0]])
     factor = np.array([[[5.0]]]), np.array([[[1.0]]])
     middle, radius = residual_module._product(*ends, factor)
     assert middle[0, 0, 0] + radius[0, 0, 0] == pytest.approx(18, rel=1e-9)
+    monkeypatch.setattr(residual_module, "PADDING", 0.25)
+    _, wide = residual_module._product(*ends, factor)
+    assert wide[0, 0, 0] == pytest.approx(8 + 0.25 * 2 * 5, rel=1e-9)
+    monkeypatch.undo()
     rng = np.random.default_rng(0)
     low, width = rng.normal(size=(6, 5)), rng.random((6, 5))
     slopes, blur = rng.normal(size=(5, 3, 2)), rng.random((5, 3, 2))
