@@ -364,6 +364,27 @@ def test_directions_beside_the_middle_are_bounded_by_the_largest_slopes(
     assert worst <= bound < 3 * worst
 
 
+@pytest.mark.parametrize("size", [0.0, 0.3, 10.0])
+def test_cell_that_begins_at_the_centre_is_bounded_in_all_its_directions(
+    size: float,
+) -> None:
+    """r4(z) = J z with any J in M +- R, in directions on both sides of the middle."""
+    M = size * np.array([[1.0, -0.5], [0.25, 0.75]])
+    R = np.array([[3.0, 1.0], [2.0, 4.0]])
+    search = ErrorSearch(Slanted(M, R), 1.0, np.inf)  # type: ignore[arg-type]
+    measure = search.relative_residual(Piece(step=0, times=(0.0, 0.1)))
+    with np.errstate(all="ignore"):
+        (bound,), _, _ = measure(
+            Cells(np.array([[0.0], [1.0], [-0.4]]), np.array([[1.0], [1.0], [0.4]]))
+        )
+    w = np.stack([np.ones(81), np.linspace(-0.4, 0.4, 81)])
+    u = w / np.linalg.norm(w, axis=0)
+    signs = np.array(np.meshgrid(*[[-1.0, 1.0]] * 4)).reshape(4, 16)
+    J = M + R * signs.T.reshape(16, 2, 2)
+    worst = float(np.linalg.norm(J @ u, axis=1).max())
+    assert worst <= bound < 2 * worst
+
+
 def test_rounding_of_values_that_nearly_cancel_is_allowed_for() -> None:
     large, blur = 1e8, 1e-4  # Of both values; their rounding is less.
     near = Affine(large, large + 1, slope=1 / 0.75, radius=0.0, blur=blur)
