@@ -225,6 +225,10 @@ def test_a_logarithmic_norm_bounds_that_of_every_matrix_between() -> None:
     exact = np.linalg.eigvalsh((middle[0] + middle[0].T) / 2)[-1]
     assert alone[0] == pytest.approx(exact, rel=1e-9)
     assert logarithmic_norms(middle[:1], np.full((1, 3, 3), np.nan))[0] == np.inf
+    for unknown in (np.nan, np.inf):
+        middle[0, 2, 1], radius[1, 0, 2] = unknown, np.inf
+        bounds = logarithmic_norms(middle, radius)
+        assert np.isinf(bounds[:2]).all() and np.isfinite(bounds[2:]).all()
 
 
 def test_a_norm_bounds_the_stretch_of_every_matrix_between() -> None:

@@ -255,3 +255,18 @@ def test_motion_without_any_change_is_refuted_at_the_first_radius() -> None:
     e = ca.SX.sym("e", 2)
     found = proof._on_rays(ca.Function("c", [e], [0 * e[0]]), np.eye(2), 5.0, rng())
     assert [rho for rho, _ in found] == [5.0 * proof.SMALLEST] * proof.STARTS
+
+
+def test_rays_refute_by_themselves_if_nothing_nearer_is_found(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    e, u = ca.SX.sym("e", 2), np.array([0.6, 0.8])
+    change = Change(
+        motion=ca.Function("motion", [e], [e]), P=np.diag([4.0, 9.0]),
+        Q_m=np.zeros((2, 2)), is_held=False,
+    )  # fmt: skip
+    monkeypatch.setattr(proof, "_on_rays", lambda *_: [(0.9, u)])
+    monkeypatch.setattr(proof, "_nearest", lambda *_: [])
+    found = refuted(change, 1.0)
+    np.testing.assert_allclose(found.e, 0.9 * u / [2, 3], rtol=1e-15)
+    assert found.alpha == pytest.approx(0.81, rel=1e-12)
