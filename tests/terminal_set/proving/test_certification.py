@@ -34,6 +34,7 @@ from swarmstart.terminal_set import (
     sampled_terminal_set,
 )
 from swarmstart.terminal_set.check import main
+from swarmstart.terminal_set.proving import certification
 
 Q, R = np.eye(4), np.eye(2)
 MEASURED = ProofOptions(growth=False)
@@ -448,3 +449,32 @@ def test_proof_that_a_limit_of_seconds_ended_says_so(
     found = certified()
     assert found.certificate is not None and found.certificate.proof.was_late
     assert found.alpha == plain.alpha
+
+
+def test_kept_set_is_asked_for_with_the_margin_that_is_to_be_proven(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """None is 0; any other margin is that of another set."""
+    asked: list[tuple[object, list[list[float]]]] = []
+
+    def load(key: object, *_: object, Q_m: Array, **__: object) -> None:
+        asked.append((key, Q_m.tolist()))
+
+    monkeypatch.setattr(certification, "load_set", load)
+    monkeypatch.setattr(certification, "keep", lambda *_: None)
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    law = TerminalSet(
+        K=np.ones((1, 1)), P=np.eye(1), alpha=1.0, x_ref=np.zeros(1),
+        u_ref=np.zeros(1), dt=None, design="own",
+    )  # fmt: skip
+    reference = bounded(np.zeros(1), np.ones(1))
+    for margin in (None, 0.0, 0.25, 0.5):
+        options = ProofOptions(Q_m=None if margin is None else [[margin]])
+        found = certify(
+            loop(-x + 0 * u, x, u), reference, law, dt=None, rng=rng(), options=options
+        )
+        assert found.certificate is not None
+        assert found.certificate.Q_m.tolist() == [[margin or 0.0]]
+    keys, margins = zip(*asked, strict=True)
+    assert margins == ([[0.0]], [[0.0]], [[0.25]], [[0.5]])
+    assert keys[0] == keys[1] and len({*keys}) == 3

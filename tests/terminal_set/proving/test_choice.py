@@ -14,6 +14,8 @@ from swarmstart.terminal_set import (
     Change,
     Ellipsoid,
     NoProvenSetError,
+    Proof,
+    ProvenLevel,
     Reference,
     TerminalSet,
     continuous_change,
@@ -23,6 +25,7 @@ from swarmstart.terminal_set import (
     log_volume,
     sampled_terminal_set,
 )
+from swarmstart.terminal_set.proving import level_search
 
 SCALES = (1.0, 100.0, 1e3, 1e4)
 Rank = Callable[[Callable[[Ellipsoid], float]], tuple[Candidate, ...]]
@@ -131,3 +134,27 @@ def test_the_volume_is_that_of_the_half_axes() -> None:
         expected = np.log(half_axes * np.sqrt(alpha)).sum()
         volume = log_volume(Ellipsoid(P=(P + P.T) / 2, alpha=alpha))
         assert volume == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize("alpha", [0.0, 0.5])
+def test_family_is_refused_only_if_no_level_is_above_zero(
+    alpha: float,
+    upright: Callable[[float], tuple[Change, TerminalSet]],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    proof = Proof(proven=alpha > 0, alpha=alpha or 1.0, boxes=1, seconds=0.0)
+    level = ProvenLevel(proof=proof, refutation=None)
+    monkeypatch.setattr(level_search, "proven_level", lambda *_, **__: level)
+
+    def ranked() -> tuple[Candidate, ...]:
+        return largest_proven_set(
+            lambda scale: upright(scale)[1], lambda _: upright(1.0)[0], [1.0],
+            rng=np.random.default_rng(0),
+        )  # fmt: skip
+
+    if alpha == 0:
+        with pytest.raises(NoProvenSetError, match=r"tried: 1$"):
+            ranked()
+        return
+    (one,) = ranked()
+    assert one.terminal_set.alpha == 0.5 and np.isfinite(one.size)

@@ -325,7 +325,7 @@ def test_rates_near_a_reference_are_those_of_a_box_that_is_rounded_outwards() ->
     f = ca.Function("f", [x, u], [1e10 * (x - 1) + u])
     unit = float(np.spacing(1.0))
     found = ReferenceMotion(f, at([1.0]))._fastest(np.array([100 * unit]))[0]
-    assert 1e10 * 100 * unit <= found < 1e10 * 105 * unit
+    assert 1e10 * 103.9 * unit <= found < 1e10 * 105 * unit
 
 
 def test_reference_that_rests_exactly_is_not_moved_by_the_rounding_of_intervals() -> (

@@ -14,6 +14,7 @@ from swarmstart.terminal_set import (
     continuous_lqr,
     sampled_terminal_set,
 )
+from swarmstart.terminal_set.proving import drift
 from swarmstart.terminal_set.proving.drift import (
     require_enough_substeps,
     require_stable_hold,
@@ -65,6 +66,17 @@ def test_a_map_that_shrinks_but_errs_by_the_rest_is_refused() -> None:
         require_enough_substeps(A, B, law, dt=1.0, substeps=1)
     assert caught.value.factor < 1 < caught.value.factor + caught.value.error
     assert caught.value.enough == 2
+
+
+@pytest.mark.parametrize(("most", "enough"), [(1, None), (2, 2)])
+def test_no_more_substeps_are_recommended_than_are_tried(
+    most: int, enough: int | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(drift, "MOST_SUBSTEPS", most)
+    law, A, B = decay(2.7, 1.0)
+    with pytest.raises(TooFewSubstepsError) as caught:
+        require_enough_substeps(A, B, law, dt=1.0, substeps=1)
+    assert caught.value.enough == enough
 
 
 def test_a_map_that_is_near_enough_passes() -> None:
