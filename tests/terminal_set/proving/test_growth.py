@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 
 import casadi as ca
 import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from swarmstart.arrays import Array
 from swarmstart.terminal_set import Reference, TerminalSet, sampled_terminal_set
 from swarmstart.terminal_set.interval_arithmetic.taylor import TaylorForm
 from swarmstart.terminal_set.proving import hold_margins as growth_module
 from swarmstart.terminal_set.proving.hold_margins import Hold, prove_growth
+from swarmstart.terminal_set.proving.proof import Limits, Search
 
 
 def hold_of(dynamics: ca.Function, found: TerminalSet, dt: float) -> Hold:
@@ -187,3 +190,56 @@ def test_growth_of_two_states_is_bounded_from_above_and_hardly_beyond(
             for share, is_left in ((0.999, True), (1.06, False)):
                 left = bounds_of(share * most)(lower[:, None], upper[:, None])
                 assert bool(left.lower.size) is is_left, (axis, end, share)
+
+
+@pytest.mark.parametrize(
+    ("width", "late_after", "asked", "is_proven"),
+    [
+        # Never: the last of it is halved down to a part in 1024, looked at longer.
+        (0.0, 99, 11, False),
+        # All of it in quarters: two intervals and one are cut.
+        (0.5, 99, 7, True),
+        (2.0, 99, 1, True),
+        (0.5, 2, 2, False),
+    ],
+)
+def test_intervals_of_time_are_halved_until_each_is_proven(
+    width: float,
+    late_after: int,
+    asked: int,
+    is_proven: bool,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A search that succeeds on intervals up to a width only, of two seconds."""
+    tried: list[tuple[float, float]] = []
+    most: list[int] = []
+
+    class Bounds:
+        defect = 0.0
+
+        def __init__(self, form: object, P: Array, times: tuple[float, float]) -> None:
+            self.times = times
+
+    def searched(bounds: Bounds, nx: int, radius: float, *, limits: Limits) -> Search:
+        tried.append(bounds.times)
+        most.append(limits.max_boxes)
+        assert len(tried) < 50 and nx == 1 and radius == pytest.approx(3.0)
+        low, high = bounds.times
+        return Search(finished=high - low <= width, boxes=10)
+
+    monkeypatch.setattr(growth_module, "_GrowthBounds", Bounds)
+    monkeypatch.setattr(growth_module, "search_ball", searched)
+    monkeypatch.setattr(
+        growth_module, "now", lambda: 0.0 if len(tried) < late_after else 100.0
+    )
+    hold = replace(of_one(lambda e, t: e + 0 * t), dt=2.0, pieces=1)
+    proof = prove_growth(hold, 9.0, 1.5, work=50.0)
+    assert (proof.proven, proof.boxes, len(tried)) == (is_proven, 10 * asked, asked)
+    assert proof.alpha == 9.0 and tried[0] == (0.0, 2.0)
+    if is_proven:  # Without a gap.
+        done = sorted(one for one in tried if one[1] - one[0] <= width)
+        assert (done[0][0], done[-1][1]) == (0.0, 2.0)
+        assert all(a[1] == b[0] for a, b in pairwise(done))
+    if width == 0:
+        assert tried[-1][1] - tried[-1][0] == 2 / 1024
+        assert {*most[:-1]} == {4000} and most[-1] == 400_000
