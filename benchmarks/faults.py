@@ -94,6 +94,7 @@ MORE_TESTS: Mapping[str, tuple[str, ...]] = {
         "tests/terminal_set/linear/test_lyapunov.py",
     ),
     "terminal_set/proving/certification.py": (
+        "tests/terminal_set/proving/test_certify.py",
         "tests/terminal_set/proving/test_drift.py",
     ),
     "terminal_set/proving/drift.py": (

@@ -22,11 +22,8 @@ from swarmstart.terminal_set import (
     NotAnEquilibriumError,
     NotFiniteError,
     NotPositiveError,
-    Proof,
     ProofOptions,
-    ProvenLevel,
     Reference,
-    Refutation,
     TerminalSet,
     UnprovenSetError,
     Weights,
@@ -37,7 +34,6 @@ from swarmstart.terminal_set import (
     sampled_terminal_set,
 )
 from swarmstart.terminal_set.check import main
-from swarmstart.terminal_set.proving import certification
 
 Q, R = np.eye(4), np.eye(2)
 MEASURED = ProofOptions(growth=False)
@@ -452,57 +448,3 @@ def test_proof_that_a_limit_of_seconds_ended_says_so(
     found = certified()
     assert found.certificate is not None and found.certificate.proof.was_late
     assert found.alpha == plain.alpha
-
-
-def test_kept_set_is_asked_for_with_the_margin_that_is_to_be_proven(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """None is 0; any other margin is that of another set."""
-    asked: list[tuple[object, list[list[float]]]] = []
-
-    def load(key: object, *_: object, Q_m: Array, **__: object) -> None:
-        asked.append((key, Q_m.tolist()))
-
-    monkeypatch.setattr(certification, "load_set", load)
-    monkeypatch.setattr(certification, "keep", lambda *_: None)
-    x, u = ca.SX.sym("x"), ca.SX.sym("u")
-    law = TerminalSet(
-        K=np.ones((1, 1)), P=np.eye(1), alpha=1.0, x_ref=np.zeros(1),
-        u_ref=np.zeros(1), dt=None, design="own",
-    )  # fmt: skip
-    reference = bounded(np.zeros(1), np.ones(1))
-    for margin in (None, 0.0, 0.25, 0.5):
-        options = ProofOptions(Q_m=None if margin is None else [[margin]])
-        found = certify(
-            loop(-x + 0 * u, x, u), reference, law, dt=None, rng=rng(), options=options
-        )
-        assert found.certificate is not None
-        assert found.certificate.Q_m.tolist() == [[margin or 0.0]]
-    keys, margins = zip(*asked, strict=True)
-    assert margins == ([[0.0]], [[0.0]], [[0.25]], [[0.5]])
-    assert keys[0] == keys[1] and len({*keys}) == 3
-
-
-@pytest.mark.parametrize("refuted", [None, 0.25])
-def test_set_without_any_proven_level_tells_what_was_tried_and_refuted(
-    refuted: float | None, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    found = None
-    if refuted is not None:
-        found = Refutation(alpha=refuted, e=np.array([0.5]), change=0.0)
-    proof = Proof(proven=False, alpha=0.01, boxes=1, seconds=0.0)
-    level = ProvenLevel(proof=proof, refutation=found)
-    monkeypatch.setattr(certification, "proven_level", lambda *_, **__: level)
-    x, u = ca.SX.sym("x"), ca.SX.sym("u")
-    law = TerminalSet(
-        K=np.ones((1, 1)), P=np.eye(1), alpha=1.0, x_ref=np.zeros(1),
-        u_ref=np.zeros(1), dt=None, design="own",
-    )  # fmt: skip
-    reference, options = bounded(np.zeros(1), np.ones(1)), ProofOptions(work=7.0)
-    with pytest.raises(UnprovenSetError) as caught:
-        certify(
-            loop(-3 * x + 0 * u, x, u), reference, law, dt=None, rng=rng(),
-            options=options,
-        )  # fmt: skip
-    error = caught.value
-    assert (error.smallest, error.refuted, error.work) == (0.01, refuted, 7.0)
