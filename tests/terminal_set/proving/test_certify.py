@@ -1,4 +1,4 @@
-"""Certification by parts: what is asked of kept sets, and what is told of no level."""
+"""Certification by parts: questions to kept sets, and the report of a failure."""
 
 from __future__ import annotations
 

@@ -177,7 +177,7 @@ def test_tube_holds_the_error_and_what_the_reference_drifts() -> None:
 
 
 def test_thinnest_tube_is_a_part_of_the_radius() -> None:
-    """Where nothing is to be bounded at all."""
+    """If nothing is to be bounded at all."""
     search = Given(
         Residual(pendulum()[0], pendulum()[1], dt=0.1, substeps=1), 16.0, np.inf,
         speed=0.0, bend=1.0,
@@ -264,7 +264,7 @@ def quantity(cells: Cells) -> tuple[Array, Array, Array]:
 
 @pytest.mark.parametrize("share", [1.01, 1.3])
 def test_quantity_is_bounded_over_the_ball_as_tightly_as_allowed(share: float) -> None:
-    """z_0 + |z| is at most 2 r, met nowhere inside; a bound above `useless` is none."""
+    """z_0 + |z| is at most 2 r, met nowhere inside; one above `useless` is infinite."""
     f, law = pendulum()
     search = ErrorSearch(Residual(f, law, dt=0.1, substeps=1), 4.0, np.inf)
     assert search.boxes == 0

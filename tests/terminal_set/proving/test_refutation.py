@@ -223,7 +223,7 @@ def test_nearest_counterexample_within_the_level_is_taken(
 def test_point_just_inside_is_pushed_outwards_by_little_or_given_up(
     inside: float, pushed: float | None
 ) -> None:
-    """c = |e| - 1, and a point that lies a part within the sphere where it is 0."""
+    """c = |e| - 1, and a point that lies a part within the sphere of its zeros."""
     e = ca.SX.sym("e", 2)
     c = ca.Function("c", [e], [ca.norm_2(e) - 1])
     for direction in ([1.0, 0.0], [0.0, -1.0]):

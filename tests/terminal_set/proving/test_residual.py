@@ -391,3 +391,16 @@ def test_coordinates_that_are_rounded_are_said_to_be_off(
     assert min(part.max() for part in off) > 1e-4
     expected = sum(part.sum(axis=1).max() for part in off)
     assert residual.off == pytest.approx(expected, rel=1e-9)
+
+
+def test_tube_reaches_as_far_in_each_state_as_the_ellipsoid_does() -> None:
+    """T is [[1, 10], [0, 1]]: of |z| = 1, e_0 is up to the root of 101, e_1 to 1."""
+    x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+    f = ca.Function("f", [x, u], [ca.vertcat(x[0] ** 2, 0 * u)])
+    S = np.array([[1.0, -10.0], [0.0, 1.0]])
+    own = law(np.zeros((1, 2)), S.T @ S, np.zeros(2))
+    residual = Residual(f, own, dt=0.1, substeps=1)
+    start = residual.start(0, np.zeros((2, 1)), np.zeros((2, 1)))
+    (_, radius), _ = residual.field(start, (0.0, 0.0), 0.2)
+    # f_x is 2 e_0 in its first entry alone, as is S f_x T.
+    assert radius[0, 0, 0] == pytest.approx(2 * 0.2 * 101**0.5, rel=1e-9)
