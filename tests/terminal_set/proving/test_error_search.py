@@ -177,7 +177,7 @@ def test_tube_holds_the_error_and_what_the_reference_drifts() -> None:
 
 
 def test_thinnest_tube_is_a_part_of_the_radius() -> None:
-    """If nothing is to be bounded at all."""
+    """Of a search without anything to bound."""
     search = Given(
         Residual(pendulum()[0], pendulum()[1], dt=0.1, substeps=1), 16.0, np.inf,
         speed=0.0, bend=1.0,

@@ -256,7 +256,7 @@ class Quadratic:
     """x_i' = c_i + (L w)_i + w'D_i w with w = (x, u), by series in time.
 
     A series is an array (ORDERS, n, m): of m points, coefficients of powers of the time
-    from where it is expanded.
+    from its centre.
     """
 
     def __init__(self, rng: np.random.Generator, nx: int, nu: int) -> None:
