@@ -6,13 +6,47 @@ expected, what was found and where.
 """
 
 import importlib
+import pickle
+from collections.abc import Callable
 from typing import Any
 
 LONGEST_SHOWN = 200
 """Characters of a value in a message."""
 
 
-class SwarmstartError(Exception):
+class Sendable:
+    """Base of exceptions that are pickled with their message and all attributes.
+
+    By default they would be made again from the message alone, which ends the process
+    that waits for them. An attribute that cannot be pickled becomes its text.
+    """
+
+    __slots__ = ()
+
+    def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+        """Return how to make the exception again."""
+        kept = {name: _sendable(value) for name, value in vars(self).items()}
+        return _made_again, (type(self), self.args, kept)  # type: ignore[attr-defined]
+
+
+def _sendable(value: object) -> object:
+    try:
+        pickle.dumps(value)
+    except Exception:  # noqa: BLE001 - CasADi raises this class itself
+        return brief(value)
+    return value
+
+
+def _made_again(
+    kind: type[BaseException], args: tuple[object, ...], kept: dict[str, object]
+) -> BaseException:
+    """Return an exception as it was, without its constructor."""
+    error = kind.__new__(kind, *args)
+    vars(error).update(kept)
+    return error
+
+
+class SwarmstartError(Sendable, Exception):
     """Base of all errors a caller can cause; the message says what is wrong and why."""
 
 

@@ -13,6 +13,7 @@ import json
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
@@ -69,6 +70,12 @@ class Resolved:
     variant: str
     settings: Mapping[str, Any]
     allow_python: bool = False
+
+    def __reduce__(self) -> tuple[Callable[..., Resolved], tuple[Any, ...]]:
+        """Return how to resolve it again: its classes are made for the searches."""
+        folder = self.permissions().get("python_in")
+        again = partial(resolved_again, python_in=folder)
+        return again, (self.settings, self.variant)
 
     @property
     def code(self) -> Path | None:

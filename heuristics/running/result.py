@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from swarmstart.arrays import Array
+from swarmstart.errors import Sendable
 from swarmstart.heuristics.running.search import Individual, Snapshot
 
 
@@ -94,7 +95,7 @@ class SearchResult:
     compile_seconds: float = 0.0
 
 
-class SearchInterrupted(KeyboardInterrupt):
+class SearchInterrupted(Sendable, KeyboardInterrupt):
     """Ctrl-C ended a search of which at least one generation was finished.
 
     Attributes:
@@ -114,11 +115,6 @@ class SearchInterrupted(KeyboardInterrupt):
             f"best cost {partial.cost:g}"
         )
         self.partial = partial
-
-    def __reduce__(self) -> tuple[type[SearchInterrupted], tuple[SearchResult]]:
-        """Pickle the exception with its result."""
-        # By default it would be made anew from its message.
-        return type(self), (self.partial,)
 
 
 def locked(values: ArrayLike) -> Array:

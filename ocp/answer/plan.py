@@ -41,6 +41,7 @@ from numpy.typing import ArrayLike
 
 from swarmstart.arguments import checked
 from swarmstart.arrays import Array
+from swarmstart.errors import Sendable
 from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.lower_bound.stated.answer import SENSE
 from swarmstart.ocp.nlp.multipliers import Duals, duals_of
@@ -226,7 +227,7 @@ class Account(TypedDict, total=False):
     stopped: bool
 
 
-class PlanningInterrupted(KeyboardInterrupt):
+class PlanningInterrupted(Sendable, KeyboardInterrupt):
     """Ctrl-C during planning.
 
     Attributes:

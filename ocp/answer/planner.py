@@ -48,6 +48,7 @@ from swarmstart.ocp.answer.plan import (
     is_enough,
 )
 from swarmstart.ocp.common.errors import InvalidProblemError, refused
+from swarmstart.ocp.common.pickling import Called
 from swarmstart.ocp.common.presentation import ProgressCallback, of_budget, tell_nothing
 from swarmstart.ocp.common.processes import free_processors, processes_of
 from swarmstart.ocp.nlp.integer_polish import IntegerPolisher, WholePolished
@@ -170,7 +171,7 @@ def _turned(search: SearchSettings) -> SearchSettings:
     lanes=a_count(),
     watch=WATCH,
 )
-class Planner:
+class Planner(Called):
     """Search and polish of one problem, compiled once.
 
     Except for `posed`, all methods refer to the core of the problem. It is the problem
@@ -289,6 +290,8 @@ class Planner:
             return self
         other = copy(self)
         other.search = replace(self.search, budget=budget)
+        is_max = self.stated.maximize
+        other._call_with(search=_turned(other.search) if is_max else other.search)
         if self._lane_search is not None:
             other._lane_search = self._lane_search.with_search(other.search)
         return other
@@ -316,6 +319,7 @@ class Planner:
     def _without_lanes(self) -> Planner:
         other = copy(self)
         other._lanes = 0
+        other._call_with(lanes=0)
         # A copy takes cached values along; this one is for a planner with lanes.
         other.__dict__.pop("many_starts", None)
         return other

@@ -25,7 +25,7 @@ from swarmstart.arguments import (
     text,
 )
 from swarmstart.arrays import Array
-from swarmstart.errors import SwarmstartError
+from swarmstart.errors import Sendable, SwarmstartError
 from swarmstart.heuristics import Budget, Order, generator_of
 from swarmstart.heuristics.running import heeded
 from swarmstart.machine_code import stopwatch
@@ -62,7 +62,7 @@ StartRule = Literal["must hold", "may violate"]
 PolishGiven = PolishOptions | str | bool | None
 
 
-class SolveInterrupted(KeyboardInterrupt):
+class SolveInterrupted(Sendable, KeyboardInterrupt):
     """Ctrl-C during `solve`.
 
     Attributes:
@@ -76,7 +76,7 @@ class SolveInterrupted(KeyboardInterrupt):
         self.partial = partial
 
 
-class BoundInterrupted(KeyboardInterrupt):
+class BoundInterrupted(Sendable, KeyboardInterrupt):
     """Ctrl-C while the lower bound of an answer was computed.
 
     Attributes:

@@ -29,6 +29,7 @@ import numpy as np
 
 from swarmstart.arguments import Check, either, of_kind, reals
 from swarmstart.ocp.common.errors import InvalidProblemError
+from swarmstart.ocp.common.pickling import Expressed
 
 LONGEST_SHOWN = 60
 """Largest number of characters of a value in a message."""
@@ -192,7 +193,7 @@ def symbol_of(name: str) -> ca.SX:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SymbolMap:
+class SymbolMap(Expressed):
     """MX symbols, each with the SX symbol that replaces it.
 
     Attributes:

@@ -25,6 +25,7 @@ from swarmstart.arguments import (
 )
 from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import InvalidProblemError, refused
+from swarmstart.ocp.common.pickling import Called
 from swarmstart.ocp.compiled.backend import (
     MappedBuffers,
     chosen_backend,
@@ -52,7 +53,7 @@ _OPTIONS = {
 
 
 @checked(refused, **_OPTIONS)
-class BatchFunction:
+class BatchFunction(Called):
     """A function of populations; made by `compile_batch`.
 
     The shapes at a call show which arguments differ per individual; each combination

@@ -35,6 +35,7 @@ from swarmstart.arguments import (
 from swarmstart.arrays import Array
 from swarmstart.ocp.answer.plan import Plan, Source
 from swarmstart.ocp.common.errors import InvalidProblemError, refused
+from swarmstart.ocp.common.pickling import Called
 from swarmstart.ocp.integration.integrators import held_step
 from swarmstart.ocp.loop.controller import Decision, Mode, RecedingHorizon
 from swarmstart.ocp.loop.team import Agent, Team, first_controls
@@ -71,7 +72,7 @@ class UncertifiedSetError(InvalidProblemError):
     targets=several(function(), "a sequence of functions"),
     uncertified=FLAG,
 )
-class DualMode:
+class DualMode(Called):
     """A team that switches to linear laws when all agents are in their terminal sets.
 
     Attributes:

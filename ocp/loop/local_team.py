@@ -55,6 +55,7 @@ from swarmstart.arrays import Array
 from swarmstart.ocp.answer.plan import Plan, Source
 from swarmstart.ocp.answer.planner import Planner
 from swarmstart.ocp.common.errors import InvalidProblemError, refused
+from swarmstart.ocp.common.pickling import Called
 from swarmstart.ocp.loop.controller import Decision, RecedingHorizon, ReferenceSignals
 from swarmstart.ocp.loop.team import first_controls
 from swarmstart.ocp.rollout.fitness import Known
@@ -131,7 +132,7 @@ class LocalAgent:
     links=a_count(),
     within=optional(a_number(above=0)),
 )
-class LocalTeam:
+class LocalTeam(Called):
     """Controller of similar agents, each of which sees those within range.
 
     Attributes:

@@ -34,6 +34,7 @@ from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import DivergedError, InvalidProblemError, refused
 from swarmstart.ocp.common.expressions import shortened, symbol_names
 from swarmstart.ocp.common.limits import numbers_of
+from swarmstart.ocp.common.pickling import Called
 from swarmstart.ocp.integration.integrators import (
     INSIDE,
     MORE_PARTS,
@@ -65,7 +66,7 @@ _STEP = {
     decided=mapping(words="a mapping of names to numbers"),
     clock=text(),
 )
-class Plant:
+class Plant(Called):
     """A model, integrated finely over control intervals with held controls.
 
     Attributes:
@@ -327,6 +328,7 @@ class Plant:
         """
         again = copy.copy(self)  # Parameters are arguments: nothing is compiled.
         again._decided = {n: values.get(n, old) for n, old in self._decided.items()}
+        again._call_with(decided=again._decided)
         return again
 
     @checked(refused, times=_TIMES)
@@ -410,7 +412,7 @@ class Steps(Protocol):
 @checked(
     refused, steps=having("step", words="an object with step(x, u, dt)"), dt=_SECONDS
 )
-class SteppedPlant:
+class SteppedPlant(Called):
     """An object with `step(x, u, dt)` as a plant with one step per interval.
 
     Attributes:

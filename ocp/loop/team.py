@@ -26,6 +26,7 @@ from swarmstart.arguments import (
 from swarmstart.arrays import Array
 from swarmstart.ocp.answer.plan import Plan
 from swarmstart.ocp.common.errors import InvalidProblemError, refused
+from swarmstart.ocp.common.pickling import Called
 from swarmstart.ocp.loop.controller import Decision, RecedingHorizon
 from swarmstart.ocp.statement.problem import require_held
 
@@ -75,7 +76,7 @@ class Agent:
     agents=several(of_kind(Agent, "an Agent"), "a sequence of Agents"),
     order=optional(INDICES),
 )
-class Team:
+class Team(Called):
     """Controller of agents whose states and controls are stacked.
 
     Attributes:

@@ -33,6 +33,7 @@ from swarmstart.arguments import FLAG, INDICES, checked, of_kind, optional, real
 from swarmstart.arrays import Array
 from swarmstart.heuristics.running import heeded
 from swarmstart.ocp.common.errors import InvalidProblemError, SolveError, refused
+from swarmstart.ocp.common.pickling import Called
 from swarmstart.ocp.nlp.nlp_solvers import (
     MOST_CORRECTIONS,
     FixedSteps,
@@ -233,7 +234,7 @@ def _require_controls(held: Sequence[int], nu: int) -> None:
     options=optional(of_kind(PolishOptions, "IpoptOptions or NlpOptions")),
     watch=WATCH,
 )
-class Polisher:
+class Polisher(Called):
     """An NLP solver on the multiple-shooting NLP of one problem.
 
     The NLP is built when it is first needed, and then kept. With step size control, its

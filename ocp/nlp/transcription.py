@@ -25,6 +25,7 @@ optimal control problems.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -32,6 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.arrays import Array
+from swarmstart.ocp.common.pickling import Rebuilt
 from swarmstart.ocp.nlp.collocation import (
     Inner,
     inner_sizes,
@@ -77,29 +79,106 @@ class Limits(NamedTuple):
     ubg: Array
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class NonlinearProgram:
+class _Functions(NamedTuple):
+    """An NLP, its derivatives, and the kernels that they call, but do not own."""
+
+    nlp: dict[str, Any]
+    derivatives: dict[str, ca.Function]
+    kernels: list[ca.Function]
+
+
+@dataclass(frozen=True, eq=False)
+class NonlinearProgram(Rebuilt):
     """An NLP in the form that CasADi's `nlpsol` takes, with sizes as arguments.
 
+    Its functions are built at their first use and then kept, so that a pickled answer
+    is loaded without building them.
+
     Attributes:
-        problem: The problem.
-        nlp: The expressions "x", "p", "f", "g".
-        derivatives: "grad_f", "jac_g" and "hess_lag", as nlpsol's IPOPT takes them.
-        parts: One interval, the end and the start.
-        unit: Unit of the cost, as in `OptimalControlProblem.costs`.
-        slack_rows: For each soft row, the rows of an interval that bound its excess;
-            counted among the rows with a limit.
-        inner_guess: Guess of the collocation unknowns; None in multiple shooting.
+        shooting: The problem's functions.
+        compiled: Whether the NLP's functions call machine code, unless it is so small
+            that CasADi is as fast. They have no further derivatives then.
     """
 
-    problem: OptimalControlProblem
-    nlp: dict[str, Any]  # MX, or SX if written out.
-    derivatives: dict[str, ca.Function]
-    parts: Parts
-    unit: float
-    slack_rows: tuple[list[int], ...]
-    inner_guess: InnerGuess | None = None
-    _kernels: tuple[ca.Function, ...] = ()  # The functions do not own what they call.
+    shooting: Shooting
+    compiled: bool = False
+
+    @property
+    def problem(self) -> OptimalControlProblem:
+        """The core of the problem."""
+        return self.shooting.problem
+
+    @property
+    def nlp(self) -> dict[str, Any]:
+        """The expressions "x", "p", "f", "g": MX, or SX if they are written out."""
+        return self._functions.nlp
+
+    @property
+    def derivatives(self) -> dict[str, ca.Function]:
+        """The functions "grad_f", "jac_g" and "hess_lag", as nlpsol's IPOPT takes."""
+        return self._functions.derivatives
+
+    @property
+    def kernels(self) -> list[ca.Function]:
+        """Machine code of the intervals, which these functions call, but do not own."""
+        return self._functions.kernels
+
+    @property
+    def unit(self) -> float:
+        """Unit of the cost, as in `OptimalControlProblem.costs`."""
+        return self.shooting.costs[0]
+
+    @cached_property
+    def parts(self) -> Parts:
+        """One interval, the end and the start."""
+        begins = bool(self.problem.nlp_starts)
+        return Parts(
+            _interval_part(self.shooting),
+            _end_part(self.shooting),
+            _begin_part(self.shooting) if begins else None,
+        )
+
+    @cached_property
+    def slack_rows(self) -> tuple[list[int], ...]:
+        """For each soft row, the rows of an interval that bound its excess.
+
+        They are counted among the rows with a limit.
+        """
+        places = self.parts.interval.rows.places
+        soft = () if self.shooting.soft is None else self.shooting.soft.places
+        return tuple(
+            [row for row, place in enumerate(places) if place == own] for own in soft
+        )
+
+    @cached_property
+    def inner_guess(self) -> InnerGuess | None:
+        """Guess of the collocation unknowns; None in multiple shooting."""
+        layout = layout_of(self.problem)
+        return None if layout is None else InnerGuess(self.shooting, layout)
+
+    @cached_property
+    def _functions(self) -> "_Functions":
+        problem, parts = self.problem, self.parts
+        operations = sum(part.n_instructions() for part in parts.interval[:3])
+        is_written_out = operations * problem.intervals <= (
+            _AS_FAST if self.compiled else _UNROLLED
+        )
+        compiled = self.compiled and not is_written_out
+        mapped = Mapped(problem, parts, compiled=compiled)
+        costs, values = zip(
+            *mapped.applied(lambda part: part.values, apart=((0,), (1,))), strict=True
+        )
+        nlp: dict[str, Any] = {
+            "x": mapped.w,
+            "p": mapped.q,
+            "f": sum(costs[1:], ca.sum2(costs[0])),
+            "g": mapped.rows_of(values),
+        }
+        derivatives = derivatives_of(mapped)
+        if is_written_out:
+            nlp = _without_calls(nlp)
+            derivatives = {name: f.expand() for name, f in derivatives.items()}
+        return _Functions(nlp, derivatives, mapped.kernels)
 
     def arguments(
         self, x0: Array, parameters: Array, signals: Array, sizes: Sizes
@@ -291,46 +370,10 @@ def multiple_shooting(
         compiled: Whether its functions call machine code, unless it is so small that
             CasADi is as fast. They have no further derivatives then.
     """
-    shooting = shooting_of(problem)
-    problem = shooting.problem
-    layout = layout_of(problem)
-    parts = Parts(
-        _interval_part(shooting),
-        _end_part(shooting),
-        _begin_part(shooting) if problem.nlp_starts else None,
-    )
-    operations = sum(part.n_instructions() for part in parts.interval[:3])
-    is_written_out = operations * problem.intervals <= (
-        _AS_FAST if compiled else _UNROLLED
-    )
-    mapped = Mapped(problem, parts, compiled=compiled and not is_written_out)
-    costs, values = zip(
-        *mapped.applied(lambda part: part.values, apart=((0,), (1,))), strict=True
-    )
-    nlp: dict[str, Any] = {
-        "x": mapped.w,
-        "p": mapped.q,
-        "f": sum(costs[1:], ca.sum2(costs[0])),
-        "g": mapped.rows_of(values),
-    }
-    derivatives = derivatives_of(mapped)
-    places = parts.interval.rows.places
-    soft = () if shooting.soft is None else shooting.soft.places
-    if is_written_out:
-        nlp = _without_calls(nlp)
-        derivatives = {name: f.expand() for name, f in derivatives.items()}
-    return NonlinearProgram(
-        problem=problem,
-        nlp=nlp,
-        derivatives=derivatives,
-        parts=parts,
-        unit=shooting.costs[0],
-        slack_rows=tuple(
-            [row for row, place in enumerate(places) if place == own] for own in soft
-        ),
-        inner_guess=None if layout is None else InnerGuess(shooting, layout),
-        _kernels=tuple(mapped.kernels),
-    )
+    program = NonlinearProgram(shooting_of(problem), compiled)
+    # Now: a solver that is built does nothing of this when it plans.
+    _ = program.nlp, program.inner_guess
+    return program
 
 
 def _without_calls(nlp: dict[str, Any]) -> dict[str, Any]:

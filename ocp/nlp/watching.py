@@ -190,6 +190,10 @@ class Unwatched:
 
     is_over = False
 
+    def __reduce__(self) -> str:
+        """Be pickled by name: `UNWATCHED` is known by its identity."""
+        return "UNWATCHED"
+
     def searching(self) -> AbstractContextManager[None]:
         """Do nothing; the same holds for all methods below."""
         return nullcontext()

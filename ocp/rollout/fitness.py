@@ -30,6 +30,7 @@ from swarmstart.machine_code import Pointers, compiling
 from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.common.expressions import symbol_names
 from swarmstart.ocp.common.limits import numbers_of
+from swarmstart.ocp.common.pickling import Called
 from swarmstart.ocp.compiled.backend import (
     BatchEvaluator,
     BoundEvaluator,
@@ -160,7 +161,7 @@ LEAST_STATE = 1e-8
     precision=choice(FORMATS),
     threads=a_count(least=1),
 )
-class Fitness:
+class Fitness(Called):
     """Evaluator of one problem, compiled once when needed, for any initial state.
 
     Attributes:

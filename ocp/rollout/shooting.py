@@ -26,6 +26,7 @@ import casadi as ca
 import numpy as np
 
 from swarmstart.arrays import Array
+from swarmstart.ocp.common.pickling import Rebuilt
 from swarmstart.ocp.integration.integrators import INSIDE, PARTS, integrate
 from swarmstart.ocp.integration.rodas import Rate
 from swarmstart.ocp.rollout.adaptive_stage import adaptive_stage, tick_of
@@ -54,7 +55,7 @@ ARGUMENTS = ("decisions", "x0", "parameters", "signals")
 
 
 @dataclass(frozen=True, eq=False)
-class Shooting:
+class Shooting(Rebuilt):
     """Functions of one problem; each is built at its first use and then kept.
 
     All evaluators of a problem share one `Shooting`.

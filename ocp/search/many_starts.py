@@ -29,6 +29,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.arrays import Array
+from swarmstart.errors import Sendable
 from swarmstart.machine_code import stopwatch
 from swarmstart.ocp.common.processes import Ahead, free_processors, processes_of
 from swarmstart.ocp.compiled.engine import NoCompilerError
@@ -92,7 +93,7 @@ class Answered:
     is_searched: bool
 
 
-class ManyStartsInterrupted(KeyboardInterrupt):
+class ManyStartsInterrupted(Sendable, KeyboardInterrupt):
     """Ctrl-C during the solves from many starts.
 
     Attributes:

@@ -66,6 +66,7 @@ from swarmstart.ocp.common.limits import (
     scales_given,
     sizes_given,
 )
+from swarmstart.ocp.common.pickling import Expressed
 from swarmstart.ocp.integration.integrators import require_integrator
 from swarmstart.ocp.integration.radau import Radau, Transcription, as_transcription
 from swarmstart.ocp.integration.rodas import COARSEST, FINEST
@@ -135,7 +136,7 @@ class Costs(NamedTuple):
     epigraph=optional(of_kind(Epigraph, "an Epigraph")),
 )
 @dataclass(frozen=True, eq=False)  # No slots: cached properties need a dict.
-class OptimalControlProblem:
+class OptimalControlProblem(Expressed):
     """An optimal-control problem over a horizon; the initial state is an argument.
 
     Attributes:
@@ -586,10 +587,6 @@ class OptimalControlProblem:
     def kept(self) -> dict[str, Any]:
         """Functions and planners made for it, for later calls; copies have none."""
         return {}
-
-    def __getstate__(self) -> dict[str, object]:
-        """Return the state of a copy, without what was made for the original."""
-        return {name: own for name, own in vars(self).items() if name != "kept"}
 
     @cached_property
     def control_labels(self) -> NDArray[np.intp]:

@@ -27,13 +27,14 @@ import casadi as ca
 import numpy as np
 
 from swarmstart.arrays import Array
+from swarmstart.ocp.common.pickling import Expressed
 from swarmstart.ocp.statement.decisions import Free, FreeStart
 
 Measure = Literal["mean", "worst", "cvar"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Risk:
+class Risk(Expressed):
     """Costs of the members as expressions, and their combination.
 
     Attributes:

@@ -68,6 +68,7 @@ from swarmstart.ocp.common.expressions import (
     symbol_of,
 )
 from swarmstart.ocp.common.limits import Limit, vector_of
+from swarmstart.ocp.common.pickling import Expressed
 from swarmstart.ocp.system.constraints import PathConstraint
 
 _EXPRESSIONS = ("solution", "unsolved", "residual", "size", "start")
@@ -85,7 +86,7 @@ _ROOTS = (2.0, 3.0)  # sqrt(2 + k), sqrt(3 + k): test points of dg/dz
     refused, symbols=EXPRESSION, residual=ROWS, start=ROWS, iterations=a_count(least=1)
 )
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class AlgebraicEquations:
+class AlgebraicEquations(Expressed):
     """Equations 0 = g(x, z, u, p) that determine the algebraic variables z.
 
     Attributes:
@@ -128,7 +129,7 @@ class AlgebraicEquations:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Elimination:
+class Elimination(Expressed):
     """Algebraic variables, and the expressions that replace them.
 
     Attributes:

@@ -55,6 +55,7 @@ from swarmstart.ocp.common.expressions import (
     require_known,
 )
 from swarmstart.ocp.common.limits import Limit, limits_of, require_choice, scales_given
+from swarmstart.ocp.common.pickling import Expressed
 
 Measure = Literal["excess", "indicator"]
 MovingLimit = Limit | ca.SX | Sequence[float | ca.SX]
@@ -135,7 +136,7 @@ _CONTROL = of_kind((int, float, str, np.integer), "a number or a name")
     integer=either(several(_CONTROL, "a sequence of numbers or names"), _CONTROL),
 )
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Bounds:
+class Bounds(Expressed):
     """Box bounds on controls and states.
 
     A bound may be an expression of parameters, signals and time. The problem turns such
@@ -169,7 +170,7 @@ class Bounds:
     integer: Sequence[int | str] = ()
 
 
-class _Limited:
+class _Limited(Expressed):
     """Measurement of an expression against its limits."""
 
     __slots__ = ()

@@ -41,6 +41,7 @@ from swarmstart.ocp.common.expressions import (
     symbol_names,
 )
 from swarmstart.ocp.common.limits import numbers_of, require_seconds
+from swarmstart.ocp.common.pickling import Expressed
 from swarmstart.ocp.system.algebraic import (
     AlgebraicEquations,
     Elimination,
@@ -73,7 +74,7 @@ CHANGES = ("ode", "next_state")
     elimination=of_kind(Elimination, "an Elimination"),
 )
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Model:
+class Model(Expressed):
     """A differential or difference equation with inputs, as CasADi SX symbols.
 
     Symbols and expressions may be given as CasADi MX. The model then creates SX symbols

@@ -39,6 +39,7 @@ from swarmstart.ocp.common.limits import (
     scales_given,
     vector_of,
 )
+from swarmstart.ocp.common.pickling import Expressed
 from swarmstart.ocp.system.constraints import (
     Constraint,
     Measure,
@@ -56,7 +57,7 @@ _SHORTEST_SEGMENT = 1e-24
 
 @checked(refused, along=text(), measure=text(), name=text())
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Separation:
+class Separation(Expressed):
     """Keep a relative position at least `distance` away from the origin.
 
     Attributes:
@@ -134,7 +135,7 @@ class Separation:
 
 @checked(refused, name=text())
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Connection:
+class Connection(Expressed):
     """Keep a relative position at most `distance` away from the origin.
 
     Attributes:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -15,10 +15,12 @@ from swarmstart.cases.format.document import counted
 from swarmstart.cases.format.kind import Flight, Measure, Posed
 from swarmstart.cases.format.registry import SOLVE
 from swarmstart.cases.format.scenario import Resolved
+from swarmstart.cases.kinds.flight import flight_of
 from swarmstart.cases.record.bound_content import CERTIFICATE
 from swarmstart.cases.record.multiplier_arrays import told
 from swarmstart.cases.record.record import run_key, versions
 from swarmstart.cases.record.trajectory_arrays import found_plans, planned
+from swarmstart.errors import Sendable
 from swarmstart.ocp import (
     DualMode,
     LowerBound,
@@ -145,7 +147,7 @@ def _stopped(trajectory: Trajectory) -> str:
     return f", {count} of {counted(steps, 'step')} {were} stopped in time (within_s)"
 
 
-class Interrupted(KeyboardInterrupt):
+class Interrupted(Sendable, KeyboardInterrupt):
     """Ctrl-C during a run, whose finished steps are in its folder.
 
     Attributes:
@@ -217,6 +219,27 @@ class Run:
     multipliers: Multipliers | None = None
     bound: LowerBound | None = None
     bound_content: Mapping[str, Any] | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return all attributes but the closed loop, which is compiled."""
+        return {
+            one.name: getattr(self, one.name)
+            for one in fields(self)
+            if one.name != "flight"
+        }
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Take all attributes but the closed loop."""
+        for name, value in state.items():
+            object.__setattr__(self, name, value)
+
+    def __getattr__(self, name: str) -> Flight[Posed]:
+        """Return the closed loop of a run that was pickled, made at its first use."""
+        if name != "flight":  # A slot that is not set.
+            raise AttributeError(f"a Run has no attribute {name!r}")
+        flight = flight_of(self.resolved.posed(), self.resolved.scenario)
+        object.__setattr__(self, "flight", flight)
+        return flight
 
     def __repr__(self) -> str:
         """Return scenario, seed and how it ended in one line."""

@@ -48,9 +48,9 @@ def values_at(program: NonlinearProgram, seed: int) -> list[Array]:
 def test_all_functions_equal_those_of_casadi(feature: str) -> None:
     problem = drawn((feature,), np.random.default_rng(3)).problem()
     compiled = multiple_shooting(problem, compiled=True)
-    assert all(isinstance(one, IntervalKernel) for one in compiled._kernels)
+    assert all(isinstance(one, IntervalKernel) for one in compiled.kernels)
     interpreted = multiple_shooting(problem)
-    assert not any(isinstance(one, IntervalKernel) for one in interpreted._kernels)
+    assert not any(isinstance(one, IntervalKernel) for one in interpreted.kernels)
     for seed in (1, 2):
         both = (values_at(one, seed) for one in (compiled, interpreted))
         for mine, theirs in zip(*both, strict=True):
@@ -151,7 +151,7 @@ def test_a_polish_on_machine_code_ends_where_casadi_ends(
             swing_up(50, 4), search=None, polish=IpoptOptions(), backend=backend
         )
         assert planner.polisher is not None and planner.polisher.program is not None
-        kernels = planner.polisher.program._kernels
+        kernels = planner.polisher.program.kernels
         assert any(isinstance(k, IntervalKernel) for k in kernels) == (
             backend == "llvm"
         )
@@ -167,5 +167,5 @@ def test_other_solvers_differentiate_casadis_own_functions(
     options = NlpOptions(plugin="sqpmethod", options={"max_iter": 1})
     planner = Planner(swing_up(50, 4), search=None, polish=options, backend="llvm")
     assert planner.polisher is not None and planner.polisher.program is not None
-    kernels = planner.polisher.program._kernels
+    kernels = planner.polisher.program.kernels
     assert not any(isinstance(k, IntervalKernel) for k in kernels)
