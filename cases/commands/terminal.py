@@ -23,7 +23,7 @@ import time as clock
 from collections.abc import Iterator, Sequence
 from numbers import Integral
 from types import TracebackType
-from typing import TYPE_CHECKING, Self, TextIO
+from typing import TYPE_CHECKING, NoReturn, Self, TextIO
 
 from swarmstart.cases.format.document import printable
 from swarmstart.errors import InvalidArgumentError, SwarmstartError
@@ -251,6 +251,16 @@ class Progress:
         # The timer draws in a thread of its own.
         self._lock, self._is_over = threading.Lock(), False
         self._hiding = contextlib.ExitStack()
+
+    def __reduce__(self) -> NoReturn:
+        """Raise: it is drawn on the terminal of one process.
+
+        Raises:
+            InvalidArgumentError: Always.
+        """
+        raise InvalidArgumentError(
+            "progress", self, "True, False or a function that can be pickled"
+        )
 
     def __enter__(self) -> Self:
         """Begin to count the time; calls within show no progress of their own."""

@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, cast
+from typing import Any, Literal, NoReturn, cast
 
 import casadi as ca
 import numpy as np
@@ -159,6 +159,17 @@ class WarmStartedSolver:
         controls = _sequences(layouts[1], layout.shape[1])
         self._roll_out = roll_out_of(self._found, controls)
         self._ranges(numbers)
+
+    def __reduce__(self) -> NoReturn:
+        """Raise: the caller's Opti, or solver, cannot be sent to another process.
+
+        Raises:
+            InvalidProblemError: Always.
+        """
+        raise InvalidProblemError(
+            "a WarmStartedSolver cannot be pickled: call warm_start in the process "
+            "that solves"
+        )
 
     def __repr__(self) -> str:
         """Return the sizes of the search, and the report if there is one."""

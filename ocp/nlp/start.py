@@ -23,7 +23,7 @@ import math
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -88,6 +88,10 @@ class Start(NamedTuple):
     is_guess: bool = False
     carried: Carried | None = None
     decided: Mapping[str, float] = MappingProxyType({})
+
+    def __reduce__(self) -> tuple[type[Start], tuple[Any, ...]]:
+        """Return how to make it again: Python cannot pickle the view of a mapping."""
+        return Start, (*self[:-1], dict(self.decided))
 
 
 _PATIENCE, _LEAST_PATIENCE = 3, 20

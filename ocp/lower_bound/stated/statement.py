@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from swarmstart.arrays import Array
 from swarmstart.errors import SwarmstartError
+from swarmstart.ocp.common.pickling import Expressed
 from swarmstart.ocp.rollout.fitness import Known, core_known
 from swarmstart.ocp.rollout.scaling import Sizes, Sizing
 from swarmstart.ocp.statement.decisions import Free
@@ -35,7 +36,7 @@ _SMOOTH = frozenset(
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Statement:
+class Statement(Expressed):
     """A control problem in numbers.
 
     Attributes:

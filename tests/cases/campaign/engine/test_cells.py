@@ -109,7 +109,9 @@ def test_what_died_or_took_too_long_is_tried_when_asked_for_again(
     assert done([patient], tmp_path)[0].result == {"square": 9}
 
 
-def test_an_error_with_arguments_of_its_own_fails_its_own_cell_only(tmp_path: Path) -> None:
+def test_an_error_with_several_parts_fails_its_own_cell_only(
+    tmp_path: Path,
+) -> None:
     first, second = done([cell("refuse_budget"), cell("square", 5)], tmp_path, 1)
     assert first.failure.startswith("evaluations must be an integer of at least 1")
     assert second.result == {"square": 25}
