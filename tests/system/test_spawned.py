@@ -36,7 +36,8 @@ def resting(time: float) -> Array:
 
 
 def hard_to_solve(x: Array) -> Array:
-    return ((x**2 - 0.5) ** 2).sum(axis=0) + 0.1 * x[0]
+    cost: Array = ((x**2 - 0.5) ** 2).sum(axis=0) + 0.1 * x[0]
+    return cost
 
 
 def local_team() -> ss.LocalTeam:
@@ -69,7 +70,7 @@ def options() -> list[Any]:
     return [
         ss.CMAES(), ss.LSHADE(), ss.ChaoticPSO(), ss.DifferentialEvolution(),
         ss.GeneticAlgorithm(), ss.ParticleSwarm(), ss.RandomSearch(),
-        ss.SelfAdaptiveDE(), ss.Budget(evaluations=7), ss.Initial(points=[[0.5], [1]]),
+        ss.SelfAdaptiveDE(), ss.Budget(evaluations=7), ss.Initial(points=np.ones((2, 1))),
         ss.Memetic(), ss.Multistart(), ss.IpoptOptions(tolerance=1e-5),
         ss.NlpOptions(plugin="sqpmethod"), ss.Radau(points=2), ss.Free(1.0, 2.0),
         ss.Known(parameters=[1.0]), ss.CountedFrom({"x": 1e9}),
@@ -310,15 +311,15 @@ def test_every_error_is_sent_with_its_message_and_its_parts(door: Any) -> None:
         if not (isinstance(kind, type) and issubclass(kind, BaseException)):
             continue
         # Not by its constructor: each has arguments of its own.
-        error: Any = kind.__new__(kind, "what is wrong")
+        error = kind.__new__(kind, "what is wrong")
         if not issubclass(kind, Warning):
-            error.part, error.shown = made.weights(), lambda: None
+            vars(error).update(part=made.weights(), shown=lambda: None)
         found = pickle.loads(pickle.dumps(error))
         assert type(found) is kind
         assert found.args == ("what is wrong",)
         if not issubclass(kind, Warning):
-            np.testing.assert_array_equal(found.part.Q, np.eye(2))
-            assert "lambda" in found.shown  # Its text.
+            np.testing.assert_array_equal(vars(found)["part"].Q, np.eye(2))
+            assert "lambda" in vars(found)["shown"]  # Its text.
 
 
 def test_an_error_of_a_solve_reaches_the_caller(pool: Any) -> None:
