@@ -70,7 +70,8 @@ def options() -> list[Any]:
     return [
         ss.CMAES(), ss.LSHADE(), ss.ChaoticPSO(), ss.DifferentialEvolution(),
         ss.GeneticAlgorithm(), ss.ParticleSwarm(), ss.RandomSearch(),
-        ss.SelfAdaptiveDE(), ss.Budget(evaluations=7), ss.Initial(points=np.ones((2, 1))),
+        ss.SelfAdaptiveDE(), ss.Budget(evaluations=7),
+        ss.Initial(points=np.ones((2, 1))),
         ss.Memetic(), ss.Multistart(), ss.IpoptOptions(tolerance=1e-5),
         ss.NlpOptions(plugin="sqpmethod"), ss.Radau(points=2), ss.Free(1.0, 2.0),
         ss.Known(parameters=[1.0]), ss.CountedFrom({"x": 1e9}),
