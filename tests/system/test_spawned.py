@@ -275,7 +275,7 @@ def pool() -> Any:
 
 def test_every_object_does_in_another_process_what_it_does_here(pool: Any) -> None:
     things = {name: make() for name, (make, _) in USED.items()}
-    # Sent first: a search changes when it is told of costs.
+    # Sent first, since new costs change a search.
     answer = pool.submit(there, things)
     here = {name: use(things[name]) for name, (_, use) in USED.items()}
     for name, found in answer.result().items():
