@@ -25,7 +25,8 @@ def test_both_results_can_do_everything_that_the_table_has() -> None:
 
 
 def test_results_import_no_drawing_before_they_are_asked() -> None:
-    code = "import sys, swarmstart.ocp; print(*sys.modules)"
+    code = "import sys; from swarmstart.ocp import Solution, Trajectory; "
+    code += "print(*sys.modules)"
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     )
