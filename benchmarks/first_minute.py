@@ -61,6 +61,8 @@ LATER = {  # Name: arguments of Python, largest allowed ratio; None if there is 
     "`swarmstart check formation_v`": ([*CHECK, "formation_v"], 6.0),
     "`swarmstart check swap_8`": ([*CHECK, "swap_8"], 6.0),
     "`swarmstart check supersonic_climb`": ([*CHECK, "supersonic_climb"], 6.0),
+    "`swarmstart check double_pendulum`": ([*CHECK, "double_pendulum"], 6.0),
+    "`swarmstart check formation_100`": ([*CHECK, "formation_100"], 6.0),
     "`swarmstart run formation_v --no-figures`": ([*FLIGHT, "--no-figures"], 19.0),
     "`swarmstart run formation_v`": (FLIGHT, None),
 }

@@ -199,7 +199,7 @@ def _expanded(planner: Planner) -> Planner:
     )
     polishing = again.polisher
     polishing.prepare()  # type: ignore[union-attr]
-    built = polishing._solvers.built  # type: ignore[union-attr]
+    built = polishing.solvers.built  # type: ignore[union-attr]
     for steps, one in built.items():
         far = ca.nlpsol(
             "far", "ipopt", one.program.nlp, {"expand": True, **quiet, **options}

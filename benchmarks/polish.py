@@ -181,7 +181,7 @@ def measured(posed: Posed, rounds: int) -> Measured:
             polisher(controls, x0, known)
             seconds[which, i] = time.process_time() - begin
     each = seconds / [[max(one.iterations, 1)] for one in found]
-    solvers = polishers[1]._solvers.built
+    solvers = polishers[1].solvers.built
     stats = next(iter(solvers.values())).far(False).stats()
     inside = sum(s for name, s in stats.items() if name.startswith("t_proc_nlp_"))
     costs = [one.cost for one in found]

@@ -208,20 +208,6 @@ class Polished:
         )
 
 
-class Packed(NamedTuple):
-    """An answer as it can be sent to another process.
-
-    Attributes:
-        found: The answer, without its point.
-        point: Its point, without the NLP; None if it has none.
-        steps: Steps of the NLP.
-    """
-
-    found: Polished
-    point: NlpPoint | None
-    steps: FixedSteps | None
-
-
 def _require_controls(held: Sequence[int], nu: int) -> None:
     """Raise unless the numbers are those of controls."""
     if any(number >= nu for number in held):
@@ -240,6 +226,10 @@ class Polisher(Called):
     The NLP is built when it is first needed, and then kept. With step size control, its
     steps are chosen for each guess (nlp_solvers.py), and there is one NLP for each
     number of them.
+
+    Attributes:
+        solvers: The NLPs with their solvers.
+        watch: Observer of the work.
     """
 
     def __init__(
@@ -265,20 +255,20 @@ class Polisher(Called):
         near, far = (self._options.settings(near=either) for either in (True, False))
         # Other solvers than IPOPT have one way to start: it would be the same again.
         self._can_start_afresh = near != far
-        self._solvers = NlpSolvers(fitness, self._options)
+        self.solvers = NlpSolvers(fitness, self._options)
         self._choice: StepChoice | None = None
-        if not self._solvers.has_fixed_steps:
+        if not self.solvers.has_fixed_steps:
             self._choice = StepChoice(fitness.shooting)
 
     @property
     def program(self) -> NonlinearProgram | None:
         """The NLP; None if its steps are chosen for each guess."""
-        return self._solvers.program
+        return self.solvers.program
 
     @property
     def ratios(self) -> Ratios | None:
         """Cost of its derivatives; None if steps are chosen for each guess."""
-        return None if self._choice is not None else self._solvers(None).ratios
+        return None if self._choice is not None else self.solvers(None).ratios
 
     @property
     def operations(self) -> float:
@@ -294,29 +284,13 @@ class Polisher(Called):
     def prepare(self) -> None:
         """Build the solvers now, not at their first use."""
         if self._choice is None:
-            solvers, is_observed = self._solvers(None), is_watched(self.watch)
+            solvers, is_observed = self.solvers(None), is_watched(self.watch)
             solvers.far(is_observed)
             solvers.near(is_observed)
 
     def fall_silent(self) -> None:
         """Report nothing from now on, as in a copy of a process."""
         self.watch = UNWATCHED
-
-    def packed(self, found: Polished) -> Packed:
-        """Return an answer without its NLP, which cannot be sent to a process."""
-        if found.point is None:
-            return Packed(found, None, None)
-        steps = self._solvers.steps_of(found.point.program)
-        apart = replace(found.point, program=None)  # type: ignore[arg-type]
-        return Packed(replace(found, point=None), apart, steps)
-
-    def unpacked(self, packed: Packed) -> Polished:
-        """Return an answer of another process with the NLP of this one."""
-        found, point, steps = packed
-        if point is None:
-            return found
-        program = self._solvers(steps).program
-        return replace(found, point=replace(point, program=program))
 
     @checked(
         refused,
@@ -379,7 +353,7 @@ class Polisher(Called):
         x0, states = fitness.with_threshold(x0, states, known)
         near = near and before[1] <= GOOD_START
         steps = self._steps(controls, states, x0, known)
-        how = _How(self._solvers(steps), near, held, is_guess)
+        how = _How(self.solvers(steps), near, held, is_guess)
         found = None
         if carried is not None and self._options.plugin == "ipopt":
             warm = how._replace(near=True, carried=carried)
@@ -447,7 +421,7 @@ class Polisher(Called):
         x0, states = self._fitness.with_threshold(found.x0, states, known)
         before = found.cost, found.violation
         near = before[1] <= GOOD_START
-        how = _How(self._solvers(needed), near, held, False)
+        how = _How(self.solvers(needed), near, held, False)
         again = self._tried(found.controls, states, x0, known, before, how)
         best = again if again.status is PolishStatus.CONVERGED else found
         return replace(

@@ -1,6 +1,7 @@
 """Polishes from several starts, some of them ahead of their turn in other processes."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -8,7 +9,9 @@ from numpy.typing import ArrayLike
 
 from swarmstart.machine_code import stopwatch
 from swarmstart.ocp.common.processes import Ahead
-from swarmstart.ocp.nlp.polish import Packed, Polished, Polisher, is_better
+from swarmstart.ocp.nlp.nlp_solvers import FixedSteps, NlpSolvers
+from swarmstart.ocp.nlp.optimality import NlpPoint
+from swarmstart.ocp.nlp.polish import Polished, Polisher, is_better
 from swarmstart.ocp.nlp.start import Start
 from swarmstart.ocp.nlp.watching import expect_starts, is_late, stops_nothing
 from swarmstart.ocp.rollout.fitness import Known
@@ -16,6 +19,20 @@ from swarmstart.ocp.rollout.fitness import Known
 _WORTH = 3e7
 """Operations of a polish, about 30 ms, from which a copy of the process pays: it takes
 some milliseconds to make, and to fetch the memory that it writes to."""
+
+
+class Packed(NamedTuple):
+    """An answer as it can be sent to another process.
+
+    Attributes:
+        found: The answer, without its point.
+        point: Its point, without the NLP; None if it has none.
+        steps: Steps of the NLP.
+    """
+
+    found: Polished
+    point: NlpPoint | None
+    steps: FixedSteps | None
 
 
 class Timed(NamedTuple):
@@ -56,10 +73,10 @@ def in_turn(
         polisher.fall_silent()
 
     def sent(one: Timed) -> tuple[Packed, float]:
-        return polisher.packed(one.found), one.seconds
+        return _packed(one.found, polisher.solvers), one.seconds
 
     def received(sent: tuple[Packed, float]) -> Timed:
-        found = polisher.unpacked(sent[0])
+        found = _unpacked(sent[0], polisher.solvers)
         polisher.watch.answered((found.controls, found.x0), found.cost, found.violation)
         return Timed(found, sent[1])
 
@@ -71,6 +88,24 @@ def in_turn(
         received=received,
         first=first,
     )
+
+
+def _packed(found: Polished, solvers: NlpSolvers) -> Packed:
+    """Return an answer without its NLP, which the other process has already."""
+    if found.point is None:
+        return Packed(found, None, None)
+    steps = solvers.steps_of(found.point.program)
+    apart = replace(found.point, program=None)  # type: ignore[arg-type]
+    return Packed(replace(found, point=None), apart, steps)
+
+
+def _unpacked(packed: Packed, solvers: NlpSolvers) -> Polished:
+    """Return an answer of another process with the NLP of this one."""
+    found, point, steps = packed
+    if point is None:
+        return found
+    program = solvers(steps).program
+    return replace(found, point=replace(point, program=program))
 
 
 def polished_from(

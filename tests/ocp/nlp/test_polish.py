@@ -206,8 +206,8 @@ def test_solver_that_cannot_be_run_is_an_error(
 ) -> None:
     polish = Polisher(Fitness(lq))
     fails = Mock(side_effect=RuntimeError("no MUMPS"))
-    solvers = polish._solvers(None)._replace(far=lambda is_observed: fails)
-    monkeypatch.setitem(polish._solvers.built, None, solvers)
+    solvers = polish.solvers(None)._replace(far=lambda is_observed: fails)
+    monkeypatch.setitem(polish.solvers.built, None, solvers)
     with pytest.raises(SolveError, match="ipopt could not be run: no MUMPS"):
         polish(np.zeros((1, 10)), [0, 0])
 

@@ -122,6 +122,6 @@ def test_polish_takes_the_steps_that_its_guess_needs() -> None:
     fitness = Fitness(robertson(), backend="casadi")
     polish = Polisher(fitness, IpoptOptions(max_iterations=3))
     polish(np.ones((1, 10)), [1.0, 0.0, 0.0], near=True)
-    assert [*polish._solvers.built] == [FixedSteps(8, 8)]
+    assert [*polish.solvers.built] == [FixedSteps(8, 8)]
     with pytest.raises(InvalidProblemError, match="ipopt refuses its options"):
         Polisher(fitness, IpoptOptions(options={"no_such_option": 1}))
