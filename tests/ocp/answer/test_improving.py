@@ -88,6 +88,14 @@ def test_saddle_is_left_and_the_way_down_is_verified_and_counted() -> None:
     assert after.plan.source is before.plan.source
 
 
+def test_evaluations_of_restarts_are_counted_once() -> None:
+    planner = planner_of(SADDLE)
+    before = answered(planner)
+    rng = np.random.default_rng(0)
+    plan = improving.settled(planner, before.plan, np.zeros(1), NOTHING, rng=rng).plan
+    assert looked_at(planner, before).plan.evaluations == plan.evaluations
+
+
 def test_descent_that_the_finer_path_does_not_confirm_is_not_taken() -> None:
     """At x = 0 the cost is 1 on any grid; two steps miss the waves elsewhere."""
     planner = planner_of(stated(ca.cos(60 * X) + U**2 / 100, ca.SX(0)))
@@ -326,10 +334,13 @@ def test_attempts_are_counted_with_their_largest_margins_and_checks(
 
 
 def costly(
-    monkeypatch: pytest.MonkeyPatch, answers: list[Solution], solution: Solution
+    monkeypatch: pytest.MonkeyPatch,
+    answers: list[Solution],
+    solution: Solution,
+    **how: Any,
 ) -> tuple[Rounds, Answer]:
     """Return the repair of an answer of cost 1 that breaks its row, with answers."""
-    planner = planner_of(ABOVE)
+    planner = planner_of(ABOVE, **how)
     rounds = Rounds(monkeypatch, answers)
     before = broken(solution, 0.4, cost=1.0)
     before = replace(before, plan=replace(before.plan, cost=1.0))
@@ -361,6 +372,16 @@ def test_margins_that_cost_a_ten_thousandth_are_replaced_by_checks(
     assert [p.problem.checks for p in rounds.planners] == [1, 4][: 1 + is_replaced]
     assert found.solution.plan.cost == (1.0 if is_replaced else 1.0 + higher)
     assert found.planner is rounds.planners[-1]
+
+
+def test_without_a_polish_margins_are_not_replaced_by_checks(
+    above: tuple[Planner, Solution], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, solution = above
+    answers = [confirmed(solution, 1.5), confirmed(solution, 1.0)]
+    rounds, found = costly(monkeypatch, answers, solution, polish=None)
+    assert len(rounds.planners) == 1
+    assert found.solution.plan.cost == 1.5
 
 
 @pytest.mark.parametrize(("saved", "goes_on"), [(14.5e-4, False), (15.5e-4, True)])

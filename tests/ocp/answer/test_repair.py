@@ -12,6 +12,7 @@ from swarmstart.ocp import (
     Bounds,
     Connection,
     Constraint,
+    CountedFrom,
     Known,
     Model,
     OptimalControlProblem,
@@ -190,6 +191,19 @@ def test_margin_begins_where_the_checks_are() -> None:
     (found,) = needed(problem, answer, [0, 0], NOTHING)
     (wanted,) = added({}, [found], slack, 1.0).values()
     assert wanted.amount == pytest.approx(0.3 + 0.2)
+
+
+def test_slack_is_the_same_where_states_are_counted_from_far_away() -> None:
+    """The point starts at 1e6 m, and its way is counted from there."""
+    start = 1e6
+    problem = moving(
+        PathConstraint(expression=X[0] - start, upper=10.0),
+        features=[CountedFrom({str(X[0]): start})],
+    )
+    answer = solve(problem, [start, 0.0], search=None, lanes=0, seed=0, repair=False)
+    slack = slack_at_checks(Tracer(problem), answer, [start, 0.0], NOTHING, 1)
+    # After 4 s it is 4 m away, 6 m below the limit.
+    assert slack[0, 0] == pytest.approx(6.0)
 
 
 @pytest.mark.parametrize("times", [1, 2])

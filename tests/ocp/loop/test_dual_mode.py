@@ -1,10 +1,12 @@
 """Dual mode: the linear law inside, plans outside, the whole team at once."""
 
 from dataclasses import replace
+from unittest.mock import Mock
 
 import casadi as ca
 import numpy as np
 import pytest
+from control import ss
 from scipy.linalg import expm
 
 from swarmstart.arrays import Array
@@ -174,6 +176,16 @@ def test_linear_plan_is_the_law_along_its_own_states(pendulum: Model) -> None:
     (plan,) = dual.decide(0.0, np.array([1.5, -1]), None, rng=rng()).plans
     errors = plan.states[:, :-1:3] - x_ref[:, None]
     np.testing.assert_allclose(plan.controls, u_ref - wide.K @ errors, rtol=1e-12)
+
+
+def test_the_law_of_the_first_agent_is_given_unless_another_is_asked_for(
+    dual: DualMode, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    laws = [ss(-1.0, 1, 1, 0), ss(-2.0, 1, 1, 0)]
+    sets = [Mock(linear_law=Mock(return_value=law)) for law in laws]
+    monkeypatch.setattr(dual, "sets", sets)
+    assert dual.linear_law() is dual.linear_law(0) is laws[0]
+    assert dual.linear_law(1) is laws[1]
 
 
 def test_plan_goes_on_from_the_linear_one(

@@ -4,6 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.linalg import expm
 
 from swarmstart.terminal_set import (
     InvalidDynamicsError,
@@ -15,7 +16,10 @@ from swarmstart.terminal_set import (
     hold,
     linearise,
 )
-from swarmstart.terminal_set.linear.linearisation import runge_kutta_hold
+from swarmstart.terminal_set.linear.linearisation import (
+    _is_exponential,
+    runge_kutta_hold,
+)
 
 Matrices = tuple[NDArray[np.float64], NDArray[np.float64]]
 
@@ -129,3 +133,16 @@ def test_runge_kutta_hold_is_casadis_map_of_the_linear_system(
 def test_a_runge_kutta_hold_beyond_all_numbers_is_refused() -> None:
     with pytest.raises(NotFiniteError, match="the Runge-Kutta map of the hold"):
         runge_kutta_hold([[-1e100]], [[1.0]], 1.0, substeps=1)
+
+
+@pytest.mark.parametrize("size", [1e-3, 1.0, 30.0])
+def test_a_kept_exponential_is_known_by_its_series(size: float) -> None:
+    block = size * np.random.default_rng(0).standard_normal((4, 4)) / 4
+    found = expm(block)
+    assert _is_exponential(found, block)
+    other = found.copy()
+    other[1, 2] += 1e-6 * np.abs(found).max()
+    assert not _is_exponential(other, block)
+    # Its series is not begun, since the number of squarings would have no end.
+    with np.errstate(all="raise"):
+        assert not _is_exponential(found, 1e300 * np.ones((4, 4)))
