@@ -1,13 +1,15 @@
-"""A control step of receding horizon, against plain CasADi with IPOPT and with fatrop.
+"""A control step of receding horizon, against plain CasADi with IPOPT, fatrop, do-mpc.
 
     python benchmarks/mpc_step.py [--write docs/measured/mpc_step.md] [--steps 30]
 
 Seconds are CPU time of the process. The controllers decide in turns at each step, each
-on its own plant.
+on its own plant. do-mpc is left out if it is not installed.
 """
 
 import time
+import warnings
 from collections.abc import Callable, Mapping, Sequence
+from importlib.util import find_spec
 from typing import Any
 
 import casadi as ca
@@ -26,7 +28,7 @@ from swarmstart.ocp import (
     RecedingHorizon,
 )
 
-OURS, IPOPT, FATROP = "swarmstart", "IPOPT", "fatrop"
+OURS, IPOPT, FATROP, DO_MPC = "swarmstart", "IPOPT", "fatrop", "do-mpc"
 PLANTS = (planar_quadrotor, crane, quadrotor)
 TEXT = """# A control step
 
@@ -35,8 +37,9 @@ in closed loop, 30 steps. swarmstart is `RecedingHorizon` with its polish by IPO
 no search. The others are what a user writes with CasADi: the same direct multiple
 shooting with the same Runge-Kutta steps, expanded to scalar operations; IPOPT started
 from the shifted last answer with its multipliers (`warm_start_init_point`, `mu_init`
-1e-4), and fatrop with the structure of the stages. All decide in turns, each on its own
-plant. Seconds are CPU time; the first step, which is cold, counts apart. A step of
+1e-4), and fatrop with the structure of the stages. do-mpc (5.1) has the same steps as a
+discrete model, and the settings of its documentation. All decide in turns, each on its
+own plant. Seconds are CPU time; the first step, which is cold, counts apart. A step of
 swarmstart also integrates and judges its answer, and falls back on the last plan if
 that is better. "Cost" is the integral of the stage cost.
 
@@ -151,6 +154,52 @@ def by_casadi(problem: OptimalControlProblem, plugin: str) -> Controls:
     return decide
 
 
+def by_do_mpc(problem: OptimalControlProblem) -> Controls:
+    """Return state -> controls, by do-mpc; a fixed end is a bound of its states."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # About extras of it that are not installed.
+        import do_mpc  # noqa: PLC0415 - it need not be installed
+    stated = problem.model
+    model = do_mpc.model.Model("discrete", "SX")
+    x = model.set_variable("_x", "x", shape=(stated.nx, 1))
+    u = model.set_variable("_u", "u", shape=(stated.nu, 1))
+    step = _step(problem)
+    model.set_rhs("x", step(x, u)[0])
+    model.setup()
+    x, u = model.x["x"], model.u["u"]  # Others than before.
+    mpc = do_mpc.controller.MPC(model)
+    mpc.set_param(
+        n_horizon=problem.intervals,
+        t_step=problem.dt,
+        store_full_solution=False,
+        nlpsol_opts={"ipopt.print_level": 0, "ipopt.sb": "yes", "print_time": 0},
+    )
+    terminal = ca.Function("terminal", [stated.states], [problem.terminal_cost])
+    mpc.set_objective(mterm=terminal(x), lterm=step(x, u)[1])
+    mpc.set_rterm(u=0.0)
+    for side, limit in zip(("lower", "upper"), problem.control_limits, strict=True):
+        mpc.bounds[side, "_u", "u"] = limit
+    path, (_, upper) = _rows(stated.states, problem.stated)
+    if path.numel_out(0):  # All of them have upper limits only.
+        mpc.set_nl_cons("path", path(x), ub=upper)
+    end, limits = _rows(stated.states, problem.terminal_constraints)
+    if end.numel_out(0):  # The states themselves, but for a constant.
+        at_zero = np.array(end(np.zeros(stated.nx))).ravel()
+        for side, limit in zip(("lower", "upper"), limits, strict=True):
+            mpc.terminal_bounds[side, "x"] = limit - at_zero
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        mpc.setup()
+
+    def decide(state: Array) -> Array:
+        if not mpc.t0:
+            mpc.x0 = state
+            mpc.set_initial_guess()
+        return np.array(mpc.make_step(state[:, None])).ravel()
+
+    return decide
+
+
 def _step(problem: OptimalControlProblem) -> ca.Function:
     """Return (x, u) -> (x, cost) after an interval of classical Runge-Kutta steps."""
     model, h = problem.model, problem.dt / problem.substeps
@@ -170,6 +219,7 @@ def _step(problem: OptimalControlProblem) -> ca.Function:
 def ours(problem: OptimalControlProblem) -> Controls:
     """Return state -> first controls, by RecedingHorizon."""
     planner = Planner(problem, search=None, polish=IpoptOptions())
+    planner.prepare()  # As the others are.
     controller, rng = RecedingHorizon(planner=planner), np.random.default_rng(0)
     so_far = list[Decision]()
 
@@ -187,6 +237,8 @@ def flown(posed: Posed, steps: int) -> Mapping[str, tuple[Array, float]]:
     problem = posed.problem
     contestants = {OURS: ours(problem)}
     contestants |= {name: by_casadi(problem, name) for name in (IPOPT, FATROP)}
+    if find_spec("do_mpc") is not None:
+        contestants[DO_MPC] = by_do_mpc(problem)
     plant, spend = Plant(problem.model, dt=problem.dt, substeps=20), _step(problem)
     states = {name: np.asarray(posed.x0, dtype=np.float64) for name in contestants}
     seconds = {name: np.empty(steps) for name in contestants}

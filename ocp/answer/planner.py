@@ -345,7 +345,14 @@ class Planner(Called):
         return still.plan(x0, known=known, guess=guess, rng=np.random.default_rng(0))
 
     def prepare(self) -> None:
-        """Wait for machine code that is still being compiled."""
+        """Build and compile what plans need now, not at the first one.
+
+        The kernels of a search are compiled at its first use on a machine in any case,
+        and so is an NLP whose steps are chosen for each guess.
+        """
+        self.fitness.prepare()
+        if self.polisher is not None:
+            self.polisher.prepare()
         if self._lane_search is not None:
             self._lane_search.prepare()
         if self.many_starts is not None:

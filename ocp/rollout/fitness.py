@@ -243,6 +243,11 @@ class Fitness(Called):
         """Name of the backend that evaluates populations."""
         return self._evaluate.backend
 
+    def prepare(self) -> None:
+        """Build and compile all functions now, not at their first use."""
+        # Reading an attribute makes what it needs.
+        _ = self.arguments, self.backend, self.shooting.trajectory
+
     @checked(refused, x0=reals(), known=KNOWN)
     def objective(self, x0: ArrayLike, known: Known = NOTHING) -> Objective:
         """Return population (decisions, size) -> cost (size,) and violation (size,).

@@ -222,8 +222,6 @@ def _most_searched(planner: Planner, evaluations: int) -> int:
 
 def _warm_up(planner: Planner, posed: PlanningProblem, trial: Trial) -> None:
     """Compile and load machine code now, and not while the clock runs."""
-    if planner.polisher is not None and trial.solver.family not in ("nlp", "repeated"):
-        planner.polisher.prepare()
     if trial.solver.peer:
         # Not the solver's work, so not on its clock.
         importlib.import_module(PEERS[trial.solver.peer].package)

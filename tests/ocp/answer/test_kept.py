@@ -5,6 +5,7 @@ import gc
 import threading
 import weakref
 from collections.abc import Callable
+from unittest.mock import Mock
 
 import casadi as ca
 import numpy as np
@@ -64,6 +65,17 @@ def test_the_second_solve_does_no_symbolic_work_and_finds_the_same_bits(
     assert {"cse", "jacobian", "nlpsol", "Function"} <= set(calls)
     assert second.cost == first.cost
     np.testing.assert_array_equal(second.controls, first.controls)
+
+
+def test_a_prepared_planner_builds_nothing_at_its_first_plan(
+    swing_up: Swing, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    planner = Planner(swing_up(20, 4), search=None, polish=IpoptOptions())
+    planner.prepare()
+    for name in SYMBOLIC:
+        monkeypatch.setattr(ca, name, Mock(side_effect=AssertionError(name)))
+    plan = planner.plan([0, 0], rng=np.random.default_rng(0))
+    assert plan.feasible
 
 
 def test_a_start_far_from_zero_finds_what_an_earlier_call_made() -> None:
