@@ -121,7 +121,7 @@ class ManyStarts:
             threads: Largest number of threads, and of processes, as in `solve`.
         """
         self._fitness, self._polisher, self._random = fitness, polisher, random
-        self._processes = processes_of(threads)
+        self._threads = threads
         self._solver, self._refused = None, ""
         # Built with the evaluator, which is needed at once and never compiled aside.
         program = polisher.program
@@ -169,9 +169,9 @@ class ManyStarts:
             ManyStartsInterrupted: On Ctrl-C after the first start.
         """
         fitness, lanes = self._fitness, None
-        tries = _Tries(
-            self._polisher, x0, known, fitness.problem.tolerance, self._processes
-        )
+        # Asked for each time, since the program may have other threads by now.
+        processes = processes_of(self._threads)
+        tries = _Tries(self._polisher, x0, known, fitness.problem.tolerance, processes)
         cold = self._cold()
         if guess is not None:
             cold.append(Origined("the guess", guess))
