@@ -1,0 +1,147 @@
+"""Planning with this checkout against another one, such as that of an earlier release.
+
+    git worktree add ../earlier COMMIT
+    python benchmarks/releases.py ../earlier [--write docs/measured/releases.md]
+        [--rounds 5] [--only NAME]
+
+Each problem is planned by processes of both checkouts in turns, which have caches of
+their own, filled before. Seconds are CPU time, that of child processes included.
+"""
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from swarmstart.benchmarks.kept_values import PROBLEMS
+from swarmstart.benchmarks.tables import head, page_options, publish, row
+
+ROOT = Path(__file__).resolve().parents[1]
+WHAT = ("build", "first plan", "warm plan", "step", "call")
+TEXT = """# Against an earlier version
+
+Made by `python benchmarks/releases.py ../earlier --write docs/measured/releases.md`,
+where `../earlier` is a checkout of 53ac769, the version before derivatives were machine
+code. CPU time, with the code of both kept on disk: a planner without a search is built,
+makes a plan from zero controls, a plan from that plan, and a step of `RecedingHorizon`;
+"call" is the second `solve` with a seed. Each number is the median of some rounds, of
+the ratio to the earlier version in each pair; in brackets the upper quartile.
+
+"""
+PROGRAM = """
+import json, resource, sys
+import numpy as np
+import swarmstart as ss
+from swarmstart.cases.format.scenario import read_document, resolve
+from swarmstart.cases.kinds.flight import first_problem
+posed = first_problem(resolve(read_document(sys.argv[1])).posed())
+problem, x0, known = posed.problem, posed.x0, posed.known
+spent, rng = {}, np.random.default_rng(0)
+
+def now():
+    of = resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN
+    each = [resource.getrusage(who) for who in of]
+    return sum(one.ru_utime + one.ru_stime for one in each)
+
+def timed(name, call):
+    begin, found = now(), call()
+    spent.setdefault(name, []).append(now() - begin)
+    return found
+
+def built():
+    planner = ss.Planner(problem, search=None, polish=ss.IpoptOptions())
+    planner.polisher.prepare()
+    planner.prepare()
+    return planner
+
+planner = timed("build", built)
+inner = planner.posed(x0, known)
+plan = timed("first plan", lambda: planner.plan(inner[0], known=inner[1], rng=rng))
+for _ in range(5):
+    timed("warm plan", lambda: planner.plan(
+        inner[0], known=inner[1], guess=plan.controls, near=True, rng=rng))
+loop = ss.RecedingHorizon(planner=planner)
+try:
+    last = loop.decide(0.0, np.asarray(x0, dtype=float), None, rng=rng)
+    for step in range(1, 6):
+        # The state that the plan expects after its first interval.
+        state = last.plans[0].states[: len(x0), problem.checks].copy()
+        last = timed("step", lambda: loop.decide(step * loop.dt, state, last, rng=rng))
+except Exception:
+    pass  # Problems whose loop needs signals.
+ss.solve(problem, x0, known=known, seed=0)
+timed("call", lambda: ss.solve(problem, x0, known=known, seed=0))
+print(json.dumps({name: float(np.median(each)) for name, each in spent.items()}))
+"""
+
+
+def spent(checkout: Path, cache: str, name: str) -> Mapping[str, float]:
+    """Return the seconds of each part of a problem's planning by a checkout."""
+    environment = {
+        **os.environ, "PYTHONPATH": str(checkout / ".dev"), "XDG_CACHE_HOME": cache
+    }  # fmt: skip
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", PROGRAM, name],
+        env=environment, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    found: Mapping[str, float] = json.loads(done.stdout.splitlines()[-1])
+    return found
+
+
+def ratios(
+    other: Path, caches: tuple[str, str], name: str, rounds: int
+) -> Mapping[str, list[float]]:
+    """Return this checkout's seconds over those of another, in each round.
+
+    Args:
+        other: The other checkout.
+        caches: Folders for the machine code of both.
+        name: Name of a shipped problem.
+        rounds: Number of rounds, after one that fills the caches.
+    """
+    found: dict[str, list[float]] = {}
+    here, there = caches
+    for number in range(rounds + 1):
+        own, others = spent(ROOT, here, name), spent(other, there, name)
+        if number:
+            for part in own.keys() & others.keys():
+                found.setdefault(part, []).append(own[part] / others[part])
+    return found
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure all problems, print the table, and write it where asked."""
+    parser = page_options(__doc__)
+    parser.add_argument("other", type=Path, help="another checkout")
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--only", action="append", help="one problem")
+    options = parser.parse_args(arguments)
+    lines, every = head("problem", *WHAT), dict[str, list[float]]()
+    folders = [tempfile.TemporaryDirectory() for _ in range(2)]
+    caches = folders[0].name, folders[1].name
+    for name in options.only or [*PROBLEMS, "stirred_tank"]:
+        found = ratios(options.other.resolve(), caches, name, options.rounds)
+        cells = []
+        for part in WHAT:
+            each = found.get(part)
+            if each is None:
+                cells.append("-")
+                continue
+            every.setdefault(part, []).append(float(np.median(each)))
+            cells.append(f"{np.median(each):.2f} ({np.quantile(each, 0.75):.2f})")
+        lines.append(row(name, *cells))
+        print(lines[-1], flush=True)
+    medians = [f"{np.median(every[part]):.2f}" if part in every else "-"
+               for part in WHAT]  # fmt: skip
+    lines.append(row("median", *medians))
+    publish(lines, options, TEXT)
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
