@@ -246,8 +246,9 @@ class Progress:
         self._timer: threading.Timer | None = None
         if waits and not quiet:
             self._timer = threading.Timer(QUIET_S, self._show_last)
-            # A pending one must not keep the process alive.
+            # A pending one must not keep the process alive, nor from being copied.
             self._timer.daemon = True
+            self._timer.name = "swarmstart-progress"
         # The timer draws in a thread of its own.
         self._lock, self._is_over = threading.Lock(), False
         self._hiding = contextlib.ExitStack()

@@ -10,6 +10,7 @@ from functools import partial
 
 import pytest
 
+from swarmstart.cases.commands.terminal import Progress
 from swarmstart.ocp.common.processes import Ahead, free_processors, processes_of
 
 HERE = os.getpid()
@@ -163,6 +164,19 @@ def test_a_copy_begins_silently_and_this_process_does_not() -> None:
         received=lambda x: x,
     ) as results:
         assert list(results) == [(0, ()), (1, ("a copy",))]
+
+
+def test_progress_that_is_shown_by_default_keeps_no_process_from_being_copied(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(sys, "platform", "linux")
+    before = threading.enumerate()
+    with Progress("work", waits=True):
+        own = [one for one in threading.enumerate() if one not in before]
+        assert own
+        threads = [threading.current_thread(), *own]
+        monkeypatch.setattr(threading, "enumerate", lambda: threads)
+        assert processes_of(None) == free_processors()
 
 
 def test_a_program_with_threads_of_its_own_is_not_copied_unasked(
