@@ -23,21 +23,13 @@ from swarmstart.terminal_set.proving.flow_error import (
 )
 from swarmstart.terminal_set.proving.proof import COVER
 from swarmstart.terminal_set.proving.residual import Residual
+from swarmstart.tests.terminal_set.proving.held_pendulum import pendulum
 
 
 def own_law(nx: int) -> TerminalSet:
     return TerminalSet(
         K=np.zeros((1, nx)), P=np.eye(nx), alpha=1.0, x_ref=np.zeros(nx),
         u_ref=np.zeros(1), dt=None, design="own",
-    )  # fmt: skip
-
-
-def pendulum() -> tuple[ca.Function, TerminalSet]:
-    x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
-    f = ca.Function("pendulum", [x, u], [ca.vertcat(x[1], 9.81 * ca.sin(x[0]) + u)])
-    return f, TerminalSet(
-        K=np.array([[12.0, 4.0]]), P=np.array([[9.0, 2.0], [2.0, 1.0]]), alpha=1.0,
-        x_ref=np.zeros(2), u_ref=np.zeros(1), dt=None, design="own",
     )  # fmt: skip
 
 

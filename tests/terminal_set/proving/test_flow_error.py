@@ -26,6 +26,7 @@ from swarmstart.terminal_set.proving.flow_error import (
     prove_flow_error,
 )
 from swarmstart.terminal_set.proving.residual import Residual
+from swarmstart.tests.terminal_set.proving.held_pendulum import sampled_pendulum
 
 USELESS = 0.4
 """Error at which the proofs here may stop: 2 c + c^2 is 1 at 0.414."""
@@ -91,19 +92,10 @@ def test_of_growth_earlier_errors_grow_too() -> None:
     assert exact <= found.relative <= 2.5 * exact
 
 
-def pendulum() -> tuple[ca.Function, TerminalSet]:
-    x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
-    f = ca.Function("pendulum", [x, u], [ca.vertcat(x[1], 9.81 * ca.sin(x[0]) + u)])
-    wide = Reference(
-        x_ref=np.zeros(2), u_ref=np.zeros(1), u_lower=-np.ones(1), u_upper=np.ones(1)
-    )
-    return f, sampled_terminal_set(f, wide, dt=0.1, Q=np.eye(2), R=np.eye(1))
-
-
 @pytest.mark.parametrize("substeps", [1, 2])
 def test_it_is_a_bound_and_a_sharp_one(substeps: int) -> None:
     """Ten times the largest error at samples is what was allowed for without proof."""
-    f, law = pendulum()
+    f, law = sampled_pendulum(0.1)
     measured = true_error(f, law, inside(law, 64.0), 0.1, substeps)
     residual = Residual(f, law, dt=0.1, substeps=substeps)
     found = prove_flow_error(residual, 64.0, enough=1e-9, useless=USELESS)
@@ -201,7 +193,7 @@ def test_a_drift_of_the_reference_is_part_of_the_error() -> None:
 
 
 def test_a_bound_that_is_not_found_in_time_is_infinite() -> None:
-    f, law = pendulum()
+    f, law = sampled_pendulum(0.1)
     residual = Residual(f, law, dt=0.1, substeps=1)
     assert (
         prove_flow_error(
@@ -256,7 +248,7 @@ def test_the_bound_of_a_cell_holds_at_all_its_points(
     """One state, x' = -x^3: r4 / e is steep along the radius; and a pendulum."""
     x, u = ca.SX.sym("x"), ca.SX.sym("u")
     cubic = ca.Function("f", [x, u], [-(x**3) + 0 * u])
-    for f, law in ((cubic, own_law(1)), pendulum()):
+    for f, law in ((cubic, own_law(1)), sampled_pendulum(0.1)):
         nx = len(law.P)
         residual = Residual(f, law, dt=0.1, substeps=1)
         search = ErrorSearch(residual, 1.0, np.inf)

@@ -8,17 +8,9 @@ import pytest
 
 from swarmstart.terminal_set import TerminalSet
 from swarmstart.terminal_set.proving.hold_margins import HeldMotion
+from swarmstart.tests.terminal_set.proving.held_pendulum import pendulum
 
 DT = 0.1
-
-
-def pendulum() -> tuple[ca.Function, TerminalSet]:
-    x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
-    f = ca.Function("pendulum", [x, u], [ca.vertcat(x[1], 9.81 * ca.sin(x[0]) + u)])
-    return f, TerminalSet(
-        K=np.array([[12.0, 4.0]]), P=np.array([[9.0, 2.0], [2.0, 1.0]]), alpha=1.0,
-        x_ref=np.zeros(2), u_ref=np.zeros(1), dt=None, design="own",
-    )  # fmt: skip
 
 
 def test_the_curve_of_a_hold_goes_on_where_its_steps_end() -> None:

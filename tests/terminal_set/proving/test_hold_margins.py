@@ -13,10 +13,8 @@ import pytest
 from swarmstart.machine_code import now
 from swarmstart.terminal_set import (
     CoarseHoldError,
-    Reference,
     TerminalSet,
     UnprovenSetError,
-    sampled_terminal_set,
 )
 from swarmstart.terminal_set.proving import hold_margins
 from swarmstart.terminal_set.proving.decrease import Change, held_change
@@ -32,17 +30,9 @@ from swarmstart.terminal_set.proving.hold_margins import (
     provable_hold,
     with_proven_growth,
 )
+from swarmstart.tests.terminal_set.proving.held_pendulum import sampled_pendulum
 
 DT = 0.1
-
-
-def pendulum() -> tuple[ca.Function, TerminalSet]:
-    x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
-    f = ca.Function("pendulum", [x, u], [ca.vertcat(x[1], 9.81 * ca.sin(x[0]) + u)])
-    wide = Reference(
-        x_ref=np.zeros(2), u_ref=np.zeros(1), u_lower=-np.ones(1), u_upper=np.ones(1)
-    )
-    return f, sampled_terminal_set(f, wide, dt=DT, Q=np.eye(2), R=np.eye(1))
 
 
 def held(
@@ -52,7 +42,7 @@ def held(
     substeps: int = 1,
     until: float = np.inf,
 ) -> ProvableHold:
-    f, law = pendulum()
+    f, law = sampled_pendulum(DT)
     motion = HeldMotion(f, law, dt=dt, substeps=substeps)
     rng = np.random.default_rng(0)
     change = held_change(motion.step, law, Q_m=Q_m * np.eye(2))
@@ -67,7 +57,7 @@ def hold() -> ProvableHold:
 def test_the_proof_pays_for_the_integrator_and_the_drift(hold: ProvableHold) -> None:
     """V(F) - V + e'Q_m e + (2 c + c^2) V, c their sum: V of the flow is no more."""
     c = hold.margins.integrator_error + 1e-3
-    f, law = pendulum()
+    f, law = sampled_pendulum(DT)
     step = ca.simpleRK(f, 1, 4)
     for e in ([1.0, 0.2], [-0.3, 0.8]):
         later = np.array(step(e, -law.K @ e, DT)).ravel()
@@ -144,7 +134,7 @@ def test_the_level_is_the_largest_whose_error_leaves_half_of_the_decrease(
     edge: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """With an error that rises with the level, half of the decrease at `edge`."""
-    f, law = pendulum()
+    f, law = sampled_pendulum(DT)
     motion = HeldMotion(f, law, dt=DT, substeps=1)
     decrease = linear_decrease(held_change(motion.step, law))
     most = np.sqrt(1 + AFFORDABLE * decrease) - 1  # 2 c + c^2 is half the decrease.
