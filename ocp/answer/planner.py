@@ -50,7 +50,7 @@ from swarmstart.ocp.answer.plan import (
 from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.common.pickling import Called
 from swarmstart.ocp.common.presentation import ProgressCallback, of_budget, tell_nothing
-from swarmstart.ocp.common.processes import free_processors, processes_of
+from swarmstart.ocp.common.processes import processes_of, threads_of
 from swarmstart.ocp.nlp.integer_polish import IntegerPolisher, WholePolished
 from swarmstart.ocp.nlp.polish import (
     Polished,
@@ -239,8 +239,7 @@ class Planner(Called):
                 family does not fit the problem, or there are lanes without a polish.
             InvalidSettingsError: If the search's population does not fit into memory.
         """
-        at_once = free_processors() if threads is None else threads
-        self.fitness = Fitness(problem, backend=backend, threads=at_once)
+        self.fitness = Fitness(problem, backend=backend, threads=threads_of(threads))
         self.threads = threads
         self.lowered = self.fitness.shooting.lowered
         self.stated, self.problem = problem, self.lowered.core

@@ -37,6 +37,11 @@ def free_processors() -> int:
     return os.cpu_count() or 1
 
 
+def threads_of(threads: int | None) -> int:
+    """Return the number of threads that was asked for; None: one a processor."""
+    return free_processors() if threads is None else threads
+
+
 def processes_of(threads: int | None) -> int:
     """Return the number of processes for a number of threads that was asked for.
 
@@ -46,9 +51,7 @@ def processes_of(threads: int | None) -> int:
     """
     if not sys.platform.startswith("linux"):  # Elsewhere libraries forbid the copy.
         return 1
-    if threads is None:
-        return 1 if _has_other_threads() else free_processors()
-    return threads
+    return 1 if threads is None and _has_other_threads() else threads_of(threads)
 
 
 def _has_other_threads() -> bool:

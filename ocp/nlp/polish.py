@@ -288,10 +288,6 @@ class Polisher(Called):
             solvers.far(is_observed)
             solvers.near(is_observed)
 
-    def fall_silent(self) -> None:
-        """Report nothing from now on, as in a copy of a process."""
-        self.watch = UNWATCHED
-
     @checked(
         refused,
         controls=reals(),

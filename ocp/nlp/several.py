@@ -13,7 +13,7 @@ from swarmstart.ocp.nlp.nlp_solvers import FixedSteps, NlpSolvers
 from swarmstart.ocp.nlp.optimality import NlpPoint
 from swarmstart.ocp.nlp.polish import Polished, Polisher, is_better
 from swarmstart.ocp.nlp.start import Start
-from swarmstart.ocp.nlp.watching import expect_starts, is_late, stops_nothing
+from swarmstart.ocp.nlp.watching import UNWATCHED, expect_starts, is_late, stops_nothing
 from swarmstart.ocp.rollout.fitness import Known
 
 _WORTH = 3e7
@@ -70,7 +70,7 @@ def in_turn(
             return Timed(polish(), watch.seconds)
 
     def begins() -> None:
-        polisher.fall_silent()
+        polisher.watch = UNWATCHED  # A copy reports nothing.
 
     def sent(one: Timed) -> tuple[Packed, float]:
         return _packed(one.found, polisher.solvers), one.seconds

@@ -65,7 +65,8 @@ speeds up the iterations over short horizons; longer ones would take too long to
 build."""
 _MOST_SHARED = 50_000
 """Largest number of operations of second derivatives whose common parts are looked for:
-with 200,000 this takes 3 s, and saves a tenth of them. Those of the values are."""
+with 200,000 this takes 3 s, and saves a tenth of them. Of more, only those of the
+values are, before the derivatives."""
 _AS_FAST = 30_000
 """The same if longer ones are evaluated by machine code."""
 
@@ -617,20 +618,21 @@ def _part(
     cost = cost / shared.cost
     arguments = [z, ca.vertcat(shared.column(), weights), s]
     lam_f, lam_g = ca.SX.sym("lam_f"), ca.SX.sym("lam_g", g.numel())
-    lagrangian = lam_f * cost + ca.dot(lam_g, g)
-    cost_, g_ = ca.cse([cost, g])
-    slopes = [cost, ca.gradient(cost, z), g, ca.jacobian(g, z)]
-    # IPOPT takes the upper triangle only.
-    bent = [ca.triu(ca.hessian(lagrangian, z)[0])]
     further = [*arguments, lam_f, lam_g]
+
+    def derived(cost: ca.SX, g: ca.SX) -> tuple[list[ca.SX], list[ca.SX]]:
+        lagrangian = lam_f * cost + ca.dot(lam_g, g)
+        slopes = [cost, ca.gradient(cost, z), g, ca.jacobian(g, z)]
+        # IPOPT takes the upper triangle only.
+        return slopes, [ca.triu(ca.hessian(lagrangian, z)[0])]
+
+    values, (slopes, bent) = ca.cse([cost, g]), derived(cost, g)
     if ca.Function("curvature", further, bent).n_instructions() > _MOST_SHARED:
-        slopes = [cost_, ca.gradient(cost_, z), g_, ca.jacobian(g_, z)]
-        lagrangian = lam_f * cost_ + ca.dot(lam_g, g_)
-        bent = [ca.triu(ca.hessian(lagrangian, z)[0])]
+        slopes, bent = derived(*values)
     else:
         slopes, bent = ca.cse(slopes), ca.cse(bent)
     return Part(
-        ca.Function("values", arguments, [cost_, g_]),
+        ca.Function("values", arguments, values),
         ca.Function("slopes", arguments, slopes),
         ca.Function("curvature", further, bent),
         rows,

@@ -48,7 +48,7 @@ from swarmstart.ocp.system.model import jump_of, rate_of
 _UNROLLED = 20_000
 """Largest number of operations for which a trajectory is one function without calls."""
 _MOST_WRITTEN_OUT = 200_000
-"""Largest number of operations for which a roll-out is: with 400,000 this takes 7 s."""
+"""The same for a roll-out: with 400,000 it takes 7 s to look for common parts."""
 Symbolic = TypeVar("Symbolic", ca.SX, ca.MX)
 Values = TypeVar("Values", ca.SX, Array)
 ARGUMENTS = ("decisions", "x0", "parameters", "signals")
@@ -281,12 +281,11 @@ class Shooting(Rebuilt):
     @cached_property
     def rollout(self) -> ca.Function:
         """(decisions, x0, parameters, signals) -> (cost, violation)."""
-        if self.problem.is_adaptive:
-            # The stage with step size control is made of calls, which SX cannot hold.
-            arguments, outputs = _rolled(self, self.stage, ca.MX)
-            return _named_rollout(arguments, outputs)
-        stage = self.stage_without_path
-        if stage.n_instructions() * self.problem.intervals > _MOST_WRITTEN_OUT:
+        # The stage with step size control is made of calls, which SX cannot hold.
+        is_called = self.problem.is_adaptive
+        stage = self.stage if is_called else self.stage_without_path
+        operations = stage.n_instructions() * self.problem.intervals
+        if is_called or operations > _MOST_WRITTEN_OUT:
             arguments, outputs = _rolled(self, stage, ca.MX)
             return _named_rollout(arguments, outputs)
         given, found = _rolled(self, stage, ca.SX)

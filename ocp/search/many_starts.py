@@ -31,7 +31,7 @@ from numpy.typing import ArrayLike, NDArray
 from swarmstart.arrays import Array
 from swarmstart.errors import Sendable
 from swarmstart.machine_code import stopwatch
-from swarmstart.ocp.common.processes import Ahead, free_processors, processes_of
+from swarmstart.ocp.common.processes import Ahead, processes_of, threads_of
 from swarmstart.ocp.compiled.engine import NoCompilerError
 from swarmstart.ocp.compiled.threads import aside
 from swarmstart.ocp.lanes.answers import distinct_optima, unreached, unseen_share
@@ -133,7 +133,7 @@ class ManyStarts:
                     # They seldom meet constraints; see LaneSolver.
                     constrained_slopes=False,
                     program=program,
-                    threads=threads or free_processors(),
+                    threads=threads_of(threads),
                 )
         except NoLanesError as error:
             self._refused = str(error)
