@@ -16,7 +16,7 @@ value after the step.
 
 import ctypes
 import threading
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -54,12 +54,10 @@ class Layout:
     Attributes:
         places: First row and number of rows of each name.
         size: Total number of rows.
-        rows: Rows that the loop reads itself.
     """
 
     places: Mapping[str, tuple[int, int]]
     size: int
-    rows: Rows
 
     def at(self, *names: str) -> Count:
         """Return the rows of names, one after the other."""
@@ -67,9 +65,9 @@ class Layout:
         return np.concatenate([np.arange(i, i + n) for i, n in places])
 
 
-def layout_of(sweeps: Sweeps) -> Layout:
-    """Return the rows that kernels need."""
-    sizes = _sizes(sweeps)
+def layout_of(sweeps: Sweeps) -> tuple[Layout, Rows]:
+    """Return the rows that kernels need, and those that the loop reads."""
+    sizes = kernel_sizes(sweeps)
     following = [name for name in sizes if name.startswith(_NEXT)]
     state = [name.removeprefix(_NEXT) for name in following]
     others = [name for name in sizes if name not in (*following, *state, _FIRST)]
@@ -83,10 +81,10 @@ def layout_of(sweeps: Sweeps) -> Layout:
     named = {name: place for name, (place, _) in places.items() if name in Rows._fields}
     size = sum(sizes[name] for name in following)
     rows = Rows(state=0, following=places[following[0]][0], size=size, **named)
-    return Layout(places, first, rows)
+    return Layout(places, first), rows
 
 
-def _sizes(sweeps: Sweeps) -> dict[str, int]:
+def kernel_sizes(sweeps: Sequence[Kernel]) -> dict[str, int]:
     """Return the number of rows of each name, and of all states."""
     sizes: dict[str, int] = {}
     for kernel in sweeps:
@@ -110,7 +108,11 @@ class Block:
     """
 
     def __init__(
-        self, sweeps: Sweeps, layout: Layout, lanes: int, shared: Mapping[str, Array]
+        self,
+        sweeps: Sequence[Kernel],
+        layout: Layout,
+        lanes: int,
+        shared: Mapping[str, Array],
     ) -> None:
         """Bind kernels to fresh memory.
 
@@ -148,6 +150,7 @@ class _Task:
     Attributes:
         sweeps: The machine code.
         layout: Layout of the memory.
+        rows: Rows that the loop reads.
         shared: Arguments that all lanes share.
         starts: All starts.
         ends: Results of the lanes.
@@ -156,6 +159,7 @@ class _Task:
 
     sweeps: Sweeps
     layout: Layout
+    rows: Rows
     shared: dict[str, Array]
     starts: Starts
     ends: Ends
@@ -184,13 +188,14 @@ def solve_by_sweeps(  # noqa: PLR0913 - starts and how they are solved
         options: Conditions at which lanes end.
         threads: Number of threads for the lanes.
     """
-    n, layout = controls.shape[2], layout_of(sweeps)
+    n, (layout, rows) = controls.shape[2], layout_of(sweeps)
     y = starts / posed.start_sizes
     given = np.vstack([posed.scaled(controls), y, *(w[None, :] for w in weights)])
     kept = layout.at(*_KEPT)
     task = _Task(
         sweeps=sweeps,
         layout=layout,
+        rows=rows,
         shared=posed.shared(),
         starts=Starts(
             _blank(layout, options),
@@ -225,7 +230,7 @@ def _solve(task: _Task, numbers: Count) -> None:
     block = Block(task.sweeps, task.layout, lanes, task.shared)
     work = np.zeros(2 + lanes, dtype=np.int64)
     given = (
-        block.calls, block.memory, task.layout.rows,
+        block.calls, block.memory, task.rows,
         task.starts._replace(numbers=numbers), task.ends, work, _TURNS,
     )  # fmt: skip
     prepare(take_turns, *given)

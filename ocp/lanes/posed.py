@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.arrays import Array
 from swarmstart.ocp.lanes.stages import KNOWN
@@ -29,6 +29,9 @@ class Posed:
         most: Upper bounds.
         first_least: Lower bounds of the decisions about the start, shape (ny,).
         first_most: Upper bounds.
+        x_least: Lower bounds of states, shape (nx,).
+        x_most: Upper bounds.
+        windows: Numbers of the nodes of each interval.
         interval: Known arguments of an interval.
         end: Known arguments of the end.
         begin: Known arguments of the start; None if nothing is decided.
@@ -42,6 +45,9 @@ class Posed:
     most: Array
     first_least: Array
     first_most: Array
+    x_least: Array
+    x_most: Array
+    windows: list[NDArray[np.int64]]
     interval: _Known
     end: _Known
     begin: _Known | None
@@ -120,8 +126,8 @@ def posed(
     q = program.arguments(state, parameters, flat, sizes)
     _, shared, *weights, _ = np.split(q, np.cumsum(parts.argument_sizes(problem)[:-1]))
     signals, checks, N = at_nodes(problem, flat), problem.checks, problem.intervals
-    windows = [signals[:, k * checks : (k + 1) * checks + 1] for k in range(N)]
-    own = np.concatenate([w.ravel(order="F") for w in windows])
+    windows = [np.arange(k * checks, (k + 1) * checks + 1) for k in range(N)]
+    own = np.concatenate([signals[:, w].ravel(order="F") for w in windows])
     nu, bounded = inputs_of(problem), problem.bounded_states
     rows = parts.interval.rows
     lower, upper = (
@@ -143,6 +149,9 @@ def posed(
         first_least=np.array([one.value.lower for one in starts])
         / sizes.states[firsts],
         first_most=np.array([one.value.upper for one in starts]) / sizes.states[firsts],
+        x_least=problem.state_limits[0] / sizes.states,
+        x_most=problem.state_limits[1] / sizes.states,
+        windows=windows,
         interval=(np.concatenate([shared, weights[0]]), own, lower, upper),
         end=_end_known(parts.end, shared, weights[1], signals[:, -1]),
         begin=None

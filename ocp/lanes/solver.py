@@ -81,7 +81,7 @@ class LaneSolver:
                 machine code cannot be made.
         """
         shooting = shooting_of(problem)
-        reason = _refused(shooting.problem)
+        reason = refused_by_lanes(shooting.problem)
         if reason:
             raise NoLanesError(reason)
         self._program = program or multiple_shooting(shooting)
@@ -266,7 +266,7 @@ def _step_of(
         return compile_slopes(program, options, threads=threads)
 
 
-def _refused(problem: OptimalControlProblem) -> str:
+def refused_by_lanes(problem: OptimalControlProblem) -> str:
     """Return the reason why lanes cannot solve a problem; empty if they can."""
     reasons = {
         "it has no controls": not problem.model.nu,

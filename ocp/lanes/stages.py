@@ -182,9 +182,15 @@ def solved(A: ca.SX, B: ca.SX) -> ca.SX:
     A pivot that is not positive is replaced by its absolute value, which still gives a
     direction of descent.
     """
-    n, L, inverse = A.shape[0], ca.SX(*A.shape), []
+    return cholesky_solved(A, B)[0]
+
+
+def cholesky_solved(A: ca.SX, B: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Return A^-1 B, as `solved`, and the least pivot."""
+    n, L, inverse, least = A.shape[0], ca.SX(*A.shape), [], ca.SX(1)
     for j in range(n):
         pivot = A[j, j] - ca.sumsqr(L[j, :j])
+        least = ca.fmin(least, pivot)
         inverse.append(1 / ca.sqrt(ca.fmax(ca.fabs(pivot), _SMALLEST_PIVOT)))
         for i in range(j + 1, n):
             L[i, j] = (A[i, j] - ca.dot(L[i, :j], L[j, :j])) * inverse[j]
@@ -194,7 +200,7 @@ def solved(A: ca.SX, B: ca.SX) -> ca.SX:
     for i in reversed(range(n)):
         rest = L[i + 1 :, i].T @ Y[i + 1 :, :] if i + 1 < n else 0
         Y[i, :] = (Y[i, :] - rest) * inverse[i]
-    return Y
+    return Y, least
 
 
 _SMALLEST_PIVOT = 1e-10
@@ -271,7 +277,7 @@ def scan_kernel(
     roles += ["shared"] * len(reads.shared)
     roles += ["shared", "interval", "shared", "shared"]  # KNOWN
     named = {**reads.carried, **reads.each, **reads.lane, **reads.shared, **known}
-    function = _function(named, writes)
+    function = simplified_function(named, writes)
     code = compile_scan(function, roles, turns=N, backward=backward, threads=threads)
     return Kernel(code, tuple(named), tuple(writes))
 
@@ -282,11 +288,12 @@ def flat_kernel(
     """Return a kernel without intervals, with individual and shared arguments."""
     own = (True,) * len(lane) + (False,) * len(shared)
     named = {**lane, **shared}
-    code = compile_flat(_function(named, writes), own, threads=threads)
+    code = compile_flat(simplified_function(named, writes), own, threads=threads)
     return Kernel(code, tuple(named), tuple(writes))
 
 
-def _function(reads: Named, writes: Named) -> ca.Function:
+def simplified_function(reads: Named, writes: Named) -> ca.Function:
+    """Return a function of named symbols, common parts computed once."""
     outputs = ca.cse([ca.densify(one) for one in writes.values()])
     return ca.Function("step", list(reads.values()), outputs)
 

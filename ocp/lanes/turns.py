@@ -127,12 +127,24 @@ class Ends(NamedTuple):
 
 
 @kernel
-def _begin(memory: Array, lane: int, starts: Starts, number: int) -> None:
+def begin(memory: Array, lane: int, starts: Starts, number: int) -> None:
     """Put a start in a lane."""
     for i in range(starts.blank.size):
         memory[i, lane] = starts.blank[i]
     for i in range(starts.rows.size):
         memory[starts.rows[i], lane] = starts.given[i, number]
+
+
+@kernel
+def leave(memory: Array, lane: int, ends: Ends, work: Count) -> None:
+    """Record a lane that has ended, and put the last lane in its place."""
+    for i in range(ends.rows.size):
+        ends.found[i, work[2 + lane]] = memory[ends.rows[i], lane]
+    work[0] -= 1
+    for i in range(memory.shape[0]):
+        # The lane that takes the place may have ended too: it is looked at next.
+        memory[i, lane] = memory[i, work[0]]
+    work[2 + lane] = work[2 + work[0]]
 
 
 @kernel
@@ -144,7 +156,7 @@ def _begins_again(
     met = memory[rows.worst, lane] <= _MET
     if met or memory[rows.again, lane] != 0.0 or steps >= starts.most:
         return False
-    _begin(memory, lane, starts, number)
+    begin(memory, lane, starts, number)
     memory[rows.again, lane] = 1.0
     memory[rows.iterations, lane] = steps
     memory[rows.r_end, lane] = max(memory[rows.r_end, lane], _AGAIN_WEIGHT)
@@ -161,16 +173,10 @@ def _refill(memory: Array, rows: Rows, starts: Starts, ends: Ends, work: Count) 
         if not done or _begins_again(memory, lane, rows, starts, number):
             lane += 1
             continue
-        for i in range(ends.rows.size):
-            ends.found[i, number] = memory[ends.rows[i], lane]
-        work[0] -= 1
-        for i in range(memory.shape[0]):
-            # The lane that takes the place may have ended too: it is looked at next.
-            memory[i, lane] = memory[i, work[0]]
-        work[2 + lane] = work[2 + work[0]]
+        leave(memory, lane, ends, work)
     while work[0] < memory.shape[1] and work[1] < starts.numbers.size:
         work[2 + work[0]] = starts.numbers[work[1]]
-        _begin(memory, work[0], starts, work[2 + work[0]])
+        begin(memory, work[0], starts, work[2 + work[0]])
         work[0] += 1
         work[1] += 1
 

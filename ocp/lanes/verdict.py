@@ -64,13 +64,15 @@ class _Verdict(NamedTuple):
     theta: ca.SX
 
 
-def _all(first: ca.SX, *others: ca.SX) -> ca.SX:
+def all_of(first: ca.SX, *others: ca.SX) -> ca.SX:
+    """Return whether all conditions hold."""
     for one in others:
         first = ca.logic_and(first, one)
     return first
 
 
-def _any(first: ca.SX, *others: ca.SX) -> ca.SX:
+def any_of(first: ca.SX, *others: ca.SX) -> ca.SX:
+    """Return whether any condition holds."""
     for one in others:
         first = ca.logic_or(first, one)
     return first
@@ -84,34 +86,34 @@ def _judged(lane: Named, new: ca.SX, finite: ca.SX, options: LaneOptions) -> _Ve
     size = ca.fmax(ca.fabs(value), _LEAST_VALUE)
     # A decrease within rounding is no progress.
     low = value - _ROUNDING * ca.fabs(value)
-    better = _all(ca.logic_not(begins), finite, new < low)
+    better = all_of(ca.logic_not(begins), finite, new < low)
     # A full step that neither gains nor loses: the lane has converged.
     nothing = ca.fabs(new - value) <= _NOTHING * lane["tolerance"] * size
-    settled = _all(whole, finite, nothing)
+    settled = all_of(whole, finite, nothing)
     shorter = ca.SX(0)
     for one, following in pairwise(STEPS):
         shorter = ca.if_else(length == one, following, shorter)
-    decided = _any(begins, better, settled)
-    again = _all(ca.logic_not(decided), shorter > 0)
-    failed = ca.logic_not(_any(decided, again))
-    over = ca.logic_not(_any(begins, again))
+    decided = any_of(begins, better, settled)
+    again = all_of(ca.logic_not(decided), shorter > 0)
+    failed = ca.logic_not(any_of(decided, again))
+    over = ca.logic_not(any_of(begins, again))
     fall = ca.if_else(better, (value - new) / size, 0)
-    gained = _all(better, whole)
+    gained = all_of(better, whole)
     eased = ca.if_else(gained, ca.fmax(mu / 10, _LEAST_MU), mu)
     # A step that had to be shortened should have been regularised more.
-    eased = ca.if_else(_all(better, ca.logic_not(whole)), 2 * mu, eased)
+    eased = ca.if_else(all_of(better, ca.logic_not(whole)), 2 * mu, eased)
     mu = ca.if_else(failed, ca.fmax(20 * mu, 1e-4), eased)
-    theta = ca.if_else(_all(gained, fall < _SLOW), 1, lane["theta"])
-    theta = ca.if_else(_any(failed, _all(better, length < _SHORT)), 0, theta)
-    small = _all(better, fall < lane["tolerance"])
+    theta = ca.if_else(all_of(gained, fall < _SLOW), 1, lane["theta"])
+    theta = ca.if_else(any_of(failed, all_of(better, length < _SHORT)), 0, theta)
+    small = all_of(better, fall < lane["tolerance"])
     # A short step gains little in any case, which does not mean that the lane is done.
-    small = _all(small, _any(whole, fall < 0.01 * lane["tolerance"]))
-    tired = _any(mu > _MOST_MU, lane["since"] + 1 >= options.inner)
+    small = all_of(small, any_of(whole, fall < 0.01 * lane["tolerance"]))
+    tired = any_of(mu > _MOST_MU, lane["since"] + 1 >= options.inner)
     return _Verdict(
-        taken=_any(better, _all(begins, finite)),
+        taken=any_of(better, all_of(begins, finite)),
         over=over,
-        converged=_all(over, _any(small, settled, tired)),
-        lost=_all(begins, ca.logic_not(finite)),
+        converged=all_of(over, any_of(small, settled, tired)),
+        lost=all_of(begins, ca.logic_not(finite)),
         length=ca.if_else(again, shorter, STEPS[0]),
         mu=mu,
         theta=theta,
@@ -146,7 +148,9 @@ def verdict_kernel(
     if begin is not None:
         new += _at(begin, lane, "x0_new", "begin").al.value
     # False for NaN too.
-    finite = _all(ca.fabs(new) < _FINITE, _below(lane["end_new"], _FINITE), _tame(lane))
+    finite = all_of(
+        ca.fabs(new) < _FINITE, _below(lane["end_new"], _FINITE), _tame(lane)
+    )
     verdict = _judged(lane, new, finite, options)
     now = _taken_over(verdict, lane, new)
     ends = [_at(end, now, "end", "end")]
@@ -192,11 +196,11 @@ def _tame(lane: Named) -> ca.SX:
     """Return whether a step stays below `_WILD`; a lane's start is always accepted."""
     before = _below(ca.vertcat(lane["end"], lane["paid"]), _WILD)
     after = _below(ca.vertcat(lane["end_new"], lane["sums_new"][1]), _WILD)
-    return _any(after, lane["length"] == 0, ca.logic_not(before))
+    return any_of(after, lane["length"] == 0, ca.logic_not(before))
 
 
 def _below(x: ca.SX, limit: float) -> ca.SX:
-    return _all(*(ca.fabs(one) < limit for one in ca.vertsplit(x)))
+    return all_of(*(ca.fabs(one) < limit for one in ca.vertsplit(x)))
 
 
 def _taken_over(verdict: _Verdict, lane: Named, new: ca.SX) -> dict[str, ca.SX]:
@@ -243,7 +247,7 @@ def _after(
         "theta": verdict.theta, "length": verdict.length, "iterations": iterations,
         "paid": ca.if_else(verdict.taken, paid, now["paid"]),
         "worst": ca.if_else(verdict.taken, worst, now["worst"]),
-        "done": _any(_all(verdict.converged, done), verdict.lost, tired),
+        "done": any_of(all_of(verdict.converged, done), verdict.lost, tired),
     }  # fmt: skip
 
 

@@ -1,0 +1,460 @@
+"""Many instances of one problem solved at once, by an interior-point method in lanes.
+
+An instance has an initial state, parameters and perhaps signals of its own. Every lane
+is IPOPT's method on a Riccati recursion (interior_kernels.py). Lanes are independent:
+an answer has the same bits for any lanes beside it and any number of threads.
+
+Some lanes are solved side by side in one memory, whose columns they are; every name
+that a kernel reads or writes is some rows of it. Names of an interval: x, xa (state
+after it), u, w (slacks and elastic variables), m and lam (multipliers), z (duals), the
+step "d.", and of the recursion k, K, V, v. Names of the ends: y (decisions about the
+start), x0, end, and w, m, z of both. Names of a lane: those of interior_verdict.py.
+"""
+
+import threading
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from swarmstart.arrays import Array
+from swarmstart.machine_code import prepare
+from swarmstart.ocp.compiled.engine import NoCompilerError
+from swarmstart.ocp.compiled.threads import together
+from swarmstart.ocp.lanes.answers import LaneAnswers
+from swarmstart.ocp.lanes.barrier import RELAXED
+from swarmstart.ocp.lanes.ddp import Block, Count, Layout, kernel_sizes
+from swarmstart.ocp.lanes.interior_kernels import Interior, compile_interior
+from swarmstart.ocp.lanes.interior_parts import Places, places_of
+from swarmstart.ocp.lanes.interior_turns import InteriorRows, take_interior_turns
+from swarmstart.ocp.lanes.interior_verdict import AIMED
+from swarmstart.ocp.lanes.posed import Posed, posed
+from swarmstart.ocp.lanes.solver import NoLanesError, refused_by_lanes
+from swarmstart.ocp.lanes.stages import Kernel
+from swarmstart.ocp.lanes.turns import Ends, Starts
+from swarmstart.ocp.nlp.transcription import NonlinearProgram, multiple_shooting
+from swarmstart.ocp.rollout.fitness import Arguments, Known, at_nodes
+from swarmstart.ocp.rollout.shooting import Shooting, shooting_of
+from swarmstart.ocp.statement.problem import OptimalControlProblem
+from swarmstart.tape import UnknownOperationError
+
+TOLERANCE = 1e-8
+"""Largest scaled error at which a lane ends."""
+MOST = 300
+"""Largest number of steps of a lane."""
+FIRST_MU, FIRST_RHO = 1e-2, 1.0
+"""First parameter of the central path, and first price of broken rows."""
+_CACHE = 1 << 20
+"""Size of the memory of the lanes that are solved side by side [bytes], about that of a
+core's own cache."""
+_FEWEST, _MOST_SIDE_BY_SIDE = 8, 32
+_CHUNK = 1 << 26
+"""Size of the numbers that starts are made of [bytes]."""
+_TURNS = 64
+"""Number of turns between two checks for Ctrl-C."""
+_KEPT = "u", "y", "x", "end", "paid", "worst", "iterations", "met"
+
+
+class Instances(NamedTuple):
+    """Instances of the core of a problem.
+
+    Attributes:
+        x0: Initial states, shape (nx, M).
+        parameters: Shape (np, M).
+        signals: ca.vec of the signals at the nodes, shape (ns * nodes, M).
+    """
+
+    x0: Array
+    parameters: Array
+    signals: Array
+
+    def known(self, number: int, problem: OptimalControlProblem) -> Known:
+        """Return the known data of an instance."""
+        return Known(
+            self.parameters[:, number], at_nodes(problem, self.signals[:, number])
+        )
+
+    def some(self, numbers: slice) -> "Instances":
+        """Return some of the instances."""
+        return Instances(*(one[:, numbers] for one in self))
+
+
+class InteriorLanes:
+    """Local solves of many instances of one problem.
+
+    Attributes:
+        problem: The core of the problem.
+    """
+
+    def __init__(
+        self,
+        problem: OptimalControlProblem | Shooting,
+        *,
+        program: NonlinearProgram | None = None,
+        threads: int = 1,
+        tolerance: float = TOLERANCE,
+        most: int = MOST,
+    ) -> None:
+        """Derive the functions of the lanes; they are compiled when first needed.
+
+        Args:
+            problem: The problem, or its functions.
+            program: Its NLP, if that is built already.
+            threads: Largest number of threads for the lanes.
+            tolerance: Largest scaled error at which a lane ends.
+            most: Largest number of steps of a lane.
+
+        Raises:
+            NoLanesError: If the problem has a feature that lanes do not support.
+        """
+        shooting = shooting_of(problem)
+        reason = refused_by_lanes(shooting.problem)
+        if reason:
+            raise NoLanesError(reason)
+        self.problem = shooting.problem
+        self._program = program or multiple_shooting(shooting)
+        self._arguments, self._threads = Arguments(shooting), threads
+        self._tolerance, self._most = tolerance, most
+        self._made = dict[bool, _Made]()
+
+    def __call__(
+        self,
+        instances: Instances,
+        controls: Array,
+        starts: Array,
+        states: Array | None = None,
+        *,
+        mu: float = FIRST_MU,
+    ) -> LaneAnswers:
+        """Return the local optima that starts lead to.
+
+        Args:
+            instances: The instances.
+            controls: Shape (nu, N, M), finite.
+            starts: Decisions about the start, shape (ny, M), one row for each of
+                `problem.free_starts`.
+            states: Guess of the states between intervals, shape (nx, N + 1, M); None:
+                those that the controls lead to.
+            mu: First parameter of the central path; small for starts near an optimum.
+
+        Raises:
+            NoLanesError: If machine code cannot be made.
+        """
+        if not controls.shape[2]:
+            return _none(self.problem, controls, starts)
+        signals = instances.signals
+        own_signals = bool(np.any(signals != signals[:, :1]))
+        made = self._made_for(own_signals)
+        one = self._posed(instances)
+        count = max(1, _CHUNK // (8 * made.given))
+        found = []
+        for first in range(0, controls.shape[2], count):
+            part = slice(first, first + count)
+            guess = None if states is None else states[:, :, part]
+            chunk = _Chunk(
+                made, one, instances.some(part), controls[:, :, part],
+                starts[:, part], guess, mu,
+            )  # fmt: skip
+            found.append(chunk.solved(self._threads, own_signals))
+        return _joined(found)
+
+    def _made_for(self, own_signals: bool) -> "_Made":
+        if own_signals not in self._made:
+            places = places_of(self._program)
+            try:
+                kernels = compile_interior(
+                    places,
+                    own_signals=own_signals,
+                    tolerance=self._tolerance,
+                    most=self._most,
+                )
+            except (NoCompilerError, UnknownOperationError) as error:
+                raise NoLanesError(str(error)) from error
+            self._made[own_signals] = _Made.of(places, kernels)
+        return self._made[own_signals]
+
+    def _posed(self, instances: Instances) -> Posed:
+        """Return what all instances share, with sizes that suit all of them."""
+        problem = self.problem
+        M = instances.x0.shape[1]
+        numbers = np.unique(np.linspace(0, M - 1, min(M, 16)).astype(int)).tolist()
+        sizes = [
+            self._arguments.sizes(instances.x0[:, i], instances.known(i, problem))
+            for i in numbers
+        ]
+        largest = numbers[int(np.argmax([one.cost for one in sizes]))]
+        return posed(
+            self._program,
+            self._arguments,
+            instances.x0[:, largest],
+            instances.known(largest, problem),
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Made:
+    """The machine code of a problem's lanes.
+
+    Attributes:
+        places: The parts of the problem.
+        kernels: The machine code.
+        layout: Layout of the memory.
+        rows: Rows that the loop reads.
+        given: Number of rows that a start is made of.
+    """
+
+    places: Places
+    kernels: Interior
+    layout: Layout
+    rows: InteriorRows
+    given: int
+
+    @staticmethod
+    def of(places: Places, kernels: Interior) -> "_Made":
+        """Return it with its layout."""
+        layout, rows = _layout_of(kernels)
+        given = sum(layout.places[name][1] for name in _given(places))
+        return _Made(places, kernels, layout, rows, given)
+
+
+def _given(places: Places) -> list[str]:
+    """Return the names of the numbers of a start."""
+    ends = [f"{place}.{name}" for place in ("begin", "end") for name in ("w", "z")]
+    known = [
+        name
+        for place in (places.interval, places.end, places.begin)
+        for name in place.known
+        if name.endswith(".parameters")
+    ]
+    return [
+        "fixed", "x", "xa", "u", "w", "z", "y", "x0", "end", "mu", "rho", *ends, *known,
+    ]  # fmt: skip
+
+
+def _layout_of(kernels: Interior) -> tuple[Layout, InteriorRows]:
+    """Return the rows that kernels need, and those that the loop reads."""
+    sizes = kernel_sizes(kernels[3:])
+    following = [name for name in sizes if name.startswith("next.")]
+    state = [name.removeprefix("next.") for name in following]
+    # Those that a sweep changes first, in their order.
+    state = [*AIMED, *(name for name in state if name not in AIMED)]
+    named = [
+        *state, *(f"next.{name}" for name in state), *(f"aim.{name}" for name in AIMED),
+    ]  # fmt: skip
+    named += [name for name in sizes if name not in named]
+    places, first = {}, 0
+    for name in named:
+        own = name.removeprefix("next.").removeprefix("aim.")
+        places[name] = first, sizes[name] if name in sizes else sizes[f"next.{own}"]
+        first += places[name][1]
+    at = {name: place for name, (place, _) in places.items()}
+    size = sum(places[name][1] for name in state)
+    rows = InteriorRows(
+        state=0, aim=at[f"aim.{AIMED[0]}"], aims=len(AIMED), following=size, size=size,
+        tries=at["tries"], taken=at["taken"], done=at["done"],
+    )  # fmt: skip
+    return Layout(places, first), rows
+
+
+class _Chunk:
+    """Some instances, of which the starts are in memory at once."""
+
+    def __init__(  # noqa: PLR0913, PLR0917 - instances and their starts
+        self,
+        made: _Made,
+        one: Posed,
+        instances: Instances,
+        controls: Array,
+        starts: Array,
+        states: Array | None,
+        mu: float,
+    ) -> None:
+        """Scale the starts and move them inside the bounds."""
+        self._made, self._posed, self._instances = made, one, instances
+        self._shared = _shared(one, made.places)
+        M, nx, N = controls.shape[2], one.x0.size, one.intervals
+        scaled = instances.x0 / one.sizes.states[:, None]
+        tied = one.tied.sum(axis=1) > 0
+        numbers = {
+            "fixed": np.where(tied[:, None], 0.0, scaled),
+            "u": one.scaled(controls),
+            "y": starts / one.start_sizes,
+            "mu": np.full((1, M), mu),
+            "rho": np.full((1, M), FIRST_RHO),
+            "rolled": np.full((1, M), float(states is None)),
+            "xa": np.zeros((N * nx, M)),
+        }
+        if states is not None:
+            inner = states[:, 1:] / one.sizes.states[:, None, None]
+            numbers["xa"] = np.moveaxis(inner, 1, 0).reshape(N * nx, M)
+        for place in ("interval", "end", "begin"):
+            numbers[f"{place}.parameters"] = instances.parameters
+        signals = _signals(one, instances.signals)
+        numbers |= {f"{place}.signals": own for place, own in signals.items()}
+        for kernel in made.kernels[:3]:
+            numbers |= self._evaluated(kernel, numbers)
+        self._numbers = numbers
+
+    def _evaluated(
+        self, kernel: Kernel, numbers: Mapping[str, Array]
+    ) -> dict[str, Array]:
+        own = kernel.code.shape.per_individual
+        arguments = [
+            np.ascontiguousarray(numbers[name] if is_own else self._shared[name])
+            for name, is_own in zip(kernel.reads, own, strict=True)
+        ]
+        return dict(zip(kernel.writes, kernel.code.evaluate(arguments), strict=True))
+
+    def solved(self, threads: int, own_signals: bool) -> LaneAnswers:
+        """Return the answers."""
+        made, posed = self._made, self._posed
+        names = _given(made.places)
+        if own_signals:
+            names += [n for n in made.layout.places if n.endswith(".signals")]
+        names = [name for name in names if name in made.layout.places]
+        given = np.vstack([self._numbers[name] for name in names])
+        M = given.shape[1]
+        kept = made.layout.at(*_KEPT)
+        task = _Task(
+            made,
+            self._shared,
+            Starts(_blank(made.layout), given, made.layout.at(*names), np.arange(M), 0),
+            Ends(np.empty((kept.size, M)), kept),
+            threading.Event(),
+        )
+        shares = np.array_split(np.arange(M), max(1, min(threads, M)))
+        together([partial(_solve, task, one) for one in shares])
+        sizes = [made.layout.places[name][1] for name in _KEPT]
+        u, y, x, end, paid, worst, iterations, _ = np.split(
+            task.ends.found, np.cumsum(sizes)[:-1]
+        )
+        nu = posed.sizes.controls.size
+        low, high = (
+            (side[:nu] * posed.sizes.controls)[:, None, None]
+            for side in (posed.least, posed.most)
+        )
+        return LaneAnswers(
+            controls=np.clip(posed.controls(u), low, high),
+            starts=y * posed.start_sizes,
+            states=posed.states(x, end),
+            cost=paid[0] * posed.sizes.cost,
+            violation=worst[0],
+            iterations=iterations[0].astype(np.int64),
+        )
+
+
+def _shared(posed: Posed, places: Places) -> dict[str, Array]:
+    """Return the arguments that all lanes share, by their names in kernels."""
+    numbers = dict[str, Array]()
+    for place in (places.interval, places.end, places.begin):
+        known = getattr(posed, place.name)
+        if known is None:
+            numbers |= {
+                f"{place.name}.{side}": np.zeros(0) for side in ("lower", "upper")
+            }
+            continue
+        shared, signals, *limits = known
+        lower, upper = (np.array(side[: place.walls.height]) for side in limits)
+        equal = np.equal(lower, upper)
+        count = place.given["parameters"].numel()
+        numbers[f"{place.name}.shared"] = shared[count:]
+        numbers[f"{place.name}.signals"] = signals
+        numbers[f"{place.name}.lower"] = np.where(equal, lower, _relaxed(lower, -1))
+        numbers[f"{place.name}.upper"] = np.where(equal, upper, _relaxed(upper, 1))
+    bounds = {
+        "least": (posed.least, -1), "most": (posed.most, 1),
+        "x_least": (posed.x_least, -1), "x_most": (posed.x_most, 1),
+    }  # fmt: skip
+    first = {
+        "first_least": (posed.first_least, -1),
+        "first_most": (posed.first_most, 1),
+    }
+    for at, sides in (("interval", bounds), ("begin", first)):
+        for name, (side, sign) in sides.items():
+            numbers[f"{at}.{name}"] = _relaxed(side, sign)
+    return {
+        name: np.ascontiguousarray(one, dtype=np.float64)
+        for name, one in numbers.items()
+    }
+
+
+def _relaxed(side: Array, sign: float) -> Array:
+    """Return limits a little wider."""
+    return np.asarray(side + sign * RELAXED * np.maximum(1.0, np.abs(side)))
+
+
+def _signals(posed: Posed, signals: Array) -> dict[str, Array]:
+    """Return the signals of intervals and ends, a column for each instance."""
+    if not signals.size:
+        return {}
+    nodes = posed.windows
+    M = signals.shape[1]
+    at = signals.reshape((-1, nodes[-1][-1] + 1, M), order="F")
+    own = [np.swapaxes(at[:, window], 0, 1).reshape(-1, M) for window in nodes]
+    return {"interval": np.concatenate(own), "end": at[:, -1], "begin": at[:, 0]}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Task:
+    """Starts that threads share."""
+
+    made: _Made
+    shared: dict[str, Array]
+    starts: Starts
+    ends: Ends
+    stop: threading.Event
+
+
+def _blank(layout: Layout) -> Array:
+    """Return the initial memory of a lane; its first trial has the length 0."""
+    blank = np.zeros(layout.size)
+    blank[layout.at("tries")] = 1.0
+    blank[layout.at("paid", "worst")] = np.inf
+    blank[layout.at("filter_theta", "filter_phi", "theta_most")] = 1e300
+    return blank
+
+
+def _solve(task: _Task, numbers: Count) -> None:
+    """Solve some of the starts."""
+    made = task.made
+    fit = _CACHE // (8 * made.layout.size)
+    lanes = min(max(_FEWEST, min(fit, _MOST_SIDE_BY_SIDE)), numbers.size)
+    block = Block(made.kernels[3:], made.layout, lanes, task.shared)
+    work = np.zeros(2 + lanes, dtype=np.int64)
+    given = (
+        block.calls, block.memory, made.rows, task.starts._replace(numbers=numbers),
+        task.ends, work, _TURNS,
+    )  # fmt: skip
+    prepare(take_interior_turns, *given)
+    try:
+        while (work[0] or work[1] < numbers.size) and not task.stop.is_set():
+            take_interior_turns(*given)
+    # Ctrl-C in one thread must end the others too.
+    except BaseException:
+        task.stop.set()
+        raise
+
+
+def _joined(parts: list[LaneAnswers]) -> LaneAnswers:
+    """Return the answers of all chunks."""
+    return LaneAnswers(**{
+        name: np.concatenate([getattr(part, name) for part in parts], axis=-1)
+        for name in ("controls", "starts", "states", "cost", "violation", "iterations")
+    })  # fmt: skip
+
+
+def _none(
+    problem: OptimalControlProblem, controls: Array, starts: Array
+) -> LaneAnswers:
+    """Return the answers of no instances."""
+    nothing = np.zeros(0)
+    return LaneAnswers(
+        controls=controls,
+        starts=starts,
+        states=np.zeros((problem.model.nx, problem.intervals + 1, 0)),
+        cost=nothing,
+        violation=nothing,
+        iterations=np.zeros(0, dtype=np.int64),
+    )

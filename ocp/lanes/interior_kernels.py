@@ -1,0 +1,386 @@
+"""The machine code of an interior-point method in lanes.
+
+The method is IPOPT's: Newton's step on the central path of parameter mu, a filter for
+its length. The system of all intervals is solved from the end to the start by a Riccati
+recursion, whose pivots are positive if and only if the step is one of descent; else
+delta is added to all second derivatives, as much as it takes.
+
+Two groups of kernels take turns. A step: `last`, `backward`, `start`, `along`, `aim`. A
+trial of a length: `move`, `trial`, `verdict`, `keep`. Names are rows of the memory of a
+lane (interior.py); those that begin with "d." are the step, "next." and "aim." what
+follows.
+
+Source: Wächter and Biegler (2006), On the implementation of an interior-point filter
+line-search algorithm for large-scale nonlinear programming; Rao, Wright and Rawlings
+(1998), Application of interior-point methods to model predictive control, the
+recursion.
+"""
+
+from typing import NamedTuple
+
+import casadi as ca
+
+from swarmstart.ocp.compiled.scan import Role, compile_scan
+from swarmstart.ocp.lanes.barrier import inside
+from swarmstart.ocp.lanes.interior_newton import (
+    SUMS,
+    TOPS,
+    Lengths,
+    folded,
+    forces,
+    measured,
+    of_lane,
+    quadratic,
+    stepped,
+)
+from swarmstart.ocp.lanes.interior_parts import Place, Places
+from swarmstart.ocp.lanes.interior_verdict import aimed, judged
+from swarmstart.ocp.lanes.stages import (
+    Kernel,
+    Named,
+    cholesky_solved,
+    flat_kernel,
+    lower,
+    simplified_function,
+    symbols,
+    symmetric,
+    triangle,
+)
+
+_WILD = 1e6
+"""Largest scaled state that a roll-out of a start may lead to; else the state stays."""
+
+
+class Interior(NamedTuple):
+    """The kernels of a lane; the first three prepare its start."""
+
+    first: Kernel
+    prepare: Kernel
+    finish: Kernel
+    last: Kernel
+    backward: Kernel
+    start: Kernel
+    along: Kernel
+    aim: Kernel
+    move: Kernel
+    trial: Kernel
+    verdict: Kernel
+    keep: Kernel
+
+
+def compile_interior(
+    places: Places, *, own_signals: bool, tolerance: float, most: int
+) -> Interior:
+    """Return the machine code.
+
+    Args:
+        places: The parts of the problem.
+        own_signals: Whether each lane has its own signals.
+        tolerance: Largest scaled error at which a lane ends.
+        most: Largest number of steps of a lane.
+
+    Raises:
+        UnknownOperationError: If a function has an operation that is not compiled.
+        NoCompilerError: If machine code cannot be made here, or would be too long.
+    """
+    maker = _Maker(places, own_signals)
+    return Interior(
+        first=maker.first(),
+        prepare=maker.prepare(),
+        finish=maker.finish(),
+        last=maker.last(),
+        backward=maker.backward(),
+        start=maker.start(),
+        along=maker.along(),
+        aim=maker.flat(places.end, *aimed(places.end)),
+        move=maker.move(),
+        trial=maker.trial(),
+        verdict=maker.of_ends(*judged(places, tolerance, most)),
+        keep=maker.keep(),
+    )
+
+
+class _Maker:
+    """Kernels of the parts of a problem."""
+
+    def __init__(self, places: Places, own_signals: bool) -> None:
+        """Remember the parts."""
+        self._places, self._own = places, own_signals
+        self._nx = places.nx
+        interval = places.interval
+        self._xa, self._u = ca.vertsplit(
+            interval.own, [0, self._nx, interval.own.numel()]
+        )
+        self._each = {
+            "xa": self._xa, "u": self._u, "w": interval.kept["w"],
+            "m": interval.kept["m"], "z": interval.kept["z"],
+            "lam": ca.SX.sym("lam", self._nx),
+        }  # fmt: skip
+        self._step = symbols(**{f"d.{n}": s.numel() for n, s in self._each.items()})
+        self._gap = interval.after - self._xa
+
+    def of_ends(self, lane: Named, writes: Named) -> Kernel:
+        """Return a kernel of a lane at both ends."""
+        return self._flat(
+            {**self._places.end.known, **self._places.begin.known}, lane, writes
+        )
+
+    def flat(self, place: Place, lane: Named, writes: Named) -> Kernel:
+        """Return a kernel of a lane at an end."""
+        return self._flat(place.known, lane, writes)
+
+    def _flat(self, known: Named, lane: Named, writes: Named) -> Kernel:
+        own, shared = dict(lane), dict[str, ca.SX]()
+        for name, one in known.items():
+            kind = name.split(".")[1]
+            is_own = kind == "parameters" or (kind == "signals" and self._own)
+            (own if is_own else shared)[name] = one
+        return flat_kernel(own, shared, writes)
+
+    def _scan(
+        self,
+        carried: Named,
+        each: Named,
+        lane: Named,
+        writes: Named,
+        *,
+        backward: bool = False,
+    ) -> Kernel:
+        """Return a kernel of all intervals."""
+        known = self._places.interval.known
+        roles: dict[str, Role] = {
+            "parameters": "individual", "signals": "both" if self._own else "interval",
+        }  # fmt: skip
+        named = {**carried, **each, **lane, **known}
+        given: list[Role] = ["carried"] * len(carried)
+        given += ["both"] * len(each)
+        given += ["individual"] * len(lane)
+        given += [roles.get(name.split(".")[1], "shared") for name in known]
+        function = simplified_function(named, writes)
+        code = compile_scan(function, given, turns=self._places.N, backward=backward)
+        return Kernel(code, tuple(named), tuple(writes))
+
+    def first(self) -> Kernel:
+        """Return the kernel of decisions moved inside their bounds."""
+        begin = self._places.begin
+        lane = symbols(fixed=self._nx, mu=1, rho=1)
+        y = _pushed(begin, begin.own)
+        x0 = lane["fixed"] + self._places.tied @ y
+        writes = {"y": y, "x0": x0} | self._begun(begin, y, lane["mu"], lane["rho"])
+        writes = _at(begin, writes, x0)
+        return self.flat(begin, {"y": begin.own, **lane}, writes)
+
+    def _begun(
+        self, place: Place, own: ca.SX, mu: ca.SX, rho: ca.SX
+    ) -> dict[str, ca.SX]:
+        w = place.walls.begun(place.walls.rows, mu, rho)
+        pairs = place.walls.pairs
+        z = mu / pairs.distances(ca.vertcat(own, w))
+        return {f"{place.name}.w": w, f"{place.name}.z": z}
+
+    def prepare(self) -> Kernel:
+        """Return the kernel of states and controls inside their bounds.
+
+        A lane that is `rolled` takes the states that its controls lead to, as long as
+        they are tame; another one those that are given.
+        """
+        interval = self._places.interval
+        lane = symbols(rolled=1, mu=1, rho=1)
+        xa, u = self._xa, _pushed(interval, interval.own)[self._nx :]
+        after = ca.substitute(interval.after, self._u, u)
+        tame = ca.SX(1)
+        for one in ca.vertsplit(after):
+            tame = ca.logic_and(tame, ca.fabs(one) < _WILD)
+        led = ca.if_else(tame, after, interval.x)
+        start = ca.vertcat(ca.if_else(lane["rolled"], led, xa), u)
+        start = ca.substitute(_pushed(interval, interval.own), interval.own, start)
+        begun = self._begun(interval, start, lane["mu"], lane["rho"])
+        begun = _at(interval, begun, ca.vertcat(interval.x, start[self._nx :]))
+        writes = {
+            "end": start[: self._nx], "x": interval.x, "xa": start[: self._nx],
+            "u": start[self._nx :], "w": begun["interval.w"], "z": begun["interval.z"],
+        }  # fmt: skip
+        each = {"xa": xa, "u": self._u}
+        return self._scan({"x0": interval.x}, each, lane, writes)
+
+    def finish(self) -> Kernel:
+        """Return the kernel of what goes with a start's end."""
+        end, lane = self._places.end, symbols(mu=1, rho=1)
+        writes = self._begun(end, end.own, lane["mu"], lane["rho"])
+        return self.flat(end, {"end": end.x, **lane}, writes)
+
+    def last(self) -> Kernel:
+        """Return the kernel of the value at the end, where `backward` begins."""
+        end, lane = self._places.end, symbols(mu=1, rho=1, delta=1)
+        Q, q = quadratic(end, folded(end, *lane.values()), ca.SX(0))
+        writes = {"slope": q, "bend": lower(Q)}
+        return self.flat(end, {"end": end.x, **of_lane(end), **lane}, writes)
+
+    def backward(self) -> Kernel:
+        """Return the kernel of the recursion from the end to the start."""
+        interval, nx = self._places.interval, self._nx
+        nu, z = interval.u.numel(), interval.z
+        carried = symbols(slope=nx, bend=len(triangle(nx)), nothing=1)
+        lane = symbols(mu=1, rho=1, delta=1)
+        slope, bend, wrong = carried.values()
+        part = folded(interval, *lane.values())
+        Q, q = quadratic(interval, part, ca.dot(self._each["lam"], interval.after))
+        J = ca.jacobian(interval.after, z)
+        V = symmetric(bend, nx) + ca.diag(part.S[:nx])
+        v = slope + part.slope[:nx]
+        Q += J.T @ V @ J
+        q += J.T @ (v + V @ self._gap)
+        Quu = Q[nx:, nx:] + ca.diag(part.S[nx : nx + nu])
+        qu, Qux = q[nx:] + part.slope[nx : nx + nu], Q[nx:, :nx]
+        step, least = cholesky_solved(Quu, ca.horzcat(qu, Qux))
+        k, K = -step[:, 0], -step[:, 1:]
+        writes = {
+            "slope_start": q[:nx] + Qux.T @ k,
+            "bend_start": lower(Q[:nx, :nx] + Qux.T @ K),
+            "wrong_start": ca.fmax(wrong, least <= 0),
+            "k": k, "K": ca.vec(K), "V": lower(V), "v": v,
+        }  # fmt: skip
+        each = {"x": interval.x, **self._each}
+        return self._scan(carried, each, lane, writes, backward=True)
+
+    def start(self) -> Kernel:
+        """Return the kernel of the step of the decisions about the start."""
+        begin, nx, tied = self._places.begin, self._nx, self._places.tied
+        lane = symbols(mu=1, rho=1, delta=1)
+        carried = symbols(
+            slope_start=nx, bend_start=len(triangle(nx)), wrong_start=1, x0=nx
+        )
+        slope, bend, wrong, x0 = carried.values()
+        part = folded(begin, *lane.values())
+        Q, q = quadratic(begin, part, ca.SX(0))
+        ny = begin.own.numel()
+        H = tied.T @ (symmetric(bend, nx) + Q) @ tied + ca.diag(part.S[:ny])
+        g = tied.T @ (slope + q) + part.slope[:ny]
+        step, least = cholesky_solved(H, g)
+        moved = tied @ -step
+        none = Lengths(ca.SX(0), ca.SX(1), ca.SX(1))
+        steps, lengths = stepped(begin, part, moved, -step, lane["mu"], none)
+        writes = {"d.y": -step, "d.x0": moved, "wrong": ca.fmax(wrong, least <= 0)}
+        writes |= {f"d.begin.{name}": one for name, one in steps.items()}
+        writes |= {f"{name}_start": one for name, one in lengths._asdict().items()}
+        reads = {"y": begin.own, **of_lane(begin), **lane, **carried}
+        return self.flat(begin, reads, _at(begin, writes, x0))
+
+    def along(self) -> Kernel:
+        """Return the kernel of the step from the start to the end."""
+        interval, nx = self._places.interval, self._nx
+        nu = interval.u.numel()
+        carried = symbols(**{
+            "d.x0": nx, "gain_start": 1, "primal_start": 1, "dual_start": 1,
+        })  # fmt: skip
+        dx, *so_far = carried.values()
+        lane = symbols(mu=1, rho=1, delta=1)
+        found = symbols(k=nu, K=nu * nx, V=len(triangle(nx)), v=nx)
+        du = found["k"] + ca.reshape(found["K"], nu, nx) @ dx
+        moved = ca.vertcat(dx, du)
+        after = ca.jtimes(interval.after, interval.z, moved) + self._gap
+        part = folded(interval, *lane.values())
+        steps, lengths = stepped(
+            interval, part, moved, ca.vertcat(after, du), lane["mu"], Lengths(*so_far)
+        )
+        lam = symmetric(found["V"], nx) @ after + found["v"] - self._each["lam"]
+        writes = {"d.end": after}
+        writes |= {f"{name}_end": one for name, one in lengths._asdict().items()}
+        writes |= {"d.xa": after, "d.u": du, "d.lam": lam}
+        writes |= {f"d.{name}": one for name, one in steps.items()}
+        each = {"x": interval.x, **self._each, **found}
+        return self._scan(carried, each, lane, writes)
+
+    def move(self) -> Kernel:
+        """Return the kernel of the start of a trial."""
+        y = self._places.begin.own
+        lane = symbols(**{
+            "y": y.numel(), "d.y": y.numel(), "fixed": self._nx, "alpha": 1,
+        })  # fmt: skip
+        moved = lane["y"] + lane["alpha"] * lane["d.y"]
+        writes = {"x0_new": lane["fixed"] + self._places.tied @ moved}
+        return flat_kernel(lane, {}, writes)
+
+    def trial(self) -> Kernel:
+        """Return the kernel of the measures of a trial point."""
+        interval, nx = self._places.interval, self._nx
+        pending, before, sums, tops, begun = symbols(
+            pending=nx, before=nx, sums=len(SUMS), tops=len(TOPS), begun=1
+        ).values()
+        lane = symbols(alpha=1, alpha_dual=1, rho=1)
+        lam = self._each["lam"]
+        force = forces(interval, ca.dot(lam, interval.after))
+        of_x = force[:nx] + pending
+        pushed = interval.walls.pairs.pushed(interval.kept["z"])[:nx]
+        found = measured(
+            interval,
+            lane["rho"],
+            # The state at the start is not free.
+            ca.if_else(begun, of_x, 0 * of_x),
+            # That of xa is complete in the next interval only: 0 here.
+            ca.vertcat(pushed, force[nx:]),
+            self._gap,
+        )
+        more = ca.vertcat(ca.SX.zeros(len(SUMS) - 1, 1), ca.sum1(ca.fabs(lam)))
+        writes = {
+            "end_new": self._xa,
+            "pending_end": -lam - pushed,
+            "force_start": ca.if_else(begun, before, of_x),
+            "sums_new": sums + found.sums + more,
+            "tops_new": ca.fmax(tops, found.tops),
+            "begun_end": ca.SX(1),
+        }
+        writes = self._moved(writes, lane["alpha"], lane["alpha_dual"])
+        named = {
+            "x0_new": interval.x, "nothing.x": pending, "nothing.force": before,
+            "nothing.sums": sums, "nothing.tops": tops, "nothing": begun,
+        }  # fmt: skip
+        reads = {**self._each, **self._step}
+        return self._scan(named, reads, lane, writes)
+
+    def _moved(
+        self, writes: Named, alpha: ca.SX, alpha_dual: ca.SX
+    ) -> dict[str, ca.SX]:
+        """Return expressions at the point after a step."""
+        old = list(self._each.values())
+        new = [
+            one + (alpha_dual if name == "z" else alpha) * self._step[f"d.{name}"]
+            for name, one in self._each.items()
+        ]
+        found = ca.substitute(list(writes.values()), old, new)
+        return dict(zip(writes, found, strict=True))
+
+    def keep(self) -> Kernel:
+        """Return the kernel that takes an accepted step; it writes in place."""
+        interval = self._places.interval
+        x, walls = ca.SX.sym("x_before", self._nx), interval.walls
+        lane = symbols(taken=1, step=1, step_dual=1, mu=1)
+        new = self._moved(self._each, lane["step"], lane["step_dual"])
+        v = ca.vertcat(new["xa"], new["u"], new["w"])
+        new["z"] = walls.pairs.limited(v, new["z"], lane["mu"])
+        after = {
+            name: ca.if_else(lane["taken"], one, self._each[name])
+            for name, one in new.items()
+        }
+        writes = {"end_kept": after["xa"], "x": x, **after}
+        reads = {**self._each, **self._step}
+        return self._scan({"x0": x}, reads, lane, writes)
+
+
+def _pushed(place: Place, own: ca.SX) -> ca.SX:
+    """Return a part's own variables moved inside their bounds."""
+    pairs, found = place.walls.own, ca.SX(own)
+    limits = {
+        (entry, sign): pairs.limit[number]
+        for number, (entry, sign) in enumerate(zip(pairs.of, pairs.sign, strict=True))
+    }
+    for entry in set(pairs.of):
+        low, high = limits.get((entry, 1.0)), limits.get((entry, -1.0))
+        found[entry] = inside(found[entry], low, high)
+    return found
+
+
+def _at(place: Place, writes: Named, z: ca.SX) -> dict[str, ca.SX]:
+    """Return expressions with another state, and controls, in a part's place."""
+    found = ca.substitute(list(writes.values()), [place.z], [z])
+    return dict(zip(writes, found, strict=True))

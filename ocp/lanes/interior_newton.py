@@ -1,0 +1,168 @@
+"""Newton's step of an interior-point method, part by part, and measures of a point.
+
+The step of an interval's state and controls comes from the Riccati recursion; here are
+its second derivatives, and what follows from it for the rest (barrier.py).
+"""
+
+from typing import NamedTuple
+
+import casadi as ca
+
+from swarmstart.ocp.lanes.barrier import Eliminated, largest, most_of, picked
+from swarmstart.ocp.lanes.interior_parts import Place
+
+SUMS = ("cost", "theta", "logs", "elastic", "duals")
+TOPS = ("dual", "primal", "gap", "pressure", "excess")
+"""Measures of a point: sums, and largest absolute values (interior_verdict.py)."""
+
+
+class Folded(NamedTuple):
+    """A part with its slacks and elastic variables eliminated from Newton's step.
+
+    Attributes:
+        S: z / d + delta of each variable with bounds.
+        slope: Gradient of barrier and price by them.
+        rows: The eliminated rows.
+        C: Derivatives of the rows by state and controls.
+    """
+
+    S: ca.SX
+    slope: ca.SX
+    rows: Eliminated
+    C: ca.SX
+
+
+def folded(place: Place, mu: ca.SX, rho: ca.SX, delta: ca.SX) -> Folded:
+    """Return a part folded into state and controls.
+
+    Args:
+        place: The part.
+        mu: Parameter of the central path.
+        rho: Price of broken rows.
+        delta: What is added to second derivatives.
+    """
+    walls, v = place.walls, place.v
+    S = walls.pairs.curvature(v, place.kept["z"]) + delta
+    slope = walls.pairs.slope(v, mu) + walls.price(rho)
+    rows = walls.eliminated(S, slope, place.excess)
+    return Folded(S, slope, rows, ca.jacobian(walls.rows, place.z))
+
+
+def quadratic(place: Place, part: Folded, more: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Return second derivatives and gradient of what is left, by state and controls.
+
+    Args:
+        place: The part.
+        part: The same, folded.
+        more: Further terms of the Lagrangian.
+    """
+    rows, z = place.walls.rows, place.z
+    Q = ca.hessian(place.cost + ca.dot(place.kept["m"], rows) + more, z)[0]
+    q = ca.gradient(place.cost, z)
+    if rows.numel():
+        Q += part.C.T @ (part.C * ca.repmat(part.rows.weight, 1, z.numel()))
+        q += part.C.T @ part.rows.force
+    return Q, q
+
+
+class Lengths(NamedTuple):
+    """Change of the barrier's value along a step, and the longest steps.
+
+    Attributes:
+        gain: Directional derivative.
+        primal: Longest step of the variables.
+        dual: Longest step of the duals.
+    """
+
+    gain: ca.SX
+    primal: ca.SX
+    dual: ca.SX
+
+
+def stepped(
+    place: Place, part: Folded, moved: ca.SX, own: ca.SX, mu: ca.SX, so_far: Lengths
+) -> tuple[dict[str, ca.SX], Lengths]:
+    """Return the step of what a part keeps, and its lengths.
+
+    Args:
+        place: The part.
+        part: The same, folded.
+        moved: Step of state and controls.
+        own: Step of its own variables.
+        mu: Parameter of the central path.
+        so_far: Lengths so far.
+    """
+    walls, kept, v = place.walls, place.kept, place.v
+    after = part.rows.weight * (part.C @ moved) + part.rows.force
+    inner = walls.steps(part.S, part.slope, after)
+    step = ca.vertcat(own, inner)
+    z = walls.pairs.dual_step(v, kept["z"], mu, step)
+    left = ca.fmax(0.99, 1 - mu)
+    gain = so_far.gain + ca.dot(ca.gradient(place.cost, place.z), moved)
+    lengths = Lengths(
+        gain + ca.dot(part.slope, step),
+        most_of(
+            walls.pairs.distances(v), walls.pairs.of_pairs(step), left, so_far.primal
+        ),
+        most_of(kept["z"], z, left, so_far.dual),
+    )
+    return {"w": inner, "m": after - kept["m"], "z": z}, lengths
+
+
+class Measures(NamedTuple):
+    """Measures of a point; see SUMS and TOPS."""
+
+    sums: ca.SX
+    tops: ca.SX
+
+
+def measured(place: Place, rho: ca.SX, dual: ca.SX, own: ca.SX, gap: ca.SX) -> Measures:
+    """Return the sums and largest values of a part.
+
+    Args:
+        place: The part.
+        rho: Price of broken rows.
+        dual: What is left of the conditions on its state and others.
+        own: The same of its own variables, without rows and barriers.
+        gap: The gap to the next state.
+    """
+    walls, v, kept = place.walls, place.v, place.kept
+    z, m = kept["z"], kept["m"]
+    force = walls.pressure(m) + walls.price(rho) - walls.pairs.pushed(z)
+    force += ca.vertcat(own, ca.SX.zeros(walls.inner, 1))
+    excess = place.excess
+    elastic = picked(v, walls.elastic)
+    absolute = {
+        "dual": ca.vertcat(dual, force),
+        "primal": ca.vertcat(gap, excess),
+        "gap": z * walls.pairs.distances(v),
+        "pressure": m,
+        "excess": elastic,
+    }
+    sums = {
+        "cost": place.cost,
+        "theta": ca.sum1(ca.fabs(gap)) + ca.sum1(ca.fabs(excess)),
+        "logs": walls.pairs.logs(v),
+        "elastic": ca.sum1(elastic),
+        "duals": ca.sum1(ca.fabs(m)) + ca.sum1(z),
+    }
+    return Measures(
+        ca.vertcat(*(sums[name] for name in SUMS)),
+        ca.vertcat(*(
+            largest(map(ca.fabs, ca.vertsplit(absolute[name])), ca.SX(0))
+            if absolute[name].numel() else ca.SX(0)
+            for name in TOPS
+        )),
+    )  # fmt: skip
+
+
+def forces(place: Place, more: ca.SX) -> ca.SX:
+    """Return the gradient of cost, rows and other terms by state and controls."""
+    return ca.gradient(
+        place.cost + ca.dot(place.kept["m"], place.walls.rows) + more, place.z
+    )
+
+
+def of_lane(place: Place) -> dict[str, ca.SX]:
+    """Return what a part keeps, with the names in a lane's memory."""
+    return {f"{place.name}.{name}": one for name, one in place.kept.items()}

@@ -1,0 +1,190 @@
+"""The parts of a problem as an interior-point method in lanes takes them.
+
+The problem is the NLP of transcription.py, in its scaled numbers: an interval leads
+from x to F(x, u), costs l(x, u), and its rows c(x, u) have limits. The state xa after
+it is a variable of its own, F(x, u) - xa = 0 with the multiplier lam. Parameters and
+the initial state are those of a lane; signals may be.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from swarmstart.ocp.lanes.barrier import Pairs, Walls, bounded, kinds_of
+from swarmstart.ocp.lanes.stages import symbols
+from swarmstart.ocp.nlp.nlp_assembly import Part, inputs_of
+from swarmstart.ocp.nlp.transcription import NonlinearProgram
+from swarmstart.ocp.statement.problem import OptimalControlProblem
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """An interval, the end or the start as expressions.
+
+    Attributes:
+        name: "interval", "end" or "begin"; names of its numbers begin with it.
+        x: State.
+        u: Controls and excesses of soft constraints; empty at the ends.
+        own: Symbols of the variables with bounds that are its own.
+        given: Given numbers by name: "parameters" and "signals" of a lane; "shared"
+            by all, and the limits "lower" and "upper" of rows.
+        cost: Its cost.
+        after: State after the interval; empty at the ends.
+        walls: Its bounds and rows.
+    """
+
+    name: str
+    x: ca.SX
+    u: ca.SX
+    own: ca.SX
+    given: dict[str, ca.SX]
+    cost: ca.SX
+    after: ca.SX
+    walls: Walls
+
+    @cached_property
+    def kept(self) -> dict[str, ca.SX]:
+        """Symbols of slacks and elastic variables, multipliers and duals."""
+        walls = self.walls
+        return symbols(w=walls.inner, m=walls.height, z=walls.pairs.count)
+
+    @cached_property
+    def v(self) -> ca.SX:
+        """The variables with bounds."""
+        return ca.vertcat(self.own, self.kept["w"])
+
+    @cached_property
+    def z(self) -> ca.SX:
+        """State and controls."""
+        return ca.vertcat(self.x, self.u)
+
+    @cached_property
+    def known(self) -> dict[str, ca.SX]:
+        """Its given numbers, with the names that kernels use."""
+        return {f"{self.name}.{name}": one for name, one in self.given.items()}
+
+    @cached_property
+    def excess(self) -> ca.SX:
+        """Residual of its rows: c - s + p - n."""
+        return self.walls.excess(self.v, self.walls.rows)
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """The parts of a problem.
+
+    Attributes:
+        interval: One interval, whose own variables are (xa, u).
+        end: The end.
+        begin: The start, whose own variables are the decisions y about it.
+        tied: Shape (nx, ny): 1 if a state starts at a decision.
+        N: Number of intervals.
+    """
+
+    interval: Place
+    end: Place
+    begin: Place
+    tied: ca.DM
+    N: int
+
+    @property
+    def nx(self) -> int:
+        """Number of states."""
+        return int(self.interval.x.numel())
+
+
+def places_of(program: NonlinearProgram) -> Places:
+    """Return the parts of a problem."""
+    problem, parts = program.problem, program.parts
+    nx = problem.model.nx
+    tied = ca.DM.zeros(nx, len(problem.free_starts))
+    for column, one in enumerate(problem.free_starts):
+        tied[list(one.states), column] = 1
+    return Places(
+        _interval(problem, parts.interval),
+        _at(problem, parts.end, "end", Pairs([], [], ca.SX(0, 1), 0), ca.SX(0, 1), {}),
+        _begin(problem, parts.begin, tied.shape[1]),
+        tied,
+        problem.intervals,
+    )
+
+
+def _interval(problem: OptimalControlProblem, part: Part) -> Place:
+    nx, nu = problem.model.nx, inputs_of(problem)
+    u, after = ca.SX.sym("u", nu), ca.SX.sym("xa", nx)
+    bounds = symbols(x_least=nx, x_most=nx, least=nu, most=nu)
+    limits = [
+        np.concatenate([states, controls, np.full(nu - problem.model.nu, excess)])
+        for states, controls, excess in zip(
+            problem.state_limits, problem.control_limits, (0.0, np.inf), strict=True
+        )
+    ]
+    low, high = (np.flatnonzero(np.isfinite(side)).tolist() for side in limits)
+    pairs = bounded(
+        nx + nu,
+        [
+            (1.0, low, ca.vertcat(bounds["x_least"], bounds["least"])),
+            (-1.0, high, ca.vertcat(bounds["x_most"], bounds["most"])),
+        ],
+    )
+    return _at(problem, part, "interval", pairs, ca.vertcat(after, u), bounds, u=u)
+
+
+def _begin(problem: OptimalControlProblem, part: Part | None, count: int) -> Place:
+    bounds = symbols(first_least=count, first_most=count)
+    values = [one.value for one in problem.free_starts]
+    pairs = bounded(
+        count,
+        [
+            (
+                sign,
+                [i for i, v in enumerate(values) if np.isfinite(getattr(v, side))],
+                bounds[name],
+            )
+            for sign, side, name in (
+                (1.0, "lower", "first_least"), (-1.0, "upper", "first_most"),
+            )
+        ],
+    )  # fmt: skip
+    return _at(problem, part, "begin", pairs, ca.SX.sym("y", count), bounds)
+
+
+def _at(  # noqa: PLR0913 - a part of a problem
+    problem: OptimalControlProblem,
+    part: Part | None,
+    name: str,
+    own: Pairs,
+    variables: ca.SX,
+    bounds: dict[str, ca.SX],
+    *,
+    u: ca.SX | None = None,
+) -> Place:
+    """Return a part as expressions."""
+    nx, x = problem.model.nx, ca.SX.sym("x", problem.model.nx)
+    u = ca.SX(0, 1) if u is None else u
+    cost, after, rows = ca.SX(0), ca.SX(0, 1), ca.SX(0, 1)
+    given, limits = dict(bounds), (np.zeros(0), np.zeros(0))
+    if part is not None:
+        shared = ca.SX.sym("shared", part.values.numel_in(1))
+        s = ca.SX.sym("s", *part.values.size_in(2))
+        cost, rows = part.values(ca.vertcat(x, u), shared, s)
+        if u.numel():
+            after, rows = ca.vertsplit(rows, [0, nx, rows.numel()])
+        count = problem.model.np
+        parameters = ca.SX.sym("parameters", count)
+        others = ca.SX.sym("others", shared.numel() - count)
+        cost, after, rows = ca.substitute(
+            [cost, after, rows], [shared], [ca.vertcat(parameters, others)]
+        )
+        given |= {"parameters": parameters, "shared": others, "signals": ca.vec(s)}
+        equations = np.zeros(rows.numel() - len(part.rows.places))
+        limits = (
+            np.concatenate([equations, part.rows.lower]),
+            np.concatenate([equations, part.rows.upper]),
+        )
+    lower, upper = (ca.SX.sym(side, rows.numel()) for side in ("lower", "upper"))
+    given |= {"lower": lower, "upper": upper}
+    walls = Walls(rows, lower, upper, kinds_of(*limits), own)
+    return Place(name, x, u, variables, given, cost, after, walls)
