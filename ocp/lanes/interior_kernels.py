@@ -47,8 +47,8 @@ from swarmstart.ocp.lanes.stages import (
     triangle,
 )
 
-_WILD = 1e6
-"""Largest scaled state that a roll-out of a start may lead to; else the state stays."""
+_WILD = 1e3
+"""Largest scaled state that a roll-out of a start may lead to."""
 
 
 class Interior(NamedTuple):
@@ -166,7 +166,7 @@ class _Maker:
         lane = symbols(fixed=self._nx, mu=1, rho=1)
         y = _pushed(begin, begin.own)
         x0 = lane["fixed"] + self._places.tied @ y
-        writes = {"y": y, "x0": x0} | self._begun(begin, y, lane["mu"], lane["rho"])
+        writes = {"y": y, "x0": x0, "home": x0} | self._begun(begin, y, lane["mu"], lane["rho"])
         writes = _at(begin, writes, x0)
         return self.flat(begin, {"y": begin.own, **lane}, writes)
 
@@ -182,16 +182,16 @@ class _Maker:
         """Return the kernel of states and controls inside their bounds.
 
         A lane that is `rolled` takes the states that its controls lead to, as long as
-        they are tame; another one those that are given.
+        they are tame, else that at the start; another one those that are given.
         """
         interval = self._places.interval
-        lane = symbols(rolled=1, mu=1, rho=1)
+        lane = symbols(rolled=1, mu=1, rho=1, home=self._nx)
         xa, u = self._xa, _pushed(interval, interval.own)[self._nx :]
         after = ca.substitute(interval.after, self._u, u)
         tame = ca.SX(1)
         for one in ca.vertsplit(after):
             tame = ca.logic_and(tame, ca.fabs(one) < _WILD)
-        led = ca.if_else(tame, after, interval.x)
+        led = ca.if_else(tame, after, lane["home"])
         start = ca.vertcat(ca.if_else(lane["rolled"], led, xa), u)
         start = ca.substitute(_pushed(interval, interval.own), interval.own, start)
         begun = self._begun(interval, start, lane["mu"], lane["rho"])

@@ -40,6 +40,7 @@ _ROUNDING = 2e-15
 _KAPPA_ERROR, _KAPPA_MU, _POWER_MU = 10.0, 0.2, 1.5
 _FALLS = 3
 """Largest number of times that mu falls after one step."""
+_LAST = 1.001
 _SCALED = 100.0
 _NEAR_PRICE, _GROWS, _MOST_RHO = 0.9, 10.0, 1e8
 _FIRST_DELTA, _LEAST_DELTA, _MOST_DELTA = 1e-4, 1e-20, 1e20
@@ -234,17 +235,19 @@ class _Judged:
             # The least d z is at least 0.
             return largest([primal, ca.fmax(gap - mu, 0) / scale], dual / scale)
 
-        solved = all_of(taken, ca.fmax(error(0), 0) <= self._tolerance)
+        least = self._tolerance / 10
+        # With the last mu only, so that the cost is as exact as the rest.
+        solved = all_of(taken, error(0) <= self._tolerance, mu <= _LAST * least)
         near = all_of(taken, error(mu) <= _KAPPA_ERROR * mu)
         dear = all_of(any_of(near, solved), rho < _MOST_RHO)
         dear = all_of(dear, any_of(
             pressure > _NEAR_PRICE * rho, all_of(solved, excess > FEASIBLE),
         ))  # fmt: skip
         new_rho = ca.if_else(dear, rho * _GROWS, rho)
-        new_mu, least = mu, self._tolerance / 10
+        new_mu = mu
         for _ in range(_FALLS):
             falls = all_of(
-                taken, error(new_mu) <= _KAPPA_ERROR * new_mu, new_mu > 1.001 * least
+                taken, error(new_mu) <= _KAPPA_ERROR * new_mu, new_mu > _LAST * least
             )
             lower = ca.fmin(_KAPPA_MU * new_mu, new_mu**_POWER_MU)
             new_mu = ca.if_else(falls, ca.fmax(least, lower), new_mu)
