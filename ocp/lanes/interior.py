@@ -45,7 +45,11 @@ TOLERANCE = 1e-8
 MOST = 300
 """Largest number of steps of a lane."""
 FIRST_MU, FIRST_RHO = 1e-2, 1.0
-"""First parameter of the central path, and first price of broken rows."""
+"""First parameter of the central path, for a cost of natural size at the start, and
+first price of broken rows."""
+_LEAST_COST = 1e-2
+"""Least cost at the start, relative to its natural size, that mu is made for. A large
+mu leads away from the start, to an optimum that may be a worse one."""
 _CACHE = 1 << 20
 """Size of the memory of the lanes that are solved side by side [bytes], about that of a
 core's own cache."""
@@ -126,7 +130,7 @@ class InteriorLanes:
         starts: Array,
         states: Array | None = None,
         *,
-        mu: float = FIRST_MU,
+        mu: float | None = None,
     ) -> LaneAnswers:
         """Return the local optima that starts lead to.
 
@@ -138,6 +142,7 @@ class InteriorLanes:
             states: Guess of the states between intervals, shape (nx, N + 1, M); None:
                 those that the controls lead to.
             mu: First parameter of the central path; small for starts near an optimum.
+                None: FIRST_MU, in proportion to the cost at the start.
 
         Raises:
             NoLanesError: If machine code cannot be made.
@@ -157,7 +162,7 @@ class InteriorLanes:
                 made, one, instances.some(part), controls[:, :, part],
                 starts[:, part], guess, mu,
             )  # fmt: skip
-            found.append(chunk.solved(self._threads, own_signals))
+            found.append(chunk.solved(self._threads))
         return _joined(found)
 
     def _made_for(self, own_signals: bool) -> "_Made":
@@ -172,7 +177,7 @@ class InteriorLanes:
                 )
             except (NoCompilerError, UnknownOperationError) as error:
                 raise NoLanesError(str(error)) from error
-            self._made[own_signals] = _Made.of(places, kernels)
+            self._made[own_signals] = _Made.of(places, kernels, own_signals)
         return self._made[own_signals]
 
     def _posed(self, instances: Instances) -> Posed:
@@ -203,6 +208,7 @@ class _Made:
         layout: Layout of the memory.
         rows: Rows that the loop reads.
         given: Number of rows that a start is made of.
+        own_signals: Whether each lane has its own signals.
     """
 
     places: Places
@@ -210,13 +216,14 @@ class _Made:
     layout: Layout
     rows: InteriorRows
     given: int
+    own_signals: bool
 
     @staticmethod
-    def of(places: Places, kernels: Interior) -> "_Made":
+    def of(places: Places, kernels: Interior, own_signals: bool) -> "_Made":
         """Return it with its layout."""
         layout, rows = _layout_of(kernels)
         given = sum(layout.places[name][1] for name in _given(places))
-        return _Made(places, kernels, layout, rows, given)
+        return _Made(places, kernels, layout, rows, given, own_signals)
 
 
 def _given(places: Places) -> list[str]:
@@ -269,7 +276,7 @@ class _Chunk:
         controls: Array,
         starts: Array,
         states: Array | None,
-        mu: float,
+        mu: float | None,
     ) -> None:
         """Scale the starts and move them inside the bounds."""
         self._made, self._posed, self._instances = made, one, instances
@@ -281,7 +288,8 @@ class _Chunk:
             "fixed": np.where(tied[:, None], 0.0, scaled),
             "u": one.scaled(controls),
             "y": starts / one.start_sizes,
-            "mu": np.full((1, M), mu),
+            "mu": np.full((1, M), FIRST_MU if mu is None else mu),
+            "nothing": np.zeros((1, M)),
             "rho": np.full((1, M), FIRST_RHO),
             "rolled": np.full((1, M), float(states is None)),
             "xa": np.zeros((N * nx, M)),
@@ -291,10 +299,17 @@ class _Chunk:
             numbers["xa"] = np.moveaxis(inner, 1, 0).reshape(N * nx, M)
         for place in ("interval", "end", "begin"):
             numbers[f"{place}.parameters"] = instances.parameters
-        signals = _signals(one, instances.signals)
-        numbers |= {f"{place}.signals": own for place, own in signals.items()}
-        for kernel in made.kernels[:3]:
-            numbers |= self._evaluated(kernel, numbers)
+        if made.own_signals:
+            for place, own in _signals(one, instances.signals).items():
+                numbers[f"{place}.signals"] = own
+                # Kernels must not find those that all would share.
+                self._shared.pop(f"{place}.signals", None)
+        for again in range(1 if mu is not None else 2):
+            if again:
+                cost = np.nan_to_num(np.abs(numbers["start_cost"]), nan=1.0)
+                numbers["mu"] = FIRST_MU * np.clip(cost, _LEAST_COST, 1.0)
+            for kernel in made.kernels[:3]:
+                numbers |= self._evaluated(kernel, numbers)
         self._numbers = numbers
 
     def _evaluated(
@@ -307,11 +322,11 @@ class _Chunk:
         ]
         return dict(zip(kernel.writes, kernel.code.evaluate(arguments), strict=True))
 
-    def solved(self, threads: int, own_signals: bool) -> LaneAnswers:
+    def solved(self, threads: int) -> LaneAnswers:
         """Return the answers."""
         made, posed = self._made, self._posed
         names = _given(made.places)
-        if own_signals:
+        if made.own_signals:
             names += [n for n in made.layout.places if n.endswith(".signals")]
         names = [name for name in names if name in made.layout.places]
         given = np.vstack([self._numbers[name] for name in names])

@@ -195,19 +195,24 @@ class _Maker:
         start = ca.vertcat(ca.if_else(lane["rolled"], led, xa), u)
         start = ca.substitute(_pushed(interval, interval.own), interval.own, start)
         begun = self._begun(interval, start, lane["mu"], lane["rho"])
+        begun |= {"cost": interval.cost}
         begun = _at(interval, begun, ca.vertcat(interval.x, start[self._nx :]))
+        spent = ca.SX.sym("spent")
         writes = {
-            "end": start[: self._nx], "x": interval.x, "xa": start[: self._nx],
-            "u": start[self._nx :], "w": begun["interval.w"], "z": begun["interval.z"],
+            "end": start[: self._nx], "spent": spent + begun["cost"], "x": interval.x,
+            "xa": start[: self._nx], "u": start[self._nx :], "w": begun["interval.w"],
+            "z": begun["interval.z"],
         }  # fmt: skip
         each = {"xa": xa, "u": self._u}
-        return self._scan({"x0": interval.x}, each, lane, writes)
+        return self._scan({"x0": interval.x, "nothing": spent}, each, lane, writes)
 
     def finish(self) -> Kernel:
         """Return the kernel of what goes with a start's end."""
         end, lane = self._places.end, symbols(mu=1, rho=1)
         writes = self._begun(end, end.own, lane["mu"], lane["rho"])
-        return self.flat(end, {"end": end.x, **lane}, writes)
+        spent = ca.SX.sym("spent")
+        writes["start_cost"] = spent + end.cost
+        return self.flat(end, {"end": end.x, "spent": spent, **lane}, writes)
 
     def last(self) -> Kernel:
         """Return the kernel of the value at the end, where `backward` begins."""
