@@ -134,8 +134,10 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         Separation as Separation,
         Solution as Solution,
         SolutionStatus as SolutionStatus,
+        Solutions as Solutions,
         SolveError as SolveError,
         SolveInterrupted as SolveInterrupted,
+        SolveManyInterrupted as SolveManyInterrupted,
         Source as Source,
         Start as Start,
         StartOutcome as StartOutcome,
@@ -160,6 +162,7 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         phases as phases,
         simulate as simulate,
         solve as solve,
+        solve_many as solve_many,
         stack_models as stack_models,
         table as table,
         terminal_set_of as terminal_set_of,
@@ -239,12 +242,13 @@ _NAMES = {
         PathConstraint PhasedHorizon Phases
         Plan Planner PlanningInterrupted Plant PolishStatus Radau RecedingHorizon
         SearchReport
-        SearchSettings Separation Solution SolutionStatus SolveError
-        SolveInterrupted Source Start StartOutcome Step SteppedPlant Table Team
+        SearchSettings Separation Solution SolutionStatus Solutions SolveError
+        SolveInterrupted SolveManyInterrupted Source Start StartOutcome Step
+        SteppedPlant Table Team
         TerminalConstraint Trajectory TrajectoryFamily TransportDelay
         UncertifiedSetError
         WarmStartReport WarmStartedSolver compile_batch disc ensemble fly interpolate
-        multistart phased_horizon phases simulate solve stack_models table
+        multistart phased_horizon phases simulate solve solve_many stack_models table
         terminal_set_of warm_start
     """,
     "swarmstart.ocp.lower_bound.bounding": "lower_bound",

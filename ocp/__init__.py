@@ -58,6 +58,13 @@ if TYPE_CHECKING:  # Loaded when first used: few commands need all of these.
         WarmStartedSolver as WarmStartedSolver,
         WarmStartReport as WarmStartReport,
     )
+    from swarmstart.ocp.instances.solutions import (
+        Solutions as Solutions,
+        SolveManyInterrupted as SolveManyInterrupted,
+    )
+    from swarmstart.ocp.instances.solve_many import (
+        solve_many as solve_many,
+    )
     from swarmstart.ocp.integration.integrators import (
         INTEGRATORS as INTEGRATORS,
         Integrator as Integrator,
@@ -214,6 +221,8 @@ _NAMES = {
     "compiled.simd": "Prepared",
     "foreign_nlp.opti": "warm_start",
     "foreign_nlp.warm_started": "StartOutcome WarmStartedSolver WarmStartReport",
+    "instances.solutions": "Solutions SolveManyInterrupted",
+    "instances.solve_many": "solve_many",
     "integration.integrators": "INTEGRATORS Integrator held_step",
     "integration.radau": "Radau",
     "interpolation.tables": "Table table",

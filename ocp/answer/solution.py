@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -84,6 +84,7 @@ if TYPE_CHECKING:
     import control
 
 TOLERANCE = 1e-3
+Numbers = TypeVar("Numbers", float, Array)
 _BESIDE = 1e-8
 """Distance to neighbours, relative to the sizes."""
 _STEADY = 100
@@ -750,7 +751,7 @@ def _differences(
     if not np.isfinite(path.cost):
         return "the cost of the finer path is not a finite number"
     told = []
-    allowed = tolerance * path.magnitude + _NOTHING_COSTS * sizes.cost
+    allowed = allowed_cost(path.magnitude, sizes.cost, tolerance)
     if abs(path.cost - plan.cost) > allowed:
         # No 0 / 0.
         share = abs(path.cost - plan.cost) / max(path.magnitude, 1e-300)
@@ -759,14 +760,8 @@ def _differences(
             f"{sense * plan.cost:.6g} on the problem's grid ({share:.2g} of its "
             f"size; {tolerance:g} is allowed)"
         )
-    lower, upper = problem.state_limits
-    width = np.where(np.isfinite(upper - lower), upper - lower, 0.0)
-    scale = np.maximum(path.reach, width)
-    off = np.abs(path.states[:, -1] - plan.states[:, -1])
-    if path.missed is not None:
-        off = np.abs(path.missed).sum(axis=1)
-    rounding = _ROUNDINGS * np.abs(path.states[:, -1])
-    beyond = off - (tolerance * scale + _NOTHING_MOVES * sizes.states + rounding)
+    off, scale = end_differences(problem, plan, path)
+    beyond = off - allowed_ends(scale, sizes.states, path.states[:, -1], tolerance)
     if (beyond > 0).any():
         i = int(np.argmax(beyond / np.maximum(scale, 1e-300)))
         finer, grid = (
@@ -787,6 +782,57 @@ def _differences(
     if at_end:
         told.append(f"on the finer path {at_end[0]}")
     return "; ".join(told)
+
+
+def allowed_cost(
+    magnitude: Numbers, natural: Numbers, tolerance: float = TOLERANCE
+) -> Numbers:
+    """Return by how much the cost of the finer path may differ.
+
+    Args:
+        magnitude: Integral of |stage cost| plus |terminal cost|; see `Path`.
+        natural: Natural size of the cost.
+        tolerance: Tolerance of the comparison.
+    """
+    return tolerance * magnitude + _NOTHING_COSTS * natural
+
+
+def allowed_ends(
+    scale: Array, natural: Array, ends: Array, tolerance: float = TOLERANCE
+) -> Array:
+    """Return by how much the end of each state may differ on the finer path.
+
+    Args:
+        scale: Scales of the states; see `end_differences`.
+        natural: Their natural sizes.
+        ends: States at the end of the finer path, all of one shape.
+        tolerance: Tolerance of the comparison.
+    """
+    rounding = _ROUNDINGS * np.abs(ends)
+    return np.asarray(tolerance * scale + _NOTHING_MOVES * natural + rounding)
+
+
+def end_differences(
+    problem: OptimalControlProblem, plan: Plan, path: Path
+) -> tuple[Array, Array]:
+    """Return how far each state ends from where the plan says, and its scale.
+
+    Of a plan that is judged interval by interval, the sum of what all miss.
+
+    Args:
+        problem: The core.
+        plan: The plan.
+        path: Its finer path.
+
+    Returns:
+        Differences and scales, each of shape (nx,).
+    """
+    lower, upper = problem.state_limits
+    width = np.where(np.isfinite(upper - lower), upper - lower, 0.0)
+    off = np.abs(path.states[:, -1] - plan.states[:, -1])
+    if path.missed is not None:
+        off = np.abs(path.missed).sum(axis=1)
+    return off, np.maximum(path.reach, width)
 
 
 def _whole(plan: Plan, sense: float) -> str:

@@ -32,6 +32,11 @@ PRESENTATIONS = {
     ("Trajectory", "to_dataframe"): f"{_RECORD}.results:dataframe_of",
     ("Solution", "to_time_response"): f"{_RECORD}.results:time_response_of",
     ("Trajectory", "to_time_response"): f"{_RECORD}.results:time_response_of",
+    ("Solutions", "plot"): f"{_DRAWING}.instance_figures:draw_solutions",
+    ("Solutions", "save"): f"{_RECORD}.instances:save_solutions",
+    ("Solutions", "load"): f"{_RECORD}.instances:load_solutions",
+    ("Solutions", "to_dataframe"): f"{_RECORD}.instances:dataframe_of",
+    ("Solutions", "to_xarray"): f"{_RECORD}.instances:dataset_of",
 }
 """(class, verb) -> "module:function"; the function takes the result first."""
 ProgressCallback = Callable[[int, int, str], None]
@@ -48,8 +53,30 @@ _FREE = threading.Lock()
 drawn over the first."""
 
 
-class Presented:
-    """Base of results that can be drawn, saved and converted to a table."""
+class Presenting:
+    """Base of results whose figures, files and tables `cases` makes."""
+
+    __slots__ = ()
+
+    def _presented(self, verb: str, *arguments: Any, **options: Any) -> Any:
+        """Call the function that the table lists for this class and a verb."""
+        return presentation(type(self).__name__, verb)(self, *arguments, **options)
+
+
+def presentation(result: str, verb: str) -> Callable[..., Any]:
+    """Return the function that the table lists for a class of results and a verb.
+
+    Args:
+        result: Name of the class.
+        verb: What to do.
+    """
+    # At the call, not at the import: `cases` stands above `ocp` and loads matplotlib.
+    found: Callable[..., Any] = resolve_name(PRESENTATIONS[result, verb])
+    return found
+
+
+class Presented(Presenting):
+    """Base of results over time that can be drawn, saved and converted to a table."""
 
     __slots__ = ()
 
@@ -102,13 +129,6 @@ class Presented:
         """Return the summary and the figure, for a notebook."""
         shown: str = self._presented("html")
         return shown
-
-    def _presented(self, verb: str, *arguments: Any, **options: Any) -> Any:
-        """Call the function that the table lists for this class and a verb."""
-        # At the call, not at the import: `cases` stands above `ocp` and loads
-        # matplotlib.
-        present = resolve_name(PRESENTATIONS[type(self).__name__, verb])
-        return present(self, *arguments, **options)
 
 
 def tell_nothing(done: int, of: int, what: str, /) -> None:

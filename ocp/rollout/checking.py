@@ -56,7 +56,14 @@ class Excess:
 
 
 class Checker:
-    """Measurement of all constraints of one problem; compiled once."""
+    """Measurement of all constraints of one problem; compiled once.
+
+    Attributes:
+        path: Rows of the path constraints.
+        end: Rows of the terminal constraints.
+        free: Mask of the path rows that depend on neither a control nor a decided
+            start.
+    """
 
     def __init__(self, problem: OptimalControlProblem | Shooting) -> None:
         """Compile the rows of all constraints.
@@ -67,15 +74,15 @@ class Checker:
         shooting = shooting_of(problem)
         self._problem = problem = shooting.problem
         path, ends = problem.path_constraints, problem.terminal_constraints
-        self._path = ConstraintRows(problem, path)
-        self._end = ConstraintRows(problem, ends, first=len(path))
+        self.path = ConstraintRows(problem, path)
+        self.end = ConstraintRows(problem, ends, first=len(path))
         self._controlled = _mask(path, shooting.rows_with_controls)
-        self._free = ~(self._controlled | _mask(path, shooting.rows_of_start))
+        self.free = ~(self._controlled | _mask(path, shooting.rows_of_start))
 
     @property
     def looks_at_start(self) -> bool:
         """True if any path row depends on neither a control nor a decided start."""
-        return bool(self._free.any())
+        return bool(self.free.any())
 
     def at_start(
         self, x0: Array, p: Array, s: Array, sizes: Callable[[], Sizes]
@@ -93,11 +100,11 @@ class Checker:
         if not self.looks_at_start:
             return []
         u = np.zeros((self._problem.model.nu, 1))
-        excess, above = self._path.excess(x0[:, None], u, p, s[:, None])
-        excess[~self._free] = -np.inf
+        excess, above = self.path.excess(x0[:, None], u, p, s[:, None])
+        excess[~self.free] = -np.inf
         if not (excess > 0).any():
             return []
-        found = self._path.worst(excess, above, np.zeros(1), sizes())
+        found = self.path.worst(excess, above, np.zeros(1), sizes())
         return [e for e in found if e.relative > self._problem.tolerance]
 
     def along(
@@ -121,17 +128,17 @@ class Checker:
             left: The state after the last interval's end, if that end changes the
                 state. Rows that depend on a control are not checked there.
         """
-        excess, above = self._path.excess(
+        excess, above = self.path.excess(
             points.states, points.controls, p, points.signals
         )
         times = points.times
         if left is not None:
-            last, side = self._path.excess(left.states, left.controls, p, left.signals)
+            last, side = self.path.excess(left.states, left.controls, p, left.signals)
             last[self._controlled] = -np.inf
             excess, above = np.hstack([excess, last]), np.hstack([above, side])
             times = np.append(times, left.times)
         for start in outside:
-            row = self._path.number(start)
+            row = self.path.number(start)
             # Some room: an excess that only stays as it is must not count.
             limit = start.amount * (1 + self._problem.path_tolerance)
             bad = excess[row] > self._problem.path_tolerance * start.scale
@@ -141,8 +148,8 @@ class Checker:
             if (excess[row, :first_kept] <= limit).all():
                 excess[row, :first_kept] = -np.inf
         # No control can keep them at the start; `outside` reports these.
-        excess[np.ix_(self._free, times == 0.0)] = -np.inf
-        return self._path.worst(excess, above, times, sizes)
+        excess[np.ix_(self.free, times == 0.0)] = -np.inf
+        return self.path.worst(excess, above, times, sizes)
 
     def slack(self, points: "Points", p: Array) -> dict[tuple[int, int], float]:
         """Return the smallest distance of each path row to its limits, by its place.
@@ -151,17 +158,17 @@ class Checker:
             points: The points of the path.
             p: Parameters, shape (np,).
         """
-        found, _ = self._path.excess(points.states, points.controls, p, points.signals)
+        found, _ = self.path.excess(points.states, points.controls, p, points.signals)
         least = -found.max(axis=1, initial=-np.inf)
-        return dict(zip(self._path.places, least.tolist(), strict=True))
+        return dict(zip(self.path.places, least.tolist(), strict=True))
 
     def at_end(
         self, x: Array, p: Array, s: Array, sizes: Sizes, time: float
     ) -> list[Excess]:
         """Return the excess of each terminal row, if positive, at the end time."""
         u = np.zeros((self._problem.model.nu, 1))  # Terminal rows contain no control.
-        excess, above = self._end.excess(x[:, None], u, p, s[:, None])
-        return self._end.worst(excess, above, np.array([time]), sizes)
+        excess, above = self.end.excess(x[:, None], u, p, s[:, None])
+        return self.end.worst(excess, above, np.array([time]), sizes)
 
 
 def _mask(
@@ -200,6 +207,7 @@ class ConstraintRows:
         lower: Lower limits of the rows, shape (rows, 1).
         upper: Upper limits of the rows, shape (rows, 1).
         places: (number of the constraint, row in it) for each row.
+        function: (x, u, p, s) -> values of the rows.
     """
 
     def __init__(
@@ -219,7 +227,7 @@ class ConstraintRows:
         symbols = [*problem.symbols().values()]
         rows = [c.rows(c.expression) for c in constraints]
         values = ca.vertcat(ca.SX(0, 1), *[r.values for r in rows])
-        self._values = ca.Function("rows", symbols, [values])
+        self.function = ca.Function("rows", symbols, [values])
         self.lower = np.concatenate([np.empty(0), *[r.lower for r in rows]])[:, None]
         self.upper = np.concatenate([np.empty(0), *[r.upper for r in rows]])[:, None]
         self.places = [
@@ -237,7 +245,7 @@ class ConstraintRows:
         """Return the value of each row, shape (rows, n), at n columns of arguments."""
         if not self.places:
             return np.empty((0, x.shape[1]))
-        return np.array(self._values(x, u, p, s))
+        return np.array(self.function(x, u, p, s))
 
     def excess(
         self, x: Array, u: Array, p: Array, s: Array
@@ -246,8 +254,16 @@ class ConstraintRows:
 
         Both have shape (rows, points). The excess is negative inside the limits, and
         infinite if the row is not a finite number.
+
+        Args:
+            x: States, shape (nx, points).
+            u: Controls, shape (nu, points), or (nu, 1) for all.
+            p: Parameters of all points, shape (np,), or of each, (np, points).
+            s: Signals, shape (ns, points).
         """
-        values = self.values(x, u, np.tile(p[:, None], (1, x.shape[1])), s)
+        if p.ndim == 1:
+            p = np.tile(p[:, None], (1, x.shape[1]))
+        values = self.values(x, u, p, s)
         with np.errstate(invalid="ignore"):  # Of rows that are infinite; see `lost`.
             below, above = self.lower - values, values - self.upper
             excess = np.maximum(below, above)

@@ -92,6 +92,17 @@ class Tracer:
         problem: The problem.
         shooting: Its functions.
         checker: Measures the problem's constraints.
+        steps: Number of fine steps in an interval.
+        lengths: Their lengths, shape (steps,) [s].
+        step: ((x, cost, |cost|), u, p, s before, s after, length) -> the same after a
+            fine step; of step size control as `_adaptive_step`.
+        kinks: Switches of the problem's expressions.
+        stage_cost: (x, u, p, s) -> stage cost.
+        step_cost: (x, u, p, s) -> step cost.
+        end_cost: (x, p, s) -> terminal cost.
+        first_cost: (x, p, s) -> initial cost.
+        moved: Whether a state stands alone in the stage cost, and in the terminal cost,
+            shape (2,).
     """
 
     def __init__(
@@ -106,25 +117,25 @@ class Tracer:
         self.shooting = shooting = shooting_of(problem)
         self.checker = checker or Checker(shooting)
         self.problem = problem = shooting.problem
-        self._steps = problem.checks * problem.substeps * FINER
-        self._at_once = self._steps
+        self.steps = problem.checks * problem.substeps * FINER
+        self._at_once = self.steps
         if not problem.model.jumps:
             self._at_once *= problem.intervals  # The whole path is one call.
         fine = _adaptive_step if problem.is_adaptive else _fine_step
-        self._step = fine(shooting)
-        self._fine = self._step.mapaccum("path", self._at_once)
-        self._lengths = problem.dt * uneven_lengths(problem.checks, self._steps)
+        self.step = fine(shooting)
+        self._fine = self.step.mapaccum("path", self._at_once)
+        self.lengths = problem.dt * uneven_lengths(problem.checks, self.steps)
         names = [*problem.symbols().values()]
         outputs = ca.vertcat(ca.SX(0, 1), *problem.model.outputs.values())
         self._outputs = ca.Function("outputs", names, [outputs])
-        self._stage_cost = ca.Function("stage_cost", names, [problem.stage_cost])
-        self._step_cost = ca.Function("step_cost", names, [problem.step_cost])
+        self.stage_cost = ca.Function("stage_cost", names, [problem.stage_cost])
+        self.step_cost = ca.Function("step_cost", names, [problem.step_cost])
         ends = [names[0], names[2], names[3]]
-        self._kinks = kinks_of(problem)
-        self._end_cost = ca.Function("end_cost", ends, [problem.terminal_cost])
-        self._first_cost = ca.Function("first_cost", ends, [problem.initial_cost])
+        self.kinks = kinks_of(problem)
+        self.end_cost = ca.Function("end_cost", ends, [problem.terminal_cost])
+        self.first_cost = ca.Function("first_cost", ends, [problem.initial_cost])
         costs = ca.vertcat(problem.stage_cost, problem.terminal_cost)
-        self._moved = with_a_state_alone(costs, problem)
+        self.moved = with_a_state_alone(costs, problem)
 
     def __call__(
         self,
@@ -147,9 +158,9 @@ class Tracer:
             ends: States between the intervals, shape (nx, N + 1), from which each
                 interval begins anew; None: the path is one.
         """
-        problem, m = self.problem, self._steps
+        problem, m = self.problem, self.steps
         u = np.repeat(controls, m, axis=1)
-        times = self._times()
+        times = self.times
         s = signals_between(problem, signals, times)
         # With a free end time the core's horizon is 1, and its rates are per horizon.
         times = times * (self.shooting.lowered.end_time(x0) / problem.length)
@@ -159,18 +170,18 @@ class Tracer:
         at = [states[:, ::m], s[:, ::m]]
         if problem.quadrature != "integral":
             side = slice(0, -1) if problem.quadrature == "left" else slice(1, None)
-            rates = self._values(self._stage_cost, at, side, controls, p)
-            origin = rates[0] if self._moved[0] else 0.0
+            rates = self._values(self.stage_cost, at, side, controls, p)
+            origin = rates[0] if self.moved[0] else 0.0
             sums = problem.dt * np.array([rates.sum(), np.abs(rates - origin).sum()])
-        elif self._moved[0]:
+        elif self.moved[0]:
             sums[1] = self._size_of_stages(states, u, p, s)
         if self.shooting.soft is not None:
             sums = sums + self._softened(
                 self.shooting.soft, states, before, (u, s, controls), p
             )
-        single = self._values(self._step_cost, at, slice(0, -1), controls, p)
-        first = float(self._first_cost(x0, p, s[:, 0]))
-        end = float(self._end_cost(states[:, -1], p, s[:, -1]))
+        single = self._values(self.step_cost, at, slice(0, -1), controls, p)
+        first = float(self.first_cost(x0, p, s[:, 0]))
+        end = float(self.end_cost(states[:, -1], p, s[:, -1]))
         outside = self.checker.at_start(x0, p, s[:, 0], lambda: sizes)
         points = Points(
             np.concatenate([times[:-1], times[m::m]]),
@@ -197,7 +208,7 @@ class Tracer:
                 sums[1]
                 + np.abs(single).sum()
                 + abs(first)
-                + abs(end - float(self._moved[1] and self._end_cost(x0, p, s[:, -1])))
+                + abs(end - float(self.moved[1] and self.end_cost(x0, p, s[:, -1])))
             ),
             outside=tuple(outside),
             kinks=self._touched(Points(times, states, controls, s), before, p, sizes),
@@ -210,12 +221,13 @@ class Tracer:
     @cached_property
     def _fine_interval(self) -> ca.Function:
         """The fine integration of one interval."""
-        return self._step.mapaccum("interval", self._steps)
+        return self.step.mapaccum("interval", self.steps)
 
-    def _times(self) -> Array:
-        """Return the times of the fine steps, the problem's nodes among them."""
-        problem, count = self.problem, self._steps // self.problem.checks
-        parts = np.tile(self._lengths, problem.intervals).reshape(-1, count)
+    @property
+    def times(self) -> Array:
+        """Times of the fine steps, the problem's nodes among them; shape (n,) [s]."""
+        problem, count = self.problem, self.steps // self.problem.checks
+        parts = np.tile(self.lengths, problem.intervals).reshape(-1, count)
         since = np.cumsum(parts, axis=1) - parts  # Since the node before.
         times = (problem.times[:-1, None] + since).ravel()
         return np.append(times, problem.times[-1])
@@ -240,14 +252,14 @@ class Tracer:
             s: Signals along the path.
             ends: States between the intervals; see `__call__`.
         """
-        m, nx = self._steps, x0.size
+        m, nx = self.steps, x0.size
         y, found, before = np.append(x0, [0.0, 0.0]), [x0[:, None]], []
         if self.problem.is_adaptive:
             y = np.concatenate([y, np.abs(y), [0.0, 1.0]])
         at_once, fine = self._at_once, self._fine
         if ends is not None and at_once != m:
             at_once, fine = m, self._fine_interval
-        lengths = np.tile(self._lengths, at_once // m)[None, :]
+        lengths = np.tile(self.lengths, at_once // m)[None, :]
         for first in range(0, u.shape[1], at_once):
             part = slice(first, first + at_once)
             many = np.tile(p[:, None], (1, at_once))
@@ -281,10 +293,10 @@ class Tracer:
         """
         many = np.tile(p[:, None], (1, u.shape[1]))
         begins, ends = (
-            np.array(self._stage_cost(states[:, side], u, many, s[:, side])).ravel()
+            np.array(self.stage_cost(states[:, side], u, many, s[:, side])).ravel()
             for side in (slice(0, -1), slice(1, None))
         )
-        lengths = np.tile(self._lengths, self.problem.intervals)
+        lengths = np.tile(self.lengths, self.problem.intervals)
         both = np.abs(begins - begins[0]) + np.abs(ends - begins[0])
         return float(both @ lengths / 2)
 
@@ -338,7 +350,7 @@ class Tracer:
                 each interval.
             p: Parameters, shape (np,).
         """
-        (u, s, controls), m = known, self._steps
+        (u, s, controls), m = known, self.steps
         many, each = (
             np.tile(p[:, None], (1, n)) for n in (u.shape[1], before.shape[1])
         )
@@ -363,20 +375,20 @@ class Tracer:
             sizes: The sizes.
         """
         states, controls = path.states, path.controls
-        if not self._kinks.names or not np.isfinite(states).all():
+        if not self.kinks.names or not np.isfinite(states).all():
             return ()
-        m, N = self._steps, self.problem.intervals
+        m, N = self.steps, self.problem.intervals
         columns = (np.arange(N)[:, None] * m + np.arange(m + 1)).ravel()
         seen = states[:, columns]
         seen[:, m :: m + 1] = before  # An interval ends before its jump.
         u = np.repeat(controls, m + 1, axis=1)
         many = np.tile(p[:, None], (1, columns.size))
-        sides, reach = self._kinks.sides(
+        sides, reach = self.kinks.sides(
             seen, u, many, path.signals[:, columns],
             *(np.tile(v[:, None], (1, columns.size))
               for v in (sizes.states, sizes.controls)),
         )  # fmt: skip
-        return self._kinks.touched(np.array(sides), np.array(reach), N)
+        return self.kinks.touched(np.array(sides), np.array(reach), N)
 
     def _values(
         self,

@@ -62,7 +62,7 @@ _STEEPEST = 300.0
 
 
 class SolutionStatus(Enum):
-    """Status of an answer."""
+    """Status of an answer; only one of many instances is INVALID or NOT_REACHED."""
 
     CONVERGED = "a local optimum, confirmed on the finer grid"
     FEASIBLE = "feasible, confirmed on the finer grid, not shown to be a local optimum"
@@ -70,6 +70,8 @@ class SolutionStatus(Enum):
     MISMATCH = "not confirmed: the finer grid gives another answer"
     NOT_FINITE = "no answer: the trajectory leaves the finite numbers"
     INFEASIBLE = "no feasible solution was found"
+    INVALID = "not solved: the data of the instance are invalid"
+    NOT_REACHED = "not solved: the work was stopped before"
 
     @property
     def is_confirmed(self) -> bool:
@@ -169,6 +171,8 @@ def advice_for(
         SolutionStatus.MISMATCH: _finer(problem),
         SolutionStatus.NOT_FINITE: _DEFINED + _too_many_ticks(problem),
         SolutionStatus.INFEASIBLE: _WEAKER,
+        SolutionStatus.INVALID: "correct the data of the instance",
+        SolutionStatus.NOT_REACHED: "solve the instance again",
     }
     return found.advice or told.get(found.status, "")
 

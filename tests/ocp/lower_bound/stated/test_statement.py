@@ -209,7 +209,7 @@ class Beyond:
         count = points.shape[1]
         x = np.repeat(self._start[:, None], count, axis=1)
         x[:2] = points
-        size = self._rows._values.size1_in
+        size = self._rows.function.size1_in
         u, s = (np.zeros((size(k), count)) for k in (1, 3))
         if s.size:
             s[0] = self.time

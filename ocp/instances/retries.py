@@ -1,0 +1,158 @@
+"""Other starts for instances that failed: neighbours' answers, random controls.
+
+The neighbour of an instance is the solved one whose data are nearest, each number
+divided by its range over all instances:
+
+    d(i, k)^2 = sum over x0, parameters    ((a_i - a_k) / range(a))^2
+              + sum over signals  mean over nodes of the same
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.arrays import Array
+from swarmstart.ocp.instances.instance_data import Instances
+from swarmstart.ocp.instances.outcomes import Answers
+from swarmstart.ocp.lanes.solver import random_starts
+from swarmstart.ocp.nlp.start import Start
+from swarmstart.ocp.rollout.fitness import started
+from swarmstart.ocp.statement.problem import OptimalControlProblem
+
+_AT_ONCE = 64
+"""Number of instances whose distances to all others are in memory at once."""
+
+
+class Neighbours:
+    """Distances between the instances of a core."""
+
+    def __init__(self, core: OptimalControlProblem, instances: Instances) -> None:
+        """Scale the data of all instances.
+
+        Args:
+            core: The core.
+            instances: All instances.
+        """
+        rows = np.vstack([*instances])
+        width = np.ptp(rows, axis=1)
+        scale = np.where(width > 0, width, np.inf)
+        if core.ns:
+            scale[-core.ns * core.nodes :] *= np.sqrt(core.nodes)
+        self._rows = np.ascontiguousarray((rows / scale[:, None])[width > 0])
+
+    def nearest(
+        self, chosen: NDArray[np.int64], solved: NDArray[np.int64]
+    ) -> NDArray[np.int64]:
+        """Return the nearest solved instance of each chosen one, the first if equal.
+
+        Args:
+            chosen: Numbers of instances, shape (n,).
+            solved: Numbers of the solved ones, at least one.
+        """
+        there = self._rows[:, solved]
+        found = np.empty(chosen.size, dtype=np.int64)
+        for begin in range(0, chosen.size, _AT_ONCE):
+            part = slice(begin, begin + _AT_ONCE)
+            here = self._rows[:, chosen[part]]
+            apart = np.zeros((here.shape[1], there.shape[1]))
+            for own, others in zip(
+                here, there, strict=True
+            ):  # Row by row: less memory.
+                apart += (own[:, None] - others) ** 2
+            found[part] = solved[apart.argmin(axis=1)]
+        return found
+
+
+def starts_from(
+    core: OptimalControlProblem,
+    instances: Instances,
+    answers: Answers,
+    chosen: NDArray[np.int64],
+    neighbours: NDArray[np.int64],
+) -> list[Start]:
+    """Return answers of neighbours as starts of some instances.
+
+    Args:
+        core: The core.
+        instances: All instances.
+        answers: Their answers.
+        chosen: Numbers of the instances, shape (n,).
+        neighbours: Numbers of the neighbours, shape (n,).
+    """
+    found = []
+    for own, other in zip(chosen, neighbours, strict=True):
+        decided = _decided(core, answers.x0[:, other])
+        x0 = started(core, instances.x0[:, own], decided)
+        states = answers.states[:, :, other].copy()
+        states[:, 0] = x0
+        found.append(Start(answers.controls[:, :, other], states, x0))
+    return found
+
+
+def random_start(core: OptimalControlProblem, seed: Sequence[int]) -> Start | None:
+    """Return random controls and decisions, the same for all instances.
+
+    None if the problem has nothing to draw. The initial state has decisions only.
+
+    Args:
+        core: The core.
+        seed: Seed.
+    """
+    if not core.model.nu:
+        return None
+    controls, decided = random_starts(core, 1, np.random.default_rng(seed))
+    x0 = started(core, np.full(core.model.nx, np.nan), decided[:, 0])
+    return Start(controls[:, :, 0], x0=x0)
+
+
+def at_instances(
+    core: OptimalControlProblem,
+    instances: Instances,
+    chosen: NDArray[np.int64],
+    start: Start,
+) -> list[Start]:
+    """Return one start for some instances, each with its own initial state.
+
+    Args:
+        core: The core.
+        instances: All instances.
+        chosen: Numbers of the instances.
+        start: The start; its initial state has decisions only.
+    """
+    drawn = np.full(core.model.nx, np.nan) if start.x0 is None else start.x0
+    decided = _decided(core, drawn)
+    return [
+        start._replace(x0=started(core, instances.x0[:, number], decided))
+        for number in chosen
+    ]
+
+
+def side_by_side(
+    core: OptimalControlProblem,
+    instances: Instances,
+    chosen: NDArray[np.int64],
+    starts: Sequence[Start],
+) -> tuple[Instances, Array]:
+    """Return some instances with the starts' decisions, and controls (nu, N, n).
+
+    Args:
+        core: The core.
+        instances: All instances.
+        chosen: Numbers of the instances.
+        starts: A start for each of them.
+    """
+    here = instances.at(chosen)
+    x0 = np.stack(
+        [
+            own if one.x0 is None else one.x0
+            for own, one in zip(here.x0.T, starts, strict=True)
+        ],
+        axis=-1,
+    )
+    return here._replace(x0=x0), np.stack([one.controls for one in starts], axis=-1)
+
+
+def _decided(core: OptimalControlProblem, x0: Array) -> Array:
+    """Return the decisions about the start, shape (ny,)."""
+    return x0[[one.states[0] for one in core.free_starts]]

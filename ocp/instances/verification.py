@@ -1,0 +1,126 @@
+"""Verification of many answers at once, by the rules of `verified`.
+
+The values are those of the problem's own grid and of a path ten times finer, in machine
+code for all instances (rollout/paths_at_once.py). An answer that is confirmed is called
+FEASIBLE: whether it is a local optimum is not asked here.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from swarmstart.arrays import Array
+from swarmstart.ocp.answer.solution import allowed_cost, allowed_ends
+from swarmstart.ocp.instances.instance_data import Instances
+from swarmstart.ocp.instances.outcomes import Answers, Statuses
+from swarmstart.ocp.rollout.path import Tracer
+from swarmstart.ocp.rollout.paths_at_once import (
+    Data,
+    Grid,
+    Paths,
+    PathValues,
+    paths_of,
+)
+from swarmstart.ocp.rollout.status import SolutionStatus
+from swarmstart.ocp.statement.problem import OptimalControlProblem
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FinePaths:
+    """Verifies the controls of many instances of a core at once.
+
+    Attributes:
+        paths: The compiled paths.
+    """
+
+    paths: Paths
+
+    def __call__(self, instances: Instances, controls: Array) -> Answers:
+        """Return controls with their values and statuses.
+
+        Args:
+            instances: Instances, with the decisions about the start.
+            controls: Shape (nu, N, n).
+        """
+        tracer = self.paths.tracer
+        problem, n = tracer.problem, controls.shape[2]
+        flat = instances.signals.reshape((problem.nodes, problem.ns, n))
+        signals = flat.transpose(1, 0, 2)
+        sizing = tracer.shooting.sizing
+        sizes = [
+            sizing(
+                instances.x0[:, i],
+                instances.parameters[:, i],
+                signals[:, :, i],
+                controls[:, :, i],
+            )
+            for i in range(n)
+        ]
+        data = Data(controls, instances.x0, instances.parameters, signals, sizes)
+        grid, path = self.paths.own_grid(data), self.paths.along(data)
+        off, scale = _end_differences(problem, grid, path)
+        relative = off / np.maximum(scale, 1e-300)
+        rows = np.vstack([path.along, path.at_end])
+        return Answers(
+            status=_judged(problem, data, grid, path),
+            cost=grid.cost,
+            violation=grid.violation,
+            verified_cost=path.cost,
+            excess=rows.max(axis=0, initial=0.0),
+            end_difference=relative.max(axis=0, initial=0.0),
+            controls=controls,
+            states=grid.states,
+            by_interval=np.zeros(n, dtype=np.bool_),
+            iterations=np.zeros(n, dtype=np.int64),
+        )
+
+
+def fine_paths_of(tracer: Tracer, *, threads: int) -> FinePaths | None:
+    """Return the verification of many answers; None if they are verified one by one.
+
+    Args:
+        tracer: Tracer of the paths of the problem.
+        threads: Largest number of threads.
+    """
+    paths = paths_of(tracer, threads=threads)
+    return None if paths is None else FinePaths(paths)
+
+
+def _end_differences(
+    problem: OptimalControlProblem, grid: Grid, path: PathValues
+) -> tuple[Array, Array]:
+    """Return how far each state ends from the grid's, and its scale, each (nx, n)."""
+    lower, upper = problem.state_limits
+    width = np.where(np.isfinite(upper - lower), upper - lower, 0.0)
+    scale = np.maximum(path.reach, width[:, None])
+    return np.abs(path.ends - grid.states[:, -1]), scale
+
+
+def _judged(
+    problem: OptimalControlProblem, data: Data, grid: Grid, path: PathValues
+) -> Statuses:
+    """Return the status of each answer, as `_judged` of answer/solution.py does."""
+    natural = np.array([one.cost for one in data.sizes])
+    states = np.stack([one.states for one in data.sizes], axis=-1)
+    off, scale = _end_differences(problem, grid, path)
+    flat = grid.states.reshape(-1, grid.cost.size)
+    numbers = np.vstack([flat, grid.cost, grid.violation])
+    finite = np.isfinite(numbers).all(axis=0) & path.finite
+    # Not `>`: NaN differs as well.
+    same = np.vstack(
+        [
+            path.finite,
+            np.abs(path.cost - grid.cost) <= allowed_cost(path.magnitude, natural),
+            off <= allowed_ends(scale, states, path.ends),
+            path.at_end <= problem.path_tolerance,
+        ]
+    ).all(axis=0)
+    kept = (path.along <= problem.path_tolerance).all(axis=0)
+    broken = grid.violation > problem.tolerance
+    found = np.full(grid.cost.size, SolutionStatus.FEASIBLE, dtype=object)
+    # The graver reason last.
+    found[~kept] = SolutionStatus.BROKEN
+    found[~same] = SolutionStatus.MISMATCH
+    found[broken] = SolutionStatus.INFEASIBLE
+    found[broken & ~finite] = SolutionStatus.NOT_FINITE
+    return found
