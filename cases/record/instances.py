@@ -122,6 +122,13 @@ def _read(arrays: Arrays, problem: OptimalControlProblem) -> Solutions:
     each["status"] = _statuses(_array(arrays, "status", (M,), "U"))
     numbers = _array(arrays, "invalid", None, "i")
     reasons = _array(arrays, "reasons", numbers.shape, "U")
+    if numbers.tolist() != np.flatnonzero(_is_invalid(each["status"])).tolist():
+        raise ValueError(
+            f"expected the numbers of the instances with the status INVALID, found "
+            f"{numbers.ravel()[:10].tolist()}"
+        )
+    seed = tuple(map(int, _array(arrays, "seed", None, "U").ravel()))
+    np.random.default_rng(seed)  # Raises an error of a seed that is none.
     return Solutions(
         problem=problem,
         data=data,
@@ -131,15 +138,14 @@ def _read(arrays: Arrays, problem: OptimalControlProblem) -> Solutions:
         core_answers=Answers(**{name: each[name] for name in Answers._fields}),
         how=How(
             repair=bool(_array(arrays, "repair", (), "b")),
-            seed=tuple(map(int, _array(arrays, "seed", None, "U").ravel())),
+            seed=seed,
         ),
     )
 
 
 def _data(arrays: Arrays, problem: OptimalControlProblem) -> InstanceData:
     """Return the data of the instances."""
-    x0 = arrays["x0"]
-    rows, M = x0.shape
+    rows, M = _array(arrays, "x0", None, "f").shape
     members = 1 if problem.risk is None else problem.risk.members
     if rows not in {problem.model.nx, problem.model.nx // members}:
         raise ValueError(f"x0 has {rows} rows for {problem.model.nx} states")
@@ -161,6 +167,10 @@ def _data(arrays: Arrays, problem: OptimalControlProblem) -> InstanceData:
 def _statuses(names: NDArray[Any]) -> NDArray[Any]:
     """Return statuses from their names."""
     return np.array([SolutionStatus[name] for name in names.tolist()], dtype=object)
+
+
+def _is_invalid(statuses: NDArray[Any]) -> list[bool]:
+    return [status is SolutionStatus.INVALID for status in statuses]
 
 
 def _array(

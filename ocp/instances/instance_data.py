@@ -6,6 +6,7 @@ put into an order that depends on their data only, so that the order in which th
 given changes no bit of an answer.
 """
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -288,10 +289,9 @@ def posed_instances(planner: Planner, data: InstanceData) -> PosedInstances:
     guesses = None
     if data.guesses is not None and len(parts) > len(shapes):
         guesses = np.stack(parts[-1], axis=-1)
-    rows = [
-        one.reshape(-1, len(numbers)) for one in (*found, guesses) if one is not None
-    ]
-    order = order_of(np.vstack(rows))
+    keys = [one for one in (*found, guesses) if one is not None]
+    flat = [one.reshape(math.prod(one.shape[:-1]), len(numbers)) for one in keys]
+    order = order_of(np.vstack(flat))
     return PosedInstances(
         numbers=np.array(numbers, dtype=np.int64)[order],
         core=Instances(*found).at(order),

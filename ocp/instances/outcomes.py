@@ -76,10 +76,11 @@ class Answers(NamedTuple):
             core: The core of their problem.
         """
         plans, paths = ([getattr(s, name) for s in solutions] for name in _PARTS)
-        off = [
-            end_differences(core, plan, path)
-            for plan, path in zip(plans, paths, strict=True)
-        ]
+        with np.errstate(invalid="ignore"):  # Of states that are infinite.
+            off = [
+                end_differences(core, plan, path)
+                for plan, path in zip(plans, paths, strict=True)
+            ]
         return cls(
             status=np.array([s.status for s in solutions], dtype=object),
             cost=np.array([plan.cost for plan in plans]),

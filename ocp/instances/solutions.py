@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, SupportsIndex
 
 import numpy as np
 from numpy.typing import NDArray
@@ -196,7 +196,7 @@ class Solutions(Presenting):
         """Yield the `Solution` of each instance; see `__getitem__`."""
         return map(self.__getitem__, range(len(self)))
 
-    def __getitem__(self, number: int) -> Solution:
+    def __getitem__(self, number: SupportsIndex) -> Solution:
         """Return the answer to one instance, polished from the answer here.
 
         Args:

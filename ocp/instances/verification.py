@@ -42,6 +42,10 @@ class FinePaths:
             instances: Instances, with the decisions about the start.
             controls: Shape (nu, N, n).
         """
+        with np.errstate(invalid="ignore", over="ignore"):  # Of what is infinite.
+            return self._verified(instances, controls)
+
+    def _verified(self, instances: Instances, controls: Array) -> Answers:
         tracer = self.paths.tracer
         problem, n = tracer.problem, controls.shape[2]
         flat = instances.signals.reshape((problem.nodes, problem.ns, n))

@@ -1,0 +1,352 @@
+"""Many instances in one call, by lanes and by the NLP solver."""
+
+from collections.abc import Callable
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from swarmstart.arrays import Array
+from swarmstart.heuristics import InvalidSettingsError
+from swarmstart.ocp import (
+    Bounds,
+    Free,
+    InvalidProblemError,
+    Known,
+    Model,
+    OptimalControlProblem,
+    PathConstraint,
+    Solutions,
+    SolutionStatus,
+    SolveManyInterrupted,
+    solve,
+    solve_many,
+)
+from swarmstart.ocp.instances import in_lanes, polishing
+from swarmstart.ocp.instances import solve_many as module
+from swarmstart.tests.ocp.instances.fakes import (
+    Answer,
+    FakeLanes,
+    N,
+    U,
+    X,
+    by_gains,
+    double_integrator,
+    parametric,
+    riccati,
+)
+
+UseLanes = Callable[[Answer], FakeLanes]
+CONVERGED, FEASIBLE = SolutionStatus.CONVERGED, SolutionStatus.FEASIBLE
+INVALID, INFEASIBLE = SolutionStatus.INVALID, SolutionStatus.INFEASIBLE
+ALONE = {"search": None, "lanes": 0, "seed": 0}
+ARRAYS = ("cost", "verified_cost", "violation", "excess", "controls", "states")
+
+
+@pytest.fixture
+def use_lanes(monkeypatch: pytest.MonkeyPatch) -> UseLanes:
+    """Return a function that puts fake lanes into the place of the compiled ones."""
+
+    def use(answer: Answer) -> FakeLanes:
+        lanes = FakeLanes(answer)
+        monkeypatch.setattr(module, "lanes_of", lambda planner, threads: lanes)
+        return lanes
+
+    return use
+
+
+def starts(count: int, seed: int = 0) -> Array:
+    """Return random initial states of two numbers."""
+    return np.random.default_rng(seed).normal(size=(2, count))
+
+
+def assert_same(one: Solutions, other: Solutions) -> None:
+    """Compare answers bit by bit."""
+    for name in (*ARRAYS, "status", "solver", "start", "attempts"):
+        mine, yours = getattr(one, name), getattr(other, name)
+        np.testing.assert_array_equal(mine, yours, err_msg=name)
+
+
+def test_two_hundred_answers_of_lanes_are_those_of_the_riccati_equation(
+    use_lanes: UseLanes,
+) -> None:
+    use_lanes(by_gains)
+    x0s = starts(200)
+    found = solve_many(double_integrator(), x0s, polish=None, seed=0)
+    assert found.counts == {FEASIBLE: 200} and set(found.solver) == {"lanes"}
+    expected = np.einsum("ik,ij,jk->k", x0s, riccati()[1], x0s)
+    np.testing.assert_allclose(found.cost, expected, rtol=1e-12)
+    np.testing.assert_allclose(found.verified_cost, expected, rtol=1e-12)
+    np.testing.assert_array_equal(found.iterations, 7)
+    K = riccati()[0][0]
+    np.testing.assert_allclose(found.controls[:, 0], -K @ x0s, rtol=1e-12)
+
+
+def test_two_hundred_answers_of_ipopt_are_those_of_the_riccati_equation() -> None:
+    x0s = starts(200)
+    found = solve_many(double_integrator(), x0s, lanes=False, seed=0)
+    assert found.counts == {CONVERGED: 200} and set(found.solver) == {"ipopt"}
+    expected = np.einsum("ik,ij,jk->k", x0s, riccati()[1], x0s)
+    np.testing.assert_allclose(found.cost, expected, rtol=1e-7)
+
+
+def test_without_lanes_each_answer_has_the_bits_of_solve() -> None:
+    problem, x0s = parametric(), starts(3) / 3
+    masses, winds = np.array([1.0, 2.0, 0.5]), starts(3 * (N + 1)).reshape(N + 1, -1)
+    winds = winds[:, :3] / 4
+    known = {"m": masses, "w": winds}
+    guess = np.full((1, N), 0.3)
+    found = solve_many(problem, x0s, known=known, guesses=guess, seed=0, threads=1)
+    for k in range(3):
+        own = Known([masses[k]], winds[None, :, k])
+        one = solve(problem, x0s[:, k], known=own, guess=guess, **ALONE)  # type: ignore[arg-type]
+        assert found.status[k] is one.status
+        assert found.cost[k] == one.cost
+        np.testing.assert_array_equal(found.controls[:, :, k], one.controls)
+        assert found.verified_cost[k] == one.verified_cost
+
+
+@pytest.mark.parametrize("known", [{"m": 2.0, "w": np.zeros(N + 1)}, None])
+def test_values_for_all_are_those_of_a_known(known: dict[str, Array] | None) -> None:
+    """A number, or a vector for a signal, is for all; None is refused elsewhere."""
+    problem, x0s = parametric(), starts(2) / 3
+    whole = Known([2.0], np.zeros((1, N + 1)))
+    found = solve_many(problem, x0s, known=whole, seed=0)
+    assert_same(found, solve_many(problem, x0s, known=known or whole, seed=0))
+
+
+@pytest.mark.parametrize("lanes", [True, False])
+def test_order_threads_and_chunks_change_no_bit(
+    lanes: bool, use_lanes: UseLanes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Every third lane breaks down from any start, and the NLP solver solves it.
+    fake = use_lanes(lambda x, u: None if x[0] > 0.5 else by_gains(x, u))
+    problem, x0s = double_integrator(), starts(12)
+    first = solve_many(problem, x0s, lanes=lanes, seed=0, threads=1)
+    order = np.random.default_rng(1).permutation(12)
+    moved = solve_many(problem, x0s[:, order], lanes=lanes, seed=0, threads=1)
+    for name in ARRAYS:
+        values = getattr(first, name)[..., order]
+        np.testing.assert_array_equal(getattr(moved, name), values)
+    assert_same(first, solve_many(problem, x0s, lanes=lanes, seed=0, threads=2))
+    monkeypatch.setattr(in_lanes, "CHUNK", 5)
+    monkeypatch.setattr(polishing, "_TOGETHER", 3)
+    assert_same(first, solve_many(problem, x0s, lanes=lanes, seed=0, threads=1))
+    assert bool(fake.calls) == lanes
+    assert set(first.solver) == ({"lanes", "ipopt"} if lanes else {"ipopt"})
+
+
+def test_a_lane_that_fails_is_tried_again_from_its_neighbour(
+    use_lanes: UseLanes,
+) -> None:
+    def answer(x0: Array, guess: Array) -> Array | None:
+        return by_gains(x0, guess) if x0[0] < 1 or guess.any() else None
+
+    seen: list[Array] = []
+
+    def watched(x0: Array, guess: Array) -> Array | None:
+        if x0[0] == 1.5:
+            seen.append(guess.copy())
+        return answer(x0, guess)
+
+    fake = use_lanes(watched)
+    x0s = np.array([[0.0, 0.9, 1.5, 0.5], [1.0, 0.0, 0.0, -1.0]])
+    found = solve_many(double_integrator(), x0s, polish=None, seed=0)
+    assert found.start.tolist() == ["guess", "guess", "neighbour", "guess"]
+    assert found.attempts.tolist() == [1, 1, 2, 1] and fake.calls == [4, 1]
+    np.testing.assert_array_equal(seen[0], np.zeros((1, N)))
+    np.testing.assert_array_equal(seen[1], found.controls[:, :, 1])  # The nearest one.
+    assert found.iterations.tolist() == [7, 7, 14, 7]
+
+
+def test_a_lane_that_fails_from_its_neighbour_is_tried_from_random_controls(
+    use_lanes: UseLanes,
+) -> None:
+    tried: list[Array] = []
+
+    def answer(x0: Array, guess: Array) -> Array | None:
+        if x0[0] < 1:
+            return by_gains(x0, guess)
+        tried.append(guess.copy())
+        return by_gains(x0, guess) if len(tried) == 3 else None
+
+    use_lanes(answer)
+    x0s = np.array([[0.0, 2.0], [1.0, 0.0]])
+    found = solve_many(double_integrator(), x0s, polish=None, seed=0)
+    assert found.start.tolist() == ["guess", "random"] and found.is_confirmed.all()
+    assert np.ptp(tried[2]) > 0
+
+
+def test_what_lanes_leave_is_solved_by_ipopt(use_lanes: UseLanes) -> None:
+    use_lanes(lambda x0, u: by_gains(x0, u) if x0[0] < 1 else None)
+    x0s = np.array([[0.0, 2.0], [1.0, 0.0]])
+    found = solve_many(double_integrator(), x0s, seed=0)
+    assert found.solver.tolist() == ["lanes", "ipopt"]
+    assert found.status.tolist() == [FEASIBLE, CONVERGED]
+    alone = solve(double_integrator(), x0s[:, 1], **ALONE)  # type: ignore[arg-type]
+    assert found.cost[1] == alone.cost
+
+
+def test_an_answer_that_cuts_a_limit_between_checks_is_repaired(
+    use_lanes: UseLanes,
+) -> None:
+    """Up at 0.6 m/s, and back at 0 after half a second: 0.075 m in between."""
+    limit = PathConstraint(expression=X[0], upper=0.05, scale=1.0)
+    problem = double_integrator(
+        intervals=2,
+        terminal_cost=10 * (X[0] ** 2 + (X[1] + 1) ** 2),
+        constraints=[limit],
+    )
+    use_lanes(lambda x0, guess: np.array([[-2.4, -0.8]]))
+    alone = solve_many(problem, [[0.0], [0.6]], seed=0, polish=None)
+    assert alone.status[0] is SolutionStatus.BROKEN
+    assert alone.excess[0] == pytest.approx(0.025, rel=0.01)
+    found = solve_many(problem, [[0.0], [0.6]], seed=0)
+    assert found.is_confirmed[0] and found.start[0] == "own answer"
+    assert found.solver[0] == "ipopt" and found.excess[0] < 1e-3
+    assert (alone.attempts[0], found.attempts[0]) == (2, 3)  # Random, then repaired.
+
+
+def test_guesses_choose_the_valley() -> None:
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    problem = OptimalControlProblem(
+        Model(states=x, controls=u, ode=u),
+        horizon=1.0,
+        intervals=4,
+        stage_cost=u**2 / 50,
+        terminal_cost=(x**2 - 1) ** 2 + x / 10,
+        bounds=Bounds(controls=(-2, 2)),
+    )
+    guesses = np.stack([np.full((1, 4), one) for one in (1.0, -1.0)], axis=-1)
+    found = solve_many(problem, [[0.0, 0.0]], guesses=guesses, seed=0)
+    ends = found.states[0, -1].round(2).tolist()
+    assert ends == [0.98, -1.01]
+
+
+def test_maximised_cost_has_the_sign_of_the_problem(use_lanes: UseLanes) -> None:
+    use_lanes(by_gains)
+    x0s = starts(3)
+    problem = double_integrator(
+        stage_cost=-(U**2), terminal_cost=-10 * ca.sumsqr(X), maximize=True
+    )
+    found = solve_many(problem, x0s, seed=0, polish=None)
+    expected = -np.einsum("ik,ij,jk->k", x0s, riccati()[1], x0s)
+    np.testing.assert_allclose(found.cost, expected, rtol=1e-12)
+    np.testing.assert_allclose(found.verified_cost, expected, rtol=1e-12)
+
+
+def test_decisions_of_each_instance_are_reported() -> None:
+    """Time-optimal: a quarter of a metre at most 1 m/s^2 takes 1 s, one metre 2 s."""
+    problem = double_integrator(
+        horizon=Free(0.3, 5, guess=1.5),
+        intervals=8,
+        stage_cost=1.0,
+        terminal_cost=0.0,
+        bounds=Bounds(controls=(-1, 1)),
+        terminal=[X],
+    )
+    found = solve_many(problem, [[-0.25, -1.0], [0.0, 0.0]], seed=0)
+    assert found.is_confirmed.all()
+    np.testing.assert_allclose(found.decided["end time"], [1.0, 2.0], rtol=1e-5)
+    np.testing.assert_allclose(found.cost, [1.0, 2.0], rtol=1e-5)
+
+
+@pytest.mark.parametrize("lanes", [True, False])
+def test_invalid_instances_are_named_and_left_out(
+    lanes: bool, use_lanes: UseLanes
+) -> None:
+    use_lanes(by_gains)
+    problem = double_integrator(bounds=Bounds(controls=(-1e3, 1e3), states=(-5, 5)))
+    x0s = np.array([[0.0, np.nan, 9.0, 1.0], [0.0, 0.0, 0.0, 0.0]])
+    found = solve_many(problem, x0s, lanes=lanes, seed=0)
+    good = CONVERGED if not lanes else FEASIBLE
+    assert found.status.tolist() == [good, INVALID, INVALID, good]
+    assert "x0 must be finite" in found.invalid[1]
+    assert "bound of state place is broken by 4" in found.invalid[2]
+    assert np.isnan(found.cost[1:3]).all() and found.attempts.tolist() == [1, 0, 0, 1]
+    assert "instance 2: its start must keep" in repr(found)
+    with pytest.raises(
+        InvalidProblemError, match="instance 1 has no answer: x0 must be"
+    ):
+        _ = found[1]
+
+
+def test_strict_names_at_most_ten_invalid_instances() -> None:
+    x0s = np.zeros((2, 20))
+    x0s[0, 5:18] = np.nan
+    with pytest.raises(InvalidProblemError) as raised:
+        solve_many(double_integrator(), x0s, strict=True, seed=0)
+    told = str(raised.value)
+    assert told.startswith("13 of 20 instances are invalid (strict=False")
+    assert "instance 5: " in told and "instance 14: " in told
+    assert "instance 15" not in told and told.endswith("and 3 more")
+
+
+def test_without_a_valid_instance_nothing_is_solved() -> None:
+    found = solve_many(double_integrator(), [[np.nan], [0.0]], seed=0)
+    assert found.counts == {INVALID: 1} and len(found) == 1
+
+
+WIND = np.zeros(N + 1)
+REFUSED: list[tuple[dict[str, object], str]] = [
+    ({"x0s": [0.0, 0.0]}, r"x0s must have shape \(2, M\).*x_0, x_1.*got shape \(2,\)"),
+    ({"x0s": np.zeros((3, 4))}, r"x0s must have shape \(2, M\).*got shape \(3, 4\)"),
+    ({"x0s": np.zeros((2, 0))}, r"got shape \(2, 0\)"),
+    ({"known": None}, r"parameters of a Known must have shape \(1,\), got \(0,\)"),
+    ({"known": {"m": 1}}, r"parameters \(m\) and the signals \(w\).*missing w"),
+    ({"known": {"m": 1, "w": WIND, "g": 2}}, "unknown g"),
+    ({"known": {"m": [1, 2], "w": WIND}}, r"parameter m must be.*\(3,\).*\(2,\)"),
+    ({"known": {"m": 1, "w": WIND[1:]}}, r"signal w must have shape \(6,\).*\(5,\)"),
+    ({"known": {"m": 1, "w": np.zeros((3, 6))}}, r"or \(6, 3\), got shape \(3, 6\)"),
+    ({"guesses": np.zeros((1, 4))}, r"shape \(1, 5\) for all.*or \(1, 5, 3\)"),
+    ({"guesses": np.zeros((1, 5, 2))}, r"got shape \(1, 5, 2\)"),
+    ({"polish": None}, "needs lanes or a polish"),
+]
+
+
+@pytest.mark.parametrize(("wrong", "told"), REFUSED)
+def test_wrong_shapes_and_names_are_refused(
+    wrong: dict[str, object], told: str
+) -> None:
+    given: dict[str, object] = {
+        "x0s": np.zeros((2, 3)),
+        "known": {"m": 1.0, "w": WIND},
+        "seed": 0,
+    }
+    with pytest.raises(InvalidProblemError, match=told):
+        solve_many(parametric(), **given | wrong)  # type: ignore[arg-type]
+
+
+def test_a_seed_is_asked_for() -> None:
+    with pytest.raises(InvalidSettingsError, match="seed"):
+        solve_many(double_integrator(), [[0.0], [0.0]])
+
+
+def test_a_stop_keeps_what_was_done(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(polishing, "_TOGETHER", 2)
+    told: list[tuple[int, int, str]] = []
+
+    def stop(done: int, of: int, what: str) -> None:
+        told.append((done, of, what))
+        if done == 5:
+            raise KeyboardInterrupt
+
+    x0s = starts(9)
+    with pytest.raises(SolveManyInterrupted) as raised:
+        solve_many(double_integrator(), x0s, seed=0, threads=1, progress=stop)
+    partial = raised.value.partial
+    assert partial.counts == {CONVERGED: 5, SolutionStatus.NOT_REACHED: 4}
+    assert told == [(n, 9, "solving (ipopt)") for n in (1, 3, 5)]
+    whole = solve_many(double_integrator(), x0s, seed=0)
+    done = partial.is_confirmed
+    np.testing.assert_array_equal(partial.cost[done], whole.cost[done])
+
+
+def test_an_impossible_instance_is_tried_from_several_starts() -> None:
+    problem = double_integrator(
+        bounds=Bounds(controls=(-1, 1)), terminal=[X], terminal_cost=0.0
+    )
+    found = solve_many(problem, [[0.0, 9.0], [0.1, 0.0]], seed=0)
+    assert found.status.tolist() == [CONVERGED, INFEASIBLE]
+    assert found.attempts.tolist() == [1, 3]  # The guess, the neighbour, random.
+    assert found.violation[1] > 0.1 and found.excess[1] > 0.1
