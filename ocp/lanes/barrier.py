@@ -341,8 +341,9 @@ class Walls:
                 slacks.append(s)
             p, n = _elastic(rows[row] - s, mu, rho)
             has_p, has_n = row in self.kinds.less, row in self.kinds.more
-            less += [p if has_n else s - rows[row]] if has_p else []
-            more += [n if has_p else rows[row] - s] if has_n else []
+            # Where `alone` is below the rounding of a row, the difference may be 0.
+            less += [p if has_n else ca.fmax(s - rows[row], alone)] if has_p else []
+            more += [n if has_p else ca.fmax(rows[row] - s, alone)] if has_n else []
         return ca.vertcat(ca.SX(0, 1), *slacks, *less, *more)
 
 
