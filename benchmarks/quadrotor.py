@@ -9,7 +9,7 @@ https://github.com/johnviljoen/jaxipm
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -17,6 +17,7 @@ import numpy as np
 import swarmstart as ss
 from swarmstart.arrays import Array
 
+Column = TypeVar("Column", ca.SX, ca.MX)
 INTERVALS, STEP = 29, 0.1
 HOVER = 522.9847140714692
 """Motor speed at which it hovers [rad/s]."""
@@ -61,7 +62,7 @@ class Task(NamedTuple):
     peer: Callable[[bool], Callable[[int], float]]
 
 
-def rates(x: ca.SX | ca.MX, u: ca.SX | ca.MX) -> ca.SX | ca.MX:
+def rates(x: Column, u: Column) -> Column:
     """Return the derivatives of the states."""
     thrust = THRUST * u**2
     lift, turn = thrust[0] + thrust[1] + thrust[2] + thrust[3], TORQUE * u**2
@@ -86,16 +87,16 @@ def rates(x: ca.SX | ca.MX, u: ca.SX | ca.MX) -> ca.SX | ca.MX:
     )
 
 
-def _pairs(values: ca.SX | ca.MX, signs: tuple[int, ...]) -> ca.SX | ca.MX:
-    return sum(sign * values[i] for i, sign in enumerate(signs))
+def _pairs(values: Column, signs: tuple[int, ...]) -> Column:
+    return ca.dot(ca.DM(signs), values)
 
 
-def _spent(x: ca.SX | ca.MX, reference: ca.SX | ca.MX | float) -> ca.SX | ca.MX:
+def _spent(x: Column, reference: Column) -> Column:
     away = x - reference
-    return sum(weight * away[i] ** 2 for i, weight in enumerate(WEIGHTS) if weight)
+    return ca.dot(ca.DM(WEIGHTS), away * away)
 
 
-def _clear(x: ca.SX | ca.MX, t: ca.SX | float) -> list[ca.SX | ca.MX]:
+def _clear(x: Column, t: Any) -> list[Column]:
     """Return what is at least 0 outside the growing cylinders."""
     return [
         (x[0] - a) ** 2 + (x[1] - b) ** 2 - radius**2 * (1 + 0.1 * t)
@@ -103,7 +104,7 @@ def _clear(x: ca.SX | ca.MX, t: ca.SX | float) -> list[ca.SX | ca.MX]:
     ]
 
 
-def _clear_of_moving(x: ca.SX | ca.MX, t: ca.SX | float) -> list[ca.SX | ca.MX]:
+def _clear_of_moving(x: Column, t: Any) -> list[Column]:
     return [
         (x[0] - a - da * ca.sin(f * t + i)) ** 2
         + (x[1] - b - db * ca.sin(g * t + j)) ** 2
@@ -112,7 +113,7 @@ def _clear_of_moving(x: ca.SX | ca.MX, t: ca.SX | float) -> list[ca.SX | ca.MX]:
     ]
 
 
-def _even(x: ca.SX | ca.MX) -> ca.SX | ca.MX:
+def _even(x: Column) -> Column:
     """Return the squared norm of the quaternion."""
     return ca.sumsqr(x[3:7])
 
@@ -152,8 +153,8 @@ def cylinders(sector: float, count: int = 80) -> Task:
     x, t, model = _model()
     rows = [ss.PathConstraint(expression=row, lower=0.0) for row in _clear(x, t)]
     problem = ss.OptimalControlProblem(
-        model, horizon=INTERVALS * STEP, intervals=INTERVALS, step_cost=_spent(x, 0.0),
-        terminal_cost=_spent(x, 0.0), bounds=_bounds(), constraints=rows,
+        model, horizon=INTERVALS * STEP, intervals=INTERVALS, bounds=_bounds(),
+        step_cost=_spent(x, 0 * x), terminal_cost=_spent(x, 0 * x), constraints=rows,
     )  # fmt: skip
     half, middle = np.deg2rad(sector) / 2, np.pi / 4
     angles = np.linspace(middle - half, middle + half, count)
@@ -227,7 +228,9 @@ def _random_starts(
     """Return starts near the reference, clear of the cylinders, and its phases."""
     x0, phases = np.zeros((13, count)), np.empty(count)
     x0[3] = 1.0
-    centres = [(a + da * np.sin(i), b + db * np.sin(j)) for a, b, da, db, _, _, i, j in MOVING]
+    centres = [
+        (a + da * np.sin(i), b + db * np.sin(j)) for a, b, da, db, _, _, i, j in MOVING
+    ]
     for number in range(count):
         near = True
         while near:
@@ -250,7 +253,8 @@ def _opti(
     opti = ca.Opti()
     x, u = opti.variable(13, INTERVALS + 1), opti.variable(4, INTERVALS)
     start, wanted = opti.parameter(13), opti.parameter(13, INTERVALS + 1)
-    opti.minimize(sum(_spent(x[:, k], wanted[:, k]) for k in range(INTERVALS + 1)))
+    spent = [_spent(x[:, k], wanted[:, k]) for k in range(INTERVALS + 1)]
+    opti.minimize(ca.sum1(ca.vertcat(*spent)))
     opti.subject_to(x[:, 0] == start)
     for k in range(INTERVALS):
         opti.subject_to(x[:, k + 1] == x[:, k] + STEP * rates(x[:, k], u[:, k]))

@@ -51,6 +51,8 @@ from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.common.pickling import Called
 from swarmstart.ocp.common.presentation import ProgressCallback, of_budget, tell_nothing
 from swarmstart.ocp.common.processes import processes_of, threads_of
+from swarmstart.ocp.lanes.interior import InteriorLanes
+from swarmstart.ocp.lanes.solver import NoLanesError
 from swarmstart.ocp.nlp.integer_polish import IntegerPolisher, WholePolished
 from swarmstart.ocp.nlp.polish import (
     Polished,
@@ -83,6 +85,7 @@ from swarmstart.ocp.rollout.fitness import (
     shared_arguments,
 )
 from swarmstart.ocp.rollout.path import Tracer
+from swarmstart.ocp.rollout.paths_at_once import Paths, paths_of
 from swarmstart.ocp.search.account import Effort, Origin, StartsAccount, Tried
 from swarmstart.ocp.search.lane_search import LaneSearch, searched
 from swarmstart.ocp.search.lane_starts import Task, ToldBest
@@ -361,6 +364,20 @@ class Planner(Called):
     def tracer(self) -> Tracer:
         """Tracer of the paths of plans; compiled at its first use."""
         return Tracer(self.fitness.shooting, self._checker)
+
+    @cached_property
+    def lanes_of_instances(self) -> InteriorLanes | None:
+        """Lanes of many instances; None if they do not support the problem."""
+        program = None if self.polisher is None else self.polisher.program
+        try:
+            return InteriorLanes(self.fitness.shooting, program=program)
+        except NoLanesError:
+            return None
+
+    @cached_property
+    def paths_at_once(self) -> Paths | None:
+        """Finer paths of many instances at once; None if they are traced one by one."""
+        return paths_of(self.tracer)
 
     @cached_property
     def many_starts(self) -> ManyStarts | None:

@@ -163,6 +163,12 @@ class SimdBatch:
         made = self._made
         return made.compiled if isinstance(made, Later) else made
 
+    def with_threads(self, threads: int) -> "SimdBatch":
+        """Return the same kernel with another number of threads."""
+        return SimdBatch(
+            self._made, self.shape, threads, instructions=self.instructions
+        )
+
     def bind(self, shared: tuple[Array, ...]) -> "Bound":
         """Return population -> outputs, the other arguments fixed and copied."""
         return Bound(self, shared)

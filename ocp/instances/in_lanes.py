@@ -1,59 +1,82 @@
 """Instances solved at once in lanes, and verified.
 
-`lanes_of` is the only place that knows which lanes there are.
+Every start of an instance is a lane of its own, and the best answer of an instance is
+verified. `lanes_of` is the only place that knows which lanes there are.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Protocol
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 import numpy as np
 
 from swarmstart.arrays import Array
 from swarmstart.ocp.answer.planner import Planner
-from swarmstart.ocp.instances.instance_data import Instances
 from swarmstart.ocp.instances.outcomes import Answers
 from swarmstart.ocp.instances.polishing import Group, OneByOne
 from swarmstart.ocp.instances.verification import FinePaths
 from swarmstart.ocp.lanes.answers import LaneAnswers, reached
+from swarmstart.ocp.lanes.interior import Instances
+from swarmstart.ocp.lanes.solver import NoLanesError
+from swarmstart.ocp.nlp.polish import SAME_COST
 from swarmstart.ocp.rollout.fitness import started
 from swarmstart.ocp.rollout.status import SolutionStatus
 
 CHUNK = 512
 """Number of instances that are solved and verified together: all arrays along their
 finer paths are in memory at once."""
+_NEAR = 1e-5
+"""First parameter of the central path from an answer to a similar instance."""
 
 
-class Lanes(Protocol):
-    """Local solves of many instances at once, each in a lane; see lanes/interior.py."""
+class LaneStart(NamedTuple):
+    """A start of each of n instances.
 
-    def __call__(
-        self,
-        instances: Instances,
-        controls: Array,
-        starts: Array,
-        states: Array | None = None,
-    ) -> LaneAnswers:
-        """Return the answers of all lanes.
+    Attributes:
+        controls: Shape (nu, N, n).
+        states: Between the intervals, shape (nx, N + 1, n); None: those that the
+            controls lead to.
+        is_near: Whether the starts are answers to similar instances.
+    """
 
-        Args:
-            instances: Instances of the core.
-            controls: Shape (nu, N, n).
-            starts: Decisions about the start, shape (ny, n).
-            states: Between the intervals, shape (nx, N + 1, n); None: those that the
-                controls lead to.
-        """
+    controls: Array
+    states: Array | None = None
+    is_near: bool = False
 
 
-def lanes_of(planner: Planner, threads: int) -> Lanes | None:
+Lanes = Callable[[Instances, LaneStart, Array], LaneAnswers]
+"""Local solves of instances, each in a lane: (instances of the core, their start, the
+decisions about the start (ny, n)) -> their answers."""
+
+
+def lanes_of(planner: Planner, instances: Instances, threads: int) -> Lanes | None:
     """Return lanes for the instances of a problem; None if there are none for it.
 
     Args:
         planner: Planner of the problem.
+        instances: All instances; the sizes of numbers are made for them.
         threads: Largest number of threads.
     """
-    del planner, threads
-    return None
+    interior = planner.lanes_of_instances
+    if interior is None or not instances.x0.shape[1]:
+        return None
+    try:
+        common = interior.common(instances)
+    except NoLanesError:
+        return None
+
+    def solved(some: Instances, start: LaneStart, starts: Array) -> LaneAnswers:
+        return interior(
+            some,
+            start.controls,
+            starts,
+            start.states,
+            common=common,
+            mu=_NEAR if start.is_near else None,
+            threads=threads,
+        )
+
+    return solved
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,25 +95,35 @@ class InLanes:
     paths: FinePaths | None
     each: OneByOne
 
-    def __call__(self, instances: Instances, controls: Array) -> Iterator[Group]:
-        """Yield verified answers, chunk by chunk, in order.
+    def __call__(
+        self, instances: Instances, starts: Sequence[LaneStart]
+    ) -> Iterator[Group]:
+        """Yield the best verified answers, chunk by chunk, in order.
 
         Args:
             instances: Instances of the core, with the guesses of what is decided.
-            controls: Starts, shape (nu, N, n).
+            starts: One or several starts of all instances.
         """
-        count = controls.shape[2]
+        count = instances.x0.shape[1]
         for begin in range(0, count, CHUNK):
             chosen = np.arange(begin, min(begin + CHUNK, count))
-            yield Group(
-                chosen, self._solved(instances.at(chosen), controls[..., chosen])
-            )
+            here = [
+                start._replace(
+                    controls=start.controls[..., chosen],
+                    states=None if start.states is None else start.states[..., chosen],
+                )
+                for start in starts
+            ]
+            yield Group(chosen, self._solved(instances.at(chosen), here))
 
-    def _solved(self, instances: Instances, controls: Array) -> Answers:
+    def _solved(self, instances: Instances, starts: Sequence[LaneStart]) -> Answers:
         core = self.planner.problem
         places = [one.states[0] for one in core.free_starts]
-        ends = self.lanes(instances, controls, instances.x0[places])
-        found = Answers.none(core, controls.shape[2])
+        decided = instances.x0[places]
+        ends = self.lanes(instances, starts[0], decided)
+        for start in starts[1:]:
+            ends = better_of(ends, self.lanes(instances, start, decided))
+        found = Answers.none(core, instances.x0.shape[1])
         found.status[:] = SolutionStatus.INFEASIBLE
         found.status[~np.isfinite(ends.cost)] = SolutionStatus.NOT_FINITE
         found.iterations[:] = ends.iterations
@@ -106,6 +139,9 @@ class InLanes:
             for name, kept in found._asdict().items():
                 if name != "iterations":
                     kept[..., columns] = getattr(answers, name)
+        if ends.optimal is not None:
+            feasible = found.status == SolutionStatus.FEASIBLE
+            found.status[feasible & ends.optimal] = SolutionStatus.CONVERGED
         return found
 
     def _verified(self, instances: Instances, controls: Array) -> Iterator[Group]:
@@ -114,3 +150,26 @@ class InLanes:
         else:
             every = np.arange(controls.shape[2])
             yield Group(every, self.paths(instances, controls))
+
+
+def better_of(one: LaneAnswers, other: LaneAnswers) -> LaneAnswers:
+    """Return the better of two answers to each instance, the first if they are equal.
+
+    Args:
+        one: Answers to n instances.
+        other: Answers to the same instances.
+    """
+    able, also = reached(one), reached(other)
+    size = np.maximum(np.abs(one.cost), np.abs(other.cost))
+    with np.errstate(invalid="ignore"):
+        cheaper = other.cost < one.cost - SAME_COST * size
+        nearer = other.violation < one.violation
+    better = np.where(able == also, np.where(able, cheaper, nearer), also)
+    chosen = {
+        field.name: np.where(
+            better, getattr(other, field.name), getattr(one, field.name)
+        )
+        for field in fields(LaneAnswers)
+        if getattr(one, field.name) is not None
+    }
+    return LaneAnswers(**chosen | {"iterations": one.iterations + other.iterations})

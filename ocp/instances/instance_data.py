@@ -9,7 +9,6 @@ given changes no bit of an answer.
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +19,7 @@ from swarmstart.ocp.answer.planner import Planner
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.common.expressions import symbol_names
 from swarmstart.ocp.common.limits import numbers_of
+from swarmstart.ocp.lanes.interior import Instances
 from swarmstart.ocp.rollout.fitness import NOTHING, Known, shared_arguments
 from swarmstart.ocp.statement.guesses import given_controls
 from swarmstart.ocp.statement.problem import OptimalControlProblem
@@ -91,35 +91,6 @@ class InstanceData:
             return None
         order = order_of(rows[:, finite])
         return int(finite[order[order.size // 2]])
-
-
-class Instances(NamedTuple):
-    """Data of n instances of the core of a problem.
-
-    Attributes:
-        x0: Initial states, with the guesses of the decisions about them, shape (nx, n).
-        parameters: Shape (np, n).
-        signals: `ca.vec` of the signals at the nodes, shape (ns * nodes, n).
-    """
-
-    x0: Array
-    parameters: Array
-    signals: Array
-
-    def at(self, chosen: NDArray[np.int64]) -> "Instances":
-        """Return some of the instances."""
-        return Instances(*(values[:, chosen] for values in self))
-
-    def known(self, problem: OptimalControlProblem, number: int) -> Known:
-        """Return the known data of an instance of the core.
-
-        Args:
-            problem: The core.
-            number: Number of the instance.
-        """
-        flat = self.signals[:, number]
-        signals = flat.reshape((problem.ns, problem.nodes), order="F")
-        return Known(self.parameters[:, number], signals)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -19,8 +19,8 @@ from swarmstart.ocp.answer.plan import Source
 from swarmstart.ocp.answer.planner import Planner
 from swarmstart.ocp.answer.solution import Solution, verified
 from swarmstart.ocp.common.processes import Ahead, processes_of
-from swarmstart.ocp.instances.instance_data import Instances
 from swarmstart.ocp.instances.outcomes import Answers
+from swarmstart.ocp.lanes.interior import Instances
 from swarmstart.ocp.nlp.start import Start
 from swarmstart.ocp.rollout.fitness import Known
 

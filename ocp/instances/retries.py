@@ -13,15 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.arrays import Array
-from swarmstart.ocp.instances.instance_data import Instances
 from swarmstart.ocp.instances.outcomes import Answers
+from swarmstart.ocp.lanes.interior import Instances
 from swarmstart.ocp.lanes.solver import random_starts
 from swarmstart.ocp.nlp.start import Start
 from swarmstart.ocp.rollout.fitness import started
 from swarmstart.ocp.statement.problem import OptimalControlProblem
-
-_AT_ONCE = 64
-"""Number of instances whose distances to all others are in memory at once."""
 
 
 class Neighbours:
@@ -39,29 +36,30 @@ class Neighbours:
         scale = np.where(width > 0, width, np.inf)
         if core.ns:
             scale[-core.ns * core.nodes :] *= np.sqrt(core.nodes)
-        self._rows = np.ascontiguousarray((rows / scale[:, None])[width > 0])
+        self._rows = np.ascontiguousarray((rows / scale[:, None])[width > 0].T)
 
     def nearest(
-        self, chosen: NDArray[np.int64], solved: NDArray[np.int64]
+        self, chosen: NDArray[np.int64], solved: NDArray[np.int64], count: int
     ) -> NDArray[np.int64]:
-        """Return the nearest solved instance of each chosen one, the first if equal.
+        """Return the nearest solved instances of each chosen one, the nearest first.
+
+        Shape (n, count); -1 if there are fewer. An instance is no neighbour of itself.
 
         Args:
             chosen: Numbers of instances, shape (n,).
-            solved: Numbers of the solved ones, at least one.
+            solved: Numbers of the solved ones.
+            count: Number of neighbours.
         """
-        there = self._rows[:, solved]
-        found = np.empty(chosen.size, dtype=np.int64)
-        for begin in range(0, chosen.size, _AT_ONCE):
-            part = slice(begin, begin + _AT_ONCE)
-            here = self._rows[:, chosen[part]]
-            apart = np.zeros((here.shape[1], there.shape[1]))
-            for own, others in zip(
-                here, there, strict=True
-            ):  # Row by row: less memory.
-                apart += (own[:, None] - others) ** 2
-            found[part] = solved[apart.argmin(axis=1)]
-        return found
+        from scipy.spatial import KDTree
+
+        # One more, since the nearest of all may be the instance itself.
+        tree = KDTree(self._rows[solved])
+        _, found = tree.query(self._rows[chosen], k=range(1, count + 2))
+        numbers = np.append(solved, -1)[found]  # Places beyond the end are missing.
+        is_own = numbers == chosen[:, None]
+        order = np.argsort(is_own, axis=1, kind="stable")
+        numbers = np.where(is_own, -1, numbers)
+        return np.take_along_axis(numbers, order, axis=1)[:, :count]
 
 
 def starts_from(
@@ -128,29 +126,21 @@ def at_instances(
     ]
 
 
-def side_by_side(
-    core: OptimalControlProblem,
-    instances: Instances,
-    chosen: NDArray[np.int64],
-    starts: Sequence[Start],
-) -> tuple[Instances, Array]:
-    """Return some instances with the starts' decisions, and controls (nu, N, n).
+def with_decisions_of(
+    core: OptimalControlProblem, instances: Instances, x0: Array
+) -> Instances:
+    """Return instances with the decisions about the start of others.
 
     Args:
         core: The core.
-        instances: All instances.
-        chosen: Numbers of the instances.
-        starts: A start for each of them.
+        instances: Instances.
+        x0: Initial states of as many others, shape (nx, n).
     """
-    here = instances.at(chosen)
-    x0 = np.stack(
-        [
-            own if one.x0 is None else one.x0
-            for own, one in zip(here.x0.T, starts, strict=True)
-        ],
-        axis=-1,
-    )
-    return here._replace(x0=x0), np.stack([one.controls for one in starts], axis=-1)
+    found = instances.x0.copy()
+    for one in core.free_starts:
+        places = list(one.states)
+        found[places] = x0[places]
+    return instances._replace(x0=found)
 
 
 def _decided(core: OptimalControlProblem, x0: Array) -> Array:

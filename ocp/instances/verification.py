@@ -10,16 +10,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from swarmstart.arrays import Array
+from swarmstart.ocp.answer.planner import Planner
 from swarmstart.ocp.answer.solution import allowed_cost, allowed_ends
-from swarmstart.ocp.instances.instance_data import Instances
 from swarmstart.ocp.instances.outcomes import Answers, Statuses
-from swarmstart.ocp.rollout.path import Tracer
+from swarmstart.ocp.lanes.interior import Instances
 from swarmstart.ocp.rollout.paths_at_once import (
     Data,
     Grid,
     Paths,
     PathValues,
-    paths_of,
 )
 from swarmstart.ocp.rollout.status import SolutionStatus
 from swarmstart.ocp.statement.problem import OptimalControlProblem
@@ -79,15 +78,15 @@ class FinePaths:
         )
 
 
-def fine_paths_of(tracer: Tracer, *, threads: int) -> FinePaths | None:
+def fine_paths_of(planner: Planner, *, threads: int) -> FinePaths | None:
     """Return the verification of many answers; None if they are verified one by one.
 
     Args:
-        tracer: Tracer of the paths of the problem.
+        planner: Planner of the problem.
         threads: Largest number of threads.
     """
-    paths = paths_of(tracer, threads=threads)
-    return None if paths is None else FinePaths(paths)
+    paths = planner.paths_at_once
+    return None if paths is None else FinePaths(paths.with_threads(threads))
 
 
 def _end_differences(

@@ -56,6 +56,8 @@ class LaneAnswers:
         cost: Cost of the problem's core, shape (n,); infinite if a lane broke down.
         violation: The worst excess in the NLP's scaled numbers, shape (n,).
         iterations: Number of steps, shape (n,).
+        optimal: Whether an answer meets the conditions of a local optimum, of second
+            order too, shape (n,); None: not known.
     """
 
     controls: Array
@@ -64,6 +66,7 @@ class LaneAnswers:
     cost: Array
     violation: Array
     iterations: NDArray[np.int64]
+    optimal: NDArray[np.bool_] | None = None
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

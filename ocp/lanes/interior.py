@@ -18,6 +18,7 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swarmstart.arrays import Array
 from swarmstart.machine_code import prepare
@@ -58,31 +59,51 @@ _CHUNK = 1 << 26
 """Size of the numbers that starts are made of [bytes]."""
 _TURNS = 64
 """Number of turns between two checks for Ctrl-C."""
+_ANSWERED = (
+    "controls", "starts", "states", "cost", "violation", "iterations", "optimal",
+)  # fmt: skip
 _KEPT = "u", "y", "x", "end", "paid", "worst", "iterations", "met"
 
 
 class Instances(NamedTuple):
-    """Instances of the core of a problem.
+    """Data of M instances of the core of a problem.
 
     Attributes:
-        x0: Initial states, shape (nx, M).
+        x0: Initial states, with the guesses of the decisions about them, shape (nx, M).
         parameters: Shape (np, M).
-        signals: ca.vec of the signals at the nodes, shape (ns * nodes, M).
+        signals: `ca.vec` of the signals at the nodes, shape (ns * nodes, M).
     """
 
     x0: Array
     parameters: Array
     signals: Array
 
-    def known(self, number: int, problem: OptimalControlProblem) -> Known:
-        """Return the known data of an instance."""
+    def known(self, problem: OptimalControlProblem, number: int) -> Known:
+        """Return the known data of an instance of the core.
+
+        Args:
+            problem: The core.
+            number: Number of the instance.
+        """
         return Known(
             self.parameters[:, number], at_nodes(problem, self.signals[:, number])
         )
 
-    def some(self, numbers: slice) -> "Instances":
+    def at(self, chosen: "slice | NDArray[np.int64]") -> "Instances":
         """Return some of the instances."""
-        return Instances(*(one[:, numbers] for one in self))
+        return Instances(*(one[:, chosen] for one in self))
+
+
+class Common(NamedTuple):
+    """The numbers that instances have in common.
+
+    Attributes:
+        posed: Sizes, and numbers that all lanes share.
+        own_signals: Whether each instance has its own signals.
+    """
+
+    posed: Posed
+    own_signals: bool
 
 
 class InteriorLanes:
@@ -97,7 +118,6 @@ class InteriorLanes:
         problem: OptimalControlProblem | Shooting,
         *,
         program: NonlinearProgram | None = None,
-        threads: int = 1,
         tolerance: float = TOLERANCE,
         most: int = MOST,
     ) -> None:
@@ -106,7 +126,6 @@ class InteriorLanes:
         Args:
             problem: The problem, or its functions.
             program: Its NLP, if that is built already.
-            threads: Largest number of threads for the lanes.
             tolerance: Largest scaled error at which a lane ends.
             most: Largest number of steps of a lane.
 
@@ -119,18 +138,20 @@ class InteriorLanes:
             raise NoLanesError(reason)
         self.problem = shooting.problem
         self._program = program or multiple_shooting(shooting)
-        self._arguments, self._threads = Arguments(shooting), threads
+        self._arguments = Arguments(shooting)
         self._tolerance, self._most = tolerance, most
         self._made = dict[bool, _Made]()
 
-    def __call__(
+    def __call__(  # noqa: PLR0913 - instances and their starts
         self,
         instances: Instances,
         controls: Array,
         starts: Array,
         states: Array | None = None,
         *,
+        common: "Common | None" = None,
         mu: float | None = None,
+        threads: int = 1,
     ) -> LaneAnswers:
         """Return the local optima that starts lead to.
 
@@ -141,29 +162,43 @@ class InteriorLanes:
                 `problem.free_starts`.
             states: Guess of the states between intervals, shape (nx, N + 1, M); None:
                 those that the controls lead to.
+            common: Made by `common` from these or more instances, whose sizes decide
+                the last digits; None: from these.
             mu: First parameter of the central path; small for starts near an optimum.
                 None: FIRST_MU, in proportion to the cost at the start.
+            threads: Largest number of threads.
 
         Raises:
             NoLanesError: If machine code cannot be made.
         """
         if not controls.shape[2]:
             return _none(self.problem, controls, starts)
-        signals = instances.signals
-        own_signals = bool(np.any(signals != signals[:, :1]))
+        one, own_signals = common or self.common(instances)
         made = self._made_for(own_signals)
-        one = self._posed(instances)
         count = max(1, _CHUNK // (8 * made.given))
         found = []
         for first in range(0, controls.shape[2], count):
             part = slice(first, first + count)
             guess = None if states is None else states[:, :, part]
             chunk = _Chunk(
-                made, one, instances.some(part), controls[:, :, part],
+                made, one, instances.at(part), controls[:, :, part],
                 starts[:, part], guess, mu,
             )  # fmt: skip
-            found.append(chunk.solved(self._threads))
+            found.append(chunk.solved(threads))
         return _joined(found)
+
+    def common(self, instances: Instances) -> "Common":
+        """Return what instances have in common, with the machine code compiled.
+
+        Args:
+            instances: At least one.
+
+        Raises:
+            NoLanesError: If machine code cannot be made.
+        """
+        own_signals = bool(np.any(instances.signals != instances.signals[:, :1]))
+        self._made_for(own_signals)
+        return Common(self._posed(instances), own_signals)
 
     def _made_for(self, own_signals: bool) -> "_Made":
         if own_signals not in self._made:
@@ -186,7 +221,7 @@ class InteriorLanes:
         M = instances.x0.shape[1]
         numbers = np.unique(np.linspace(0, M - 1, min(M, 16)).astype(int)).tolist()
         sizes = [
-            self._arguments.sizes(instances.x0[:, i], instances.known(i, problem))
+            self._arguments.sizes(instances.x0[:, i], instances.known(problem, i))
             for i in numbers
         ]
         largest = numbers[int(np.argmax([one.cost for one in sizes]))]
@@ -194,7 +229,7 @@ class InteriorLanes:
             self._program,
             self._arguments,
             instances.x0[:, largest],
-            instances.known(largest, problem),
+            instances.known(problem, largest),
         )
 
 
@@ -342,7 +377,7 @@ class _Chunk:
         shares = np.array_split(np.arange(M), max(1, min(threads, M)))
         together([partial(_solve, task, one) for one in shares])
         sizes = [made.layout.places[name][1] for name in _KEPT]
-        u, y, x, end, paid, worst, iterations, _ = np.split(
+        u, y, x, end, paid, worst, iterations, met = np.split(
             task.ends.found, np.cumsum(sizes)[:-1]
         )
         nu = posed.sizes.controls.size
@@ -357,6 +392,7 @@ class _Chunk:
             cost=paid[0] * posed.sizes.cost,
             violation=worst[0],
             iterations=iterations[0].astype(np.int64),
+            optimal=met[0] > 0,
         )
 
 
@@ -456,7 +492,7 @@ def _joined(parts: list[LaneAnswers]) -> LaneAnswers:
     """Return the answers of all chunks."""
     return LaneAnswers(**{
         name: np.concatenate([getattr(part, name) for part in parts], axis=-1)
-        for name in ("controls", "starts", "states", "cost", "violation", "iterations")
+        for name in _ANSWERED
     })  # fmt: skip
 
 
@@ -472,4 +508,5 @@ def _none(
         cost=nothing,
         violation=nothing,
         iterations=np.zeros(0, dtype=np.int64),
+        optimal=np.zeros(0, dtype=np.bool_),
     )

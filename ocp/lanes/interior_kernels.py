@@ -166,7 +166,9 @@ class _Maker:
         lane = symbols(fixed=self._nx, mu=1, rho=1)
         y = _pushed(begin, begin.own)
         x0 = lane["fixed"] + self._places.tied @ y
-        writes = {"y": y, "x0": x0, "home": x0} | self._begun(begin, y, lane["mu"], lane["rho"])
+        writes = {"y": y, "x0": x0, "home": x0} | self._begun(
+            begin, y, lane["mu"], lane["rho"]
+        )
         writes = _at(begin, writes, x0)
         return self.flat(begin, {"y": begin.own, **lane}, writes)
 

@@ -295,7 +295,8 @@ class _Judged:
             "sweeps": now["sweeps"],
             "paid": ca.if_else(taken, cost, now["paid"]),
             "worst": ca.if_else(taken, primal + excess, now["worst"]),
-            "met": all_of(solved, ca.logic_not(dear)),
+            # Without a delta the second derivatives of the last step show a minimum.
+            "met": all_of(solved, ca.logic_not(dear), now["delta"] <= 0),
             "x0": ca.if_else(taken, now["x0_new"], now["x0"]),
             "end": ca.if_else(taken, now["end_new"], now["end"]),
             **self._filter(extends, fresh),

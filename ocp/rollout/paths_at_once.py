@@ -98,6 +98,11 @@ class Paths:
     grid: SimdBatch
     fine: SimdBatch
 
+    def with_threads(self, threads: int) -> "Paths":
+        """Return the same scans, spread over threads."""
+        scans = (one.with_threads(threads) for one in (self.grid, self.fine))
+        return Paths(self.tracer, *scans)
+
     def own_grid(self, data: Data) -> Grid:
         """Return the roll-outs on the problem's own grid."""
         shooting, problem = self.tracer.shooting, self.tracer.problem
@@ -183,12 +188,11 @@ class Paths:
         return np.ascontiguousarray(found.transpose(1, 0, 2))
 
 
-def paths_of(tracer: Tracer, *, threads: int) -> Paths | None:
+def paths_of(tracer: Tracer) -> Paths | None:
     """Return the scans for a problem; None if its paths are traced one by one.
 
     Args:
         tracer: Tracer of its paths.
-        threads: Largest number of threads.
     """
     problem, shooting = tracer.problem, tracer.shooting
     if (
@@ -202,12 +206,12 @@ def paths_of(tracer: Tracer, *, threads: int) -> Paths | None:
     ):
         return None
     try:
-        return Paths(tracer, _grid(shooting, threads), _fine(tracer, threads))
+        return Paths(tracer, _grid(shooting), _fine(tracer))
     except (NoCompilerError, UnknownOperationError):
         return None
 
 
-def _grid(shooting: Shooting, threads: int) -> SimdBatch:
+def _grid(shooting: Shooting) -> SimdBatch:
     """Return the scan (x, (cost, violation), u, p, S) -> (the same, states)."""
     stage = shooting.stage
     x, u, p, s = (ca.SX.sym(n, *stage.size_in(i)) for i, n in enumerate("xups"))
@@ -217,10 +221,10 @@ def _grid(shooting: Shooting, threads: int) -> SimdBatch:
     step = ca.Function("grid", [x, sums, u, p, ca.vec(s)], _dense(after))
     roles: list[Role] = ["carried", "carried", "both", "individual", "both"]
     turns = shooting.problem.intervals
-    return compile_scan(step, roles, turns=turns, threads=threads)
+    return compile_scan(step, roles, turns=turns)
 
 
-def _fine(tracer: Tracer, threads: int) -> SimdBatch:
+def _fine(tracer: Tracer) -> SimdBatch:
     """Return the scan of the finer path; its arguments are those in `Paths.along`."""
     problem, checker = tracer.problem, tracer.checker
     model = problem.model
@@ -255,7 +259,7 @@ def _fine(tracer: Tracer, threads: int) -> SimdBatch:
     roles = [role for role, count in of_each for _ in range(count)]
     step = ca.Function("fine", arguments, _dense(outputs))
     turns = problem.intervals * tracer.steps
-    return compile_scan(step, roles, turns=turns, threads=threads)
+    return compile_scan(step, roles, turns=turns)
 
 
 def _worst(

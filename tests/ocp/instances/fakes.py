@@ -8,8 +8,8 @@ import numpy as np
 
 from swarmstart.arrays import Array
 from swarmstart.ocp import Bounds, Model, OptimalControlProblem
-from swarmstart.ocp.instances.instance_data import Instances
 from swarmstart.ocp.lanes.answers import LaneAnswers
+from swarmstart.ocp.lanes.interior import Instances
 
 X, U, MASS, WIND = ca.SX.sym("x", 2), ca.SX.sym("u"), ca.SX.sym("m"), ca.SX.sym("w")
 N, DT = 5, 0.2

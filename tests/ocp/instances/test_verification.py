@@ -136,7 +136,7 @@ def both(case: Case) -> tuple[Answers, Answers]:
     shape = core.model.nu, core.intervals, instances.x0.shape[1]
     drawn: Array = case.amplitude * rng.normal(size=shape)
     controls = np.clip(drawn, lower, upper)
-    paths = fine_paths_of(planner.tracer, threads=1)
+    paths = fine_paths_of(planner, threads=1)
     assert paths is not None
     each = OneByOne(planner, seed=(0,), repair=True, threads=1)
     groups = [group.answers for group in each.verified(instances, controls)]
@@ -174,4 +174,4 @@ def test_answers_at_once_are_those_one_by_one(name: str) -> None:
 )
 def test_what_has_no_scan_is_left_to_one_by_one(given: dict[str, Any]) -> None:
     planner = Planner(posed(**given), search=None, polish=IpoptOptions())
-    assert fine_paths_of(planner.tracer, threads=1) is None
+    assert fine_paths_of(planner, threads=1) is None

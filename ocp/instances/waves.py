@@ -1,0 +1,246 @@
+"""Waves of solves of many instances: in lanes, from neighbours, one by one.
+
+    lanes        several starts of every instance at once, the best answer verified
+    neighbours   in lanes, from the answers of similar instances that are cheaper, and
+                 of those that failed; again while that finds better answers
+    one by one   by an NLP solver, instances that are still open: from their own answer
+                 that was not confirmed, else the guess; from neighbours; from random
+                 controls
+
+A neighbour that is cheaper need not have found a better optimum, since its data differ;
+but if it has, this wave carries the better optimum from instance to instance.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.arrays import Array
+from swarmstart.heuristics.running import heeded
+from swarmstart.ocp.answer.planner import Planner
+from swarmstart.ocp.common.presentation import ProgressCallback
+from swarmstart.ocp.instances.in_lanes import InLanes, LaneStart
+from swarmstart.ocp.instances.instance_data import PosedInstances
+from swarmstart.ocp.instances.outcomes import Outcomes
+from swarmstart.ocp.instances.polishing import Group, OneByOne
+from swarmstart.ocp.instances.retries import (
+    Neighbours,
+    at_instances,
+    random_start,
+    starts_from,
+    with_decisions_of,
+)
+from swarmstart.ocp.nlp.start import Start
+from swarmstart.ocp.rollout.status import SolutionStatus
+from swarmstart.ocp.statement.guesses import cold_controls
+
+_ROUNDS = 3
+"""Largest number of times that instances are tried from neighbours' answers; from the
+second one on those count that an earlier one has found."""
+_AROUND = 4
+"""Number of nearest neighbours of which the cheapest is tried."""
+_CHEAPER = 1e-3
+"""Least relative difference of a neighbour's cost at which its answer is tried."""
+_RANDOM = 1
+"""Number that follows the seed in those of the random starts."""
+
+Solve = Callable[[NDArray[np.int64]], Iterator[Group]]
+"""numbers of instances -> groups of their answers."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Waves:
+    """Waves of solves of the instances of a problem.
+
+    Attributes:
+        planner: Planner of the problem.
+        posed: The valid instances.
+        outcomes: Their best answers so far.
+        seeds: Seed.
+        progress: Callback.
+    """
+
+    planner: Planner
+    posed: PosedInstances
+    outcomes: Outcomes
+    seeds: tuple[int, ...]
+    progress: ProgressCallback
+
+    def finished(
+        self, lanes: InLanes | None, each: OneByOne | None, starts: int
+    ) -> bool:
+        """Solve all instances; return whether that was not interrupted.
+
+        Args:
+            lanes: Solves in lanes; None: there are none.
+            each: Solves by the NLP solver; None: without it.
+            starts: Number of starts of each instance in lanes.
+        """
+        try:
+            if lanes is not None:
+                self._in_lanes(lanes, starts)
+                self._from_cheaper(lanes)
+            if each is not None:
+                self._polished(each)
+        except KeyboardInterrupt:
+            return False
+        return True
+
+    def _in_lanes(self, lanes: InLanes, count: int) -> None:
+        """Solve all instances in lanes, from several starts each."""
+        instances = self.posed.core
+        starts = self._starts()[:count]
+        for number in range(len(starts), count):
+            drawn = random_start(self.planner.problem, (*self.seeds, _RANDOM, number))
+            if drawn is not None:
+                starts.append(LaneStart(self._of_all(drawn.controls)))
+        self._wave(
+            lambda chosen: lanes(instances, starts),
+            np.arange(instances.x0.shape[1]),
+            ("lanes", "guess"),
+        )
+
+    def _starts(self) -> list[LaneStart]:
+        """Return starts with states that controls lead to, or that stay at x0."""
+        core, x0 = self.planner.problem, self.posed.core.x0
+        cold = cold_controls(core)
+        given = self.posed.guesses
+        held = np.broadcast_to(
+            x0[:, None], (core.model.nx, core.intervals + 1, x0.shape[1])
+        )
+        middle = self._of_all(cold[-1])
+        return [
+            LaneStart(self._of_all(cold[0]) if given is None else given),
+            LaneStart(middle if given is None else given, held),
+            LaneStart(middle),
+        ]
+
+    def _of_all(self, controls: Array) -> Array:
+        """Return controls (nu, N) as those of all instances, without copies."""
+        shape = *controls.shape, self.posed.core.x0.shape[1]
+        return np.broadcast_to(controls[..., None], shape)
+
+    def _from_cheaper(self, lanes: InLanes) -> None:
+        """Solve instances in lanes from answers of neighbours that are cheaper."""
+        core, instances = self.planner.problem, self.posed.core
+        answers, outcomes = self.outcomes.answers, self.outcomes
+        distances, tried = None, np.full(instances.x0.shape[1], np.nan)
+        for _ in range(_ROUNDS):
+            confirmed = answers.confirmed
+            solved = np.flatnonzero(confirmed)
+            if not solved.size:
+                return
+            distances = distances or Neighbours(core, instances)
+            every = np.arange(confirmed.size)
+            around = distances.nearest(every, solved, _AROUND)
+            costs = np.where(around >= 0, answers.cost[around], np.inf)
+            best = costs.argmin(axis=1)
+            nearest, least = around[every, best], costs[every, best]
+            own = np.where(confirmed, answers.cost, np.inf)
+            less = _CHEAPER * np.maximum(np.abs(least), np.where(confirmed, own, 0.0))
+            # The same answer again would lead to the same end.
+            able = (nearest >= 0) & (least < own - less) & (least != tried)
+            chosen = np.flatnonzero(able)
+            if not chosen.size:
+                return
+            tried[chosen] = least[chosen]
+            before = answers.cost.copy()
+            others = nearest[chosen]
+            here = with_decisions_of(core, instances.at(chosen), answers.x0[:, others])
+            states = answers.states[:, :: core.checks, others].copy()
+            states[:, 0] = here.x0
+            start = LaneStart(answers.controls[..., others], states, is_near=True)
+            self._wave(
+                lambda chosen: lanes(here, [start]),  # noqa: B023 - called at once
+                chosen,
+                ("lanes", "neighbour"),
+            )
+            if np.array_equal(before, outcomes.answers.cost, equal_nan=True):
+                return
+
+    def _polished(self, each: OneByOne) -> None:
+        """Solve the open instances by the NLP solver, and again those that fail."""
+        answers, given = self.outcomes.answers, self.posed.guesses
+        # What the lanes found, but the finer path does not confirm.
+        near = [
+            number
+            for number in self.outcomes.open
+            if answers.status[number]
+            in (SolutionStatus.BROKEN, SolutionStatus.MISMATCH)
+        ]
+        own = [Start(answers.controls[..., k], x0=answers.x0[:, k]) for k in near]
+        self._polish_wave(each, np.array(near, np.int64), own, "own answer")
+        opened = self.outcomes.open
+        first: list[Start | None] = [None] * opened.size
+        if given is not None:
+            first = [Start(given[:, :, number]) for number in opened]
+        self._polish_wave(each, opened, first, "guess")
+        self._polish_from_neighbours(each)
+        drawn = random_start(self.planner.problem, (*self.seeds, _RANDOM))
+        if drawn is not None:
+            opened = self.outcomes.open
+            starts = at_instances(self.planner.problem, self.posed.core, opened, drawn)
+            self._polish_wave(each, opened, starts, "random")
+
+    def _polish_from_neighbours(self, each: OneByOne) -> None:
+        core, instances = self.planner.problem, self.posed.core
+        outcomes, tried = self.outcomes, dict[int, int]()
+        distances = None
+        for _ in range(_ROUNDS):
+            opened, confirmed = outcomes.open, outcomes.answers.confirmed
+            if not opened.size or not confirmed.any():
+                return
+            distances = distances or Neighbours(core, instances)
+            nearest = distances.nearest(opened, np.flatnonzero(confirmed), 1)[:, 0]
+            # The same start again would lead to the same end.
+            new = np.array(
+                [
+                    tried.get(int(own)) != k
+                    for own, k in zip(opened, nearest, strict=True)
+                ]
+            )
+            opened, nearest = opened[new], nearest[new]
+            tried |= dict(zip(opened.tolist(), nearest.tolist(), strict=True))
+            starts = starts_from(core, instances, outcomes.answers, opened, nearest)
+            self._polish_wave(each, opened, starts, "neighbour")
+
+    def _polish_wave(
+        self,
+        each: OneByOne,
+        chosen: NDArray[np.int64],
+        starts: Sequence[Start | None],
+        start: str,
+    ) -> None:
+        instances = self.posed.core
+        self._wave(
+            lambda chosen: each.polished(instances.at(chosen), starts),
+            chosen,
+            (each.solver, start),
+        )
+
+    def _wave(
+        self, solve: Solve, chosen: NDArray[np.int64], words: tuple[str, str]
+    ) -> None:
+        """Solve some instances and keep the better answers, group by group.
+
+        Args:
+            solve: Solves them.
+            chosen: Their numbers.
+            words: The solver, and the kind of the starts.
+        """
+        solver, start = words
+        what = "solving" if start == "guess" else f"again: {start}"
+        done = 0
+        groups = solve(chosen) if chosen.size else iter(())
+        while True:
+            with heeded():
+                group = next(groups, None)
+            if group is None:
+                return
+            self.outcomes.take(
+                chosen[group.chosen], group.answers, solver=solver, start=start
+            )
+            done += group.chosen.size
+            self.progress(done, chosen.size, f"{what} ({solver})")
