@@ -128,7 +128,7 @@ def _read(arrays: Arrays, problem: OptimalControlProblem) -> Solutions:
             f"{numbers.ravel()[:10].tolist()}"
         )
     seed = tuple(map(int, _array(arrays, "seed", None, "U").ravel()))
-    np.random.default_rng(seed)  # Raises an error of a seed that is none.
+    np.random.default_rng(seed)  # Raises an error if it is no seed.
     return Solutions(
         problem=problem,
         data=data,

@@ -127,6 +127,23 @@ def _solving() -> Calls:
         "solve": with_defaults(
             ss.solve, problem=problem, x0=[1, 0], search=None, lanes=0, seed=0
         ),
+        "solve_many": with_defaults(
+            ss.solve_many, problem=problem, x0s=[[1.0, 0.5], [0.0, 0.0]], seed=0
+        ),
+        "Solutions": record(made.solutions()),
+        "Solutions.load": Call(
+            ss.Solutions.load, {"path": _saved_solutions(), "problem": problem}
+        ),
+        "Solutions.save": Call(
+            lambda **given: made.solutions().save(
+                **{"path": _new_folder() / "answers.npz", **given}
+            ),
+            {"force": True},
+        ),
+        "Solutions.save to": Call(
+            made.solutions().save,
+            {"path": _new_folder() / "answers.npz", "force": True},
+        ),
         "lower_bound": with_defaults(
             ss.lower_bound, problem=problem, x0=[1, 0], seed=0, work=0.001
         ),
@@ -156,6 +173,10 @@ def _solving() -> Calls:
 
 def _new_folder() -> Path:
     return Path(mkdtemp())
+
+
+def _saved_solutions() -> Path:
+    return made.solutions().save(_new_folder() / "answers.npz")
 
 
 def _records() -> Calls:

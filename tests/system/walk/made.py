@@ -98,6 +98,11 @@ def solution() -> ss.Solution:
 
 
 @cache
+def solutions() -> ss.Solutions:
+    return ss.solve_many(problem(), [[1.0, 0.5], [0.0, 0.0]], seed=0)
+
+
+@cache
 def bound() -> ss.LowerBound:
     return ss.lower_bound(problem(), [1.0, 0.0], seed=0, work=0.01)
 
