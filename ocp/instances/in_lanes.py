@@ -5,13 +5,14 @@ verified. `lanes_of` is the only place that knows which lanes there are.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from swarmstart.arrays import Array
 from swarmstart.ocp.answer.planner import Planner
+from swarmstart.ocp.instances.margins import at_other_nodes
 from swarmstart.ocp.instances.outcomes import Answers
 from swarmstart.ocp.instances.polishing import Group, OneByOne
 from swarmstart.ocp.instances.verification import FinePaths
@@ -21,6 +22,7 @@ from swarmstart.ocp.lanes.solver import NoLanesError
 from swarmstart.ocp.nlp.polish import SAME_COST
 from swarmstart.ocp.rollout.fitness import started
 from swarmstart.ocp.rollout.status import SolutionStatus
+from swarmstart.ocp.statement.problem import OptimalControlProblem
 
 CHUNK = 512
 """Number of instances that are solved and verified together: all arrays along their
@@ -85,15 +87,34 @@ class InLanes:
 
     Attributes:
         planner: Planner of the problem.
+        core: The core that the lanes solve: that of the problem, or with other checks
+            and margins.
         lanes: The lanes.
         paths: Verification of many answers at once; None: one by one.
         each: Verification one by one.
+        threads: Largest number of threads.
     """
 
     planner: Planner
+    core: OptimalControlProblem
     lanes: Lanes
     paths: FinePaths | None
     each: OneByOne
+    threads: int
+
+    def with_margins(
+        self, core: OptimalControlProblem, instances: Instances
+    ) -> "InLanes | None":
+        """Return solves of another problem, judged by this one; None without lanes.
+
+        Args:
+            core: The core of this problem, with other checks and margins.
+            instances: The instances that it is for.
+        """
+        other = Planner(core, search=None, polish=self.planner.polish)
+        given = at_other_nodes(self.planner.problem, core, instances)
+        lanes = lanes_of(other, given, self.threads)
+        return None if lanes is None else replace(self, core=core, lanes=lanes)
 
     def __call__(
         self, instances: Instances, starts: Sequence[LaneStart]
@@ -120,9 +141,10 @@ class InLanes:
         core = self.planner.problem
         places = [one.states[0] for one in core.free_starts]
         decided = instances.x0[places]
-        ends = self.lanes(instances, starts[0], decided)
+        given = at_other_nodes(core, self.core, instances)
+        ends = self.lanes(given, starts[0], decided)
         for start in starts[1:]:
-            ends = better_of(ends, self.lanes(instances, start, decided))
+            ends = better_of(ends, self.lanes(given, start, decided))
         found = Answers.none(core, instances.x0.shape[1])
         found.status[:] = SolutionStatus.INFEASIBLE
         found.status[~np.isfinite(ends.cost)] = SolutionStatus.NOT_FINITE

@@ -68,9 +68,9 @@ class Solutions(Presenting):
         solver: Solver of each answer, shape (M,): "lanes", or the name of the NLP
             solver; empty without an answer.
         start: Start that led to each answer, shape (M,): "guess", the guess or else
-            zero controls; "own answer", that of the lanes, which was not confirmed;
-            "neighbour", the answer of another instance; "random"; empty without an
-            answer.
+            zero controls; "own answer", an earlier one of the instance, which broke a
+            limit between the checks; "neighbour", the answer of another instance;
+            "random"; empty without an answer.
         attempts: Number of solves of each instance, shape (M,).
         invalid: Reason why an instance is invalid, by its number.
         seconds: Wall time of the solves [s].

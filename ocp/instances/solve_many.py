@@ -204,4 +204,5 @@ def _lanes(
     lanes = lanes_of(planner, posed.core, threads)
     if lanes is None:
         return None
-    return InLanes(planner, lanes, fine_paths_of(planner, threads=threads), each)
+    paths = fine_paths_of(planner, posed.core, threads=threads)
+    return InLanes(planner, planner.problem, lanes, paths, each, threads)

@@ -19,7 +19,9 @@ from swarmstart.ocp.rollout.paths_at_once import (
     Grid,
     Paths,
     PathValues,
+    scales_of,
 )
+from swarmstart.ocp.rollout.scaling import Sizes
 from swarmstart.ocp.rollout.status import SolutionStatus
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 
@@ -30,9 +32,12 @@ class FinePaths:
 
     Attributes:
         paths: The compiled paths.
+        sizes: Natural sizes by which all are judged; None: each by its own, as
+            `verified` does, which takes longer than most solves.
     """
 
     paths: Paths
+    sizes: Sizes | None = None
 
     def __call__(self, instances: Instances, controls: Array) -> Answers:
         """Return controls with their values and statuses.
@@ -44,22 +49,44 @@ class FinePaths:
         with np.errstate(invalid="ignore", over="ignore"):  # Of what is infinite.
             return self._verified(instances, controls)
 
-    def _verified(self, instances: Instances, controls: Array) -> Answers:
-        tracer = self.paths.tracer
-        problem, n = tracer.problem, controls.shape[2]
+    def excesses(self, instances: Instances, controls: Array) -> tuple[Array, Array]:
+        """Return the worst excess of each path row, relative, and the rows' scales.
+
+        Args:
+            instances: As of a call.
+            controls: Shape (nu, N, n).
+
+        Returns:
+            Both of shape (rows, n).
+        """
+        with np.errstate(invalid="ignore", over="ignore"):
+            data = self._data(instances, controls)
+            found = self.paths.along(data).along
+        return found, scales_of(self.paths.tracer.checker.path, data.sizes)
+
+    def _data(self, instances: Instances, controls: Array) -> Data:
+        problem, n = self.paths.tracer.problem, controls.shape[2]
         flat = instances.signals.reshape((problem.nodes, problem.ns, n))
         signals = flat.transpose(1, 0, 2)
-        sizing = tracer.shooting.sizing
-        sizes = [
-            sizing(
-                instances.x0[:, i],
-                instances.parameters[:, i],
-                signals[:, :, i],
-                controls[:, :, i],
-            )
-            for i in range(n)
-        ]
-        data = Data(controls, instances.x0, instances.parameters, signals, sizes)
+        sizing = self.paths.tracer.shooting.sizing
+        sizes = (
+            [self.sizes] * n
+            if self.sizes
+            else [
+                sizing(
+                    instances.x0[:, i],
+                    instances.parameters[:, i],
+                    signals[:, :, i],
+                    controls[:, :, i],
+                )
+                for i in range(n)
+            ]
+        )
+        return Data(controls, instances.x0, instances.parameters, signals, sizes)
+
+    def _verified(self, instances: Instances, controls: Array) -> Answers:
+        problem, n = self.paths.tracer.problem, controls.shape[2]
+        data = self._data(instances, controls)
         grid, path = self.paths.own_grid(data), self.paths.along(data)
         off, scale = _end_differences(problem, grid, path)
         relative = off / np.maximum(scale, 1e-300)
@@ -78,15 +105,23 @@ class FinePaths:
         )
 
 
-def fine_paths_of(planner: Planner, *, threads: int) -> FinePaths | None:
+def fine_paths_of(
+    planner: Planner, instances: Instances | None = None, *, threads: int = 1
+) -> FinePaths | None:
     """Return the verification of many answers; None if they are verified one by one.
 
     Args:
         planner: Planner of the problem.
+        instances: Those whose sizes judge all of them; None: each is judged by its own.
         threads: Largest number of threads.
     """
     paths = planner.paths_at_once
-    return None if paths is None else FinePaths(paths.with_threads(threads))
+    if paths is None:
+        return None
+    sizes, lanes = None, planner.lanes_of_instances
+    if instances is not None and lanes is not None:
+        sizes = lanes.common(instances).posed.sizes
+    return FinePaths(paths.with_threads(threads), sizes)
 
 
 def _end_differences(

@@ -1,6 +1,8 @@
 """Waves of solves of many instances: in lanes, from neighbours, one by one.
 
     lanes        several starts of every instance at once, the best answer verified
+    margins      in lanes, with finer checks and margins, those that break a limit
+                 between the checks
     neighbours   in lanes, from the answers of similar instances that are cheaper, and
                  of those that failed; again while that finds better answers
     one by one   by an NLP solver, instances that are still open: from their own answer
@@ -23,6 +25,7 @@ from swarmstart.ocp.answer.planner import Planner
 from swarmstart.ocp.common.presentation import ProgressCallback
 from swarmstart.ocp.instances.in_lanes import InLanes, LaneStart
 from swarmstart.ocp.instances.instance_data import PosedInstances
+from swarmstart.ocp.instances.margins import Amounts, with_margins
 from swarmstart.ocp.instances.outcomes import Outcomes
 from swarmstart.ocp.instances.polishing import Group, OneByOne
 from swarmstart.ocp.instances.retries import (
@@ -43,6 +46,8 @@ _AROUND = 4
 """Number of nearest neighbours of which the cheapest is tried."""
 _CHEAPER = 1e-3
 """Least relative difference of a neighbour's cost at which its answer is tried."""
+_MARGINS = 2
+"""Largest number of times that limits get finer checks and margins."""
 _RANDOM = 1
 """Number that follows the seed in those of the random starts."""
 
@@ -81,7 +86,10 @@ class Waves:
         try:
             if lanes is not None:
                 self._in_lanes(lanes, starts)
+                # Before neighbours, whose answers would break the same limits.
+                self._with_margins(lanes)
                 self._from_cheaper(lanes)
+                self._with_margins(lanes)
             if each is not None:
                 self._polished(each)
         except KeyboardInterrupt:
@@ -121,6 +129,32 @@ class Waves:
         """Return controls (nu, N) as those of all instances, without copies."""
         shape = *controls.shape, self.posed.core.x0.shape[1]
         return np.broadcast_to(controls[..., None], shape)
+
+    def _with_margins(self, lanes: InLanes) -> None:
+        """Solve again in lanes, with margins, what breaks limits between the checks."""
+        instances = self.posed.core
+        answers, amounts = self.outcomes.answers, Amounts()
+        for _ in range(_MARGINS):
+            chosen = self._of(SolutionStatus.BROKEN)
+            if lanes.paths is None or not chosen.size:
+                return
+            here = instances.at(chosen)._replace(x0=answers.x0[:, chosen])
+            controls = answers.controls[..., chosen]
+            tight, amounts = with_margins(lanes.paths, here, controls, amounts)
+            tighter = lanes.with_margins(tight, here)
+            if tighter is None:
+                return
+            start = LaneStart(controls, is_near=True)
+            self._wave(
+                lambda chosen: tighter(here, [start]),  # noqa: B023 - called at once
+                chosen,
+                ("lanes", "own answer"),
+            )
+
+    def _of(self, *statuses: SolutionStatus) -> NDArray[np.int64]:
+        """Return the numbers of the instances with one of some statuses."""
+        found = [one in statuses for one in self.outcomes.answers.status]
+        return np.flatnonzero(found)
 
     def _from_cheaper(self, lanes: InLanes) -> None:
         """Solve instances in lanes from answers of neighbours that are cheaper."""
@@ -164,14 +198,9 @@ class Waves:
         """Solve the open instances by the NLP solver, and again those that fail."""
         answers, given = self.outcomes.answers, self.posed.guesses
         # What the lanes found, but the finer path does not confirm.
-        near = [
-            number
-            for number in self.outcomes.open
-            if answers.status[number]
-            in (SolutionStatus.BROKEN, SolutionStatus.MISMATCH)
-        ]
+        near = self._of(SolutionStatus.BROKEN, SolutionStatus.MISMATCH)
         own = [Start(answers.controls[..., k], x0=answers.x0[:, k]) for k in near]
-        self._polish_wave(each, np.array(near, np.int64), own, "own answer")
+        self._polish_wave(each, near, own, "own answer")
         opened = self.outcomes.open
         first: list[Start | None] = [None] * opened.size
         if given is not None:

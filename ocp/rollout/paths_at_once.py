@@ -21,6 +21,7 @@ from swarmstart.arrays import Array
 from swarmstart.ocp.compiled.engine import NoCompilerError
 from swarmstart.ocp.compiled.scan import Role, compile_scan
 from swarmstart.ocp.compiled.simd import SimdBatch
+from swarmstart.ocp.rollout.checking import ConstraintRows
 from swarmstart.ocp.rollout.path import Tracer
 from swarmstart.ocp.rollout.scaling import Sizes
 from swarmstart.ocp.rollout.shooting import Shooting
@@ -167,8 +168,8 @@ class Paths:
             finite=np.asarray(np.isfinite(np.vstack([ends, reach])).all(axis=0)),
             cost=y[nx] + single + begin + end,
             magnitude=size + singles + np.abs(begin) + np.abs(end - shift),
-            along=_relative(worst, tracer.checker.path.places, data.sizes),
-            at_end=_relative(at_end, tracer.checker.end.places, data.sizes),
+            along=_relative(worst, scales_of(tracer.checker.path, data.sizes)),
+            at_end=_relative(at_end, scales_of(tracer.checker.end, data.sizes)),
         )
 
     def _signals(self, signals: Array) -> Array:
@@ -316,9 +317,17 @@ def _each(controls: Array) -> Array:
     )
 
 
-def _relative(
-    excess: Array, places: list[tuple[int, int]], sizes: list[Sizes]
-) -> Array:
+def scales_of(rows: ConstraintRows, sizes: list[Sizes]) -> Array:
+    """Return the scales of rows, shape (rows, n).
+
+    Args:
+        rows: The rows.
+        sizes: Natural sizes of each instance.
+    """
+    scales = [[one.rows[c][row] for one in sizes] for c, row in rows.places]
+    return np.array(scales).reshape(len(rows.places), len(sizes))
+
+
+def _relative(excess: Array, scales: Array) -> Array:
     """Return excesses relative to the scales of their rows, at least 0."""
-    scales = np.array([[one.rows[c][row] for one in sizes] for c, row in places])
-    return np.asarray(np.maximum(excess, 0.0) / scales.reshape(excess.shape))
+    return np.asarray(np.maximum(excess, 0.0) / scales)

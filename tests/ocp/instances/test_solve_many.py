@@ -18,6 +18,7 @@ from swarmstart.ocp import (
     Model,
     OptimalControlProblem,
     PathConstraint,
+    Planner,
     Solutions,
     SolutionStatus,
     SolveManyInterrupted,
@@ -189,24 +190,60 @@ def test_what_lanes_leave_is_solved_by_ipopt(use_lanes: UseLanes) -> None:
     assert found.cost[1] == alone.cost
 
 
+def below(roof: float) -> OptimalControlProblem:
+    """Return a problem that ends best at 0 with speed -1, below a roof."""
+    return double_integrator(
+        intervals=2,
+        terminal_cost=10 * (X[0] ** 2 + (X[1] + 1) ** 2),
+        constraints=[PathConstraint(expression=X[0], upper=roof, scale=1.0)],
+    )
+
+
 def test_an_answer_that_cuts_a_limit_between_checks_is_repaired(
     use_lanes: UseLanes,
 ) -> None:
     """Up at 0.6 m/s, and back at 0 after half a second: 0.075 m in between."""
-    limit = PathConstraint(expression=X[0], upper=0.05, scale=1.0)
-    problem = double_integrator(
-        intervals=2,
-        terminal_cost=10 * (X[0] ** 2 + (X[1] + 1) ** 2),
-        constraints=[limit],
-    )
     use_lanes(lambda x0, guess: np.array([[-2.4, -0.8]]))
-    alone = solve_many(problem, [[0.0], [0.6]], seed=0, polish=None)
+    alone = solve_many(below(0.05), [[0.0], [0.6]], seed=0, polish=None)
     assert alone.status[0] is SolutionStatus.BROKEN
     assert alone.excess[0] == pytest.approx(0.025, rel=0.01)
-    found = solve_many(problem, [[0.0], [0.6]], seed=0)
+    found = solve_many(below(0.05), [[0.0], [0.6]], seed=0)
     assert found.is_confirmed[0] and found.start[0] == "own answer"
     assert found.solver[0] == "ipopt" and found.excess[0] < 1e-3
-    assert (alone.attempts[0], found.attempts[0]) == (2, 3)  # Random, then repaired.
+
+
+def test_answers_that_cut_a_limit_are_solved_in_lanes_with_one_margin_for_all(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """IPOPT's local optima without any repair stand in for those of the lanes."""
+    seen: list[tuple[float, int]] = []
+
+    def lanes_of(planner: Planner, threads: int) -> FakeLanes:
+        del threads
+        (roof,) = (c.upper[0] for c in planner.problem.stated)  # type: ignore[attr-defined]
+        polisher = planner.polisher
+        assert polisher is not None
+
+        def answer(x0: Array, guess: Array) -> Array:
+            seen.append((float(roof), planner.problem.checks))
+            return polisher(guess, x0).controls
+
+        return FakeLanes(answer)
+
+    for room in (module, in_lanes):
+        monkeypatch.setattr(room, "lanes_of", lanes_of)
+    x0s = np.array([[0.0, 0.0, 0.0, -0.5], [0.62, 0.6, 0.1, 0.0]])
+    found = solve_many(below(0.08), x0s, polish=None, seed=0)
+    assert found.is_confirmed.all() and set(found.solver) == {"lanes"}
+    assert found.start.tolist() == ["own answer", "own answer", "guess", "guess"]
+    assert found.attempts.tolist() == [2, 2, 1, 1]
+    assert seen[:4] == [(0.08, 1)] * 4 and len(seen) == 6
+    roof, checks = seen[5]
+    assert seen[4] == (roof, checks) and checks == 4 and 0.07 < roof < 0.08
+    assert (found.excess <= 1e-4).all()
+    exact = solve_many(below(0.08), x0s, lanes=False, seed=0)
+    assert (found.cost >= exact.cost - 1e-6).all()
+    np.testing.assert_allclose(found.cost, exact.cost, rtol=0.05)
 
 
 def test_guesses_choose_the_valley() -> None:

@@ -20,14 +20,11 @@ from swarmstart.ocp import (
     Planner,
     SolutionStatus,
 )
-from swarmstart.ocp.instances.instance_data import (
-    Instances,
-    posed_instances,
-    read_data,
-)
+from swarmstart.ocp.instances.instance_data import posed_instances, read_data
 from swarmstart.ocp.instances.outcomes import Answers
 from swarmstart.ocp.instances.polishing import OneByOne
 from swarmstart.ocp.instances.verification import FinePaths, fine_paths_of
+from swarmstart.ocp.lanes.interior import Instances
 from swarmstart.ocp.rollout.paths_at_once import Data
 
 X, U = ca.SX.sym("x", 2), ca.SX.sym("u")
