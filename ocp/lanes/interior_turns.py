@@ -59,13 +59,15 @@ def _refill(
 
 
 @kernel
-def _waiting(memory: Array, rows: InteriorRows, lanes: int) -> int:
-    """Return the number of lanes that wait for a sweep."""
-    count = 0
+def _must_sweep(memory: Array, rows: InteriorRows, lanes: int) -> bool:
+    """Return whether most lanes that have not ended wait for a sweep."""
+    count, working = 0, 0
     for lane in range(lanes):
-        if memory[rows.tries, lane] == 0.0:
-            count += 1
-    return count
+        if memory[rows.done, lane] == 0.0:
+            working += 1
+            if memory[rows.tries, lane] == 0.0:
+                count += 1
+    return count > 0 and count >= _MOST * working
 
 
 @kernel
@@ -118,13 +120,15 @@ def take_interior_turns(  # noqa: PLR0913, PLR0917 - compiled code takes no keyw
         lanes = work[0]
         if lanes == 0:
             return
-        if _waiting(memory, rows, lanes) >= _MOST * lanes:
-            for i in range(_SWEEP):
-                call_part(calls[i, 0], calls[i, 1], calls[i, 2], width, lanes)
-            _aim(memory, rows, lanes)
         for i in range(_SWEEP, _SWEEP + _TRIAL):
             call_part(calls[i, 0], calls[i, 1], calls[i, 2], width, lanes)
         _take_over(memory, rows, lanes)
         # Intervals are changed last: waiting lanes are not `taken`.
         keep = _SWEEP + _TRIAL
         call_part(calls[keep, 0], calls[keep, 1], calls[keep, 2], width, lanes)
+        # After the trial: a lane that has just begun needs a step of zeros for its
+        # first trial, and a sweep writes steps in all lanes, perhaps infinite ones.
+        if _must_sweep(memory, rows, lanes):
+            for i in range(_SWEEP):
+                call_part(calls[i, 0], calls[i, 1], calls[i, 2], width, lanes)
+            _aim(memory, rows, lanes)

@@ -196,7 +196,9 @@ class _Judged:
     def _accepted(self, theta: ca.SX, phi: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Return whether a trial is accepted, and whether the filter is extended."""
         now = self._now
-        finite = all_of(ca.fabs(phi) < _FINITE, theta < _FINITE)
+        # Largest values ignore NaN, sums do not.
+        duals = self._ends.sums[SUMS.index("duals")]
+        finite = all_of(ca.fabs(phi) < _FINITE, theta < _FINITE, duals < _FINITE)
         fall, rounding = -now["gain"], _ROUNDING * ca.fabs(now["phi"])
         safe = ca.if_else(fall > 0, fall, 1)
         old = ca.fmax(now["theta"], 1e-300)
