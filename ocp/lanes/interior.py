@@ -2,7 +2,9 @@
 
 An instance has an initial state, parameters and perhaps signals of its own. Every lane
 is IPOPT's method on a Riccati recursion (interior_kernels.py). Lanes are independent:
-an answer has the same bits for any lanes beside it and any number of threads.
+an answer has the same bits for any lanes beside it and any number of threads. Numbers
+are divided by the sizes of one instance of a call, though: with other instances in the
+call, all numbers and so the last digits of answers may differ.
 
 Some lanes are solved side by side in one memory, whose columns they are; every name
 that a kernel reads or writes is some rows of it. Names of an interval: x, xa (state
@@ -57,6 +59,12 @@ core's own cache."""
 _FEWEST, _MOST_SIDE_BY_SIDE = 8, 32
 _CHUNK = 1 << 26
 """Size of the numbers that starts are made of [bytes]."""
+_EXAMINED = 16
+"""Largest number of instances that are asked for their sizes."""
+_FAR = 1e3
+"""Ratio of a size to that of most instances from which its instance gives no sizes."""
+_WIDEST = 700.0
+"""Largest logarithm of a size; that of an infinite one would not be finite."""
 _TURNS = 64
 """Number of turns between two checks for Ctrl-C."""
 _ANSWERED = (
@@ -216,15 +224,30 @@ class InteriorLanes:
         return self._made[own_signals]
 
     def _posed(self, instances: Instances) -> Posed:
-        """Return what all instances share, with sizes that suit all of them."""
+        """Return what all instances share, with sizes that suit all of them.
+
+        They are those of the instance that costs most; but one that is far from the
+        others, or not finite, gives none: with the sizes of a state at 1e8, all others
+        would seem to meet their limits.
+        """
         problem = self.problem
-        M = instances.x0.shape[1]
-        numbers = np.unique(np.linspace(0, M - 1, min(M, 16)).astype(int)).tolist()
+        able = np.flatnonzero(np.isfinite(np.vstack(instances)).all(axis=0))
+        if not able.size:  # The first one is refused, with a reason.
+            able = np.arange(instances.x0.shape[1])
+        places = np.linspace(0, able.size - 1, min(able.size, _EXAMINED)).astype(int)
+        numbers = able[np.unique(places)].tolist()
         sizes = [
             self._arguments.sizes(instances.x0[:, i], instances.known(problem, i))
             for i in numbers
         ]
-        largest = numbers[int(np.argmax([one.cost for one in sizes]))]
+        logs = np.log([
+            np.concatenate([one.states, one.controls, 1 / one.weights, [one.cost]])
+            for one in sizes
+        ])  # fmt: skip
+        logs = np.clip(logs, -_WIDEST, _WIDEST)
+        apart = (logs - np.median(logs, axis=0)).max(axis=1)
+        costs = [one.cost for one in sizes]
+        largest = numbers[int(np.argmax(np.where(apart <= np.log(_FAR), costs, 0)))]
         return posed(
             self._program,
             self._arguments,
