@@ -184,14 +184,17 @@ class _Maker:
         """Return the kernel of states and controls inside their bounds.
 
         A lane that is `rolled` takes the states that its controls lead to, as long as
-        they are tame, else that at the start; another one those that are given.
+        they and what follows are tame, else that at the start; another one those that
+        are given.
         """
         interval = self._places.interval
         lane = symbols(rolled=1, mu=1, rho=1, home=self._nx)
         xa, u = self._xa, _pushed(interval, interval.own)[self._nx :]
         after = ca.substitute(interval.after, self._u, u)
+        # From a state that is hardly tame, the next interval may leave the numbers.
+        following = ca.substitute(interval.after, interval.z, ca.vertcat(after, u))
         tame = ca.SX(1)
-        for one in ca.vertsplit(after):
+        for one in ca.vertsplit(ca.vertcat(after, following)):
             tame = ca.logic_and(tame, ca.fabs(one) < _WILD)
         led = ca.if_else(tame, after, lane["home"])
         start = ca.vertcat(ca.if_else(lane["rolled"], led, xa), u)
