@@ -20,7 +20,6 @@ from swarmstart.ocp.rollout.checking import ConstraintRows, Excess
 from swarmstart.ocp.rollout.fitness import Known, at_nodes, flatten
 from swarmstart.ocp.rollout.path import signals_between
 from swarmstart.ocp.statement.problem import OptimalControlProblem
-from swarmstart.ocp.system.constraints import PathConstraint
 
 _ATTEMPT = 2
 """Attempt of a repair that has as many checks: four times those of the problem."""
@@ -60,7 +59,7 @@ def with_margins(
     ]
     unknown = Known(signals=np.zeros((problem.ns, problem.nodes)))
     finer, _ = with_more_checks(problem, unknown, times)
-    return tightened(finer, _once(problem, chosen)), moved
+    return tightened(finer, chosen), moved
 
 
 def at_other_nodes(
@@ -80,19 +79,6 @@ def at_other_nodes(
         for one in instances.signals.T
     ]
     return instances._replace(signals=np.stack(signals, axis=-1))
-
-
-def _once(problem: OptimalControlProblem, excesses: list[Excess]) -> list[Excess]:
-    """Return the worst excess alone where all rows have one margin."""
-    found: dict[tuple[int, int, bool], Excess] = {}
-    for one in excesses:
-        place = one.constraint, one.row, one.above
-        stated = problem.stated[one.constraint : one.constraint + 1]
-        if stated and not isinstance(stated[0], PathConstraint):
-            place = one.constraint, 0, False
-        if place not in found or found[place].amount < one.amount:
-            found[place] = one
-    return [*found.values()]
 
 
 def _sides(

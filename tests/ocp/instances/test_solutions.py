@@ -1,5 +1,6 @@
 """Arrays of answers: each as a Solution, saved, read, as tables and figures."""
 
+import pickle
 from pathlib import Path
 from typing import Any
 
@@ -143,6 +144,12 @@ def test_answers_with_decisions_are_read_again(
     np.testing.assert_allclose(first.cost, found.cost[0], rtol=1e-7)
     np.testing.assert_allclose(first.controls, found.controls[..., 0], atol=1e-5)
     np.testing.assert_allclose(first.states, found.states[..., 0], atol=1e-5)
+
+
+def test_answers_can_be_sent_to_another_process(found: Solutions) -> None:
+    again = pickle.loads(pickle.dumps(found))
+    assert_equal(found, again)
+    assert again[0].cost == pytest.approx(found[0].cost, rel=1e-9)
 
 
 REFUSED = r"expected answers that Solutions\.save"
