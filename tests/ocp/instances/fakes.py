@@ -8,6 +8,7 @@ import numpy as np
 
 from swarmstart.arrays import Array
 from swarmstart.ocp import Bounds, Model, OptimalControlProblem
+from swarmstart.ocp.instances.in_lanes import LaneStart
 from swarmstart.ocp.lanes.answers import LaneAnswers
 from swarmstart.ocp.lanes.interior import Instances
 
@@ -85,14 +86,10 @@ class FakeLanes:
     calls: list[int] = field(default_factory=list)
 
     def __call__(
-        self,
-        instances: Instances,
-        controls: Array,
-        starts: Array,
-        states: Array | None = None,
+        self, instances: Instances, start: LaneStart, starts: Array
     ) -> LaneAnswers:
         """Return the answers, lane by lane."""
-        del states
+        controls = start.controls
         n = controls.shape[2]
         self.calls.append(n)
         found = controls.copy()

@@ -32,7 +32,7 @@ def test_instances_have_the_bits_of_solve(name: str, tmp_path: Path) -> None:
     problem, known = stated.problem(), stated.known
     x0 = np.asarray(stated.x0, dtype=np.float64)
     x0s = np.stack([0.9 * x0, x0], axis=-1)
-    found = solve_many(problem, x0s, known=known, seed=0, threads=1)
+    found = solve_many(problem, x0s, known=known, lanes=False, seed=0, threads=1)
     one = solve(problem, x0, known=known, search=None, lanes=0, seed=0, threads=1)
     assert found.status[1] is one.status is SolutionStatus.CONVERGED
     assert found.cost[1] == one.cost and found.verified_cost[1] == one.verified_cost

@@ -60,7 +60,7 @@ def test_an_answer_of_lanes_is_polished_when_it_is_asked_for(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     fake = FakeLanes(lambda x0, guess: by_gains(x0, guess) + 0.01)
-    monkeypatch.setattr(module, "lanes_of", lambda planner, threads: fake)
+    monkeypatch.setattr(module, "lanes_of", lambda *given: fake)
     found = solve_many(double_integrator(), [[1.0, 2.0], [0.0, 0.0]], seed=0)
     assert set(found.status) == {SolutionStatus.FEASIBLE}
     polished = list(found)
