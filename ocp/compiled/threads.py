@@ -113,6 +113,16 @@ def code_of(make: Callable[[], bytes]) -> "bytes | Future[bytes]":
     return _worker(os.getpid()).submit(make) if _is_aside.get() else make()
 
 
+def _settle() -> None:
+    """Wait for code that is being made."""
+    if _worker.cache_info().currsize:
+        _worker(os.getpid()).submit(int).result()  # After all others: it is one thread.
+
+
+# A copy of the process has no such thread: it would wait for its code forever.
+os.register_at_fork(before=_settle)
+
+
 @cache
 def _worker(process: int) -> ThreadPoolExecutor:
     """Return the thread of a process; a forked one has none of its parent's."""

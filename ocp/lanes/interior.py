@@ -29,7 +29,7 @@ from swarmstart.ocp.compiled.threads import together
 from swarmstart.ocp.lanes.answers import LaneAnswers
 from swarmstart.ocp.lanes.barrier import RELAXED
 from swarmstart.ocp.lanes.ddp import Block, Count, Layout, kernel_sizes
-from swarmstart.ocp.lanes.interior_kernels import Interior, compile_interior
+from swarmstart.ocp.lanes.interior_kernels import OF_LANE, Interior, compile_interior
 from swarmstart.ocp.lanes.interior_parts import Places, places_of
 from swarmstart.ocp.lanes.interior_turns import InteriorRows, take_interior_turns
 from swarmstart.ocp.lanes.interior_verdict import AIMED
@@ -48,11 +48,11 @@ TOLERANCE = 1e-8
 MOST = 300
 """Largest number of steps of a lane."""
 FIRST_MU, FIRST_RHO = 1e-2, 1.0
-"""First parameter of the central path, for a cost of natural size at the start, and
-first price of broken rows."""
-_LEAST_COST = 1e-2
-"""Least cost at the start, relative to its natural size, that mu is made for. A large
-mu leads away from the start, to an optimum that may be a worse one."""
+"""First parameter of the central path, and first price of broken rows, for a cost of
+size 1 at the start. A large mu leads away from the start, to an optimum that may be a
+worse one."""
+_LEAST_UNIT = 1e-8
+"""Least size of a start's cost, relative to its natural size, that is its unit."""
 _CACHE = 1 << 20
 """Size of the memory of the lanes that are solved side by side [bytes], about that of a
 core's own cache."""
@@ -173,7 +173,7 @@ class InteriorLanes:
             common: Made by `common` from these or more instances, whose sizes decide
                 the last digits; None: from these.
             mu: First parameter of the central path; small for starts near an optimum.
-                None: FIRST_MU, in proportion to the cost at the start.
+                None: FIRST_MU. In proportion to the cost at the start.
             threads: Largest number of threads.
 
         Raises:
@@ -291,7 +291,7 @@ def _given(places: Places) -> list[str]:
         name
         for place in (places.interval, places.end, places.begin)
         for name in place.known
-        if name.endswith(".parameters")
+        if name.split(".")[1] in OF_LANE
     ]
     return [
         "fixed", "x", "xa", "u", "w", "z", "y", "x0", "end", "mu", "rho", *ends, *known,
@@ -347,7 +347,8 @@ class _Chunk:
             "u": one.scaled(controls),
             "y": starts / one.start_sizes,
             "mu": np.full((1, M), FIRST_MU if mu is None else mu),
-            "nothing": np.zeros((1, M)),
+            "no_cost": np.zeros((1, M)),
+            "no_slope": np.zeros((1, M)),
             "rho": np.full((1, M), FIRST_RHO),
             "rolled": np.full((1, M), float(states is None)),
             "xa": np.zeros((N * nx, M)),
@@ -357,17 +358,17 @@ class _Chunk:
             numbers["xa"] = np.moveaxis(inner, 1, 0).reshape(N * nx, M)
         for place in ("interval", "end", "begin"):
             numbers[f"{place}.parameters"] = instances.parameters
+            numbers[f"{place}.unit"] = np.ones((1, M))
         if made.own_signals:
             for place, own in _signals(one, instances.signals).items():
                 numbers[f"{place}.signals"] = own
                 # Kernels must not find those that all would share.
                 self._shared.pop(f"{place}.signals", None)
-        for again in range(1 if mu is not None else 2):
-            if again:
-                cost = np.nan_to_num(np.abs(numbers["start_cost"]), nan=1.0)
-                numbers["mu"] = FIRST_MU * np.clip(cost, _LEAST_COST, 1.0)
-            for kernel in made.kernels[:3]:
-                numbers |= self._evaluated(kernel, numbers)
+        for kernel in made.kernels[:3]:
+            numbers |= self._evaluated(kernel, numbers)
+        self._unit = np.nan_to_num(numbers["size"], nan=1.0).clip(_LEAST_UNIT, 1.0)
+        for place in ("interval", "end", "begin"):
+            numbers[f"{place}.unit"] = self._unit
         self._numbers = numbers
 
     def _evaluated(
@@ -412,7 +413,7 @@ class _Chunk:
             controls=np.clip(posed.controls(u), low, high),
             starts=y * posed.start_sizes,
             states=posed.states(x, end),
-            cost=paid[0] * posed.sizes.cost,
+            cost=paid[0] * self._unit[0] * posed.sizes.cost,
             violation=worst[0],
             iterations=iterations[0].astype(np.int64),
             optimal=met[0] > 0,

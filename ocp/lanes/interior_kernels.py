@@ -21,7 +21,7 @@ from typing import NamedTuple
 import casadi as ca
 
 from swarmstart.ocp.compiled.scan import Role, compile_scan
-from swarmstart.ocp.lanes.barrier import inside
+from swarmstart.ocp.lanes.barrier import inside, largest
 from swarmstart.ocp.lanes.interior_newton import (
     SUMS,
     TOPS,
@@ -47,6 +47,8 @@ from swarmstart.ocp.lanes.stages import (
     triangle,
 )
 
+OF_LANE = "parameters", "unit"
+"""Given numbers that each lane has."""
 _WILD = 1e3
 """Largest scaled state that a roll-out of a start may lead to."""
 
@@ -133,7 +135,7 @@ class _Maker:
         own, shared = dict(lane), dict[str, ca.SX]()
         for name, one in known.items():
             kind = name.split(".")[1]
-            is_own = kind == "parameters" or (kind == "signals" and self._own)
+            is_own = kind in OF_LANE or (kind == "signals" and self._own)
             (own if is_own else shared)[name] = one
         return flat_kernel(own, shared, writes)
 
@@ -148,9 +150,8 @@ class _Maker:
     ) -> Kernel:
         """Return a kernel of all intervals."""
         known = self._places.interval.known
-        roles: dict[str, Role] = {
-            "parameters": "individual", "signals": "both" if self._own else "interval",
-        }  # fmt: skip
+        roles: dict[str, Role] = dict.fromkeys(OF_LANE, "individual")
+        roles["signals"] = "both" if self._own else "interval"
         named = {**carried, **each, **lane, **known}
         given: list[Role] = ["carried"] * len(carried)
         given += ["both"] * len(each)
@@ -200,24 +201,27 @@ class _Maker:
         start = ca.vertcat(ca.if_else(lane["rolled"], led, xa), u)
         start = ca.substitute(_pushed(interval, interval.own), interval.own, start)
         begun = self._begun(interval, start, lane["mu"], lane["rho"])
-        begun |= {"cost": interval.cost}
+        begun |= {"cost": interval.cost, "steep": _steepness(interval)}
         begun = _at(interval, begun, ca.vertcat(interval.x, start[self._nx :]))
-        spent = ca.SX.sym("spent")
+        spent, steep = symbols(spent=1, steep=1).values()
         writes = {
-            "end": start[: self._nx], "spent": spent + begun["cost"], "x": interval.x,
+            "end": start[: self._nx], "spent": spent + begun["cost"],
+            "steep": ca.fmax(steep, begun["steep"]), "x": interval.x,
             "xa": start[: self._nx], "u": start[self._nx :], "w": begun["interval.w"],
             "z": begun["interval.z"],
         }  # fmt: skip
         each = {"xa": xa, "u": self._u}
-        return self._scan({"x0": interval.x, "nothing": spent}, each, lane, writes)
+        carried = {"x0": interval.x, "no_cost": spent, "no_slope": steep}
+        return self._scan(carried, each, lane, writes)
 
     def finish(self) -> Kernel:
         """Return the kernel of what goes with a start's end."""
         end, lane = self._places.end, symbols(mu=1, rho=1)
         writes = self._begun(end, end.own, lane["mu"], lane["rho"])
-        spent = ca.SX.sym("spent")
-        writes["start_cost"] = spent + end.cost
-        return self.flat(end, {"end": end.x, "spent": spent, **lane}, writes)
+        so_far = symbols(spent=1, steep=1)
+        size = ca.fmax(ca.fabs(so_far["spent"] + end.cost), _steepness(end))
+        writes["size"] = ca.fmax(size, so_far["steep"])
+        return self.flat(end, {"end": end.x, **so_far, **lane}, writes)
 
     def last(self) -> Kernel:
         """Return the kernel of the value at the end, where `backward` begins."""
@@ -375,6 +379,12 @@ class _Maker:
         writes = {"end_kept": after["xa"], "x": x, **after}
         reads = {**self._each, **self._step}
         return self._scan({"x0": x}, reads, lane, writes)
+
+
+def _steepness(place: Place) -> ca.SX:
+    """Return the largest derivative of a part's cost."""
+    slope = ca.gradient(place.cost, place.z)
+    return largest(map(ca.fabs, ca.vertsplit(slope)), ca.SX(0))
 
 
 def _pushed(place: Place, own: ca.SX) -> ca.SX:

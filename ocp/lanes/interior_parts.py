@@ -3,7 +3,8 @@
 The problem is the NLP of transcription.py, in its scaled numbers: an interval leads
 from x to F(x, u), costs l(x, u), and its rows c(x, u) have limits. The state xa after
 it is a variable of its own, F(x, u) - xa = 0 with the multiplier lam. Parameters and
-the initial state are those of a lane; signals may be.
+the initial state are those of a lane; signals may be. The cost is divided by a unit
+that each lane has: the size of its start's cost.
 """
 
 from dataclasses import dataclass
@@ -28,7 +29,7 @@ class Place:
         x: State.
         u: Controls and excesses of soft constraints; empty at the ends.
         own: Symbols of the variables with bounds that are its own.
-        given: Given numbers by name: "parameters" and "signals" of a lane; "shared"
+        given: Given numbers by name: "parameters", "unit" and "signals" of a lane; "shared"
             by all, and the limits "lower" and "upper" of rows.
         cost: Its cost.
         after: State after the interval; empty at the ends.
@@ -178,7 +179,12 @@ def _at(  # noqa: PLR0913 - a part of a problem
         cost, after, rows = ca.substitute(
             [cost, after, rows], [shared], [ca.vertcat(parameters, others)]
         )
-        given |= {"parameters": parameters, "shared": others, "signals": ca.vec(s)}
+        unit = ca.SX.sym("unit")
+        cost /= unit
+        given |= {
+            "parameters": parameters, "unit": unit, "shared": others,
+            "signals": ca.vec(s),
+        }  # fmt: skip
         equations = np.zeros(rows.numel() - len(part.rows.places))
         limits = (
             np.concatenate([equations, part.rows.lower]),

@@ -1,6 +1,9 @@
 """Machine code that is translated in another thread."""
 
+import os
 import threading
+import time
+from concurrent.futures import Future
 from pathlib import Path
 
 import casadi as ca
@@ -11,7 +14,7 @@ from swarmstart.ocp import OptimalControlProblem, solve
 from swarmstart.ocp.compiled import simd
 from swarmstart.ocp.compiled.engine import NoCompilerError, translate
 from swarmstart.ocp.compiled.simd import SimdBatch, compile_flat
-from swarmstart.ocp.compiled.threads import aside
+from swarmstart.ocp.compiled.threads import aside, code_of
 from swarmstart.tests.ocp.lanes.problems import cart
 
 pytestmark = pytest.mark.usefixtures("compiler")
@@ -101,3 +104,19 @@ def test_lanes_that_llvm_refuses_leave_the_other_starts(
     assert found.plan.starts is not None
     assert found.plan.starts.lanes is None
     assert found.plan.starts.without_lanes == "refused"
+
+
+def test_code_is_ready_when_the_process_is_copied() -> None:
+    """A copy has no thread that would finish it, and would wait forever."""
+
+    def slow() -> bytes:
+        time.sleep(0.2)
+        return b"code"
+
+    with aside():
+        code = code_of(slow)
+    assert isinstance(code, Future)
+    process = os.fork()
+    if not process:
+        os._exit(0 if code.done() else 1)
+    assert os.waitstatus_to_exitcode(os.waitpid(process, 0)[1]) == 0
