@@ -51,8 +51,11 @@ FIRST_MU, FIRST_RHO = 1e-2, 1.0
 """First parameter of the central path, and first price of broken rows, for a cost of
 size 1 at the start. A large mu leads away from the start, to an optimum that may be a
 worse one."""
-_LEAST_UNIT = 1e-8
-"""Least size of a start's cost, relative to its natural size, that is its unit."""
+_LEAST_UNIT, _SAYING = 1e-8, 1e-6
+"""Least unit of the cost, and least size of a start's cost that says something, both
+relative to its natural size. Where limits must be met first, the start's cost says less
+of that of the optimum: the unit is at least `_LIMITED`."""
+_LIMITED = 1e-2
 _CACHE = 1 << 20
 """Size of the memory of the lanes that are solved side by side [bytes], about that of a
 core's own cache."""
@@ -284,6 +287,13 @@ class _Made:
         return _Made(places, kernels, layout, rows, given, own_signals)
 
 
+def _has_limits(places: Places) -> bool:
+    """Return whether there are rows, or bounds of states."""
+    nx, parts = places.nx, (places.interval, places.end, places.begin)
+    bounded = any(entry < nx for entry in places.interval.walls.own.of)
+    return bounded or any(part.walls.height for part in parts)
+
+
 def _given(places: Places) -> list[str]:
     """Return the names of the numbers of a start."""
     ends = [f"{place}.{name}" for place in ("begin", "end") for name in ("w", "z")]
@@ -366,7 +376,12 @@ class _Chunk:
                 self._shared.pop(f"{place}.signals", None)
         for kernel in made.kernels[:3]:
             numbers |= self._evaluated(kernel, numbers)
-        self._unit = np.nan_to_num(numbers["size"], nan=1.0).clip(_LEAST_UNIT, 1.0)
+        size = np.nan_to_num(numbers["size"], nan=1.0)
+        least = _LEAST_UNIT
+        if _has_limits(made.places):
+            size = np.where(size < _SAYING, 1.0, size)
+            least = _LIMITED
+        self._unit = np.where(size > 0, size, 1.0).clip(least, 1.0)
         for place in ("interval", "end", "begin"):
             numbers[f"{place}.unit"] = self._unit
         self._numbers = numbers

@@ -29,8 +29,8 @@ class Place:
         x: State.
         u: Controls and excesses of soft constraints; empty at the ends.
         own: Symbols of the variables with bounds that are its own.
-        given: Given numbers by name: "parameters", "unit" and "signals" of a lane; "shared"
-            by all, and the limits "lower" and "upper" of rows.
+        given: Given numbers by name: "parameters", "unit", "signals" of a lane;
+            "shared" by all, and the limits "lower" and "upper" of rows.
         cost: Its cost.
         after: State after the interval; empty at the ends.
         walls: Its bounds and rows.

@@ -1,6 +1,6 @@
 """The barrier problem of a lane as one dense problem, from the functions of IPOPT.
 
-minimise    f(w) + rho sum(p + n) - mu sum(log(distances to bounds))
+minimise    f(w) / unit + rho sum(p + n) - mu sum(log(distances to bounds))
 subject to  g(w) - s + p - n = 0
 
 Its variables are v = (w; s, p, n of each part), its multipliers m those of all rows.
@@ -84,7 +84,9 @@ class Barrier:
         self.upper = np.append([_wider(a, 1) for a in ubx], high)
         x, q, f, g = (program.nlp[name] for name in "xpfg")
         m = type(x).sym("m", self.m)  # Of SX if the NLP is written out.
-        self.values = ca.Function("values", [x, q, m], [
+        unit = type(x).sym("unit")
+        f /= unit
+        self.values = ca.Function("values", [x, q, m, unit], [
             f, ca.gradient(f, x), g, ca.jacobian(g, x),
             ca.hessian(f + ca.dot(m, g), x)[0],
         ])  # fmt: skip
@@ -107,6 +109,7 @@ class Point:
         mu: Parameter of the central path.
         rho: Price.
         delta: What is added to second derivatives.
+        unit: Unit of the cost.
     """
 
     barrier: Barrier
@@ -117,11 +120,12 @@ class Point:
     mu: float
     rho: float
     delta: float
+    unit: float
 
     @cached_property
     def _values(self) -> list[Array]:
         n = self.barrier.n
-        found = self.barrier.values(self.v[:n], self.q, self.m)
+        found = self.barrier.values(self.v[:n], self.q, self.m, self.unit)
         return [np.asarray(ca.DM(one)) for one in found]
 
     @property

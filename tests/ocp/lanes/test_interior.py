@@ -5,6 +5,7 @@ from collections.abc import Callable
 import casadi as ca
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from swarmstart.arrays import Array
@@ -177,14 +178,14 @@ class Many:
         self.common = self.case.lanes._posed(self.instances)
         self.answers = self.of(np.arange(self.M))
 
-    def of(self, lanes: Array) -> LaneAnswers:
+    def of(self, lanes: NDArray[np.int64], threads: int = 1) -> LaneAnswers:
         """Return the answers of some lanes, in this order."""
         lanes_of, of = self.case.lanes, self.instances
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(lanes_of, "_posed", lambda _: self.common)
             return lanes_of(
                 Instances(*(one[:, lanes] for one in of)), self.controls[:, :, lanes],
-                self.starts[:, lanes],
+                self.starts[:, lanes], threads=threads,
             )  # fmt: skip
 
 
@@ -240,11 +241,8 @@ def test_answer_is_the_same_in_small_chunks(
 
 
 @pytest.mark.parametrize("threads", [2, 64])
-def test_answer_is_the_same_on_any_number_of_threads(
-    many: Many, monkeypatch: pytest.MonkeyPatch, threads: int
-) -> None:
-    monkeypatch.setattr(many.case.lanes, "_threads", threads)
-    assert not differing(many.of(np.arange(many.M)), many.answers)
+def test_answer_is_the_same_on_any_number_of_threads(many: Many, threads: int) -> None:
+    assert not differing(many.of(np.arange(many.M), threads), many.answers)
 
 
 def test_one_answer_and_none_have_their_shapes(many: Many) -> None:

@@ -110,6 +110,7 @@ class Case:
         return Point(
             barrier=self.barrier, q=q, v=self.variables(at), m=self.multipliers(at),
             z=self.duals(at), mu=at["mu"][0], rho=at["rho"][0], delta=at["delta"][0],
+            unit=at["end.unit"][0],
         )  # fmt: skip
 
     def variables(self, at: dict[str, Array], d: str = "") -> Array:
