@@ -14,6 +14,7 @@ from swarmstart.ocp.answer.planner import Planner
 from swarmstart.ocp.answer.solution import allowed_cost, allowed_ends
 from swarmstart.ocp.instances.outcomes import Answers, Statuses
 from swarmstart.ocp.lanes.interior import Instances
+from swarmstart.ocp.rollout.path import Tracer
 from swarmstart.ocp.rollout.paths_at_once import (
     Data,
     Grid,
@@ -46,8 +47,20 @@ class FinePaths:
             instances: Instances, with the decisions about the start.
             controls: Shape (nu, N, n).
         """
+        n = controls.shape[2]
         with np.errstate(invalid="ignore", over="ignore"):  # Of what is infinite.
-            return self._verified(instances, controls)
+            if self.sizes is not None:
+                return self._verified(instances, controls, [self.sizes] * n)
+            every = [_no_sizes(self.paths.tracer)] * n
+            found = self._verified(instances, controls, every)
+            kept = (found.violation == 0) & (found.excess == 0)
+            asked = np.flatnonzero(~(kept & found.confirmed))
+            if asked.size:
+                own, parts = controls[..., asked], instances.at(asked)
+                better = self._verified(parts, own, self._sizes(parts, own))
+                for values, exact in zip(found, better, strict=True):
+                    values[..., asked] = exact
+        return found
 
     def excesses(self, instances: Instances, controls: Array) -> tuple[Array, Array]:
         """Return the worst excess of each path row, relative, and the rows' scales.
@@ -59,34 +72,37 @@ class FinePaths:
         Returns:
             Both of shape (rows, n).
         """
+        sizes = self._sizes(instances, controls)
         with np.errstate(invalid="ignore", over="ignore"):
-            data = self._data(instances, controls)
-            found = self.paths.along(data).along
-        return found, scales_of(self.paths.tracer.checker.path, data.sizes)
+            found = self.paths.along(self._data(instances, controls, sizes)).along
+        return found, scales_of(self.paths.tracer.checker.path, sizes)
 
-    def _data(self, instances: Instances, controls: Array) -> Data:
-        problem, n = self.paths.tracer.problem, controls.shape[2]
+    def _signals(self, instances: Instances) -> Array:
+        """Return the signals at the nodes, shape (ns, nodes, n)."""
+        problem, n = self.paths.tracer.problem, instances.signals.shape[1]
         flat = instances.signals.reshape((problem.nodes, problem.ns, n))
-        signals = flat.transpose(1, 0, 2)
-        sizing = self.paths.tracer.shooting.sizing
-        sizes = (
-            [self.sizes] * n
-            if self.sizes
-            else [
-                sizing(
-                    instances.x0[:, i],
-                    instances.parameters[:, i],
-                    signals[:, :, i],
-                    controls[:, :, i],
-                )
-                for i in range(n)
-            ]
-        )
-        return Data(controls, instances.x0, instances.parameters, signals, sizes)
+        return flat.transpose(1, 0, 2)
 
-    def _verified(self, instances: Instances, controls: Array) -> Answers:
+    def _sizes(self, instances: Instances, controls: Array) -> list[Sizes]:
+        """Return the sizes that judge each instance; its own take a millisecond."""
+        if self.sizes is not None:
+            return [self.sizes] * controls.shape[2]
+        sizing, signals = self.paths.tracer.shooting.sizing, self._signals(instances)
+        x0, p, _ = instances
+        return [
+            sizing(x0[:, i], p[:, i], signals[:, :, i], controls[:, :, i])
+            for i in range(controls.shape[2])
+        ]
+
+    def _data(self, instances: Instances, controls: Array, sizes: list[Sizes]) -> Data:
+        x0, p, _ = instances
+        return Data(controls, x0, p, self._signals(instances), sizes)
+
+    def _verified(
+        self, instances: Instances, controls: Array, sizes: list[Sizes]
+    ) -> Answers:
         problem, n = self.paths.tracer.problem, controls.shape[2]
-        data = self._data(instances, controls)
+        data = self._data(instances, controls, sizes)
         grid, path = self.paths.own_grid(data), self.paths.along(data)
         off, scale = _end_differences(problem, grid, path)
         relative = off / np.maximum(scale, 1e-300)
@@ -98,7 +114,7 @@ class FinePaths:
             verified_cost=path.cost,
             excess=rows.max(axis=0, initial=0.0),
             end_difference=relative.max(axis=0, initial=0.0),
-            controls=controls,
+            controls=controls.copy(),
             states=grid.states,
             by_interval=np.zeros(n, dtype=np.bool_),
             iterations=np.zeros(n, dtype=np.int64),
@@ -122,6 +138,24 @@ def fine_paths_of(
     if instances is not None and lanes is not None:
         sizes = lanes.common(instances).posed.sizes
     return FinePaths(paths.with_threads(threads), sizes)
+
+
+def _no_sizes(tracer: Tracer) -> Sizes:
+    """Return sizes that allow nothing: all differences count, and scales are 1.
+
+    An answer that keeps all limits by them, and is confirmed, has the same values and
+    the same status by its natural sizes, which are not needed then.
+    """
+    problem, checker = tracer.problem, tracer.checker
+    numbers = [number for number, _ in (*checker.path.places, *checker.end.places)]
+    count = len(problem.path_constraints) + len(problem.terminal_constraints)
+    return Sizes(
+        states=np.zeros(problem.model.nx),
+        controls=np.zeros(problem.model.nu),
+        cost=0.0,
+        rows=tuple(np.ones(numbers.count(number)) for number in range(count)),
+        weights=np.ones(problem.automatic),
+    )
 
 
 def _end_differences(

@@ -45,7 +45,7 @@ def test_margins_are_those_of_the_worst_instance_and_add_up() -> None:
     planner = Planner(problem, search=None, polish=IpoptOptions())
     data = read_data(problem, [[0.0, 0.0], [0.6, 0.5]], None, None)
     posed = posed_instances(planner, data)
-    paths = fine_paths_of(planner.tracer, threads=1)
+    paths = fine_paths_of(planner, threads=1)
     assert paths is not None
     controls = np.repeat(np.array([[-2.4, -0.8]])[:, :, None], 2, axis=2)
     first, amounts = with_margins(paths, posed.core, controls, {})

@@ -26,6 +26,7 @@ from swarmstart.ocp.instances.polishing import OneByOne
 from swarmstart.ocp.instances.verification import FinePaths, fine_paths_of
 from swarmstart.ocp.lanes.interior import Instances
 from swarmstart.ocp.rollout.paths_at_once import Data
+from swarmstart.ocp.rollout.scaling import Sizes, Sizing
 
 X, U = ca.SX.sym("x", 2), ca.SX.sym("u")
 K, S, T = ca.SX.sym("k"), ca.SX.sym("s"), ca.SX.sym("t")
@@ -178,6 +179,25 @@ def test_answers_at_once_are_those_one_by_one(name: str) -> None:
     np.testing.assert_allclose(
         at_once.states[..., tame], one_by_one.states[..., tame], rtol=1e-8, atol=1e-9
     )
+
+
+def test_sizes_are_not_asked_for_where_nothing_is_broken(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """They take longer than all the rest."""
+    asked: list[Array] = []
+    _, paths, instances, controls = drawn(CASES["bounds"])
+    sizing = Sizing.__call__
+
+    def counted(self: Sizing, x0: Array, *given: Any) -> Sizes:
+        asked.append(x0)
+        return sizing(self, x0, *given)
+
+    monkeypatch.setattr(Sizing, "__call__", counted)
+    found = paths(instances, controls)
+    kept = (found.violation == 0) & (found.excess == 0)
+    assert 0 < kept.sum() < kept.size == 24
+    assert len(asked) == 24 - kept.sum()
 
 
 @pytest.mark.parametrize("name", ["costs", "moving origin", "signals", "free end time"])
