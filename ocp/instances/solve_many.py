@@ -204,5 +204,5 @@ def _lanes(
     lanes = lanes_of(planner, posed.core, threads)
     if lanes is None:
         return None
-    paths = fine_paths_of(planner, posed.core, threads=threads)
+    paths = fine_paths_of(planner, threads=threads)
     return InLanes(planner, planner.problem, lanes, paths, each, threads)

@@ -3,6 +3,11 @@
 The values are those of the problem's own grid and of a path ten times finer, in machine
 code for all instances (rollout/paths_at_once.py). An answer that is confirmed is called
 FEASIBLE: whether it is a local optimum is not asked here.
+
+Each answer is judged by the natural sizes of its own instance, as `verified` does: by
+sizes in common, a limit of a small instance could be broken, and one of a large
+instance would count as broken where it is kept. They are needed only where something is
+broken or differs.
 """
 
 from dataclasses import dataclass
@@ -33,12 +38,9 @@ class FinePaths:
 
     Attributes:
         paths: The compiled paths.
-        sizes: Natural sizes by which all are judged; None: each by its own, as
-            `verified` does, which takes longer than most solves.
     """
 
     paths: Paths
-    sizes: Sizes | None = None
 
     def __call__(self, instances: Instances, controls: Array) -> Answers:
         """Return controls with their values and statuses.
@@ -49,8 +51,6 @@ class FinePaths:
         """
         n = controls.shape[2]
         with np.errstate(invalid="ignore", over="ignore"):  # Of what is infinite.
-            if self.sizes is not None:
-                return self._verified(instances, controls, [self.sizes] * n)
             every = [_no_sizes(self.paths.tracer)] * n
             found = self._verified(instances, controls, every)
             kept = (found.violation == 0) & (found.excess == 0)
@@ -84,9 +84,7 @@ class FinePaths:
         return flat.transpose(1, 0, 2)
 
     def _sizes(self, instances: Instances, controls: Array) -> list[Sizes]:
-        """Return the sizes that judge each instance; its own take a millisecond."""
-        if self.sizes is not None:
-            return [self.sizes] * controls.shape[2]
+        """Return the natural sizes of each instance, which take about a millisecond."""
         sizing, signals = self.paths.tracer.shooting.sizing, self._signals(instances)
         x0, p, _ = instances
         return [
@@ -121,23 +119,15 @@ class FinePaths:
         )
 
 
-def fine_paths_of(
-    planner: Planner, instances: Instances | None = None, *, threads: int = 1
-) -> FinePaths | None:
+def fine_paths_of(planner: Planner, *, threads: int = 1) -> FinePaths | None:
     """Return the verification of many answers; None if they are verified one by one.
 
     Args:
         planner: Planner of the problem.
-        instances: Those whose sizes judge all of them; None: each is judged by its own.
         threads: Largest number of threads.
     """
     paths = planner.paths_at_once
-    if paths is None:
-        return None
-    sizes, lanes = None, planner.lanes_of_instances
-    if instances is not None and lanes is not None:
-        sizes = lanes.common(instances).posed.sizes
-    return FinePaths(paths.with_threads(threads), sizes)
+    return None if paths is None else FinePaths(paths.with_threads(threads))
 
 
 def _no_sizes(tracer: Tracer) -> Sizes:

@@ -4,13 +4,10 @@ import numpy as np
 import pytest
 
 from swarmstart.ocp import Bounds, IpoptOptions, PathConstraint, Planner
-from swarmstart.ocp.instances.instance_data import (
-    Instances,
-    posed_instances,
-    read_data,
-)
+from swarmstart.ocp.instances.instance_data import posed_instances, read_data
 from swarmstart.ocp.instances.margins import at_other_nodes, with_margins
 from swarmstart.ocp.instances.verification import fine_paths_of
+from swarmstart.ocp.lanes.interior import Instances
 from swarmstart.ocp.rollout.shooting import shooting_of
 from swarmstart.tests.ocp.instances.fakes import N, X, double_integrator, parametric
 

@@ -22,8 +22,10 @@ from swarmstart.ocp import (
     Solutions,
     SolutionStatus,
     SolveManyInterrupted,
+    Source,
     solve,
     solve_many,
+    verified,
 )
 from swarmstart.ocp.instances import in_lanes, polishing
 from swarmstart.ocp.instances import solve_many as module
@@ -182,7 +184,7 @@ def test_each_start_of_an_instance_is_a_lane(use_lanes: UseLanes) -> None:
     found = solve_many(double_integrator(), x0s, polish=None, seed=0, starts=5)
     assert found.start[1] == "guess" and found.is_confirmed.all()
     drawn = tried[3:5]
-    assert np.ptp(drawn[0]) > 0 and not np.array_equal(*drawn)
+    assert np.ptp(drawn[0]) > 0 and not np.array_equal(drawn[0], drawn[1])
     for one in tried[:3]:
         np.testing.assert_array_equal(one, np.zeros((1, N)))
 
@@ -208,6 +210,32 @@ def test_what_lanes_leave_is_solved_by_ipopt(use_lanes: UseLanes) -> None:
     assert found.status.tolist() == [FEASIBLE, CONVERGED]
     alone = solve(double_integrator(), x0s[:, 1], **ALONE)  # type: ignore[arg-type]
     assert found.cost[1] == alone.cost
+
+
+def test_each_answer_of_lanes_is_judged_by_its_own_sizes(use_lanes: UseLanes) -> None:
+    """Swings of 1 mm to 10 m, checked once a period, go 2e-4 beyond k in between."""
+    k = ca.SX.sym("k")
+    problem = OptimalControlProblem(
+        Model(
+            states=X, controls=U, ode=ca.vertcat(X[1], U - 70.2 * X[0]), parameters=k
+        ),
+        horizon=1.5,
+        intervals=2,
+        substeps=20,
+        stage_cost=U**2,
+        bounds=Bounds(controls=(-5, 5)),
+        constraints=[PathConstraint(expression=k - X[0] ** 2, lower=0.0)],
+    )
+    use_lanes(lambda x0, guess: np.zeros((1, 2)))
+    size = np.logspace(-3, 1, 7)
+    x0s, known = np.stack([size, 0.19 * size]), {"k": 1.0001 * size**2}
+    found = solve_many(problem, x0s, known=known, polish=None, seed=0, starts=1)
+    for number in range(7):
+        own, x0 = Known([1.0001 * size[number] ** 2]), x0s[:, number]
+        planner = Planner(problem, search=None)
+        plan = planner.evaluated(np.zeros((1, 2)), x0, known=own, source=Source.LANES)
+        assert found.status[number] is verified(problem, plan, x0, own).status
+    assert found.excess.max() > 0
 
 
 def below(roof: float) -> OptimalControlProblem:
