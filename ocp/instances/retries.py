@@ -36,7 +36,9 @@ class Neighbours:
         scale = np.where(width > 0, width, np.inf)
         if core.ns:
             scale[-core.ns * core.nodes :] *= np.sqrt(core.nodes)
-        self._rows = np.ascontiguousarray((rows / scale[:, None])[width > 0].T)
+        # All are at one place if none differs; a tree needs a coordinate.
+        varied = width > 0 if width.any() else np.arange(width.size) == 0
+        self._rows = np.ascontiguousarray((rows / scale[:, None])[varied].T)
 
     def nearest(
         self, chosen: NDArray[np.int64], solved: NDArray[np.int64], count: int

@@ -284,10 +284,11 @@ def test_answers_that_cut_a_limit_are_solved_in_lanes_with_one_margin_for_all(
     found = solve_many(below(0.08), x0s, polish=None, seed=0, starts=1)
     assert found.is_confirmed.all() and set(found.solver) == {"lanes"}
     assert found.start.tolist() == ["own answer", "own answer", "guess", "guess"]
-    assert found.attempts.tolist() == [2, 2, 1, 1]
-    assert seen[:4] == [(0.08, 1)] * 4 and len(seen) == 6
+    assert (found.attempts[:2] >= 2).all()
+    assert seen[:4] == [(0.08, 1)] * 4
     roof, checks = seen[5]
     assert seen[4] == (roof, checks) and checks == 4 and 0.07 < roof < 0.08
+    assert {*seen[6:]} <= {(0.08, 1)}  # From cheaper neighbours.
     assert (found.excess <= 1e-4).all()
     exact = solve_many(below(0.08), x0s, lanes=False, seed=0)
     assert (found.cost >= exact.cost - 1e-6).all()
@@ -371,7 +372,8 @@ def test_invalid_instances_are_named_and_left_out(
     assert found.status.tolist() == [good, INVALID, INVALID, good]
     assert "x0 must be finite" in found.invalid[1]
     assert "bound of state place is broken by 4" in found.invalid[2]
-    assert np.isnan(found.cost[1:3]).all() and found.attempts.tolist() == [1, 0, 0, 1]
+    assert np.isnan(found.cost[1:3]).all()
+    assert (found.attempts > 0).tolist() == [True, False, False, True]
     assert "instance 2: its start must keep" in repr(found)
     with pytest.raises(
         InvalidProblemError, match="instance 1 has no answer: x0 must be"
@@ -388,6 +390,14 @@ def test_strict_names_at_most_ten_invalid_instances() -> None:
     assert told.startswith("13 of 20 instances are invalid (strict=False")
     assert "instance 5: " in told and "instance 14: " in told
     assert "instance 15" not in told and told.endswith("and 3 more")
+
+
+def test_instances_that_are_all_the_same_have_the_same_answer(
+    use_lanes: UseLanes,
+) -> None:
+    use_lanes(by_gains)
+    found = solve_many(double_integrator(), [[1.0] * 3, [0.5] * 3], polish=None, seed=0)
+    assert found.is_confirmed.all() and (found.cost == found.cost[0]).all()
 
 
 def test_without_a_valid_instance_nothing_is_solved() -> None:
