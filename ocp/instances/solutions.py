@@ -106,9 +106,9 @@ class Solutions(Presenting):
     def status(self) -> Statuses:
         """Status of each answer, shape (M,): members of `SolutionStatus`.
 
-        CONVERGED: the NLP solver ended at a local optimum. FEASIBLE: confirmed, too,
-        but not shown to be one; so is each answer of the lanes, whose second
-        derivatives are not looked at.
+        CONVERGED: the NLP solver ended at a local optimum, or the lanes did by their
+        own test of first and second derivatives. FEASIBLE: confirmed, too, but not
+        shown to be one.
         """
         return self.core_answers.status
 

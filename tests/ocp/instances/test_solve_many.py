@@ -55,7 +55,8 @@ def use_lanes(monkeypatch: pytest.MonkeyPatch) -> UseLanes:
 
     def use(answer: Answer) -> FakeLanes:
         lanes = FakeLanes(answer)
-        monkeypatch.setattr(module, "lanes_of", lambda *given: lanes)
+        for room in (module, in_lanes):  # In the latter for limits with margins.
+            monkeypatch.setattr(room, "lanes_of", lambda *given: lanes)
         return lanes
 
     return use
