@@ -5,9 +5,8 @@ code for all instances (rollout/paths_at_once.py). An answer that is confirmed i
 FEASIBLE: whether it is a local optimum is not asked here.
 
 Each answer is judged by the natural sizes of its own instance, as `verified` does: by
-sizes in common, a limit of a small instance could be broken, and one of a large
-instance would count as broken where it is kept. They are needed only where something is
-broken or differs.
+sizes in common, a small instance could break a limit unseen, and a large one would seem
+to break what it keeps. They are needed only if something is broken or differs.
 """
 
 from dataclasses import dataclass
