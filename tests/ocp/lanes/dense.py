@@ -11,6 +11,7 @@ from functools import cached_property
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from swarmstart.arrays import Array
 from swarmstart.ocp.nlp.transcription import NonlinearProgram
@@ -36,7 +37,7 @@ class Rows:
     nx: int
     N: int
 
-    def parts(self) -> list[Array]:
+    def parts(self) -> list[NDArray[np.int64]]:
         """Return the rows of each interval, of the end and of the start."""
         height = self.nx + self.interval
         inner = [k * height + self.nx + np.arange(self.interval) for k in range(self.N)]

@@ -50,7 +50,7 @@ class Bounded(NamedTuple):
 
     @property
     def distances(self) -> Array:
-        return self.sign * (self.v[self.of.astype(int)] - self.limit)
+        return np.asarray(self.sign * (self.v[self.of.astype(int)] - self.limit))
 
 
 V, Z, MU, STEP = (ca.SX.sym(n, k) for n, k in (("v", 5), ("z", 6), ("mu", 1), ("s", 5)))
@@ -78,7 +78,7 @@ def test_slope_is_the_derivative_of_the_logarithms(box: Bounded) -> None:
     """By central differences of -mu sum(log(d)), whose own value is NumPy's."""
 
     def logs(v: Array) -> float:
-        return -np.log(box._replace(v=v).distances).sum()
+        return float(-np.log(box._replace(v=v).distances).sum())
 
     assert box.value(box.pairs.logs(V))[0] == pytest.approx(logs(box.v), rel=1e-12)
     h, eye = 1e-6, np.eye(5)
@@ -190,12 +190,10 @@ class Wall:
     def matrix(self) -> Array:
         """Return E of the residual c + E w - (limit of equal rows), by hand."""
         columns = []
-        for sign, has in (
-            (-1, lambda k: k != "equal"), (1, lambda k: k != "upper"),
-            (-1, lambda k: k != "lower"),
-        ):  # fmt: skip
+        # Slacks, then what lets a row be below its limit, then above.
+        for sign, without in ((-1, "equal"), (1, "upper"), (-1, "lower")):
             for row, kind in enumerate(self.kinds):
-                if has(kind):
+                if kind != without:
                     columns.append(sign * np.eye(self.m)[row])
         return np.array(columns).reshape(-1, self.m).T
 

@@ -72,7 +72,7 @@ def differing(first: LaneAnswers, second: LaneAnswers) -> list[str]:
     ]  # fmt: skip
 
 
-def chosen(answers: LaneAnswers, lanes: Array) -> LaneAnswers:
+def chosen(answers: LaneAnswers, lanes: NDArray[np.int64]) -> LaneAnswers:
     """Return the answers of some lanes."""
     return LaneAnswers(**{
         name: getattr(answers, name)[..., lanes] for name in NAMES
@@ -146,10 +146,8 @@ def test_state_bound_is_met_from_either_side() -> None:
     case = posed(bryson_denham())
     answers = case.solved(case.instances(np.array([[0.0], [1.0]])))
     assert answers.cost[0] == pytest.approx(4.0034354, rel=1e-6)
-    reached = (
-        answers.states[0]
-        * case.lanes._posed(case.instances(np.array([[0.0], [1.0]]))).sizes.states[0]
-    )
+    sizes = case.lanes.common(case.instances(np.array([[0.0], [1.0]]))).posed.sizes
+    reached = answers.states[0] * sizes.states[0]
     assert reached.max() == pytest.approx(1 / 9, abs=1e-7)
     x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
     mirrored = posed(OptimalControlProblem(
@@ -175,18 +173,15 @@ class Many:
         self.instances = Instances(x0, parameters, np.zeros((0, self.M)))
         self.controls, self.starts = random_starts(self.case.lanes.problem, self.M, rng)
         self.controls[1, 0, 5] = np.nan
-        self.common = self.case.lanes._posed(self.instances)
+        self.common = self.case.lanes.common(self.instances)
         self.answers = self.of(np.arange(self.M))
 
     def of(self, lanes: NDArray[np.int64], threads: int = 1) -> LaneAnswers:
         """Return the answers of some lanes, in this order."""
-        lanes_of, of = self.case.lanes, self.instances
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(lanes_of, "_posed", lambda _: self.common)
-            return lanes_of(
-                Instances(*(one[:, lanes] for one in of)), self.controls[:, :, lanes],
-                self.starts[:, lanes], threads=threads,
-            )  # fmt: skip
+        return self.case.lanes(
+            self.instances.at(lanes), self.controls[:, :, lanes],
+            self.starts[:, lanes], common=self.common, threads=threads,
+        )  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -266,19 +261,20 @@ def tracking() -> OptimalControlProblem:
     )  # fmt: skip
 
 
-def test_shared_signals_are_the_same_as_equal_own_ones(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_shared_signals_are_the_same_as_equal_own_ones() -> None:
     """A lane with other signals beside them makes each lane read its own."""
     case, rng = posed(tracking()), np.random.default_rng(4)
     one, other = rng.uniform(-1, 1, (2, 2, 13))
     x0 = np.array([[0.3, -0.2, 0.1, 0.0]])
     instances = case.instances(x0, [Known(signals=s) for s in (one, one, one, other)])
-    three = Instances(*(one[:, :3] for one in instances))
-    common = case.lanes._posed(three)
-    monkeypatch.setattr(case.lanes, "_posed", lambda _: common)
-    own, shared = case.solved(instances), case.solved(three)
+    three = instances.at(np.arange(3))
+    common = case.lanes.common(three)
+    controls, none = np.zeros((1, 6, 4)), np.zeros((0, 4))
+    shared = case.lanes(three, controls[:, :, :3], none[:, :3], common=common)
+    apart = common._replace(own_signals=True)
+    own = case.lanes(instances, controls, none, common=apart)
     assert not differing(shared, chosen(own, np.arange(3)))
+    assert own.cost[3] != own.cost[2]
     assert own.violation.max() <= 1e-7
 
 
@@ -348,16 +344,15 @@ def test_instances_none_of_which_is_finite_are_refused() -> None:
 def test_start_that_is_no_number_spoils_no_other_answer(
     many: Many, what: str, bad: float
 ) -> None:
-    lanes, of = np.array([0, 1, 2, 3]), many.instances
+    lanes = np.array([0, 1, 2, 3])
     case, problem = many.case, many.case.lanes.problem
-    some = Instances(*(one[:, lanes].copy() for one in of))
+    some = many.instances.at(lanes)
     controls = many.controls[:, :, lanes].copy()
     states = np.repeat(some.x0[:, None], problem.intervals + 1, axis=1)
 
     def answers() -> LaneAnswers:
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(case.lanes, "_posed", lambda _: many.common)
-            return case.lanes(some, controls, many.starts[:, lanes], states)
+        starts = many.starts[:, lanes]
+        return case.lanes(some, controls, starts, states, common=many.common)
 
     before = answers()
     {"controls": controls[0, 1], "states": states[1, 2],
@@ -394,7 +389,6 @@ def test_limits_that_contradict_end_with_a_violation(limits: str) -> None:
 def test_units_change_no_answer(unit: float) -> None:
     """Metres in nanometres or gigametres, nearly."""
     x0 = np.array([[1.0, 0.5], [0, 0]])
-    end: dict[str, object] = {"terminal": lambda x, _: [(x[0], 0.2 * scale)]}
     costs, steps = [], []
     for scale in (1.0, unit):
         case = posed(sliding(
@@ -403,7 +397,7 @@ def test_units_change_no_answer(unit: float) -> None:
             constraints=lambda x, _, s=scale: [
                 PathConstraint(expression=x[1], lower=-0.5 * s, upper=0.1 * s)
             ],
-            **end,
+            terminal=lambda x, _, s=scale: [(x[0], 0.2 * s)],
         ))  # fmt: skip
         answers = case.solved(case.instances(scale * x0))
         costs.append(answers.cost)

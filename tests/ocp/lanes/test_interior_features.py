@@ -46,7 +46,8 @@ def test_optima_are_those_of_ipopt(number: int) -> None:
     ours = Ours(stated)
     planner, point = ours.planner, first_point(stated)
     lanes = InteriorLanes(planner.fitness.shooting)
-    starts, controls, parameters, signals, costs = [], [], [], [], []
+    starts, controls, parameters, signals = (list[Array]() for _ in range(4))
+    costs = list[float]()
     for lane in range(M):
         x0 = point.x0.copy()
         x0[0] += 0.02 * lane
