@@ -50,7 +50,7 @@ class Rows:
 
 
 class Barrier:
-    """What does not depend on the point.
+    """The part of the problem that is the same at all points.
 
     Attributes:
         lower: Lower bounds of v.
@@ -109,7 +109,7 @@ class Point:
         z: Duals of lower and of upper bounds, 0 without one.
         mu: Parameter of the central path.
         rho: Price.
-        delta: What is added to second derivatives.
+        delta: The addition to second derivatives.
         unit: Unit of the cost.
     """
 
@@ -145,7 +145,7 @@ class Point:
 
     @property
     def residual(self) -> Array:
-        """What is left of the rows."""
+        """Residuals of the rows."""
         inner = self.v[self.barrier.n :]
         left = self._values[2].ravel() + self.barrier.E @ inner
         return np.asarray(left - self.barrier.fixed)
