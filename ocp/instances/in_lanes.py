@@ -161,9 +161,8 @@ class InLanes:
             for name, kept in found._asdict().items():
                 if name != "iterations":
                     kept[..., columns] = getattr(answers, name)
-        if ends.optimal is not None:
-            feasible = found.status == SolutionStatus.FEASIBLE
-            found.status[feasible & ends.optimal] = SolutionStatus.CONVERGED
+        feasible = found.status == SolutionStatus.FEASIBLE
+        found.status[feasible & ends.optimal] = SolutionStatus.CONVERGED
         return found
 
     def _verified(self, instances: Instances, controls: Array) -> Iterator[Group]:
@@ -192,6 +191,5 @@ def better_of(one: LaneAnswers, other: LaneAnswers) -> LaneAnswers:
             better, getattr(other, field.name), getattr(one, field.name)
         )
         for field in fields(LaneAnswers)
-        if getattr(one, field.name) is not None
     }
     return LaneAnswers(**chosen | {"iterations": one.iterations + other.iterations})

@@ -56,8 +56,8 @@ class LaneAnswers:
         cost: Cost of the problem's core, shape (n,); infinite if a lane broke down.
         violation: The worst excess in the NLP's scaled numbers, shape (n,).
         iterations: Number of steps, shape (n,).
-        optimal: Whether an answer meets the conditions of a local optimum, of second
-            order too, shape (n,); None: not known.
+        optimal: Whether an answer is shown to meet the conditions of a local optimum,
+            of second order too, shape (n,); left out: none is.
     """
 
     controls: Array
@@ -66,7 +66,13 @@ class LaneAnswers:
     cost: Array
     violation: Array
     iterations: NDArray[np.int64]
-    optimal: NDArray[np.bool_] | None = None
+    optimal: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, np.bool_))
+
+    def __post_init__(self) -> None:
+        """Fill in that no answer is shown to be optimal."""
+        if self.optimal.shape != self.cost.shape:
+            none = np.zeros(self.cost.shape, dtype=np.bool_)
+            object.__setattr__(self, "optimal", none)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -101,11 +101,11 @@ def reference_costs(flight: CloseFormationFlight, trajectory: Trajectory) -> Arr
     """Return J* of IPOPT at the state of each step, from its plan, shape (T,)."""
     # Tighter than a plan's polish, so that the error of J* is not in the gaps.
     polisher = Polisher(flight.loop.planner.fitness, IpoptOptions(tolerance=1e-10))
-    best = []
+    best, lowered = [], flight.loop.planner.lowered
     for k, decision in enumerate(trajectory.decisions):
         known = flight.loop.known(float(trajectory.times[k]))
-        plan = decision.plans[0].controls
-        best.append(polisher(plan, trajectory.states[:, k], known).cost)
+        start = lowered.start(trajectory.states[:, k])
+        best.append(polisher(decision.plans[0].controls, start, known).cost)
     return np.array(best)
 
 
@@ -198,7 +198,8 @@ def _losses(flight: CloseFormationFlight, trajectory: Trajectory, costs: Array) 
         last = trajectory.decisions[k - 1].plans[0].controls
         held = shifted_controls(planner.problem, last, flight.loop.append)
         known = flight.loop.known(float(trajectory.times[k]))
-        value, _ = planner.fitness.value(held, trajectory.states[:, k], known)
+        start = planner.lowered.start(trajectory.states[:, k])
+        value, _ = planner.fitness.value(held, start, known)
         losses += costs[k] > value + RISE
     return int(losses)
 

@@ -166,7 +166,8 @@ def _losses(
     for k in range(1, costs.size):
         last = trajectory.decisions[k - 1].plans[0].controls
         again = shifted_controls(planner.problem, last, flight.loop.append)
-        value, broken = planner.fitness.value(again, trajectory.states[:, k])
+        start = planner.lowered.start(trajectory.states[:, k])
+        value, broken = planner.fitness.value(again, start)
         # A shifted plan that breaks a limit is no candidate that could win.
         allowed = broken <= planner.problem.tolerance
         losses += bool(allowed and costs[k] > value * (1 + LOSS))
@@ -219,7 +220,7 @@ def best_costs(joint: RecedingHorizon, states: Array) -> Array:
                 (plan.cost for plan in _plans(planners, state, k) if plan.feasible),
                 default=np.inf,
             )
-            for k, state in enumerate(states.T)
+            for k, state in enumerate(map(joint.planner.lowered.start, states.T))
         ]
     )
 
