@@ -35,7 +35,7 @@ FEASIBLE = 1e-7
 _FILTER = 8
 _GAMMA_THETA, _GAMMA_PHI, _ETA = 1e-5, 1e-8, 1e-8
 _POWER_THETA, _POWER_PHI = 1.1, 2.3
-_LEAST_ALPHA = 0.05
+_LEAST_ALPHA, _SHORTEST = 0.05, 1e-12
 _ROUNDING = 2e-15
 _KAPPA_ERROR, _KAPPA_MU, _POWER_MU = 10.0, 0.2, 1.5
 _FALLS = 3
@@ -88,6 +88,8 @@ def aimed(end: Place) -> tuple[Named, Named]:
     power = ca.fmax(theta, 1e-300) ** _POWER_THETA / safe**_POWER_PHI
     least = ca.if_else(theta <= lane["theta_least"], ca.fmin(least, power), least)
     least = _LEAST_ALPHA * ca.if_else(fall > 0, least, _GAMMA_THETA)
+    # If theta is 0, or nearly, no length is too short: halving would never end.
+    least = ca.fmax(least, _SHORTEST)
     given_up = more > _MOST_DELTA
     aim = {
         "delta": ca.if_else(right, delta, more),
@@ -255,7 +257,8 @@ class _Judged:
             new_mu = ca.if_else(falls, ca.fmax(least, lower), new_mu)
         shorter = 0.5 * now["alpha"]
         failed = all_of(
-            ca.logic_not(taken), any_of(shorter < now["least_alpha"], begins)
+            ca.logic_not(taken),
+            any_of(ca.logic_not(shorter >= now["least_alpha"]), begins),
         )
         failures = now["failures"] + failed
         fresh = any_of(new_mu < mu, dear, failed)
