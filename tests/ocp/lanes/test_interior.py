@@ -454,3 +454,17 @@ def test_rollout_that_leaves_the_numbers_begins_at_the_start() -> None:
     np.testing.assert_allclose(answers.cost[:3], best, rtol=1e-6)
     # From 9 no control is strong enough.
     assert answers.violation[3] > 1e-3
+
+
+def test_step_that_no_length_makes_good_is_given_up() -> None:
+    """The cost jumps up beside the start, where no equation is left: theta is 0."""
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    case = posed(OptimalControlProblem(
+        Model(states=x, controls=u, next_state=x), horizon=1.0, intervals=2,
+        step_cost=(u - 1) ** 2 + 1e3 * (u > 0),
+    ))  # fmt: skip
+    answers = case.solved(case.instances(np.array([[0.5, 0.25]])))
+    np.testing.assert_array_equal(answers.controls, 0)
+    np.testing.assert_array_equal(answers.iterations, 0)
+    assert answers.optimal is not None
+    assert not answers.optimal.any()

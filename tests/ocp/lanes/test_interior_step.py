@@ -14,7 +14,7 @@ from swarmstart.arrays import Array
 from swarmstart.ocp.lanes.interior import Instances, _Chunk
 from swarmstart.ocp.lanes.interior_newton import SUMS, TOPS
 from swarmstart.ocp.lanes.interior_parts import Place
-from swarmstart.ocp.lanes.interior_verdict import AIMED, _Ends
+from swarmstart.ocp.lanes.interior_verdict import AIMED, _Ends, _Judged
 from swarmstart.ocp.lanes.stages import Kernel
 from swarmstart.ocp.nlp.nlp_assembly import inputs_of
 from swarmstart.tests.ocp.lanes.dense import Barrier, Point, Rows
@@ -248,3 +248,53 @@ def test_measures_are_those_of_the_dense_problem(case: Case) -> None:
         for name, number in zip((*SUMS, *TOPS), found, strict=True):
             assert number == pytest.approx(wanted[name], rel=1e-8, abs=1e-10), name
     case.numbers = numbers
+
+
+@pytest.mark.parametrize(
+    ("now", "trial", "taken", "extends"),
+    [
+        # By the cost: theta is small, and the slope is steep.
+        ({"theta": 1e-9}, (1e-6, -0.6), True, False),
+        ({"theta": 1e-9}, (1e-6, 0.1), False, False),
+        # The slope leads up, so theta or phi must fall.
+        ({"theta": 0.5, "gain": 1.0}, (0.4, 9.0), True, True),
+        ({"theta": 0.5, "gain": 1.0}, (0.6, -1.0), True, True),
+        ({"theta": 0.5, "gain": 1.0}, (0.6, 1.0), False, False),
+        # Where theta is large a descent of the cost is one of the two ways.
+        ({"theta": 5.0}, (4.0, 2.0), True, True),
+        ({"theta": 5.0}, (6.0, 2.0), False, False),
+        # The filter has a point that is as good in both.
+        ({"theta": 0.5, "gain": 1.0, "filter_theta": 0.3, "filter_phi": -2.0},
+         (0.4, -1.0), False, False),
+        ({"theta": 0.5, "gain": 1.0, "filter_theta": 0.3, "filter_phi": -0.5},
+         (0.4, -1.0), True, True),
+        # Theta is never larger than a limit; nothing is taken with a step of 0.
+        ({"theta": 5.0, "theta_most": 3.0}, (4.0, -1.0), False, False),
+        ({"theta": 1e-9, "alpha": 0.0}, (1e-9, -1.0), False, False),
+        # A start is taken if it is finite.
+        ({"theta": 1e-9, "begun": 0.0}, (9.0, 9.0), True, False),
+        ({"theta": 1e-9, "begun": 0.0}, (9.0, np.nan), False, False),
+    ],
+)  # fmt: skip
+def test_trials_are_taken_as_the_filter_says(
+    case: Case, now: dict[str, float], trial: tuple[float, float], taken: bool,
+    extends: bool,
+) -> None:  # fmt: skip
+    """With phi = 0 before, and a change of -1 with the whole step, unless said."""
+    ends = _Ends(case.made.places)
+    judged = _Judged(ends, 1e-8, 100, 1)
+    theta, phi = ca.SX.sym("theta_new"), ca.SX.sym("phi_new")
+    given = {
+        "alpha": 0.5, "gain": -1.0, "theta_least": 1e-4, "theta_most": 1e4,
+        "begun": 1.0, "filter_theta": 1e300, "filter_phi": 1e300, **now,
+    }  # fmt: skip
+    known = {n: o for p in ("end", "begin") for n, o in case.place(p).known.items()}
+    symbols = {**known, **ends.reads}
+    function = ca.Function(
+        "accepted", [*symbols.values(), theta, phi], [*judged._accepted(theta, phi)]
+    )
+    numbers = [
+        np.full(one.shape, given.get(name, 0.0)) for name, one in symbols.items()
+    ]
+    found = function(*numbers, *trial)
+    assert [bool(one) for one in found] == [taken, extends]
