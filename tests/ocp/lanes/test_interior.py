@@ -457,7 +457,7 @@ def test_rollout_that_leaves_the_numbers_begins_at_the_start() -> None:
 
 
 def test_step_that_no_length_makes_good_is_given_up() -> None:
-    """The cost jumps up beside the start, where no equation is left: theta is 0."""
+    """The cost jumps up beside the start, and no equation is left: theta is 0."""
     x, u = ca.SX.sym("x"), ca.SX.sym("u")
     case = posed(OptimalControlProblem(
         Model(states=x, controls=u, next_state=x), horizon=1.0, intervals=2,
