@@ -13,6 +13,8 @@ made no lane better in the problems tried. mu falls when the scaled error is bel
 mu. rho grows tenfold if a multiplier comes near it.
 """
 
+from typing import NamedTuple
+
 import casadi as ca
 
 from swarmstart.ocp.lanes.barrier import largest
@@ -177,6 +179,22 @@ class _Ends:
         self.reads |= lane
 
 
+class _Path(NamedTuple):
+    """The next parameters of the central path.
+
+    Attributes:
+        mu: Its parameter.
+        rho: Price of broken rows.
+        is_new: Whether one of them has changed.
+        arrived: Whether the lane is at an optimum.
+    """
+
+    mu: ca.SX
+    rho: ca.SX
+    is_new: ca.SX
+    arrived: ca.SX
+
+
 class _Judged:
     """The judgement of a trial."""
 
@@ -224,16 +242,12 @@ class _Judged:
             accepted, ca.logic_not(begins), ca.logic_not(all_of(steep, descends))
         )
 
-    def writes(self) -> Named:
-        """Return all that follows."""
-        now, ends = self._now, self._ends
-        cost, theta, logs, elastic, duals = ca.vertsplit(ends.sums)
-        dual, primal, gap, pressure, excess = ca.vertsplit(ends.tops)
-        mu, rho, begins = now["mu"], now["rho"], now["begun"] <= 0
-        phi = cost + mu * logs + rho * elastic
-        taken, extends = self._accepted(theta, phi)
+    def _path(self, taken: ca.SX) -> _Path:
+        """Return the next parameters, and whether the lane has arrived."""
+        mu, rho = self._now["mu"], self._now["rho"]
+        duals = self._ends.sums[SUMS.index("duals")]
+        dual, primal, gap, pressure, excess = ca.vertsplit(self._ends.tops)
         scale = ca.fmax(_SCALED, duals / self._count) / _SCALED
-        primal = ca.fmax(primal, 0)
 
         def error(mu: ca.SX | float) -> ca.SX:
             # The least d z is at least 0.
@@ -247,7 +261,6 @@ class _Judged:
         dear = all_of(dear, any_of(
             pressure > _NEAR_PRICE * rho, all_of(solved, excess > FEASIBLE),
         ))  # fmt: skip
-        new_rho = ca.if_else(dear, rho * _GROWS, rho)
         new_mu = mu
         for _ in range(_FALLS):
             falls = all_of(
@@ -255,26 +268,43 @@ class _Judged:
             )
             lower = ca.fmin(_KAPPA_MU * new_mu, new_mu**_POWER_MU)
             new_mu = ca.if_else(falls, ca.fmax(least, lower), new_mu)
+        return _Path(
+            mu=new_mu,
+            rho=ca.if_else(dear, rho * _GROWS, rho),
+            is_new=any_of(new_mu < mu, dear),
+            arrived=all_of(solved, ca.logic_not(dear)),
+        )
+
+    def writes(self) -> Named:
+        """Return all that follows."""
+        now, ends = self._now, self._ends
+        cost, theta, logs, elastic, _ = ca.vertsplit(ends.sums)
+        _, primal, _, _, excess = ca.vertsplit(ends.tops)
+        begins = now["begun"] <= 0
+        phi = cost + now["mu"] * logs + now["rho"] * elastic
+        taken, extends = self._accepted(theta, phi)
+        path = self._path(taken)
         shorter = 0.5 * now["alpha"]
         failed = all_of(
             ca.logic_not(taken),
             any_of(ca.logic_not(shorter >= now["least_alpha"]), begins),
         )
         failures = now["failures"] + failed
-        fresh = any_of(new_mu < mu, dear, failed)
+        fresh = any_of(path.is_new, failed)
         chosen = {
             name: ca.if_else(taken, value, now[name])
             for name, value in (
                 ("theta", theta), ("cost", cost), ("logs", logs), ("elastic", elastic),
             )
         }  # fmt: skip
-        new_phi = chosen["cost"] + new_mu * chosen["logs"] + new_rho * chosen["elastic"]
+        new_phi = chosen["cost"] + path.mu * chosen["logs"]
+        new_phi += path.rho * chosen["elastic"]
         harder = ca.fmax(_GROWS * now["delta_last"], _FIRST_DELTA)
         harder = ca.fmax(harder, _GROWS * now["delta"])
         iterations = now["iterations"] + all_of(taken, ca.logic_not(begins))
         begun_theta = ca.fmax(1, theta)
         over = any_of(
-            all_of(solved, ca.logic_not(dear)),
+            path.arrived,
             all_of(failed, begins),
             failures >= _FAILURES,
             iterations >= self._most,
@@ -282,8 +312,8 @@ class _Judged:
         start = all_of(begins, taken)
         after = {
             **chosen,
-            "mu": new_mu,
-            "rho": new_rho,
+            "mu": path.mu,
+            "rho": path.rho,
             "phi": new_phi,
             "begun": any_of(taken, now["begun"]),
             "theta_most": ca.if_else(start, 1e4 * begun_theta, now["theta_most"]),
@@ -301,7 +331,7 @@ class _Judged:
             "paid": ca.if_else(taken, cost, now["paid"]),
             "worst": ca.if_else(taken, primal + excess, now["worst"]),
             # Without a delta the second derivatives of the last step show a minimum.
-            "met": all_of(solved, ca.logic_not(dear), now["delta"] <= 0),
+            "met": all_of(path.arrived, now["delta"] <= 0),
             "x0": ca.if_else(taken, now["x0_new"], now["x0"]),
             "end": ca.if_else(taken, now["end_new"], now["end"]),
             **self._filter(extends, fresh),
