@@ -42,6 +42,6 @@ def test_starts_keep_away_from_the_cylinders() -> None:
 
 
 def test_lanes_and_the_peer_solve_the_same_problem() -> None:
-    """Where both reach one optimum, its cost is the same."""
+    """The costs of one optimum that both reach are the same."""
     found = instances.compared("arc", cylinders(180, count=4), solves=2)
     assert found.feasible == (4, 4) and found.as_cheap == 1.0

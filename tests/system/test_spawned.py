@@ -173,6 +173,10 @@ def answered(found: ss.Solution) -> Any:
     ]  # fmt: skip
 
 
+def many(found: ss.Solutions) -> Any:
+    return [repr(found), found.controls, found.status.tolist(), found[0].controls]
+
+
 def ran(run: ss.Run) -> Any:
     return [repr(run), run.summary(), run.linearised(0.1).A, run.flight.x0]
 
@@ -192,6 +196,9 @@ USED: dict[str, tuple[Callable[[], Any], Callable[[Any], Any]]] = {
     "Model": (made.model, lambda model: ocp.right_hand_side(model)([1, 2], 3, [])),
     "OptimalControlProblem": (made.problem, solved),
     "Solution": (lambda: ss.solve(made.problem(), [1, 0], lanes=4, seed=0), answered),
+    "Solutions": (
+        lambda: ss.solve_many(made.problem(), [[1, 2], [0, 0]], seed=0), many,
+    ),
     "Planner": (
         made.planner,
         lambda planner: planner.plan([1, 0], rng=made.rng()).controls,
