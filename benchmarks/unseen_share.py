@@ -37,6 +37,7 @@ from swarmstart.ocp.lanes.answers import (
     distinct_optima,
     optimum_of,
     paths,
+    some_of,
     unseen_share,
 )
 from swarmstart.ocp.lanes.solver import LaneSolver, random_starts
@@ -144,12 +145,6 @@ def kept(name: str, lanes: int, folder: Path | None) -> LaneAnswers:
         return LaneAnswers(**read)
 
 
-def of(answers: LaneAnswers, lanes: NDArray[np.int64]) -> LaneAnswers:
-    """Return some of the answers."""
-    parts = {f.name: getattr(answers, f.name)[..., lanes] for f in fields(answers)}
-    return LaneAnswers(**parts)
-
-
 def held(name: str, answers: LaneAnswers, size: int, draws: int) -> Held:
     """Return the accounts of draws, and the true shares.
 
@@ -164,7 +159,7 @@ def held(name: str, answers: LaneAnswers, size: int, draws: int) -> Held:
     most = {way: np.empty(draws) for way in WAYS}
     for draw in range(draws):
         lanes = rng.choice(number.size, size, replace=False)
-        optima = distinct_optima(of(answers, lanes))
+        optima = distinct_optima(some_of(answers, lanes))
         counts = [one.count for one in optima]
         found = number[lanes][number[lanes] >= 0]
         _, by_all = np.unique(found, return_counts=True)

@@ -827,12 +827,22 @@ def end_differences(
     Returns:
         Differences and scales, each of shape (nx,).
     """
-    lower, upper = problem.state_limits
-    width = np.where(np.isfinite(upper - lower), upper - lower, 0.0)
     off = np.abs(path.states[:, -1] - plan.states[:, -1])
     if path.missed is not None:
         off = np.abs(path.missed).sum(axis=1)
-    return off, np.maximum(path.reach, width)
+    return off, end_scales(problem, path.reach)
+
+
+def end_scales(problem: OptimalControlProblem, reach: Array) -> Array:
+    """Return the scales of differences between states at the end.
+
+    Args:
+        problem: The core.
+        reach: Natural size of each state along the path, shape (nx,) or (nx, n).
+    """
+    lower, upper = problem.state_limits
+    width = np.where(np.isfinite(upper - lower), upper - lower, 0.0)
+    return np.asarray(np.maximum(reach.T, width).T)
 
 
 def _whole(plan: Plan, sense: float) -> str:

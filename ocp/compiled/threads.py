@@ -120,7 +120,8 @@ def _settle() -> None:
 
 
 # A copy of the process has no such thread: it would wait for its code forever.
-os.register_at_fork(before=_settle)
+if hasattr(os, "register_at_fork"):  # Windows makes no copies.
+    os.register_at_fork(before=_settle)
 
 
 @cache

@@ -15,7 +15,7 @@ import numpy as np
 
 from swarmstart.arrays import Array
 from swarmstart.ocp.answer.planner import Planner
-from swarmstart.ocp.answer.solution import allowed_cost, allowed_ends
+from swarmstart.ocp.answer.solution import allowed_cost, allowed_ends, end_scales
 from swarmstart.ocp.instances.outcomes import Answers, Statuses
 from swarmstart.ocp.lanes.interior import Instances
 from swarmstart.ocp.rollout.path import Tracer
@@ -101,11 +101,12 @@ class FinePaths:
         problem, n = self.paths.tracer.problem, controls.shape[2]
         data = self._data(instances, controls, sizes)
         grid, path = self.paths.own_grid(data), self.paths.along(data)
-        off, scale = _end_differences(problem, grid, path)
+        scale = end_scales(problem, path.reach)
+        off = np.abs(path.ends - grid.states[:, -1])
         relative = off / np.maximum(scale, 1e-300)
         rows = np.vstack([path.along, path.at_end])
         return Answers(
-            status=_judged(problem, data, grid, path),
+            status=_judged(problem, data, grid, path, (off, scale)),
             cost=grid.cost,
             violation=grid.violation,
             verified_cost=path.cost,
@@ -147,23 +148,25 @@ def _no_sizes(tracer: Tracer) -> Sizes:
     )
 
 
-def _end_differences(
-    problem: OptimalControlProblem, grid: Grid, path: PathValues
-) -> tuple[Array, Array]:
-    """Return how far each state ends from the grid's, and its scale, each (nx, n)."""
-    lower, upper = problem.state_limits
-    width = np.where(np.isfinite(upper - lower), upper - lower, 0.0)
-    scale = np.maximum(path.reach, width[:, None])
-    return np.abs(path.ends - grid.states[:, -1]), scale
-
-
 def _judged(
-    problem: OptimalControlProblem, data: Data, grid: Grid, path: PathValues
+    problem: OptimalControlProblem,
+    data: Data,
+    grid: Grid,
+    path: PathValues,
+    ends: tuple[Array, Array],
 ) -> Statuses:
-    """Return the status of each answer, as `_judged` of answer/solution.py does."""
+    """Return the status of each answer, as `_judged` of answer/solution.py does.
+
+    Args:
+        problem: The core.
+        data: The instances with their controls.
+        grid: Roll-outs on the problem's own grid.
+        path: Values of the finer paths.
+        ends: Differences of the states at the end, and their scales, each (nx, n).
+    """
     natural = np.array([one.cost for one in data.sizes])
     states = np.stack([one.states for one in data.sizes], axis=-1)
-    off, scale = _end_differences(problem, grid, path)
+    off, scale = ends
     flat = grid.states.reshape(-1, grid.cost.size)
     numbers = np.vstack([flat, grid.cost, grid.violation])
     finite = np.isfinite(numbers).all(axis=0) & path.finite

@@ -22,7 +22,7 @@ all optima.
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,6 +73,28 @@ class LaneAnswers:
         if self.optimal.shape != self.cost.shape:
             none = np.zeros(self.cost.shape, dtype=np.bool_)
             object.__setattr__(self, "optimal", none)
+
+
+def joined(parts: Sequence[LaneAnswers]) -> LaneAnswers:
+    """Return the answers of several calls as those of one.
+
+    Args:
+        parts: At least one.
+    """
+    return LaneAnswers(**{
+        one.name: np.concatenate([getattr(part, one.name) for part in parts], axis=-1)
+        for one in fields(LaneAnswers)
+    })  # fmt: skip
+
+
+def some_of(
+    answers: LaneAnswers, lanes: Sequence[int] | NDArray[np.int64]
+) -> LaneAnswers:
+    """Return the answers of some lanes."""
+    return LaneAnswers(**{
+        one.name: np.ascontiguousarray(getattr(answers, one.name)[..., lanes])
+        for one in fields(LaneAnswers)
+    })  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -6,29 +6,25 @@ an answer has the same bits for any lanes beside it and any number of threads. N
 are divided by the sizes of one instance of a call, though: with other instances in the
 call, all numbers and so the last digits of answers may differ.
 
-Some lanes are solved side by side in one memory, whose columns they are; every name
-that a kernel reads or writes is some rows of it. Names of an interval: x, xa (state
-after it), u, w (slacks and elastic variables), m and lam (multipliers), z (duals), the
-step "d.", and of the recursion k, K, V, v. Names of the ends: y (decisions about the
-start), x0, end, and w, m, z of both. Names of a lane: those of interior_verdict.py.
+Some lanes are solved side by side in one memory (blocks.py). Names of an interval: x,
+xa (state after it), u, w (slacks and elastic variables), m and lam (multipliers), z
+(duals), the step "d.", and of the recursion k, K, V, v. Names of the ends: y (decisions
+about the start), x0, end, and w, m, z of both. Names of a lane: those of
+interior_verdict.py.
 """
 
-import threading
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.arrays import Array
-from swarmstart.machine_code import prepare
 from swarmstart.ocp.compiled.engine import NoCompilerError
-from swarmstart.ocp.compiled.threads import together
-from swarmstart.ocp.lanes.answers import LaneAnswers
+from swarmstart.ocp.lanes.answers import LaneAnswers, joined
 from swarmstart.ocp.lanes.barrier import RELAXED
-from swarmstart.ocp.lanes.ddp import Block, Count, Layout, kernel_sizes
+from swarmstart.ocp.lanes.blocks import Job, Layout, kernel_sizes, placed, results_of
 from swarmstart.ocp.lanes.interior_kernels import OF_LANE, Interior, compile_interior
 from swarmstart.ocp.lanes.interior_parts import Places, places_of
 from swarmstart.ocp.lanes.interior_turns import InteriorRows, take_interior_turns
@@ -36,7 +32,6 @@ from swarmstart.ocp.lanes.interior_verdict import AIMED
 from swarmstart.ocp.lanes.posed import Posed, posed
 from swarmstart.ocp.lanes.solver import NoLanesError, refused_by_lanes
 from swarmstart.ocp.lanes.stages import Kernel
-from swarmstart.ocp.lanes.turns import Ends, Starts
 from swarmstart.ocp.nlp.transcription import NonlinearProgram, multiple_shooting
 from swarmstart.ocp.rollout.fitness import Arguments, Known, at_nodes
 from swarmstart.ocp.rollout.shooting import Shooting, shooting_of
@@ -70,9 +65,6 @@ _WIDEST = 700.0
 """Largest logarithm of a size; that of an infinite one would not be finite."""
 _TURNS = 64
 """Number of turns between two checks for Ctrl-C."""
-_ANSWERED = (
-    "controls", "starts", "states", "cost", "violation", "iterations", "optimal",
-)  # fmt: skip
 _KEPT = "u", "y", "x", "end", "paid", "worst", "iterations", "met"
 
 
@@ -175,8 +167,8 @@ class InteriorLanes:
                 those that the controls lead to.
             common: Made by `common` from these or more instances, whose sizes decide
                 the last digits; None: from these.
-            mu: First parameter of the central path; small for starts near an optimum.
-                None: FIRST_MU. In proportion to the cost at the start.
+            mu: First parameter of the central path, for a cost of size 1 at the start;
+                small for starts near an optimum. None: FIRST_MU.
             threads: Largest number of threads.
 
         Raises:
@@ -196,7 +188,7 @@ class InteriorLanes:
                 starts[:, part], guess, mu,
             )  # fmt: skip
             found.append(chunk.solved(threads))
-        return _joined(found)
+        return joined(found)
 
     def common(self, instances: Instances) -> "Common":
         """Return what instances have in common, with the machine code compiled.
@@ -319,18 +311,15 @@ def _layout_of(kernels: Interior) -> tuple[Layout, InteriorRows]:
         *state, *(f"next.{name}" for name in state), *(f"aim.{name}" for name in AIMED),
     ]  # fmt: skip
     named += [name for name in sizes if name not in named]
-    places, first = {}, 0
-    for name in named:
-        own = name.removeprefix("next.").removeprefix("aim.")
-        places[name] = first, sizes[name] if name in sizes else sizes[f"next.{own}"]
-        first += places[name][1]
+    layout = placed(named, sizes)
+    places = layout.places
     at = {name: place for name, (place, _) in places.items()}
     size = sum(places[name][1] for name in state)
     rows = InteriorRows(
         state=0, aim=at[f"aim.{AIMED[0]}"], aims=len(AIMED), following=size, size=size,
         tries=at["tries"], taken=at["taken"], done=at["done"],
     )  # fmt: skip
-    return Layout(places, first), rows
+    return layout, rows
 
 
 class _Chunk:
@@ -404,21 +393,14 @@ class _Chunk:
             names += [n for n in made.layout.places if n.endswith(".signals")]
         names = [name for name in names if name in made.layout.places]
         given = np.vstack([self._numbers[name] for name in names])
-        M = given.shape[1]
-        kept = made.layout.at(*_KEPT)
-        task = _Task(
-            made,
-            self._shared,
-            Starts(_blank(made.layout), given, made.layout.at(*names), np.arange(M), 0),
-            Ends(np.empty((kept.size, M)), kept),
-            threading.Event(),
-        )
-        shares = np.array_split(np.arange(M), max(1, min(threads, M)))
-        together([partial(_solve, task, one) for one in shares])
-        sizes = [made.layout.places[name][1] for name in _KEPT]
-        u, y, x, end, paid, worst, iterations, met = np.split(
-            task.ends.found, np.cumsum(sizes)[:-1]
-        )
+        fit = _CACHE // (8 * made.layout.size)
+        job = Job(
+            kernels=made.kernels[3:], layout=made.layout, rows=made.rows,
+            shared=self._shared, blank=_blank(made.layout), given=given, brought=names,
+            kept=_KEPT, most=0, loop=take_interior_turns, turns=_TURNS,
+            side_by_side=max(_FEWEST, min(fit, _MOST_SIDE_BY_SIDE)),
+        )  # fmt: skip
+        u, y, x, end, paid, worst, iterations, met = results_of(job, threads)
         nu = posed.sizes.controls.size
         low, high = (
             (side[:nu] * posed.sizes.controls)[:, None, None]
@@ -426,7 +408,7 @@ class _Chunk:
         )
         return LaneAnswers(
             controls=np.clip(posed.controls(u), low, high),
-            starts=y * posed.start_sizes,
+            starts=np.clip(y, *posed.first_limits) * posed.start_sizes,
             states=posed.states(x, end),
             cost=paid[0] * self._unit[0] * posed.sizes.cost,
             violation=worst[0],
@@ -486,17 +468,6 @@ def _signals(posed: Posed, signals: Array) -> dict[str, Array]:
     return {"interval": np.concatenate(own), "end": at[:, -1], "begin": at[:, 0]}
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Task:
-    """Starts that threads share."""
-
-    made: _Made
-    shared: dict[str, Array]
-    starts: Starts
-    ends: Ends
-    stop: threading.Event
-
-
 def _blank(layout: Layout) -> Array:
     """Return the initial memory of a lane; its first trial has the length 0."""
     blank = np.zeros(layout.size)
@@ -504,35 +475,6 @@ def _blank(layout: Layout) -> Array:
     blank[layout.at("paid", "worst")] = np.inf
     blank[layout.at("filter_theta", "filter_phi", "theta_most")] = 1e300
     return blank
-
-
-def _solve(task: _Task, numbers: Count) -> None:
-    """Solve some of the starts."""
-    made = task.made
-    fit = _CACHE // (8 * made.layout.size)
-    lanes = min(max(_FEWEST, min(fit, _MOST_SIDE_BY_SIDE)), numbers.size)
-    block = Block(made.kernels[3:], made.layout, lanes, task.shared)
-    work = np.zeros(2 + lanes, dtype=np.int64)
-    given = (
-        block.calls, block.memory, made.rows, task.starts._replace(numbers=numbers),
-        task.ends, work, _TURNS,
-    )  # fmt: skip
-    prepare(take_interior_turns, *given)
-    try:
-        while (work[0] or work[1] < numbers.size) and not task.stop.is_set():
-            take_interior_turns(*given)
-    # Ctrl-C in one thread must end the others too.
-    except BaseException:
-        task.stop.set()
-        raise
-
-
-def _joined(parts: list[LaneAnswers]) -> LaneAnswers:
-    """Return the answers of all chunks."""
-    return LaneAnswers(**{
-        name: np.concatenate([getattr(part, name) for part in parts], axis=-1)
-        for name in _ANSWERED
-    })  # fmt: skip
 
 
 def _none(

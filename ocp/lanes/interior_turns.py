@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from swarmstart.arrays import Array
 from swarmstart.machine_code import Count, free_kernel, kernel
-from swarmstart.ocp.lanes.turns import Ends, Starts, begin, call_part, leave
+from swarmstart.ocp.lanes.turns import Ends, Starts, call_part, fill, leave
 
 _MOST = 0.75
 """Fraction of the lanes that must wait for a sweep before it is done."""
@@ -51,11 +51,7 @@ def _refill(
             lane += 1
         else:
             leave(memory, lane, ends, work)
-    while work[0] < memory.shape[1] and work[1] < starts.numbers.size:
-        work[2 + work[0]] = starts.numbers[work[1]]
-        begin(memory, work[0], starts, work[2 + work[0]])
-        work[0] += 1
-        work[1] += 1
+    fill(memory, starts, work)
 
 
 @kernel

@@ -78,6 +78,11 @@ class Posed:
         firsts = self.tied.argmax(axis=0) if self.tied.size else np.zeros(0, int)
         return np.asarray(self.sizes.states[firsts][:, None])
 
+    @property
+    def first_limits(self) -> tuple[Array, Array]:
+        """Bounds of the decisions about the start, each (ny, 1)."""
+        return self.first_least[:, None], self.first_most[:, None]
+
     def scaled(self, controls: Array) -> Array:
         """Return controls (nu, N, n) as lanes take them, excesses 0: (N nu, n)."""
         nu, N, n = controls.shape

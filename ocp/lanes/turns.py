@@ -148,6 +148,16 @@ def leave(memory: Array, lane: int, ends: Ends, work: Count) -> None:
 
 
 @kernel
+def fill(memory: Array, starts: Starts, work: Count) -> None:
+    """Put further starts into lanes that are free."""
+    while work[0] < memory.shape[1] and work[1] < starts.numbers.size:
+        work[2 + work[0]] = starts.numbers[work[1]]
+        begin(memory, work[0], starts, work[2 + work[0]])
+        work[0] += 1
+        work[1] += 1
+
+
+@kernel
 def _begins_again(
     memory: Array, lane: int, rows: Rows, starts: Starts, number: int
 ) -> bool:
@@ -174,11 +184,7 @@ def _refill(memory: Array, rows: Rows, starts: Starts, ends: Ends, work: Count) 
             lane += 1
             continue
         leave(memory, lane, ends, work)
-    while work[0] < memory.shape[1] and work[1] < starts.numbers.size:
-        work[2 + work[0]] = starts.numbers[work[1]]
-        begin(memory, work[0], starts, work[2 + work[0]])
-        work[0] += 1
-        work[1] += 1
+    fill(memory, starts, work)
 
 
 @kernel

@@ -6,7 +6,7 @@ PolishStarts random points, one after the other, by the NLP solver
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,6 +19,8 @@ from swarmstart.ocp.lanes.answers import (
     LaneAnswers,
     Optimum,
     distinct_optima,
+    joined,
+    some_of,
     unreached,
     unseen_share,
 )
@@ -88,12 +90,12 @@ class _Found:
     def add(self, answers: LaneAnswers) -> int:
         """Add answers; return their cost, in evaluations."""
         before = np.array([one.count for one in self.optima], dtype=np.int64)
-        every = answers if self.kept is None else _joined(self.kept, answers)
+        every = answers if self.kept is None else joined([self.kept, answers])
         ones = np.ones(answers.cost.size, dtype=np.int64)
         # An optimum from earlier batches stands for all lanes that ended in it.
         self.optima = distinct_optima(every, stand_for=np.concatenate([before, ones]))
         lanes = [one.lane for one in self.optima]
-        self.kept = _some(every, lanes)
+        self.kept = some_of(every, lanes)
         self.optima = [replace(one, lane=i) for i, one in enumerate(self.optima)]
         infeasible, lost = unreached(answers)
         self.infeasible += infeasible
@@ -128,22 +130,6 @@ class _Found:
             unfinished=sum(ends) - sum(counts),
             lost=self.lost,
         )
-
-
-def _joined(one: LaneAnswers, other: LaneAnswers) -> LaneAnswers:
-    return LaneAnswers(**{
-        part.name: np.concatenate(
-            [getattr(one, part.name), getattr(other, part.name)], axis=-1
-        )
-        for part in fields(one)
-    })  # fmt: skip
-
-
-def _some(answers: LaneAnswers, lanes: Sequence[int]) -> LaneAnswers:
-    return LaneAnswers(**{
-        part.name: np.ascontiguousarray(getattr(answers, part.name)[..., lanes])
-        for part in fields(answers)
-    })  # fmt: skip
 
 
 class _Lanes:
