@@ -161,8 +161,10 @@ class InLanes:
             for name, kept in found._asdict().items():
                 if name != "iterations":
                     kept[..., columns] = getattr(answers, name)
-        feasible = found.status == SolutionStatus.FEASIBLE
-        found.status[feasible & ends.optimal] = SolutionStatus.CONVERGED
+        # Where expressions have kinks, the derivatives of the lanes show no optimum.
+        if not self.planner.tracer.kinks.names:
+            feasible = found.status == SolutionStatus.FEASIBLE
+            found.status[feasible & ends.optimal] = SolutionStatus.CONVERGED
         return found
 
     def _verified(self, instances: Instances, controls: Array) -> Iterator[Group]:

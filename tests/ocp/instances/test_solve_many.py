@@ -333,6 +333,21 @@ def test_each_instance_has_the_generator_of_solve(
     assert drawn == [np.random.default_rng(4).random()] * 3
 
 
+def test_no_lane_shows_an_optimum_at_a_kink() -> None:
+    """It is best to stay at |x - 0.3| = 0, where derivatives say nothing."""
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    problem = OptimalControlProblem(
+        Model(states=x, controls=u, ode=u),
+        horizon=1.0,
+        intervals=8,
+        stage_cost=u**2 / 4 + ca.fabs(x - 0.3),
+        bounds=Bounds(controls=(-2, 2)),
+    )
+    found = solve_many(problem, [[0.3, 1.0]], seed=0, polish=None)
+    assert found.solver.tolist() == ["lanes", "lanes"] and found.cost[0] < 1e-9
+    assert found.status.tolist() == [FEASIBLE, FEASIBLE]
+
+
 def test_maximised_cost_has_the_sign_of_the_problem(use_lanes: UseLanes) -> None:
     use_lanes(by_gains)
     x0s = starts(3)
