@@ -39,6 +39,8 @@ from swarmstart.ocp.nlp.start import Start
 from swarmstart.ocp.rollout.status import SolutionStatus
 from swarmstart.ocp.statement.guesses import cold_controls
 
+STARTS = 4
+"""Number of starts of each instance in lanes."""
 _ROUNDS = 3
 """Largest number of times that instances are tried from neighbours' answers; from the
 second one on those count that an earlier one has found."""
