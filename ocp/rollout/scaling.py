@@ -26,7 +26,9 @@ nearer than the expression varies, but not nearer than a hundredth of that, and 
 x0 keeps it.
 
 A size that the problem gives by name (`scales`) replaces that of the state or control.
-A way or a guess that is negligible beside the sizes from the dynamics counts as zero.
+A way or a guess that is negligible beside the sizes from the dynamics counts as zero,
+and so does a way that is much less than that of a state needs whose rate is a multiple
+of this one.
 All sizes are homogeneous: values in units larger by a power of two give sizes that are
 larger by exactly that power.
 """
@@ -48,6 +50,8 @@ _PARTS = (0.618, -0.382)
 """Moves around the start, relative to the sizes; irregular, to avoid half turns."""
 _NEGLIGIBLE = 1e-6
 """Relative size below which a way or a guess is negligible."""
+_NEEDED = 0.05
+"""Part of what a state driven by it alone needs, below which a way is negligible."""
 _ABSURD, _SOON, _TURNS = 1e3, 3, 200
 """Ratio from which a way by sizes of rates may be absurd beside that of its first
 orders, and is beside the linear motion with its signs; and steps of that motion."""
@@ -102,9 +106,9 @@ class Sizing:
         self._at = ca.Function("at", symbols, [ca.vertcat(*outputs)])
         self._splits = np.cumsum([o.numel() for o in outputs])[:-1]
         self._last: tuple[list[bytes | None], Sizes] | None = None
-        self._slopes = ca.Function(
-            "slopes", symbols, [ca.jacobian(f, ca.vertcat(symbols[0], symbols[1]))]
-        )
+        slopes = ca.jacobian(f, ca.vertcat(symbols[0], symbols[1]))
+        self._slopes = ca.Function("slopes", symbols, [slopes])
+        self._drives = _alone(slopes, ca.vertcat(*symbols))
         self._target = _target_function(problem)
         self._ways = _ways_function(problem, np.flatnonzero(self._is_open))
         self._known = [*problem.row_scales(), *map(known_scales, problem.soft)]
@@ -155,7 +159,9 @@ class Sizing:
             way = np.abs(along - x0[:, None]).max(axis=1)
             states = np.where(self._is_open, np.maximum(states, way), states)
         controls = self._first_controls()
-        states = self._without_tiny(at, states, controls, None)
+        # A guess of the states shows how large they get; their starts do not.
+        share = _NEEDED if along is None else 0.0
+        states = self._without_tiny(at, states, controls, None, share)
         if guess is not None:
             _, expected = self._filled(at, states, controls, None)
             given = np.asarray(guess, dtype=np.float64)
@@ -163,7 +169,7 @@ class Sizing:
             tiny = guessed < _NEGLIGIBLE * expected
             guess = np.where(tiny[:, None], 0.0, given)
             controls = np.where((controls > 0) | tiny, controls, guessed)
-            states = self._without_tiny(at, states, controls, guess)
+            states = self._without_tiny(at, states, controls, guess, share)
         filled = self._filled(at, states, controls, guess)
         self._fill_costs(at, *filled, guess)
         states, controls = (np.where(sizes > 0, sizes, 1.0) for sizes in filled)
@@ -384,19 +390,27 @@ class Sizing:
         )
 
     def _without_tiny(
-        self, at: "_Point", direct: Array, known: Array, guess: ArrayLike | None
+        self,
+        at: "_Point",
+        direct: Array,
+        known: Array,
+        guess: ArrayLike | None,
+        share: float,
     ) -> Array:
         """Return sizes of states, with negligible ones set to 0.
 
-        A way of 1e-300 counts as zero.
+        A way of 1e-300 counts as zero, and so does one that is far less than what the
+        way of a state needs that it alone drives: a body that turns round has another
+        speed in between than the small one with which it begins.
         """
         states, controls = self._filled(at, direct, known, guess)
         reach = self._reached(at, states, controls, guess)
         needed = self._by_rate(at, states)[:, : states.size]
         np.fill_diagonal(needed, np.inf)  # Only the other states' needs count.
-        need = needed.min(axis=0, initial=np.inf)
-        derived = np.maximum(reach, np.where(np.isfinite(need), need, 0.0))
-        tiny = (direct < _NEGLIGIBLE * derived) & self._is_open
+        need = _least(needed)
+        driven = _least(np.where(self._drives, needed, np.inf))
+        least = np.maximum(_NEGLIGIBLE * np.maximum(reach, need), share * driven)
+        tiny = (direct < least) & self._is_open
         return np.where(tiny, 0.0, direct)
 
     def _lasting(self, at: "_Point") -> Array:
@@ -509,6 +523,12 @@ class _Point:
         return np.abs(self.signed)
 
 
+def _least(needed: Array) -> Array:
+    """Return the least of each column; 0 if there is none."""
+    least = needed.min(axis=0, initial=np.inf)
+    return np.where(np.isfinite(least), least, 0.0)
+
+
 def _largest(lower: Array, upper: Array) -> Array:
     """Return the larger one of the finite limits of each row; 0 without any."""
     return np.maximum(
@@ -539,6 +559,22 @@ def _constant(entries: ca.SX, symbols: ca.SX) -> NDArray[np.intp]:
     """Return the numbers of the entries that depend on none of some symbols."""
     varying = rows_that_depend(entries, symbols)
     return np.setdiff1d(np.arange(entries.numel()), varying)
+
+
+def _alone(slopes: ca.SX, symbols: ca.SX) -> NDArray[np.bool_]:
+    """Return a mask of the states that alone drive a rate, by a constant factor.
+
+    Args:
+        slopes: Of the rates by states and controls, shape (nx, nx + nu).
+        symbols: What they depend on.
+    """
+    slopes = ca.sparsify(slopes)
+    rows = np.array(slopes.sparsity().row(), dtype=int)
+    columns = np.array(slopes.sparsity().get_col(), dtype=int)
+    mask = np.zeros(slopes.shape, dtype=np.bool_)
+    for place in _constant(slopes.nz[:], symbols):
+        mask[rows[place], columns[place]] = np.count_nonzero(rows == rows[place]) == 1
+    return mask[:, : slopes.shape[0]]
 
 
 def _rate(problem: OptimalControlProblem) -> ca.SX:
