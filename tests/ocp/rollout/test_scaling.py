@@ -413,6 +413,25 @@ def test_the_way_of_another_state_says_that_a_small_start_is_no_size() -> None:
     assert fast.states[1] == 2.0  # The way from its start, as before.
 
 
+def test_sizes_of_many_starts_at_once_are_those_of_each_to_the_last_bit() -> None:
+    """They differ in where their ways come from: a target, a rate, a guess."""
+    problem = rocket(bounds=Bounds(controls=(0, np.inf)))
+    rng = np.random.default_rng(0)
+    x0 = rng.uniform([-1e4, -9, 1e3], [1e4, 9, 2e4], (40, 3)).T
+    x0[:, ::5] = [[0.0], [0.0], [1e4]]
+    guess = rng.uniform(0, 4e5, (1, problem.intervals, 40)) * (np.arange(40) % 3)
+    none = np.empty((0, problem.nodes, 40))
+    sizing = Sizing(problem)
+    many = sizing.of_all(x0, np.empty((0, 40)), none, guess)
+    for k in (0, 5, 17, 39):
+        one = Sizing(problem)(x0[:, k], NONE, none[..., k], guess[..., k])
+        for name in ("states", "controls", "cost", "weights"):
+            np.testing.assert_array_equal(getattr(many[k], name), getattr(one, name))
+        np.testing.assert_array_equal(many[k].rows, one.rows)
+    few = sizing.of_all(x0[:, :3], np.empty((0, 3)), none[..., :3], guess[..., :3])
+    np.testing.assert_array_equal(few[2].states, many[2].states)
+
+
 def test_guess_of_states_says_how_large_unbounded_ones_get() -> None:
     problem = rocket(
         bounds=Bounds(controls=(0, 4e5), states=([-9, -np.inf, 1], np.inf))
