@@ -147,15 +147,37 @@ def stationarity(point: NlpPoint) -> float:
 def unmet(program: NonlinearProgram, w: Array, q: Array, limits: Limits) -> float:
     """Return what a feasible point leaves of the first-order conditions.
 
-    This is the sum of |grad f + J' lam_g + lam_x| with the multipliers that make its
-    squares least, zero at limits that are not active and of the right sign at the
-    others; infinity if something is not finite.
+    This is the sum of |grad f + J' lam_g + lam_x| with the multipliers of
+    `least_multipliers`; infinity if something is not finite.
 
     Args:
         program: The NLP.
         w: Variables, shape (nw,).
         q: Arguments.
         limits: Bounds of variables and rows.
+    """
+    *_, rest = least_multipliers(program, w, q, limits)
+    return float(np.abs(rest).sum())
+
+
+def least_multipliers(
+    program: NonlinearProgram, w: Array, q: Array, limits: Limits
+) -> tuple[Array, Array, Array]:
+    """Return the multipliers of a feasible point that leave least of its slope.
+
+    They make the squares of grad f + J' lam_g + lam_x least, and are zero at limits
+    that are not active and of the right sign at the others. At an optimum they are the
+    optimum's, if its active limits are independent.
+
+    Args:
+        program: The NLP.
+        w: Variables, shape (nw,).
+        q: Arguments.
+        limits: Bounds of variables and rows.
+
+    Returns:
+        lam_g of shape (ng,), lam_x of shape (nw,), and what is left, shape (nw,), which
+        is infinite if something is not finite.
     """
     from scipy import sparse  # Slow to import, and only a polish is judged so.
 
@@ -166,17 +188,19 @@ def unmet(program: NonlinearProgram, w: Array, q: Array, limits: Limits) -> floa
     values = np.concatenate([np.array(c).ravel(), w])
     lower = np.concatenate([limits.lbg, limits.lbx])
     upper = np.concatenate([limits.ubg, limits.ubx])
+    found = np.zeros(values.size)
     if not (np.isfinite(g).all() and np.isfinite(J.data).all()):
-        return np.inf
+        return found[: -w.size], found[-w.size :], np.full(w.size, np.inf)
     at_lower, at_upper = values <= lower + _ACTIVE, values >= upper - _ACTIVE
-    active, rest = np.flatnonzero(at_lower | at_upper), g
+    active, lam, rest = np.flatnonzero(at_lower | at_upper), np.empty(0), g
     for _ in range(_RELEASES):
         lam, rest = _least_rest(g, rows[active])
         wrong = ((lam > 0) & ~at_upper[active]) | ((lam < 0) & ~at_lower[active])
         if not wrong.any():
             break
-        active = active[~wrong]
-    return float(np.abs(rest).sum())
+        active, lam = active[~wrong], lam[~wrong]
+    found[active] = lam
+    return found[: -w.size], found[-w.size :], rest
 
 
 def _least_rest(g: Array, rows: "sparse.csr_matrix") -> tuple[Array, Array]:
@@ -283,10 +307,11 @@ class _Stages:
         self.hessian, self.dynamics, self.active = [], [], []
         distance = _distance(point)
         active = np.abs(point.lam_g) > distance
-        for k in range(N):
-            at = z[:, k], known, s[:, k * checks : (k + 1) * checks + 1]
-            H, J = _derivatives(interval, at, lam[:, k])
-            H, J = _without_inner(H, J, nx, inner_unknowns(problem))
+        every = [s[:, k * checks : (k + 1) * checks + 1] for k in range(N)]
+        inner_rows = inner_unknowns(problem)
+        several = _derivatives(interval, (z, known, np.hstack(every)), lam)
+        for k, derivatives in enumerate(zip(*several, strict=True)):
+            H, J = _without_inner(*derivatives, nx, inner_rows)
             self.hessian.append(H)
             self.dynamics.append(J[:nx])
             kept = active[(k + 1) * rows - (len(J) - nx) : (k + 1) * rows]
@@ -298,7 +323,7 @@ class _Stages:
         ):
             after = first + part.height
             at = at_node, np.concatenate([shared, own]), known_there
-            H, J = _derivatives(part, at, point.lam_g[first:after])
+            (H,), (J,) = _derivatives(part, at, point.lam_g[first:after, None])
             self.ends.append((H, J[active[first:after]]))
             first = after
         self._hold(point, inner)
@@ -363,10 +388,22 @@ def _without_inner(H: Array, J: Array, nx: int, count: int) -> tuple[Array, Arra
 def _derivatives(
     part: Part, at: tuple[Array, Array, Array], lam: Array
 ) -> tuple[Array, Array]:
-    """Return the Hessian of the Lagrangian and the Jacobian of g of a part."""
-    upper = np.array(part.curvature(*at, 1.0, lam))
-    hessian = upper + np.triu(upper, 1).T
-    return hessian, np.array(part.slopes(*at)[3])
+    """Return Hessians of the Lagrangian and Jacobians of g of a part at n places.
+
+    Args:
+        part: The part.
+        at: Variables z, a column for each place, shared numbers, and signals.
+        lam: Multipliers of its rows, shape (rows, n).
+
+    Returns:
+        Shapes (n, nz, nz) and (n, rows, nz).
+    """
+    n = lam.shape[1]
+    upper, J = (
+        np.array(found).reshape((found.shape[0], n, found.shape[1] // n)).swapaxes(0, 1)
+        for found in (part.curvature(*at, 1.0, lam), part.slopes(*at)[3])
+    )
+    return upper + np.triu(upper, 1).swapaxes(1, 2), J
 
 
 def _distance(point: NlpPoint) -> Array:

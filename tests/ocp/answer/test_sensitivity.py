@@ -17,11 +17,17 @@ from swarmstart.ocp import (
     NoSensitivityError,
     OptimalControlProblem,
     PathConstraint,
+    Sensitivities,
+    Sensitivity,
     Solution,
+    Solutions,
+    SolutionStatus,
     TransportDelay,
     ensemble,
     solve,
+    solve_many,
 )
+from swarmstart.ocp.instances.polishing import OneByOne
 
 EXACT = IpoptOptions(tolerance=1e-11, options={"acceptable_tol": 1e-11})
 X, U, P = ca.SX.sym("x", 2), ca.SX.sym("u"), ca.SX.sym("p")
@@ -113,7 +119,23 @@ CASES = {
     "soft": Case(
         pendulum(constraints=[PathConstraint(expression=X[1], lower=-0.3, weight=2.0)])
     ),
-}
+    "discrete, with a parameter in costs and limits": Case(
+        OptimalControlProblem(
+            Model(
+                states=X, controls=U, parameters=P,
+                next_state=ca.vertcat(X[0] + 0.2 * X[1], X[1] + 0.2 * U),
+            ),
+            horizon=10.0,
+            intervals=10,
+            stage_cost=P * ca.sumsqr(X) + U**2 / P,
+            bounds=Bounds(controls=(-3, 3)),
+            constraints=[PathConstraint(expression=P * X[1], lower=-1.5)],
+        ),
+        (2.0, 0.0),
+    ),
+}  # fmt: skip
+REPAIRED = {"path constraint"}
+"""Cases whose answers break a limit between the checks, and so get margins."""
 
 
 def solved(case: Case, guess: Solution | None = None, **changes: object) -> Solution:
@@ -160,20 +182,93 @@ def measured(case: Case, at: Solution, name: str) -> tuple[Array, ...]:
     )
 
 
+def solved_at_once(case: Case) -> Solutions:
+    """Return the answer to a case among those to similar instances."""
+    x0 = np.array(case.x0)[:, None] * [0.99, 1.0, 1.01]
+    p = np.array([1.0, case.parameters[0], 1.01 * case.parameters[0]])
+    return solve_many(case.problem, x0, known={"p": p}, seed=0, progress=False)
+
+
 @pytest.mark.parametrize("name", CASES)
 def test_derivatives_are_those_of_problems_solved_again(name: str) -> None:
     case = CASES[name]
     at = solved(case)
     found = at.sensitivity()
     assert found.unclear == 0
+    ways = [found]
+    if name not in REPAIRED:
+        every = solved_at_once(case).sensitivity(threads=1)
+        assert (every.data, every.reasons) == (found.data, {})
+        ways.append(instance(every, 1))
     for number, datum in enumerate(found.data):
         cost, controls, states, decided = measured(case, at, datum)
         close = {"rtol": 1e-5, "atol": 1e-5 * (1 + np.abs(controls).max())}
-        np.testing.assert_allclose(found.cost[number], cost, **close)
-        np.testing.assert_allclose(found.controls[..., number], controls, **close)
-        np.testing.assert_allclose(found.states[..., number], states, **close)
-        values = np.array([one[number] for one in found.decided.values()])
-        np.testing.assert_allclose(values, decided, **close)
+        for way in ways:
+            np.testing.assert_allclose(way.cost[number], cost, **close)
+            np.testing.assert_allclose(way.controls[..., number], controls, **close)
+            np.testing.assert_allclose(way.states[..., number], states, **close)
+            values = np.array([one[number] for one in way.decided.values()])
+            np.testing.assert_allclose(values, decided, **close)
+
+
+def instance(every: Sensitivities, number: int) -> Sensitivity:
+    """Return the derivatives of one instance."""
+    return Sensitivity(
+        data=every.data,
+        cost=every.cost[:, number],
+        controls=every.controls[..., number],
+        states=every.states[..., number],
+        decided={name: one[:, number] for name, one in every.decided.items()},
+        unclear=int(every.unclear[number]),
+    )
+
+
+def test_nothing_is_solved_again_where_the_nlp_explains_an_answer(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def refused(*_: object, **__: object) -> Solution:
+        raise AssertionError("an answer was solved again")
+
+    answers = solved_at_once(CASES["bounds of controls"])
+    monkeypatch.setattr(OneByOne, "solution", refused)
+    assert not answers.sensitivity(threads=1).reasons
+    with pytest.raises(AssertionError, match="solved again"):
+        solved_at_once(CASES["path constraint"]).sensitivity(threads=1)
+
+
+def test_an_answer_with_margins_has_the_derivatives_of_its_solution() -> None:
+    answers = solved_at_once(CASES["path constraint"])
+    found, alone = answers.sensitivity(threads=1), answers[2].sensitivity()
+    for name in ("cost", "controls", "states"):
+        one, other = getattr(instance(found, 2), name), getattr(alone, name)
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_an_instance_without_derivatives_has_a_reason(threads: int) -> None:
+    """If controls cost nothing, their sum may be reached in many ways."""
+    x, u, p = ca.SX.sym("x"), ca.SX.sym("u", 2), ca.SX.sym("p")
+    problem = OptimalControlProblem(
+        Model(states=x, controls=u, parameters=p, ode=u[0] + u[1]),
+        horizon=1.0, intervals=2, terminal_cost=x**2,
+        stage_cost=p * ca.sumsqr(u),
+        bounds=Bounds(controls=([-2, -2], [2, 2]), states=(-9, 9)),
+    )  # fmt: skip
+    x0, weights = [[0.3, 0.3, 10.0, 0.4]], {"p": [1.0, 0.0, 1.0, 1.0]}
+    answers = solve_many(problem, x0, known=weights, seed=0)
+    assert answers.status[2] is SolutionStatus.INVALID
+    found = answers.sensitivity(threads=threads)
+    assert sorted(found.reasons) == [1, 2]
+    assert "expected a strict minimum" in found.reasons[1]
+    assert found.reasons[2] == "the answer is not confirmed: INVALID"
+    for values in (found.cost, found.controls, found.states):
+        is_missing = np.isnan(values).reshape((-1, 4))
+        np.testing.assert_array_equal(
+            is_missing, [[False, True, True, False]] * len(is_missing)
+        )
+    # All controls are -x0 / (p + 2), and the cost is x0^2 / (1 + 2 / p).
+    np.testing.assert_allclose(found.cost[0, 0], 2 * 0.3 / (1 + 2 / 1.0), rtol=1e-6)
+    assert "2 without derivatives" in repr(found)
 
 
 @pytest.mark.parametrize("units", [(1.0, 1.0), (1e4, 1e-3)])
@@ -224,6 +319,8 @@ def test_without_data_there_is_nothing_to_derive() -> None:
     assert slopes.data == ()
     assert slopes.cost.shape == (0,)
     assert (slopes.controls.shape, slopes.states.shape) == ((1, 4, 0), (1, 5, 0))
+    several = solve_many(problem, [[1.0, 2.0]], seed=0).sensitivity(by=["parameters"])
+    assert several.controls.shape == (1, 4, 0, 2)
 
 
 def test_members_are_refused() -> None:
@@ -231,6 +328,9 @@ def test_members_are_refused() -> None:
     answer = solve(members, [1.0, 0.3], search=None, lanes=0, polish=EXACT, seed=0)
     with pytest.raises(NoSensitivityError, match="without members"):
         answer.sensitivity()
+    answers = solve_many(members, [[1.0], [0.3]], seed=0)
+    with pytest.raises(NoSensitivityError, match="without members"):
+        answers.sensitivity()
 
 
 def test_limit_that_is_about_to_act_is_counted() -> None:
@@ -243,6 +343,9 @@ def test_limit_that_is_about_to_act_is_counted() -> None:
     )  # fmt: skip
     at_corner = solve(problem, [1.0], search=None, lanes=0, seed=0)
     beside = solve(problem, [0.8], search=None, lanes=0, seed=0)
+    many = solve_many(problem, [[1.0, 0.8]], seed=0).sensitivity(threads=1)
+    assert many.unclear.tolist() == [1, 0]
+    assert "1 with limits that may change" in repr(many)
     assert at_corner.sensitivity().unclear == 1
     assert beside.sensitivity().unclear == 0
     assert "may change" in repr(at_corner.sensitivity())
