@@ -246,7 +246,7 @@ def test_an_answer_with_margins_has_the_derivatives_of_its_solution() -> None:
 
 @pytest.mark.parametrize("threads", [1, 3])
 def test_an_instance_without_derivatives_has_a_reason(threads: int) -> None:
-    """If controls cost nothing, their sum may be reached in many ways."""
+    """The sum of controls that cost nothing can be reached in many ways."""
     x, u, p = ca.SX.sym("x"), ca.SX.sym("u", 2), ca.SX.sym("p")
     problem = OptimalControlProblem(
         Model(states=x, controls=u, parameters=p, ode=u[0] + u[1]),
