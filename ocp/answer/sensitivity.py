@@ -169,21 +169,16 @@ class Sensitivities:
 
 
 def require_data(core: Lowered) -> None:
-    """Raise unless the data of the problem are those of its NLP.
+    """Raise unless an answer to the problem can be differentiated by its data.
 
     Args:
         core: The problem with its core.
 
     Raises:
-        NoSensitivityError: If they are not.
+        NoSensitivityError: If the problem has members.
     """
     if core.stated.risk is not None:
         raise NoSensitivityError("expected a problem without members, found a risk")
-    known, count = len(core.known_parameters), core.core.model.np
-    if known != count:
-        raise NoSensitivityError(
-            f"expected {known} parameters in the problem that is solved, found {count}"
-        )
 
 
 def sensitivity_of(
@@ -301,6 +296,7 @@ def _places(core: Lowered, by: Sequence[Data]) -> list[tuple[str, int]]:
         found += [(name, i) for i, name in enumerate(names) if i not in decided]
     if "parameters" in by:
         every = symbol_names(core.stated.model.parameters)
+        # They come first in the core; the time at the start follows.
         found += [(every[j], nx + i) for i, j in enumerate(core.known_parameters)]
     return found
 

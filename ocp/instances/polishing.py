@@ -29,12 +29,14 @@ from swarmstart.ocp.common.processes import Ahead, processes_of
 from swarmstart.ocp.instances.outcomes import Answers
 from swarmstart.ocp.lanes.interior import Instances
 from swarmstart.ocp.nlp.optimality import NlpPoint, is_stationary
+from swarmstart.ocp.nlp.polish import Polisher
 from swarmstart.ocp.nlp.start import Start
 from swarmstart.ocp.rollout.fitness import Known
 
 _TOGETHER = 8
 """Largest number of instances that a process solves before it reports them."""
 Seed = Sequence[int]
+Derived = Sensitivity | NoSensitivityError
 T = TypeVar("T")
 
 
@@ -54,20 +56,14 @@ class Answered(NamedTuple):
     """An answer to an instance, of the core.
 
     Attributes:
-        x0: Initial state, shape (nx,).
-        known: Known data.
         controls: Shape (nu, N).
         states: At the nodes, shape (nx, nodes).
-        start: Start of the NLP solver from it; None if it is not finite.
-        near: Whether the solver should stay near the start.
+        known: Known data.
     """
 
-    x0: Array
-    known: Known
     controls: Array
     states: Array
-    start: Start | None
-    near: bool
+    known: Known
 
 
 class OneByOne:
@@ -130,12 +126,12 @@ class OneByOne:
 
     def sensitivities(
         self, answers: Sequence[Answered], by: Sequence[Data]
-    ) -> list[Sensitivity | NoSensitivityError]:
+    ) -> list[Derived]:
         """Return the derivatives of answers, or the errors that say why there are none.
 
         An answer that the NLP explains is not solved again. Any other one is polished
-        first: one with margins at its limits, or by collocation, whose variables it
-        does not keep.
+        first, from itself and without repair: one with margins at its limits, which the
+        NLP does not have, or by collocation, whose variables it does not keep.
 
         Args:
             answers: Confirmed answers.
@@ -143,28 +139,22 @@ class OneByOne:
         """
         planner = self.planner
         core, held = planner.lowered, planner.problem.integer
+        # The planner of many instances always has one.
+        polisher = planner.polisher or Polisher(planner.fitness)
 
-        def derived(
-            part: NDArray[np.int64],
-        ) -> list[Sensitivity | NoSensitivityError]:
-            found = dict[int, Sensitivity | NoSensitivityError]()
-            points, controls = dict[int, NlpPoint](), list[Array]()
+        def derived(part: NDArray[np.int64]) -> list[Derived]:
+            found, points = dict[int, Derived](), dict[int, NlpPoint]()
             for number in part.tolist():
-                one = answers[number]
-                x0, u = one.states[:, 0], one.controls
-                point = None
-                if planner.polisher is not None:
-                    point = planner.polisher.point(
-                        u, one.states, x0, one.known, held=held
-                    )
+                u, x, known = answers[number]
+                point = polisher.point(u, x, x[:, 0], known, held=held)
                 if point is None:
-                    again = self.solution(one.x0, one.known, one.start, near=one.near)
-                    point, u = again.plan.point, again.plan.controls
+                    near = polisher(u, x[:, 0], known, states=x, near=True, held=held)
+                    point = near.point
                 if point is None or not is_stationary(point):
                     found[number] = NoSensitivityError(NOT_CONVERGED)
-                    continue
-                points[number] = point
-                controls.append(u)
+                else:
+                    points[number] = point
+            controls = [answers[number].controls for number in points]
             several = sensitivities_of([*points.values()], core, controls, by)
             found |= zip(points, several, strict=True)
             return [found[number] for number in part.tolist()]

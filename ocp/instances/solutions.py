@@ -5,7 +5,6 @@ from __future__ import annotations
 import operator
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -27,7 +26,6 @@ from swarmstart.arguments import (
 from swarmstart.arrays import Array
 from swarmstart.errors import Sendable
 from swarmstart.ocp.answer.kept import kept_planner
-from swarmstart.ocp.answer.planner import Planner
 from swarmstart.ocp.answer.sensitivity import (
     DATA,
     Data,
@@ -231,13 +229,25 @@ class Solutions(Presenting):
         if not -len(self) <= place < len(self):
             raise IndexError(f"there are {len(self)} instances, asked for {number}")
         place %= len(self)
-        status = self.status[place]
+        status, kept = self.status[place], self.core_answers
         if status in (SolutionStatus.INVALID, SolutionStatus.NOT_REACHED):
             reason = self.invalid.get(place, status.value)
             raise InvalidProblemError(f"instance {place} has no answer: {reason}")
-        with self._one_by_one(1) as each:
-            x0, known, _, _, start, near = self._answered(each.planner, place)
-            return each.solution(x0, known, start, near=near)
+        start, near = None, False
+        if np.isfinite(kept.controls[:, :, place]).all():
+            start = Start(kept.controls[:, :, place], x0=kept.x0[:, place])
+            near = not kept.by_interval[place]
+            if not near:  # A roll-out of its controls would explode.
+                start = start._replace(states=kept.states[:, :, place])
+        with kept_planner(
+            self._near, search=None, polish=self.how.polish, backend=None, lanes=0,
+            threads=1,
+        ) as planner:  # fmt: skip
+            x0, known, _ = planner.posed(self.data.x0[:, place], self.data.known(place))
+            each = OneByOne(
+                planner, seed=self.how.seed, repair=self.how.repair, threads=1
+            )
+            return each.solution(np.asarray(x0, dtype=float), known, start, near=near)
 
     @checked(
         refused,
@@ -252,8 +262,8 @@ class Solutions(Presenting):
         An answer has no multipliers of its own. Those that make the squares of what is
         left of the first-order conditions least, over its active limits, are its
         multipliers if it is an optimum: then nothing is solved again. An answer that
-        they do not explain is first polished by the NLP solver, as `__getitem__` does:
-        one with margins at its limits, or of a polish by collocation.
+        they do not explain is first polished by the NLP solver, from itself and without
+        margins: one with margins at its limits, or of a polish by collocation.
 
         Args:
             by: As of `Solution.sensitivity`.
@@ -287,8 +297,20 @@ class Solutions(Presenting):
             for i in np.flatnonzero(~confirmed)
         }
         numbers = np.flatnonzero(confirmed).tolist()
-        with self._one_by_one(threads) as each:
-            answers = [self._answered(each.planner, number) for number in numbers]
+        kept = self.core_answers
+        with kept_planner(
+            self._near, search=None, polish=self.how.polish, backend=None, lanes=0,
+            threads=1,
+        ) as planner:  # fmt: skip
+            answers = [
+                Answered(
+                    kept.controls[..., i],
+                    kept.states[..., i],
+                    planner.posed(self.data.x0[:, i], self.data.known(i))[1],
+                )
+                for i in numbers
+            ]
+            each = OneByOne(planner, seed=(), repair=False, threads=threads)
             derived = each.sensitivities(answers, by)
         found = dict[int, Sensitivity]()
         for number, one in zip(numbers, derived, strict=True):
@@ -297,30 +319,6 @@ class Solutions(Presenting):
             else:
                 reasons[number] = str(one)
         return Sensitivities.of(found, reasons, core, by)
-
-    @contextmanager
-    def _one_by_one(self, threads: int | None) -> Iterator[OneByOne]:
-        """Lend what solves the instances one by one."""
-        seed, repair = self.how.seed, self.how.repair
-        with kept_planner(
-            self._near, search=None, polish=self.how.polish, backend=None, lanes=0,
-            threads=1,
-        ) as planner:  # fmt: skip
-            yield OneByOne(planner, seed=seed, repair=repair, threads=threads)
-
-    def _answered(self, planner: Planner, place: int) -> Answered:
-        """Return an answer as the core has it, and the start of a polish from it."""
-        kept, start = self.core_answers, None
-        controls, states = kept.controls[..., place], kept.states[..., place]
-        near = False
-        if np.isfinite(controls).all():
-            start = Start(controls, x0=kept.x0[:, place])
-            near = not kept.by_interval[place]
-            if not near:  # A roll-out of its controls would explode.
-                start = start._replace(states=states)
-        x0, known, _ = planner.posed(self.data.x0[:, place], self.data.known(place))
-        given = np.asarray(x0, dtype=np.float64)
-        return Answered(given, known, controls, states, start, near)
 
     def plot(self) -> Any:
         """Return a matplotlib Figure: the cost over the data that differ, failures too.

@@ -17,6 +17,7 @@ from swarmstart.ocp import (
     NoSensitivityError,
     OptimalControlProblem,
     PathConstraint,
+    Polisher,
     Sensitivities,
     Sensitivity,
     Solution,
@@ -27,10 +28,10 @@ from swarmstart.ocp import (
     solve,
     solve_many,
 )
-from swarmstart.ocp.instances.polishing import OneByOne
 
 EXACT = IpoptOptions(tolerance=1e-11, options={"acceptable_tol": 1e-11})
 X, U, P = ca.SX.sym("x", 2), ca.SX.sym("u"), ca.SX.sym("p")
+T = ca.SX.sym("t")
 PENDULUM = Model(
     states=X, controls=U, parameters=P, ode=ca.vertcat(X[1], U - P * ca.sin(X[0]))
 )
@@ -119,6 +120,18 @@ CASES = {
     "soft": Case(
         pendulum(constraints=[PathConstraint(expression=X[1], lower=-0.3, weight=2.0)])
     ),
+    "time": Case(
+        OptimalControlProblem(
+            Model(
+                states=X, controls=U, parameters=P, time=T,
+                ode=ca.vertcat(X[1], U - P * ca.sin(X[0] + T)),
+            ),
+            horizon=2.0,
+            intervals=12,
+            stage_cost=U**2 + ca.sumsqr(X),
+            bounds=Bounds(controls=(-3, 3)),
+        )
+    ),
     "discrete, with a parameter in costs and limits": Case(
         OptimalControlProblem(
             Model(
@@ -134,8 +147,6 @@ CASES = {
         (2.0, 0.0),
     ),
 }  # fmt: skip
-REPAIRED = {"path constraint"}
-"""Cases whose answers break a limit between the checks, and so get margins."""
 
 
 def solved(case: Case, guess: Solution | None = None, **changes: object) -> Solution:
@@ -195,15 +206,12 @@ def test_derivatives_are_those_of_problems_solved_again(name: str) -> None:
     at = solved(case)
     found = at.sensitivity()
     assert found.unclear == 0
-    ways = [found]
-    if name not in REPAIRED:
-        every = solved_at_once(case).sensitivity(threads=1)
-        assert (every.data, every.reasons) == (found.data, {})
-        ways.append(instance(every, 1))
+    every = solved_at_once(case).sensitivity(threads=1)
+    assert (every.data, every.reasons) == (found.data, {})
     for number, datum in enumerate(found.data):
         cost, controls, states, decided = measured(case, at, datum)
         close = {"rtol": 1e-5, "atol": 1e-5 * (1 + np.abs(controls).max())}
-        for way in ways:
+        for way in (found, instance(every, 1)):
             np.testing.assert_allclose(way.cost[number], cost, **close)
             np.testing.assert_allclose(way.controls[..., number], controls, **close)
             np.testing.assert_allclose(way.states[..., number], states, **close)
@@ -226,22 +234,16 @@ def instance(every: Sensitivities, number: int) -> Sensitivity:
 def test_nothing_is_solved_again_where_the_nlp_explains_an_answer(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    explained = solved_at_once(CASES["bounds of controls"])
+    with_margins = solved_at_once(CASES["path constraint"])
+
     def refused(*_: object, **__: object) -> Solution:
         raise AssertionError("an answer was solved again")
 
-    answers = solved_at_once(CASES["bounds of controls"])
-    monkeypatch.setattr(OneByOne, "solution", refused)
-    assert not answers.sensitivity(threads=1).reasons
+    monkeypatch.setattr(Polisher, "__call__", refused)
+    assert not explained.sensitivity(threads=1).reasons
     with pytest.raises(AssertionError, match="solved again"):
-        solved_at_once(CASES["path constraint"]).sensitivity(threads=1)
-
-
-def test_an_answer_with_margins_has_the_derivatives_of_its_solution() -> None:
-    answers = solved_at_once(CASES["path constraint"])
-    found, alone = answers.sensitivity(threads=1), answers[2].sensitivity()
-    for name in ("cost", "controls", "states"):
-        one, other = getattr(instance(found, 2), name), getattr(alone, name)
-        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9)
+        with_margins.sensitivity(threads=1)
 
 
 @pytest.mark.parametrize("threads", [1, 3])
