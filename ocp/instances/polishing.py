@@ -150,10 +150,10 @@ class OneByOne:
                 if point is None:
                     near = polisher(u, x[:, 0], known, states=x, near=True, held=held)
                     point = near.point
-                if point is None or not is_stationary(point):
-                    found[number] = NoSensitivityError(NOT_CONVERGED)
-                else:
-                    points[number] = point
+                    if point is None or not is_stationary(point):
+                        found[number] = NoSensitivityError(NOT_CONVERGED)
+                        continue
+                points[number] = point
             controls = [answers[number].controls for number in points]
             several = sensitivities_of([*points.values()], core, controls, by)
             found |= zip(points, several, strict=True)
