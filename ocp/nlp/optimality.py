@@ -31,6 +31,7 @@ from enum import Enum
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swarmstart.arrays import Array
 from swarmstart.ocp.nlp.collocation import inner_unknowns
@@ -305,8 +306,8 @@ class _Stages:
         known = np.concatenate([shared, inside])
         lam = point.lam_g[: rows * N].reshape((rows, N), order="F")
         self.hessian, self.dynamics, self.active = [], [], []
-        distance = _distance(point)
-        active = np.abs(point.lam_g) > distance
+        of_rows, of_bounds = rooms(point)
+        active = np.abs(point.lam_g) > of_rows
         every = [s[:, k * checks : (k + 1) * checks + 1] for k in range(N)]
         inner_rows = inner_unknowns(problem)
         several = _derivatives(interval, (z, known, np.hstack(every)), lam)
@@ -326,18 +327,18 @@ class _Stages:
             (H,), (J,) = _derivatives(part, at, point.lam_g[first:after, None])
             self.ends.append((H, J[active[first:after]]))
             first = after
-        self._hold(point, inner)
+        self._hold(problem, np.abs(point.lam_x) > of_bounds, inner)
         entries = [
             np.abs(H).max(initial=0)
             for H in (*self.hessian, *[H for H, _ in self.ends])
         ]
         self.largest = float(max(entries))
 
-    def _hold(self, point: NlpPoint, inner: int) -> None:
+    def _hold(
+        self, problem: OptimalControlProblem, at_bound: NDArray[np.bool_], inner: int
+    ) -> None:
         """Mark the variables that are held at a bound; the inner ones come first."""
-        problem = point.program.problem
         nx, nu = problem.model.nx, inputs_of(problem)
-        at_bound = np.abs(point.lam_x) > rooms(point)[1]
         inside_bounds = at_bound[:inner].reshape((nu + nx, -1), order="F")
         self.held_controls = inside_bounds[: nu - inner_unknowns(problem)].T
         self.held_states = inside_bounds[nu:].T.astype(np.float64)
@@ -406,14 +407,6 @@ def _derivatives(
     return upper + np.triu(upper, 1).swapaxes(1, 2), J
 
 
-def _distance(point: NlpPoint) -> Array:
-    """Return the distance of each row from the limit on its multiplier's side."""
-    g = np.array(point.program.derivatives["jac_g"](point.w, point.q)[0]).ravel()
-    lower, upper = point.limits.lbg, point.limits.ubg
-    # Less than any multiplier: equalities are always active.
-    return np.where(lower == upper, -1.0, _room(point.lam_g, g, lower, upper))
-
-
 def rooms(point: NlpPoint) -> tuple[Array, Array]:
     """Return how far rows and variables are from their limits; below 0: always active.
 
@@ -422,9 +415,17 @@ def rooms(point: NlpPoint) -> tuple[Array, Array]:
     Returns:
         For each row, shape (ng,), and for each variable, shape (nw,).
     """
-    lower, upper = point.limits.lbx, point.limits.ubx
-    room = _room(point.lam_x, point.w, lower, upper)
-    return _distance(point), np.where(lower == upper, -1.0, room)
+    limits = point.limits
+    g = np.array(point.program.derivatives["jac_g"](point.w, point.q)[0]).ravel()
+    rows, bounds = (
+        # Less than any multiplier: equalities are always active.
+        np.where(lower == upper, -1.0, _room(lam, value, lower, upper))
+        for lam, value, lower, upper in (
+            (point.lam_g, g, limits.lbg, limits.ubg),
+            (point.lam_x, point.w, limits.lbx, limits.ubx),
+        )
+    )
+    return rows, bounds
 
 
 def _room(lam: Array, value: Array, lower: Array, upper: Array) -> Array:
