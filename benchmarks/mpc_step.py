@@ -96,11 +96,10 @@ class PlainNlp:
 
 def _rows(x: ca.SX, constraints: Sequence[Any]) -> tuple[ca.Function, tuple[Any, Any]]:
     """Return x -> rows of constraints, with their limits."""
-    values = ca.Function(
-        "rows", [x], [ca.vertcat(*[c.expression for c in constraints])]
-    )
+    rows = [c.rows(c.expression) for c in constraints]
+    values = ca.Function("rows", [x], [ca.vertcat(*[one.values for one in rows])])
     lower, upper = (
-        np.concatenate([np.zeros(0), *[getattr(c, side) for c in constraints]])
+        np.concatenate([np.zeros(0), *[getattr(one, side) for one in rows]])
         for side in ("lower", "upper")
     )
     return values, (lower, upper)
@@ -110,7 +109,8 @@ def solvers(plain: PlainNlp, plugin: str) -> tuple[ca.Function, ca.Function]:
     """Return a solver for the first step, and one for later steps."""
     # Expanded, CasADi's derivatives are two to three times as fast here.
     quiet: dict[str, Any] = {
-        "print_time": False, "error_on_fail": False, "calc_lam_p": False, "expand": True
+        "print_time": False, "error_on_fail": False, "calc_lam_p": False,
+        "expand": True, "show_eval_warnings": False,
     }  # fmt: skip
     if plugin == FATROP:
         options: dict[str, Any] = {
@@ -206,7 +206,8 @@ def _step(problem: OptimalControlProblem) -> ca.Function:
     rate = ca.Function("rate", [model.states, model.controls],
                        [ca.vertcat(model.ode, problem.stage_cost)])  # fmt: skip
     x, u = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
-    y = ca.vertcat(x, 0)
+    begin = ca.Function("begin", [model.states, model.controls], [problem.step_cost])
+    y = ca.vertcat(x, begin(x, u))
     for _ in range(problem.substeps):
         k1 = rate(y[:-1], u)
         k2 = rate((y + h / 2 * k1)[:-1], u)
