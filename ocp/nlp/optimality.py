@@ -28,7 +28,6 @@ problems.
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -40,19 +39,10 @@ from swarmstart.ocp.rollout.fitness import at_nodes
 from swarmstart.ocp.statement.control_shape import ties
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 
-if TYPE_CHECKING:
-    from scipy import sparse
-
 STATIONARY_WITHIN = 1e-5
 """Largest residual of the first-order conditions, relative to their terms."""
 _FLAT = 1e-7
 """Curvature whose sign is uncertain, relative to the Hessian's largest entry."""
-_ACTIVE = 1e-5
-"""Distance from a limit, in the NLP's numbers, at which a lane's answer is at it."""
-_RELEASES = 10
-"""Number of times that limits whose multipliers have the wrong sign are let go."""
-_DEPENDENT = 1e-11
-"""Diagonal for multipliers, so that active rows may depend on each other."""
 _HELD = 1e7
 """Weight of the active rows, relative to the Hessian's largest entry."""
 
@@ -142,58 +132,6 @@ def stationarity(point: NlpPoint) -> float:
     residual = max(float(np.abs(rest).max(initial=0)), lost)
     size = max(1.0, float(terms.max(initial=0)))
     return residual / size
-
-
-def unmet(program: NonlinearProgram, w: Array, q: Array, limits: Limits) -> float:
-    """Return what a feasible point leaves of the first-order conditions.
-
-    This is the sum of |grad f + J' lam_g + lam_x| with the multipliers that make its
-    squares least, zero at limits that are not active and of the right sign at the
-    others; infinity if something is not finite.
-
-    Args:
-        program: The NLP.
-        w: Variables, shape (nw,).
-        q: Arguments.
-        limits: Bounds of variables and rows.
-    """
-    from scipy import sparse  # Slow to import, and only a polish is judged so.
-
-    g = np.array(program.derivatives["grad_f"](w, q)[1]).ravel()
-    c, slopes = program.derivatives["jac_g"](w, q)
-    J = slopes.sparse().tocsr()
-    rows = sparse.vstack([J, sparse.identity(w.size, format="csr")]).tocsr()
-    values = np.concatenate([np.array(c).ravel(), w])
-    lower = np.concatenate([limits.lbg, limits.lbx])
-    upper = np.concatenate([limits.ubg, limits.ubx])
-    if not (np.isfinite(g).all() and np.isfinite(J.data).all()):
-        return np.inf
-    at_lower, at_upper = values <= lower + _ACTIVE, values >= upper - _ACTIVE
-    active, rest = np.flatnonzero(at_lower | at_upper), g
-    for _ in range(_RELEASES):
-        lam, rest = _least_rest(g, rows[active])
-        wrong = ((lam > 0) & ~at_upper[active]) | ((lam < 0) & ~at_lower[active])
-        if not wrong.any():
-            break
-        active = active[~wrong]
-    return float(np.abs(rest).sum())
-
-
-def _least_rest(g: Array, rows: "sparse.csr_matrix") -> tuple[Array, Array]:
-    """Return lam and g + rows' lam with the least squares of the latter."""
-    from scipy import sparse  # As above.
-    from scipy.sparse.linalg import splu
-
-    n, m = g.size, rows.shape[0]
-    place = rows.tocoo()
-    own, below, column = np.arange(n + m), n + place.row, place.col
-    entries = (
-        np.concatenate([np.repeat([1.0, -_DEPENDENT], [n, m]), *[place.data] * 2]),
-        (np.concatenate([own, below, column]), np.concatenate([own, column, below])),
-    )
-    system = sparse.csc_matrix(entries, shape=(n + m, n + m))
-    found = splu(system).solve(np.concatenate([-g, np.zeros(m)]))
-    return found[n:], -found[:n]
 
 
 def _slack(lam: Array, value: Array, lower: Array, upper: Array) -> float:
