@@ -18,6 +18,11 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         Interrupted as Interrupted,
         Run as Run,
     )
+    from swarmstart.cases.campaign.studies.sweeping import (
+        NoInstancesError as NoInstancesError,
+        SweepInterrupted as SweepInterrupted,
+        sweep as sweep,
+    )
     from swarmstart.cases.campaign.trials.solvers import (
         InvalidBudgetTextError as InvalidBudgetTextError,
         UnknownSolverError as UnknownSolverError,
@@ -210,6 +215,9 @@ __version__ = "0.2.0"
 
 _NAMES = {
     "swarmstart.cases.campaign.studies.library": "Row compare run",
+    "swarmstart.cases.campaign.studies.sweeping": (
+        "NoInstancesError SweepInterrupted sweep"
+    ),
     "swarmstart.cases.campaign.running.finished_run": "Interrupted Run",
     "swarmstart.cases.campaign.trials.solvers": (
         "InvalidBudgetTextError UnknownSolverError"

@@ -23,6 +23,7 @@ if TYPE_CHECKING:  # Loaded when first used: few commands need all of these.
     )
     from swarmstart.ocp.answer.sensitivity import (
         NoSensitivityError as NoSensitivityError,
+        Sensitivities as Sensitivities,
         Sensitivity as Sensitivity,
     )
     from swarmstart.ocp.answer.solution import (
@@ -212,7 +213,7 @@ _NAMES = {
     "answer.optimality_gap": "OptimalityGap",
     "answer.plan": "Plan PlanningInterrupted SearchReport Source",
     "answer.planner": "Planner",
-    "answer.sensitivity": "NoSensitivityError Sensitivity",
+    "answer.sensitivity": "NoSensitivityError Sensitivities Sensitivity",
     "answer.solution": "Solution verified",
     "answer.solving": "SolveInterrupted solve",
     "common.errors": "DivergedError InvalidProblemError SolveError",

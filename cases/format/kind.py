@@ -302,6 +302,27 @@ def no_measures(scenario: Scenario) -> dict[str, str]:
     return {}
 
 
+class GivenInstances(NamedTuple):
+    """Data of many instances of the first plan.
+
+    Attributes:
+        columns: Starts of states and values of parameters by name, each (M,).
+        starts: Number of starts of each.
+        place: Number of an instance -> its line in a file, in words; empty without a
+            file.
+    """
+
+    columns: Mapping[str, Array]
+    starts: int
+    place: Callable[[int], str]
+
+
+def no_instances(scenario: Scenario) -> GivenInstances | None:
+    """Return None, for kinds whose scenarios have no instances."""
+    del scenario
+    return None
+
+
 class WholeRun(NamedTuple):
     """Cost of a whole run, and its largest excess over a constraint.
 
@@ -333,6 +354,7 @@ class Kind:
         own_meanings: Scenario -> the same measures: name -> meaning.
         flaws: Scenario -> errors that concern several of its parts, with their places:
             texts, or errors of expressions.
+        instances: Scenario -> the instances of its first plan; None if it has none.
         drawn_by: "module:function" that draws: (scenario, flight, trajectory, folder)
             -> files. It is a name because drawing does not change the numbers of a run.
         animated_by: Name of the module whose `animate` and `check_writer` make
@@ -350,6 +372,7 @@ class Kind:
     drawn_by: str
     own_measures: Callable[..., Mapping[str, str]] = no_measures
     own_meanings: Callable[..., Mapping[str, str]] = no_measures
+    instances: Callable[..., GivenInstances | None] = no_instances
     animated_by: str = ""
     code: Callable[..., Path] | None = None
 

@@ -98,12 +98,14 @@ class Resolved:
         return {"python_in": str(self.code.parent.resolve())}
 
     def anonymous_settings(self) -> dict[str, Any]:
-        """Return the settings without title, name, source and claims.
+        """Return the settings without title, name, source, claims and instances.
 
         These do not affect the result.
         """
         told = {"claims": [], "title": "", "source": "", "name": "cell"}
-        return {**self.settings, **told}
+        settings = {**self.settings, **told}
+        settings.pop("instances", None)
+        return settings
 
 
 def shipped() -> dict[str, Path]:

@@ -91,11 +91,12 @@ def read_yaml(path: str | os.PathLike[str]) -> Document:
     return parse_yaml(read_bytes(path), name=os.fspath(path))
 
 
-def read_bytes(path: str | os.PathLike[str]) -> bytes:
+def read_bytes(path: str | os.PathLike[str], *, most: int = MAX_BYTES) -> bytes:
     """Return the content of a file.
 
     Args:
-        path: A regular file, at most `MAX_BYTES` long (checked before reading).
+        path: A regular file.
+        most: Its largest size [bytes], checked before reading.
 
     Raises:
         UnreadableFileError: If it is missing, forbidden, a directory or a device.
@@ -108,17 +109,17 @@ def read_bytes(path: str | os.PathLike[str]) -> bytes:
             raise UnreadableFileError(name, "found a directory")
         if not stat.S_ISREG(status.st_mode):
             raise UnreadableFileError(name, "found a pipe or a device")
-        if status.st_size > MAX_BYTES:
-            raise _too_large(f"{status.st_size} bytes", name)
+        if status.st_size > most:
+            raise _too_large(f"{status.st_size} bytes", name, most)
         with open(path, "rb") as file:
-            content = file.read(MAX_BYTES + 1)
+            content = file.read(most + 1)
     except OSError as error:
         reason = f"found: {error.strerror or error}"
         raise UnreadableFileError(name, reason) from error
     except ValueError as error:  # a path with a NUL or a surrogate
         raise UnreadableFileError(name, f"found: {error}") from error
-    if len(content) > MAX_BYTES:  # The file has grown since its size was read.
-        raise _too_large("more", name)
+    if len(content) > most:  # The file has grown since its size was read.
+        raise _too_large("more", name, most)
     return content
 
 
@@ -369,6 +370,6 @@ def _place_after(text: str, name: str) -> Place:
     return Place(name, len(lines), len(lines[-1]) + 1)
 
 
-def _too_large(found: str, name: str) -> YamlError:
-    what = f"expected at most {MAX_BYTES} bytes, found {found}"
+def _too_large(found: str, name: str, most: int = MAX_BYTES) -> YamlError:
+    what = f"expected at most {most} bytes, found {found}"
     return YamlError(what, Place(name, 1, 1))

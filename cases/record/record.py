@@ -33,7 +33,9 @@ SEEDS, COMPARISON, TABLE, CELLS = (
     *("seeds.json", "comparison.json", "results.csv", "cells"),
 )
 """Files of runs over seeds and of comparisons, and the folder of their runs."""
-MARKS = (MARK, SEEDS, COMPARISON, "replication.json")
+SWEEP = "sweep.json"
+"""File that marks a sweep over instances."""
+MARKS = (MARK, SEEDS, SWEEP, COMPARISON, "replication.json")
 PNG: tuple[str, ...] = ("png",)
 FIGURE_FORMATS = ("png", "svg", "pdf")
 RECORDED = ("swarmstart", "casadi", "numpy", "numba", "scipy")
@@ -189,6 +191,22 @@ def require_own_seeds(folder: Path, keys: Sequence[str]) -> None:
         if not cells or {*cells} & {*keys}:
             return
     if kept != keys[0]:
+        is_record = any((folder / mark).exists() for mark in MARKS)
+        raise OccupiedFolderError(folder, _content(names, is_record=is_record))
+
+
+def require_own_sweep(folder: Path, key: str) -> None:
+    """Raise unless a folder is empty or has the record of this sweep.
+
+    Args:
+        folder: The folder; it need not exist. Other files beside the record may stay.
+        key: The sweep's key.
+
+    Raises:
+        OccupiedFolderError: If it has other content.
+    """
+    names = _names(folder)
+    if names and finished_key(folder, SWEEP) != key:
         is_record = any((folder / mark).exists() for mark in MARKS)
         raise OccupiedFolderError(folder, _content(names, is_record=is_record))
 

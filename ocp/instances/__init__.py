@@ -7,6 +7,8 @@ neighbours' answers, and returns arrays over all instances, `Solutions`.
 
 from swarmstart.ocp.instances.instance_data import (
     InstanceData,
+    told_invalid,
+    varied_names,
 )
 from swarmstart.ocp.instances.outcomes import (
     Answers,
@@ -15,10 +17,16 @@ from swarmstart.ocp.instances.solutions import (
     How,
     counted_near,
 )
+from swarmstart.ocp.instances.waves import (
+    STARTS,
+)
 
 __all__ = [
+    "STARTS",
     "Answers",
     "How",
     "InstanceData",
     "counted_near",
+    "told_invalid",
+    "varied_names",
 ]

@@ -129,8 +129,7 @@ def read_data(
     """
     x0 = _initial_states(problem, x0s)
     M = x0.shape[1]
-    names = symbol_names(problem.model.parameters)
-    names = tuple(name for name in names if name not in problem.decided)
+    names = _parameters(problem)
     time, previous = 0.0, None
     if isinstance(known, Known | None):
         given = known or NOTHING
@@ -154,6 +153,29 @@ def read_data(
     )
 
 
+def varied_names(
+    problem: OptimalControlProblem,
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the names of what an instance gives: of states, and of parameters.
+
+    Args:
+        problem: The problem; what it decides is left out.
+    """
+    decided = {
+        name
+        for names in problem.start
+        for name in ((names,) if isinstance(names, str) else names)
+    }
+    states = (name for name in problem.model.state_names if name not in decided)
+    return tuple(states), _parameters(problem)
+
+
+def _parameters(problem: OptimalControlProblem) -> tuple[str, ...]:
+    """Return the names of the parameters that are not decided."""
+    names = symbol_names(problem.model.parameters)
+    return tuple(name for name in names if name not in problem.decided)
+
+
 def _initial_states(problem: OptimalControlProblem, x0s: ArrayLike) -> Array:
     nx, names = problem.model.nx, problem.model.state_names
     members = 1 if problem.risk is None else problem.risk.members
@@ -169,12 +191,14 @@ def _initial_states(problem: OptimalControlProblem, x0s: ArrayLike) -> Array:
 
 
 def _shared(role: str, values: ArrayLike, shape: tuple[int, ...], M: int) -> Array:
-    """Return values that all instances share, with an axis of M at the end."""
+    """Return values with an axis of M at the end, also if all instances share them."""
     found = numbers_of(role, values)
+    if found.shape == (*shape, M):
+        return found
     if found.shape != shape:
         raise InvalidProblemError(
-            f"{role} of a Known must have shape {shape}, got {found.shape} (a mapping "
-            "of names gives each instance its own)"
+            f"{role} of a Known must have shape {shape} for all instances or "
+            f"{(*shape, M)}, one for each, got {found.shape}"
         )
     return np.broadcast_to(found[..., None], (*shape, M))
 

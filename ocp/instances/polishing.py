@@ -1,4 +1,4 @@
-"""Instances solved one by one by an NLP solver, in processes, or verified one by one.
+"""Instances solved by an NLP solver, verified or differentiated, in processes.
 
 A copy of this process solves several instances, since a copy takes some milliseconds.
 The first group is solved here, so that all copies have what is built at the first use.
@@ -8,7 +8,7 @@ without search and lanes, for any number of processes and instances.
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,16 +17,27 @@ from swarmstart.arrays import Array
 from swarmstart.ocp.answer.improving import improved
 from swarmstart.ocp.answer.plan import Source
 from swarmstart.ocp.answer.planner import Planner
+from swarmstart.ocp.answer.sensitivity import (
+    NOT_CONVERGED,
+    Data,
+    NoSensitivityError,
+    Sensitivity,
+    sensitivities_of,
+)
 from swarmstart.ocp.answer.solution import Solution, verified
 from swarmstart.ocp.common.processes import Ahead, processes_of
 from swarmstart.ocp.instances.outcomes import Answers
 from swarmstart.ocp.lanes.interior import Instances
+from swarmstart.ocp.nlp.optimality import NlpPoint, is_stationary
+from swarmstart.ocp.nlp.polish import Polisher
 from swarmstart.ocp.nlp.start import Start
 from swarmstart.ocp.rollout.fitness import Known
 
 _TOGETHER = 8
 """Largest number of instances that a process solves before it reports them."""
 Seed = Sequence[int]
+Derived = Sensitivity | NoSensitivityError
+T = TypeVar("T")
 
 
 class Group(NamedTuple):
@@ -41,10 +52,25 @@ class Group(NamedTuple):
     answers: Answers
 
 
+class Answered(NamedTuple):
+    """An answer to an instance, of the core.
+
+    Attributes:
+        controls: Shape (nu, N).
+        states: At the nodes, shape (nx, nodes).
+        known: Known data.
+    """
+
+    controls: Array
+    states: Array
+    known: Known
+
+
 class OneByOne:
     """Solves or verifies instances of one problem, one by one.
 
     Attributes:
+        planner: Planner of the problem.
         solver: Name of the NLP solver.
     """
 
@@ -59,7 +85,7 @@ class OneByOne:
             repair: As in `solve`.
             threads: Largest number of processes; None as in `solve`.
         """
-        self._planner, self._seed = planner, seed
+        self.planner, self._seed = planner, seed
         self.solver = "" if planner.polish is None else planner.polish.plugin
         self._repair, self._threads = repair, threads
 
@@ -74,7 +100,7 @@ class OneByOne:
         """
 
         def solved(number: int) -> Solution:
-            known = instances.known(self._planner.problem, number)
+            known = instances.known(self.planner.problem, number)
             return self.solution(instances.x0[:, number], known, starts[number])
 
         return self._in_groups(solved, len(starts))
@@ -86,7 +112,7 @@ class OneByOne:
             instances: The instances, with the decisions about the start.
             controls: Shape (nu, N, n).
         """
-        planner = self._planner
+        planner = self.planner
 
         def checked(number: int) -> Solution:
             x0 = instances.x0[:, number]
@@ -97,6 +123,44 @@ class OneByOne:
             return verified(planner.tracer, plan, x0, known, advised=False)
 
         return self._in_groups(checked, controls.shape[2])
+
+    def sensitivities(
+        self, answers: Sequence[Answered], by: Sequence[Data]
+    ) -> list[Derived]:
+        """Return the derivatives of answers, or the errors that say why there are none.
+
+        An answer that the NLP explains is not solved again. Any other one is polished
+        first, from itself and without repair: one with margins at its limits, which the
+        NLP does not have, or by collocation, whose variables it does not keep.
+
+        Args:
+            answers: Confirmed answers.
+            by: Data to differentiate by.
+        """
+        planner = self.planner
+        core, held = planner.lowered, planner.problem.integer
+        # The planner of many instances always has one.
+        polisher = planner.polisher or Polisher(planner.fitness)
+
+        def derived(part: NDArray[np.int64]) -> list[Derived]:
+            found, points = dict[int, Derived](), dict[int, NlpPoint]()
+            for number in part.tolist():
+                u, x, known = answers[number]
+                point = polisher.point(u, x, x[:, 0], known, held=held)
+                if point is None:
+                    near = polisher(u, x[:, 0], known, states=x, near=True, held=held)
+                    point = near.point
+                    if point is None or not is_stationary(point):
+                        found[number] = NoSensitivityError(NOT_CONVERGED)
+                        continue
+                points[number] = point
+            controls = [answers[number].controls for number in points]
+            several = sensitivities_of([*points.values()], core, controls, by)
+            found |= zip(points, several, strict=True)
+            return [found[number] for number in part.tolist()]
+
+        groups = self._by_groups(derived, len(answers))
+        return [one for _, found in groups for one in found]
 
     def solution(
         self, x0: Array, known: Known, start: Start | None, *, near: bool = False
@@ -109,7 +173,7 @@ class OneByOne:
             start: Start of the NLP solver; None as in `polished`.
             near: Whether the start is an answer that the solver should stay near.
         """
-        planner, rng = self._planner, np.random.default_rng(self._seed)
+        planner, rng = self.planner, np.random.default_rng(self._seed)
         plan = planner.plan(x0, known=known, guess=start, near=near, rng=rng)
         *_, found = improved(planner, plan, x0, known, repair=self._repair, rng=rng)
         return found
@@ -117,21 +181,26 @@ class OneByOne:
     def _in_groups(
         self, solved: Callable[[int], Solution], count: int
     ) -> Iterator[Group]:
-        """Yield the answers to instances by groups; see the head of the module."""
+        """Yield the answers to instances by groups."""
+
+        def answered(part: NDArray[np.int64]) -> Answers:
+            solutions = [solved(int(number)) for number in part]
+            return Answers.of(solutions, self.planner.problem)
+
+        return map(Group._make, self._by_groups(answered, count))
+
+    def _by_groups(
+        self, work: Callable[[NDArray[np.int64]], T], count: int
+    ) -> Iterator[tuple[NDArray[np.int64], T]]:
+        """Yield groups of instances with what is found; see the head of the module."""
         if not count:
             return
         processes = processes_of(self._threads)
         # Its size changes no bit, so it may depend on the number of processes.
         size = min(_TOGETHER, max(1, count // (4 * processes)))
-        parts = np.array_split(np.arange(count), range(1, count, size))
-
-        def answered(part: NDArray[np.int64]) -> Answers:
-            solutions = [solved(int(number)) for number in part]
-            return Answers.of(solutions, self._planner.problem)
-
-        first, *others = parts
-        yield Group(first, answered(first))
-        calls = [partial(answered, part) for part in others]
+        first, *others = np.array_split(np.arange(count), range(1, count, size))
+        yield first, work(first)
+        calls = [partial(work, part) for part in others]
         with Ahead(
             calls,
             processes=processes,
@@ -139,5 +208,4 @@ class OneByOne:
             sent=lambda found: found,
             received=lambda found: found,
         ) as results:
-            for part, found in zip(others, results, strict=True):
-                yield Group(part, found)
+            yield from zip(others, results, strict=True)

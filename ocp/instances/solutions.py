@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import operator
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -13,10 +13,26 @@ from typing import TYPE_CHECKING, Any, NamedTuple, SupportsIndex
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmstart.arguments import FLAG, PATH, checked, of_kind
+from swarmstart.arguments import (
+    FLAG,
+    PATH,
+    a_count,
+    checked,
+    choice,
+    of_kind,
+    optional,
+    several,
+)
 from swarmstart.arrays import Array
 from swarmstart.errors import Sendable
 from swarmstart.ocp.answer.kept import kept_planner
+from swarmstart.ocp.answer.sensitivity import (
+    DATA,
+    Data,
+    Sensitivities,
+    Sensitivity,
+    require_data,
+)
 from swarmstart.ocp.answer.solution import Solution
 from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.common.presentation import Presenting, presentation
@@ -26,7 +42,7 @@ from swarmstart.ocp.instances.instance_data import (
     told_invalid,
 )
 from swarmstart.ocp.instances.outcomes import Answers, Outcomes, Statuses
-from swarmstart.ocp.instances.polishing import OneByOne
+from swarmstart.ocp.instances.polishing import Answered, OneByOne
 from swarmstart.ocp.nlp.polish_options import IpoptOptions, PolishOptions
 from swarmstart.ocp.nlp.start import Start
 from swarmstart.ocp.rollout.fitness import from_near_start
@@ -232,6 +248,77 @@ class Solutions(Presenting):
                 planner, seed=self.how.seed, repair=self.how.repair, threads=1
             )
             return each.solution(np.asarray(x0, dtype=float), known, start, near=near)
+
+    @checked(
+        refused,
+        by=several(choice(DATA), "names of data"),
+        threads=optional(a_count(least=1)),
+    )
+    def sensitivity(
+        self, by: Sequence[Data] = DATA, *, threads: int | None = None
+    ) -> Sensitivities:
+        """Return the derivatives of all answers by their data, to first order.
+
+        An answer has no multipliers of its own. Those that make the squares of what is
+        left of the first-order conditions least, over its active limits, are its
+        multipliers if it is an optimum: then nothing is solved again. An answer that
+        they do not explain is first polished by the NLP solver, from itself and without
+        margins: one with margins at its limits, or of a polish by collocation.
+
+        Args:
+            by: As of `Solution.sensitivity`.
+            threads: Largest number of processes, as in `solve`.
+
+        Raises:
+            NoSensitivityError: If the problem has no derivatives by its data. An answer
+                without is no error: see `Sensitivities.reasons`.
+
+        Example:
+            >>> import casadi as ca, swarmstart as ss
+            >>> x, u, goal = ca.SX.sym("x"), ca.SX.sym("u"), ca.SX.sym("goal")
+            >>> problem = ss.OptimalControlProblem(
+            ...     ss.Model(states=x, controls=u, ode=u, parameters=goal), horizon=1.0,
+            ...     intervals=4, stage_cost=u**2, terminal=[x - goal],
+            ...     bounds=ss.Bounds(controls=(-9, 9)),
+            ... )
+            >>> goals = {"goal": [1.0, 2.0, 10.0]}
+            >>> many = ss.solve_many(problem, [[0.0, 0.0, 0.0]], known=goals, seed=0)
+            >>> found = many.sensitivity(by=["parameters"])
+            >>> found.data, found.cost.round(6)  # Of goal^2.
+            (('goal',), array([[ 2.,  4., nan]]))
+            >>> found.reasons
+            {2: 'the answer is not confirmed: INFEASIBLE'}
+        """
+        core = self._lowered
+        require_data(core)
+        confirmed = self.is_confirmed
+        reasons = {
+            int(i): f"the answer is not confirmed: {self.status[i].name}"
+            for i in np.flatnonzero(~confirmed)
+        }
+        numbers = np.flatnonzero(confirmed).tolist()
+        kept = self.core_answers
+        with kept_planner(
+            self._near, search=None, polish=self.how.polish, backend=None, lanes=0,
+            threads=1,
+        ) as planner:  # fmt: skip
+            answers = [
+                Answered(
+                    kept.controls[..., i],
+                    kept.states[..., i],
+                    planner.posed(self.data.x0[:, i], self.data.known(i))[1],
+                )
+                for i in numbers
+            ]
+            each = OneByOne(planner, seed=(), repair=False, threads=threads)
+            derived = each.sensitivities(answers, by)
+        found = dict[int, Sensitivity]()
+        for number, one in zip(numbers, derived, strict=True):
+            if isinstance(one, Sensitivity):
+                found[number] = one
+            else:
+                reasons[number] = str(one)
+        return Sensitivities.of(found, reasons, core, by)
 
     def plot(self) -> Any:
         """Return a matplotlib Figure: the cost over the data that differ, failures too.

@@ -54,16 +54,13 @@ from swarmstart.ocp.instances.solutions import (
     solutions_of,
 )
 from swarmstart.ocp.instances.verification import fine_paths_of
-from swarmstart.ocp.instances.waves import Waves
+from swarmstart.ocp.instances.waves import STARTS, Waves
 from swarmstart.ocp.nlp.polish_options import (
     IpoptOptions,
     NlpOptions,
 )
 from swarmstart.ocp.rollout.fitness import KNOWN
 from swarmstart.ocp.statement.problem import OptimalControlProblem
-
-STARTS = 4
-"""Number of starts of each instance in lanes."""
 
 
 @checked(
@@ -108,7 +105,8 @@ def solve_many(  # noqa: PLR0913 - the whole way in one call
             decided are a guess, or NaN.
         known: Parameters and signals, by name: of a parameter a number for all
             instances or shape (M,), of a signal its values at the nodes, shape (nodes,)
-            for all or (nodes, M). Or a `Known` for all. None: the problem has none.
+            for all or (nodes, M). Or a `Known`, for all or with an axis of M at the end
+            of parameters or signals. None: the problem has none.
         guesses: Controls to start from, shape (nu, N) for all instances, or (nu, N, M);
             of linear controls with N + 1 knots. None: no guess.
         lanes: Whether instances are solved at once in lanes, if there are lanes for the

@@ -83,13 +83,10 @@ class FinePaths:
         return flat.transpose(1, 0, 2)
 
     def _sizes(self, instances: Instances, controls: Array) -> list[Sizes]:
-        """Return the natural sizes of each instance, which take about a millisecond."""
-        sizing, signals = self.paths.tracer.shooting.sizing, self._signals(instances)
+        """Return the natural sizes of each instance."""
         x0, p, _ = instances
-        return [
-            sizing(x0[:, i], p[:, i], signals[:, :, i], controls[:, :, i])
-            for i in range(controls.shape[2])
-        ]
+        signals = self._signals(instances)
+        return self.paths.tracer.shooting.sizing.of_all(x0, p, signals, controls)
 
     def _data(self, instances: Instances, controls: Array, sizes: list[Sizes]) -> Data:
         x0, p, _ = instances

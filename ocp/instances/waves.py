@@ -7,7 +7,8 @@
                  of those that failed; again while that finds better answers
     one by one   by an NLP solver, instances that are still open: from their own answer
                  that was not confirmed, else the guess; from neighbours; from random
-                 controls
+                 controls. If the finer grid gives another value for the polished own
+                 answer, too, the grid is too coarse, and no start changes that
 
 A neighbour that is cheaper need not have found a better optimum, since its data differ;
 but if it has, this wave carries the better optimum from instance to instance.
@@ -39,6 +40,8 @@ from swarmstart.ocp.nlp.start import Start
 from swarmstart.ocp.rollout.status import SolutionStatus
 from swarmstart.ocp.statement.guesses import cold_controls
 
+STARTS = 4
+"""Number of starts of each instance in lanes."""
 _ROUNDS = 3
 """Largest number of times that instances are tried from neighbours' answers; from the
 second one on those count that an earlier one has found."""
@@ -119,11 +122,13 @@ class Waves:
             x0[:, None], (core.model.nx, core.intervals + 1, x0.shape[1])
         )
         middle = self._of_all(cold[-1])
-        return [
+        starts = [
             LaneStart(self._of_all(cold[0]) if given is None else given),
             LaneStart(middle if given is None else given, held),
-            LaneStart(middle),
         ]
+        if given is None and len(cold) == 1:  # The first one is the middle.
+            return starts
+        return [*starts, LaneStart(middle)]
 
     def _of_all(self, controls: Array) -> Array:
         """Return controls (nu, N) as those of all instances, without copies."""
@@ -201,24 +206,31 @@ class Waves:
         near = self._of(SolutionStatus.BROKEN, SolutionStatus.MISMATCH)
         own = [Start(answers.controls[..., k], x0=answers.x0[:, k]) for k in near]
         self._polish_wave(each, near, own, "own answer")
-        opened = self.outcomes.open
+        settled = np.intersect1d(near, self._of(SolutionStatus.MISMATCH))
+        opened = self._open(settled)
         first: list[Start | None] = [None] * opened.size
         if given is not None:
             first = [Start(given[:, :, number]) for number in opened]
         self._polish_wave(each, opened, first, "guess")
-        self._polish_from_neighbours(each)
+        self._polish_from_neighbours(each, settled)
         drawn = random_start(self.planner.problem, (*self.seeds, _RANDOM))
         if drawn is not None:
-            opened = self.outcomes.open
+            opened = self._open(settled)
             starts = at_instances(self.planner.problem, self.posed.core, opened, drawn)
             self._polish_wave(each, opened, starts, "random")
 
-    def _polish_from_neighbours(self, each: OneByOne) -> None:
+    def _open(self, settled: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the numbers of the open instances without some that are settled."""
+        return np.setdiff1d(self.outcomes.open, settled)
+
+    def _polish_from_neighbours(
+        self, each: OneByOne, settled: NDArray[np.int64]
+    ) -> None:
         core, instances = self.planner.problem, self.posed.core
         outcomes, tried = self.outcomes, dict[int, int]()
         distances = None
         for _ in range(_ROUNDS):
-            opened, confirmed = outcomes.open, outcomes.answers.confirmed
+            opened, confirmed = self._open(settled), outcomes.answers.confirmed
             if not opened.size or not confirmed.any():
                 return
             distances = distances or Neighbours(core, instances)

@@ -74,8 +74,10 @@ class Layout(NamedTuple):
 def layout_of(problem: OptimalControlProblem) -> Layout | None:
     """Return the layout; None for multiple shooting, or if no state has a rate."""
     radau, model = problem.collocation, problem.model
+    if radau is None:  # First, since this is asked for often.
+        return None
     moving = tuple(i for i in range(model.nx) if not model.ode[i].is_zero())
-    if radau is None or not moving:
+    if not moving:
         return None
     return Layout(
         moving=moving,

@@ -28,8 +28,10 @@ problems.
 
 from dataclasses import dataclass
 from enum import Enum
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swarmstart.arrays import Array
 from swarmstart.ocp.nlp.collocation import inner_unknowns
@@ -39,10 +41,19 @@ from swarmstart.ocp.rollout.fitness import at_nodes
 from swarmstart.ocp.statement.control_shape import ties
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 
+if TYPE_CHECKING:
+    from scipy import sparse
+
 STATIONARY_WITHIN = 1e-5
 """Largest residual of the first-order conditions, relative to their terms."""
 _FLAT = 1e-7
 """Curvature whose sign is uncertain, relative to the Hessian's largest entry."""
+_ACTIVE = 1e-5
+"""Distance from a limit, in the NLP's numbers, at which a lane's answer is at it."""
+_RELEASES = 10
+"""Number of times that limits whose multipliers have the wrong sign are let go."""
+_DEPENDENT = 1e-11
+"""Diagonal for multipliers, so that active rows may depend on each other."""
 _HELD = 1e7
 """Weight of the active rows, relative to the Hessian's largest entry."""
 
@@ -134,6 +145,66 @@ def stationarity(point: NlpPoint) -> float:
     return residual / size
 
 
+def least_multipliers(
+    program: NonlinearProgram, w: Array, q: Array, limits: Limits
+) -> tuple[Array, Array, Array]:
+    """Return the multipliers of a feasible point that leave least of its slope.
+
+    They make the squares of grad f + J' lam_g + lam_x least, and are zero at limits
+    that are not active and of the right sign at the others. At an optimum they are the
+    optimum's, if its active limits are independent.
+
+    Args:
+        program: The NLP.
+        w: Variables, shape (nw,).
+        q: Arguments.
+        limits: Bounds of variables and rows.
+
+    Returns:
+        lam_g of shape (ng,), lam_x of shape (nw,), and what is left, shape (nw,), which
+        is infinite if something is not finite.
+    """
+    from scipy import sparse  # Slow to import, and only a polish is judged so.
+
+    g = np.array(program.derivatives["grad_f"](w, q)[1]).ravel()
+    c, slopes = program.derivatives["jac_g"](w, q)
+    J = slopes.sparse().tocsr()
+    rows = sparse.vstack([J, sparse.identity(w.size, format="csr")]).tocsr()
+    values = np.concatenate([np.array(c).ravel(), w])
+    lower = np.concatenate([limits.lbg, limits.lbx])
+    upper = np.concatenate([limits.ubg, limits.ubx])
+    found = np.zeros(values.size)
+    if not (np.isfinite(g).all() and np.isfinite(J.data).all()):
+        return found[: -w.size], found[-w.size :], np.full(w.size, np.inf)
+    at_lower, at_upper = values <= lower + _ACTIVE, values >= upper - _ACTIVE
+    active, lam, rest = np.flatnonzero(at_lower | at_upper), np.empty(0), g
+    for _ in range(_RELEASES):
+        lam, rest = _least_rest(g, rows[active])
+        wrong = ((lam > 0) & ~at_upper[active]) | ((lam < 0) & ~at_lower[active])
+        if not wrong.any():
+            break
+        active, lam = active[~wrong], lam[~wrong]
+    found[active] = lam
+    return found[: -w.size], found[-w.size :], rest
+
+
+def _least_rest(g: Array, rows: "sparse.csr_matrix") -> tuple[Array, Array]:
+    """Return lam and g + rows' lam with the least squares of the latter."""
+    from scipy import sparse  # As above.
+    from scipy.sparse.linalg import splu
+
+    n, m = g.size, rows.shape[0]
+    place = rows.tocoo()
+    own, below, column = np.arange(n + m), n + place.row, place.col
+    entries = (
+        np.concatenate([np.repeat([1.0, -_DEPENDENT], [n, m]), *[place.data] * 2]),
+        (np.concatenate([own, below, column]), np.concatenate([own, column, below])),
+    )
+    system = sparse.csc_matrix(entries, shape=(n + m, n + m))
+    found = splu(system).solve(np.concatenate([-g, np.zeros(m)]))
+    return found[n:], -found[:n]
+
+
 def _slack(lam: Array, value: Array, lower: Array, upper: Array) -> float:
     """Return the largest |multiplier| times distance to the limit, capped at one."""
     # A multiplier of a limit that does not exist counts in full.
@@ -219,12 +290,13 @@ class _Stages:
         known = np.concatenate([shared, inside])
         lam = point.lam_g[: rows * N].reshape((rows, N), order="F")
         self.hessian, self.dynamics, self.active = [], [], []
-        distance = _distance(point)
-        active = np.abs(point.lam_g) > distance
-        for k in range(N):
-            at = z[:, k], known, s[:, k * checks : (k + 1) * checks + 1]
-            H, J = _derivatives(interval, at, lam[:, k])
-            H, J = _without_inner(H, J, nx, inner_unknowns(problem))
+        of_rows, of_bounds = rooms(point)
+        active = np.abs(point.lam_g) > of_rows
+        every = [s[:, k * checks : (k + 1) * checks + 1] for k in range(N)]
+        inner_rows = inner_unknowns(problem)
+        several = _derivatives(interval, (z, known, np.hstack(every)), lam)
+        for k, derivatives in enumerate(zip(*several, strict=True)):
+            H, J = _without_inner(*derivatives, nx, inner_rows)
             self.hessian.append(H)
             self.dynamics.append(J[:nx])
             kept = active[(k + 1) * rows - (len(J) - nx) : (k + 1) * rows]
@@ -236,21 +308,21 @@ class _Stages:
         ):
             after = first + part.height
             at = at_node, np.concatenate([shared, own]), known_there
-            H, J = _derivatives(part, at, point.lam_g[first:after])
+            (H,), (J,) = _derivatives(part, at, point.lam_g[first:after, None])
             self.ends.append((H, J[active[first:after]]))
             first = after
-        self._hold(point, inner)
+        self._hold(problem, np.abs(point.lam_x) > of_bounds, inner)
         entries = [
             np.abs(H).max(initial=0)
             for H in (*self.hessian, *[H for H, _ in self.ends])
         ]
         self.largest = float(max(entries))
 
-    def _hold(self, point: NlpPoint, inner: int) -> None:
+    def _hold(
+        self, problem: OptimalControlProblem, at_bound: NDArray[np.bool_], inner: int
+    ) -> None:
         """Mark the variables that are held at a bound; the inner ones come first."""
-        problem = point.program.problem
         nx, nu = problem.model.nx, inputs_of(problem)
-        at_bound = np.abs(point.lam_x) > rooms(point)[1]
         inside_bounds = at_bound[:inner].reshape((nu + nx, -1), order="F")
         self.held_controls = inside_bounds[: nu - inner_unknowns(problem)].T
         self.held_states = inside_bounds[nu:].T.astype(np.float64)
@@ -301,18 +373,22 @@ def _without_inner(H: Array, J: Array, nx: int, count: int) -> tuple[Array, Arra
 def _derivatives(
     part: Part, at: tuple[Array, Array, Array], lam: Array
 ) -> tuple[Array, Array]:
-    """Return the Hessian of the Lagrangian and the Jacobian of g of a part."""
-    upper = np.array(part.curvature(*at, 1.0, lam))
-    hessian = upper + np.triu(upper, 1).T
-    return hessian, np.array(part.slopes(*at)[3])
+    """Return Hessians of the Lagrangian and Jacobians of g of a part at n places.
 
+    Args:
+        part: The part.
+        at: Variables z, a column for each place, shared numbers, and signals.
+        lam: Multipliers of its rows, shape (rows, n).
 
-def _distance(point: NlpPoint) -> Array:
-    """Return the distance of each row from the limit on its multiplier's side."""
-    g = np.array(point.program.derivatives["jac_g"](point.w, point.q)[0]).ravel()
-    lower, upper = point.limits.lbg, point.limits.ubg
-    # Less than any multiplier: equalities are always active.
-    return np.where(lower == upper, -1.0, _room(point.lam_g, g, lower, upper))
+    Returns:
+        Shapes (n, nz, nz) and (n, rows, nz).
+    """
+    n = lam.shape[1]
+    upper, J = (
+        np.array(found).reshape((found.shape[0], n, found.shape[1] // n)).swapaxes(0, 1)
+        for found in (part.curvature(*at, 1.0, lam), part.slopes(*at)[3])
+    )
+    return upper + np.triu(upper, 1).swapaxes(1, 2), J
 
 
 def rooms(point: NlpPoint) -> tuple[Array, Array]:
@@ -323,9 +399,17 @@ def rooms(point: NlpPoint) -> tuple[Array, Array]:
     Returns:
         For each row, shape (ng,), and for each variable, shape (nw,).
     """
-    lower, upper = point.limits.lbx, point.limits.ubx
-    room = _room(point.lam_x, point.w, lower, upper)
-    return _distance(point), np.where(lower == upper, -1.0, room)
+    limits = point.limits
+    g = np.array(point.program.derivatives["jac_g"](point.w, point.q)[0]).ravel()
+    rows, bounds = (
+        # Less than any multiplier: equalities are always active.
+        np.where(lower == upper, -1.0, _room(lam, value, lower, upper))
+        for lam, value, lower, upper in (
+            (point.lam_g, g, limits.lbg, limits.ubg),
+            (point.lam_x, point.w, limits.lbx, limits.ubx),
+        )
+    )
+    return rows, bounds
 
 
 def _room(lam: Array, value: Array, lower: Array, upper: Array) -> Array:

@@ -43,7 +43,11 @@ from swarmstart.ocp.nlp.nlp_solvers import (
     corrected,
 )
 from swarmstart.ocp.nlp.nlp_sources import last_line
-from swarmstart.ocp.nlp.optimality import NlpPoint, is_stationary
+from swarmstart.ocp.nlp.optimality import (
+    NlpPoint,
+    is_stationary,
+    least_multipliers,
+)
 from swarmstart.ocp.nlp.polish_options import (
     IPOPT_STATUS,
     IpoptOptions,
@@ -92,6 +96,8 @@ _REMEMBERED = 15
 _ITERATIONS, _FACTORS = 20, 4000
 """Usual number of iterations, and operations of the linear solver in one, for each
 variable; measured in docs/measured/polish.md."""
+_KEPT = 1e-6
+"""Excess of a row, in the NLP's numbers, at which an answer still keeps it."""
 _STEEP = 1e3
 """Value of the NLP's cost when the cost has its natural size."""
 
@@ -388,6 +394,48 @@ class Polisher(Called):
         sizes = self._fitness.arguments.sizes(x0, known).states
         way = np.abs(states - states[:, :1]).max(axis=1)
         return bool((way > _WILD * sizes).any())
+
+    def point(
+        self,
+        controls: Array,
+        states: Array,
+        x0: Array,
+        known: Known,
+        *,
+        held: Sequence[int] = (),
+    ) -> NlpPoint | None:
+        """Return an answer as a point of the NLP, with multipliers; nothing is solved.
+
+        The multipliers are those that explain its slope best (`least_multipliers`).
+
+        Args:
+            controls: Shape (nu, N).
+            states: At the nodes, shape (nx, nodes).
+            x0: Initial state, with the decisions about it, shape (nx,).
+            known: Parameters and signals.
+            held: Numbers of the controls that are held.
+
+        Returns:
+            The point; None if it breaks limits of the NLP or is not stationary.
+        """
+        solvers = self.solvers(self._steps(controls, states, x0, known))
+        how = _How(solvers, near=True, held=held, is_guess=False)
+        asked = self._asked(controls, states, x0, known, how)
+        w, q, limits, program = asked.first, asked.q, asked.limits, solvers.program
+        g = np.array(program.derivatives["jac_g"](w, q)[0]).ravel()
+        if not (np.clip(g, limits.lbg - _KEPT, limits.ubg + _KEPT) == g).all():
+            return None
+        lam_g, lam_x, _ = least_multipliers(program, w, q, limits)
+        found = NlpPoint(
+            program=program,
+            cost_size=asked.sizes.cost,
+            w=w,
+            q=q,
+            lam_g=lam_g,
+            lam_x=lam_x,
+            limits=limits,
+        )
+        return found if is_stationary(found) else None
 
     def _steps(
         self, controls: Array, states: Array, x0: ArrayLike, known: Known

@@ -119,6 +119,16 @@ class NonlinearProgram(Rebuilt):
         """The functions "grad_f", "jac_g" and "hess_lag", as nlpsol's IPOPT takes."""
         return self._functions.derivatives
 
+    @cached_property
+    def lagrangian(self) -> ca.Function:
+        """The function (w, q, lam_g) -> (f + lam_g' g, its gradient by w, g)."""
+        slope, jacobian = (self.derivatives[name] for name in ("grad_f", "jac_g"))
+        w, q = (ca.MX.sym(name, slope.size1_in(name)) for name in ("x", "p"))
+        lam = ca.MX.sym("lam_g", jacobian.size1_out("g"))
+        (f, gradient), (g, J) = slope(w, q), jacobian(w, q)
+        values = [f + ca.dot(lam, g), ca.densify(gradient + ca.mtimes(J.T, lam)), g]
+        return ca.Function("lagrangian", [w, q, lam], values)
+
     @property
     def kernels(self) -> list[ca.Function]:
         """Machine code of the intervals, which these functions call, but do not own."""

@@ -26,7 +26,9 @@ nearer than the expression varies, but not nearer than a hundredth of that, and 
 x0 keeps it.
 
 A size that the problem gives by name (`scales`) replaces that of the state or control.
-A way or a guess that is negligible beside the sizes from the dynamics counts as zero.
+A way or a guess that is negligible beside the sizes from the dynamics counts as zero,
+and so does a way that is much less than that of a state needs whose rate is a multiple
+of this one.
 All sizes are homogeneous: values in units larger by a power of two give sizes that are
 larger by exactly that power.
 """
@@ -48,6 +50,8 @@ _PARTS = (0.618, -0.382)
 """Moves around the start, relative to the sizes; irregular, to avoid half turns."""
 _NEGLIGIBLE = 1e-6
 """Relative size below which a way or a guess is negligible."""
+_NEEDED = 0.05
+"""Part of what a state driven by it alone needs, below which a way is negligible."""
 _ABSURD, _SOON, _TURNS = 1e3, 3, 200
 """Ratio from which a way by sizes of rates may be absurd beside that of its first
 orders, and is beside the linear motion with its signs; and steps of that motion."""
@@ -102,9 +106,9 @@ class Sizing:
         self._at = ca.Function("at", symbols, [ca.vertcat(*outputs)])
         self._splits = np.cumsum([o.numel() for o in outputs])[:-1]
         self._last: tuple[list[bytes | None], Sizes] | None = None
-        self._slopes = ca.Function(
-            "slopes", symbols, [ca.jacobian(f, ca.vertcat(symbols[0], symbols[1]))]
-        )
+        slopes = ca.jacobian(f, ca.vertcat(symbols[0], symbols[1]))
+        self._slopes = ca.Function("slopes", symbols, [slopes])
+        self._drives = _alone(slopes, ca.vertcat(*symbols))
         self._target = _target_function(problem)
         self._ways = _ways_function(problem, np.flatnonzero(self._is_open))
         self._known = [*problem.row_scales(), *map(known_scales, problem.soft)]
@@ -134,79 +138,117 @@ class Sizing:
         asked = [v if v is None else np.asarray(v, np.float64).tobytes() for v in given]
         # All polishes from one initial state ask for the same.
         if self._last is None or self._last[0] != asked:
-            with np.errstate(over="ignore", invalid="ignore"):  # They give no size.
-                self._last = asked, self._found(*given)
+            x0, parameters, signals = (
+                np.asarray(one, np.float64)[..., None] for one in given[:3]
+            )
+            if guess is not None:
+                guess = np.asarray(guess, np.float64)[..., None]
+            self._last = asked, self.of_all(x0, parameters, signals, guess, along)[0]
         return self._last[1]
+
+    def of_all(
+        self,
+        x0: Array,
+        parameters: Array,
+        signals: Array,
+        guess: Array | None = None,
+        along: Array | None = None,
+    ) -> list[Sizes]:
+        """Return the sizes for each of M initial states, with data of their own.
+
+        Args:
+            x0: Initial states, shape (nx, M).
+            parameters: Shape (np, M).
+            signals: At the nodes, shape (ns, nodes, M).
+            guess: Controls, shape (nu, N, M), as for one initial state.
+            along: As for one initial state, of all.
+        """
+        if self._first_controls().all():
+            guess = None  # Bounds or given sizes suffice.
+        with np.errstate(over="ignore", invalid="ignore"):  # They give no size.
+            return self._found(x0, parameters, signals, guess, along)
 
     def _found(
         self,
         x0: Array,
         parameters: Array,
         signals: Array,
-        guess: ArrayLike | None,
+        guess: Array | None,
         along: Array | None,
-    ) -> Sizes:
+    ) -> list[Sizes]:
         first, last = signals[:, 0], signals[:, -1]
-        middle = _middle(*self._problem.control_limits)
-        slopes = np.array(self._slopes(x0, middle, parameters, first))
-        at = _Point(x0, parameters, first, slopes)
+        at = self._points(x0, parameters, first)
         states = self._first_states(x0, parameters, first, last)
         if along is not None and np.isfinite(along).all():
-            way = np.abs(along - x0[:, None]).max(axis=1)
-            states = np.where(self._is_open, np.maximum(states, way), states)
-        controls = self._first_controls()
-        states = self._without_tiny(at, states, controls, None)
+            way = np.abs(along - x0).max(axis=1)[:, None]
+            states = np.where(self._is_open[:, None], np.maximum(states, way), states)
+        controls = np.repeat(self._first_controls()[:, None], x0.shape[1], axis=1)
+        # A guess of the states shows how large they get; their starts do not.
+        share = _NEEDED if along is None else 0.0
+        states = self._without_tiny(at, states, controls, None, share)
         if guess is not None:
             _, expected = self._filled(at, states, controls, None)
-            given = np.asarray(guess, dtype=np.float64)
-            guessed = np.abs(given).max(axis=1, initial=0)
+            guessed = np.abs(guess).max(axis=1, initial=0)
             tiny = guessed < _NEGLIGIBLE * expected
-            guess = np.where(tiny[:, None], 0.0, given)
+            guess = np.where(tiny[:, None], 0.0, guess)
             controls = np.where((controls > 0) | tiny, controls, guessed)
-            states = self._without_tiny(at, states, controls, guess)
+            states = self._without_tiny(at, states, controls, guess, share)
         filled = self._filled(at, states, controls, guess)
         self._fill_costs(at, *filled, guess)
         states, controls = (np.where(sizes > 0, sizes, 1.0) for sizes in filled)
         for one in self._problem.free_starts:
             together = list(one.states)
             if not self._given[0][together].any():
-                states[together] = states[together].max()  # One decision has one size.
+                # One decision has one size.
+                states[together] = states[together].max(axis=0)
         values = self._around(at, states, controls, guess)
-        rows = self._rows(values[3:])
-        return Sizes(
-            states=states,
-            controls=controls,
-            cost=self._cost(values),
-            rows=rows,
-            weights=np.concatenate(
-                [
-                    np.empty(0),
-                    *[
-                        1 / size[np.isnan(known)]
-                        for size, known in zip(
-                            # Soft rows have a price, and no weight in the violation.
-                            rows[: self._hard],
-                            self._known,
-                            strict=False,
-                        )
-                    ],
-                ]
-            ),
-        )
+        rows, cost = self._rows(values[3:]), self._cost(values)
+        weights = [
+            1 / size[np.isnan(known)]
+            # Soft rows have a price, and no weight in the violation.
+            for size, known in zip(rows[: self._hard], self._known, strict=False)
+        ]
+        every = np.vstack([np.empty((0, x0.shape[1])), *weights])
+        return [
+            Sizes(
+                states=states[:, k],
+                controls=controls[:, k],
+                cost=float(cost[k]),
+                rows=tuple(size[:, k] for size in rows),
+                weights=every[:, k],
+            )
+            for k in range(x0.shape[1])
+        ]
 
-    def _cost(self, values: list[Array]) -> float:
-        """Return the size of the cost from all outputs around a start."""
+    def _points(self, x0: Array, parameters: Array, first: Array) -> "_Points":
+        """Return points with their slopes, from arrays with an axis of M."""
+        nx, M = x0.shape
+        middle = np.repeat(_middle(*self._problem.control_limits)[:, None], M, axis=1)
+        slopes = np.array(self._slopes(x0, middle, parameters, first))
+        signed = slopes.reshape(nx, M, -1).transpose(0, 2, 1)
+        return _Points(x0, parameters, first, signed)
+
+    def _cost(self, values: list[Array]) -> Array:
+        """Return the size of the cost from all outputs around a start, shape (M,)."""
         stage, end = (
-            float(np.nan_to_num(np.abs(v), nan=0, posinf=0).max())
+            np.nan_to_num(np.abs(v), nan=0, posinf=0).max(axis=(0, 1))
             for v in self._from_the_start(values[1:3])
         )
         cost = self._problem.length * stage + end
-        return cost if 0 < cost < np.inf else 1.0
+        return np.where((cost > 0) & (cost < np.inf), cost, 1.0)
 
     def _from_the_start(self, costs: list[Array]) -> list[Array]:
-        """Return costs, counted from the first value if they move with the origin."""
+        """Return costs, counted from the first value if they move with the origin.
+
+        Args:
+            costs: Shape (1, n, M).
+        """
         return [
-            value - value[:, :1] if moved[0] and np.ptp(value) > 0 else value
+            np.where(
+                np.ptp(value, axis=1, keepdims=True) > 0, value - value[:, :1], value
+            )
+            if moved[0]
+            else value
             for value, moved in zip(costs, self._moved[:2], strict=True)
         ]
 
@@ -221,9 +263,11 @@ class Sizing:
             signals: At the start, shape (ns,).
             sizes: Sizes of states and controls.
         """
-        at = _Point(x0, parameters, signals, np.empty(0))
+        given = (x0, parameters, signals, sizes.states, sizes.controls)
+        x0, parameters, signals, states, controls = (one[:, None] for one in given)
+        at = _Points(x0, parameters, signals, np.empty(0))
         with np.errstate(over="ignore", invalid="ignore"):
-            return self._cost(self._around(at, sizes.states, sizes.controls, None))
+            return float(self._cost(self._around(at, states, controls, None))[0])
 
     def target(self, parameters: Array, signals: Array) -> Array:
         """Return the end state wherever an equality fixes it, else NaN.
@@ -235,18 +279,18 @@ class Sizing:
         return np.array(self._target(parameters, signals)).ravel()
 
     def _fill_costs(
-        self, at: "_Point", states: Array, controls: Array, guess: ArrayLike | None
+        self, at: "_Points", states: Array, controls: Array, guess: Array | None
     ) -> None:
         """Give one size to all states that are costs, in place; see risk.py."""
         epigraph = self._problem.epigraph
         if epigraph is None:
             return
         ours = [*epigraph.accrued, *epigraph.states]
-        states[ours] = states[ours].max()
+        states[ours] = states[ours].max(axis=0)
         known = [np.where(sizes > 0, sizes, 1.0) for sizes in (states, controls)]
         known[0][ours] = states[ours]
         end = np.abs(self._around(at, known[0], known[1], guess)[2])
-        largest = float(np.nan_to_num(end, nan=0, posinf=0).max())
+        largest = np.nan_to_num(end, nan=0, posinf=0).max(axis=(0, 1))
         states[ours] = np.maximum(states[ours], largest)
 
     def cost_along(
@@ -267,18 +311,24 @@ class Sizing:
         u = np.hstack([controls, controls[:, -1:]])
         p = np.tile(parameters[:, None], (1, u.shape[1]))
         both = np.split(np.array(self._at(x, u, p, s)), self._splits)[1:3]
-        stage, end = (np.abs(cost[0]) for cost in self._from_the_start(both))
+        both = [cost[:, :, None] for cost in both]
+        stage, end = (np.abs(cost[0, :, 0]) for cost in self._from_the_start(both))
         return float(problem.dt * stage[:-1].sum() + end[-1])
 
     def _first_states(
         self, x0: Array, parameters: Array, first: Array, last: Array
     ) -> Array:
-        """Return sizes from bounds and ways to go; 0 if these give none."""
-        given, target = self._given[0], self.target(parameters, last)
-        middle = _middle(*self._problem.control_limits)
+        """Return sizes from bounds and ways to go, (nx, M); 0 if these give none."""
+        M = x0.shape[1]
+        given, target = (
+            self._given[0][:, None],
+            np.array(self._target(parameters, last)),
+        )
+        middle = np.repeat(_middle(*self._problem.control_limits)[:, None], M, axis=1)
         ways = np.abs(np.array(self._ways(x0, middle, parameters, first, last)))
         ways[~np.isfinite(ways)] = 0.0
-        found = np.maximum(self._widths, ways.max(axis=1, initial=0))
+        ways = ways.reshape(x0.shape[0], M, -1)
+        found = np.maximum(self._widths[:, None], ways.max(axis=2, initial=0))
         found = np.maximum(found, np.abs(np.nan_to_num(target - x0)))
         return np.where(given > 0, given, found)
 
@@ -317,107 +367,125 @@ class Sizing:
         return np.where(given > 0, given, np.where(size > 0, size, bound))
 
     def _filled(
-        self, at: "_Point", states: Array, controls: Array, guess: ArrayLike | None
+        self, at: "_Points", states: Array, controls: Array, guess: Array | None
     ) -> tuple[Array, Array]:
         """Return the sizes, with zeros replaced from the dynamics if possible."""
-        nx = states.size
+        nx = len(states)
         # A size passes on to one state a round, so a chain of states needs as many.
-        for _ in range(2 * (nx + controls.size)):
+        for _ in range(2 * (nx + len(controls))):
             if states.all() and controls.all():
                 break
             reach = self._reached(at, states, controls, guess)
             found = np.where(states > 0, states, reach)
-            if np.array_equal(found, states):
-                sizes = np.concatenate([states, controls])
-                both = self._needed(at, sizes)
-                if np.array_equal(both, sizes):
-                    break  # No further size follows.
-                found, controls = both[:nx], both[nx:]
-            states = found
+            # Where it says no more, a rate may: one step back from it.
+            both = self._needed(at, np.vstack([states, controls]))
+            is_same = (found == states).all(axis=0)
+            after = np.where(is_same, both[:nx], found)
+            new = np.where(is_same, both[nx:], controls)
+            if np.array_equal(after, states) and np.array_equal(new, controls):
+                break  # No further size follows.
+            states, controls = after, new
         return states, controls
 
     def _reached(
-        self, at: "_Point", states: Array, controls: Array, guess: ArrayLike | None
+        self, at: "_Points", states: Array, controls: Array, guess: Array | None
     ) -> Array:
-        """Return how far the rates move each state, shape (nx,).
+        """Return how far the rates move each state, shape (nx, M).
 
         By the motion that is linear about the start, over the controls' range: a state
         moves by T |f|, the next one that it drives by T^2 / 2 of it, and so on. What
         that leaves at rest moves by T times the largest rate around the start.
         """
         rates, lasting = self._around(at, states, controls, guess)[0], self._lasting(at)
-        far = np.nan_to_num(lasting * np.abs(rates), nan=0, posinf=0)
-        drives = np.nan_to_num(at.slopes[:, : states.size], nan=0, posinf=0)
-        np.fill_diagonal(drives, 0.0)
+        far = np.nan_to_num(lasting[:, None] * np.abs(rates), nan=0, posinf=0)
+        drives = np.nan_to_num(at.slopes[:, : len(states)], nan=0, posinf=0)
+        every = np.arange(len(states))
+        drives[every, every] = 0.0
         # The first three are at the start, under three values of the controls.
         soon = step = linear = far[:, :3].max(axis=1)
-        for order in range(2, states.size + 1):
-            step = lasting[:, 0] / order * (drives @ step)
+        for order in range(2, len(states) + 1):
+            # One by one: sums in another order for other M would round differently.
+            driven = sum(drives[:, j] * step[j] for j in range(len(states)))
+            step = lasting / order * driven
             linear = np.maximum(linear, step)
             soon = linear if order <= _SOON else soon
         linear = np.where(np.isfinite(linear), linear, 0.0)
-        if (linear > _ABSURD * soon).any():
-            turned = self._turned(at, rates[:, :3])
-            linear = np.where(linear > _ABSURD * turned, turned, linear)
+        absurd = (linear > _ABSURD * soon).any(axis=0)
+        if absurd.any():
+            turned = self._turned(at, rates[:, :3], absurd)
+            less = linear[:, absurd] > _ABSURD * turned
+            linear[:, absurd] = np.where(less, turned, linear[:, absurd])
         return np.where(linear > 0, linear, far.max(axis=1, initial=0))
 
-    def _turned(self, at: "_Point", rates: Array) -> Array:
-        """Return how far the motion that is linear about the start goes, shape (nx,).
+    def _turned(self, at: "_Points", rates: Array, chosen: NDArray[np.bool_]) -> Array:
+        """Return how far the motion that is linear about the start goes, shape (nx, n).
 
         Sizes of rates know no signs: they take an oscillation for a growth.
 
         Args:
-            at: The start.
-            rates: f there under three values of the controls, shape (nx, 3).
+            at: The starts.
+            rates: f there under three values of the controls, shape (nx, 3, M).
+            chosen: Mask of n of the M starts.
         """
-        A = np.nan_to_num(at.signed[:, : at.x0.size], nan=0, posinf=0, neginf=0)
-        h, one = self._problem.length / _TURNS, np.eye(at.x0.size)
+        nx = len(at.x0)
+        A = np.nan_to_num(at.signed[:, :nx, chosen], nan=0, posinf=0, neginf=0)
+        A, f = A.transpose(2, 0, 1), rates[:, :, chosen].transpose(2, 0, 1)
+        h, one = self._problem.length / _TURNS, np.eye(nx)
         # The classical Runge-Kutta step of x' = A x + f is x + h M (A x + f).
         M = one + h / 2 * A @ (one + h / 3 * A @ (one + h / 4 * A))
-        way = most = np.zeros(rates.shape)
+        way = most = np.zeros(f.shape)
         for _ in range(_TURNS):
-            way = way + h * M @ (A @ way + rates)
+            way = way + h * M @ (A @ way + f)
             most = np.fmax(most, np.abs(way))
-        found = most.max(axis=1)
-        return np.where(
-            np.isfinite(found) & np.isfinite(way).all(axis=1), found, np.inf
-        )
+        found, is_number = most.max(axis=2), np.isfinite(way).all(axis=2)
+        return np.where(np.isfinite(found) & is_number, found, np.inf).T
 
     def _without_tiny(
-        self, at: "_Point", direct: Array, known: Array, guess: ArrayLike | None
+        self,
+        at: "_Points",
+        direct: Array,
+        known: Array,
+        guess: Array | None,
+        share: float,
     ) -> Array:
         """Return sizes of states, with negligible ones set to 0.
 
-        A way of 1e-300 counts as zero.
+        A way of 1e-300 counts as zero, and so does one that is far less than what the
+        way of a state needs that it alone drives: a body that turns round has another
+        speed in between than the small one with which it begins.
         """
         states, controls = self._filled(at, direct, known, guess)
         reach = self._reached(at, states, controls, guess)
-        needed = self._by_rate(at, states)[:, : states.size]
-        np.fill_diagonal(needed, np.inf)  # Only the other states' needs count.
-        need = needed.min(axis=0, initial=np.inf)
-        derived = np.maximum(reach, np.where(np.isfinite(need), need, 0.0))
-        tiny = (direct < _NEGLIGIBLE * derived) & self._is_open
+        needed, every = (
+            self._by_rate(at, states)[:, : len(states)],
+            np.arange(len(states)),
+        )
+        needed[every, every] = np.inf  # Only the other states' needs count.
+        need = _least(needed)
+        driven = _least(np.where(self._drives[:, :, None], needed, np.inf))
+        least = np.maximum(_NEGLIGIBLE * np.maximum(reach, need), share * driven)
+        tiny = (direct < least) & self._is_open[:, None]
         return np.where(tiny, 0.0, direct)
 
-    def _lasting(self, at: "_Point") -> Array:
-        """Return the time for which a rate moves its state, at most T, shape (nx, 1).
+    def _lasting(self, at: "_Points") -> Array:
+        """Return the time for which a rate moves its state, at most T, shape (nx, M).
 
         A state that decays soon reaches the point of zero rate, not T |f|.
         """
-        T, nx = self._problem.length, at.x0.size
+        T, every = self._problem.length, np.arange(len(at.x0))
         # fmax, so that a slope that is NaN counts as 0.
-        return T / np.fmax(1.0, T * np.diag(at.slopes[:, :nx]))[:, None]
+        return T / np.fmax(1.0, T * at.slopes[every, every])
 
-    def _needed(self, at: "_Point", sizes: Array) -> Array:
+    def _needed(self, at: "_Points", sizes: Array) -> Array:
         """Return sizes of states and controls, one step back from known rates."""
-        needed = self._by_rate(at, sizes[: at.x0.size])
+        needed = self._by_rate(at, sizes[: len(at.x0)])
         least = needed.min(axis=0, initial=np.inf)
         return np.where((sizes > 0) | ~np.isfinite(least), sizes, least)
 
-    def _by_rate(self, at: "_Point", states: Array) -> Array:
+    def _by_rate(self, at: "_Points", states: Array) -> Array:
         """Return the size of each state and control that each state's rate implies.
 
-        Shape (nx, nx + nu), infinity if the rate does not depend on it.
+        Shape (nx, nx + nu, M), infinity if the rate does not depend on it.
         """
         with np.errstate(divide="ignore", invalid="ignore"):  # Zero slopes: inf below.
             needed = states[:, None] / (self._problem.length * at.slopes)
@@ -425,76 +493,83 @@ class Sizing:
         return np.asarray(needed)
 
     def _around(
-        self, at: "_Point", states: Array, controls: Array, guess: ArrayLike | None
+        self, at: "_Points", states: Array, controls: Array, guess: Array | None
     ) -> list[Array]:
-        """Return all outputs at x0 and around it, each (rows, points)."""
+        """Return all outputs at x0 and around it, each (rows, points, M)."""
         key = states.tobytes() + controls.tobytes() + bytes([guess is None])
         if key not in at.seen:
             at.seen[key] = self._seen_around(at, states, controls, guess)
         return at.seen[key]
 
     def _seen_around(
-        self, at: "_Point", states: Array, controls: Array, guess: ArrayLike | None
+        self, at: "_Points", states: Array, controls: Array, guess: Array | None
     ) -> list[Array]:
-        lower, upper = self._problem.control_limits
-        middle = _middle(lower, upper)
+        M = states.shape[1]
+        lower, upper = (one[:, None] for one in self._problem.control_limits)
+        middle = np.repeat(_middle(lower, upper), M, axis=1)
         if guess is not None:
             free = ~(np.isfinite(lower) & np.isfinite(upper))
-            middle = np.where(free, np.asarray(guess, dtype=np.float64)[:, 0], middle)
+            middle = np.where(free, guess[:, 0], middle)
         u = [
             np.where(np.isfinite(bound), bound, middle + sign * controls)
             for bound, sign in ((lower, -1.0), (upper, 1.0))
         ]
-        alone = np.kron(np.diag(states), _PARTS)  # One state moved at a time.
-        both = np.outer(states, _PARTS)
-        moves = [np.zeros((states.size, 3)), alone, np.repeat(both, 3, axis=1)]
-        x = at.x0[:, None] + np.hstack(moves)
+        # Moves (nx, points, M): none, one state at a time, all together.
+        every, parts = np.arange(len(states)), np.array(_PARTS)
+        alone = np.zeros((len(states), len(states), parts.size, M))
+        alone[every, every] = states[:, None] * parts[:, None]
+        singly = alone.reshape(len(states), -1, M)
+        both = np.repeat(states[:, None] * parts[:, None], 3, axis=1)
+        moves = [np.zeros((len(states), 3, M)), singly, both]
+        x = at.x0[:, None] + np.concatenate(moves, axis=1)
         # A model need not hold beyond its bounds, as the air below the ground.
-        least, most = (limits[:, None] for limits in self._problem.state_limits)
-        inside = (at.x0[:, None] >= least) & (at.x0[:, None] <= most)
-        x = np.where(inside, np.clip(x, least, most), x)
+        least, most = (limits[:, None, None] for limits in self._problem.state_limits)
+        start = at.x0[:, None]
+        x = np.where((start >= least) & (start <= most), np.clip(x, least, most), x)
         three = np.stack([middle, *u], axis=1)
-        still = np.repeat(middle[:, None], alone.shape[1], axis=1)
-        v = np.hstack([three, still, three, three])
+        still = np.repeat(middle[:, None], singly.shape[1], axis=1)
+        v = np.concatenate([three, still, three, three], axis=1)
         n = x.shape[1]
-        p, s = (np.tile(c[:, None], (1, n)) for c in (at.parameters, at.signals))
-        found = np.array(self._at(x, v, p, s))
+        p, s = (np.repeat(c[:, None], n, axis=1) for c in (at.parameters, at.signals))
+        columns = [one.reshape(len(one), n * M) for one in (x, v, p, s)]
+        found = np.array(self._at(*columns)).reshape(-1, n, M)
         return np.split(found, self._splits)
 
     def _rows(self, values: list[Array]) -> tuple[Array, ...]:
-        """Return the size of each row from its expression around the start."""
+        """Return the size of each row, (rows, M), from its expression around starts."""
         rows = []
         for known, row, moved, value in zip(
             self._known, self._all_rows, self._moved[2:], values, strict=True
         ):
-            origin = np.where(moved, value[:, 0], 0.0)
-            origin = np.nan_to_num(origin, nan=0, posinf=0, neginf=0)[:, None]
+            is_moved = moved[:, None]
+            origin = np.where(is_moved, value[:, 0], 0.0)
+            origin = np.nan_to_num(origin, nan=0, posinf=0, neginf=0)
             # What is not finite counts as the start.
-            seen = np.where(np.isfinite(value), value - origin, 0.0)
+            seen = np.where(np.isfinite(value), value - origin[:, None], 0.0)
             size = np.abs(seen)
             at_start, around = size[:, :3].max(axis=1), size.max(axis=1, initial=0)
             natural = np.where(at_start > _NEGLIGIBLE * around, at_start, around)
-            lower, upper = row.lower - origin[:, 0], row.upper - origin[:, 0]
+            lower, upper = row.lower[:, None] - origin, row.upper[:, None] - origin
             limit, reach = _largest(lower, upper), np.ptp(seen, axis=1)
             way = np.where(reach > 0, np.minimum(limit, reach), limit)
             # From outside a limit, or beside it, the way says nothing of the path.
             counts = (lower <= 0) & (upper >= 0) | (lower == upper)
             counts &= way > _NEAR_SHARE * reach
             found = np.where(
-                moved,
+                is_moved,
                 np.where(counts, way, reach),
                 np.where(limit > 0, np.maximum(limit, _LIMIT_SHARE * natural), natural),
             )
             found = np.where(found > 0, found, 1.0)
-            rows.append(np.where(np.isnan(known), found, known))
+            rows.append(np.where(np.isnan(known)[:, None], found, known[:, None]))
         return tuple(rows)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Point:
-    """Point to evaluate around: state, parameters, signals, and df / d(x, u).
+class _Points:
+    """M points to evaluate around: state, parameters, signals, and df / d(x, u).
 
-    Results are kept, since the same is often asked twice.
+    Each has a last axis of M. Results are kept, since the same is often asked twice.
     """
 
     x0: Array
@@ -507,6 +582,12 @@ class _Point:
     def slopes(self) -> Array:
         """|df / d(x, u)|."""
         return np.abs(self.signed)
+
+
+def _least(needed: Array) -> Array:
+    """Return the least of each column; 0 if there is none."""
+    least = needed.min(axis=0, initial=np.inf)
+    return np.where(np.isfinite(least), least, 0.0)
 
 
 def _largest(lower: Array, upper: Array) -> Array:
@@ -539,6 +620,22 @@ def _constant(entries: ca.SX, symbols: ca.SX) -> NDArray[np.intp]:
     """Return the numbers of the entries that depend on none of some symbols."""
     varying = rows_that_depend(entries, symbols)
     return np.setdiff1d(np.arange(entries.numel()), varying)
+
+
+def _alone(slopes: ca.SX, symbols: ca.SX) -> NDArray[np.bool_]:
+    """Return a mask of the states that alone drive a rate, by a constant factor.
+
+    Args:
+        slopes: Of the rates by states and controls, shape (nx, nx + nu).
+        symbols: What they depend on.
+    """
+    slopes = ca.sparsify(slopes)
+    rows = np.array(slopes.sparsity().row(), dtype=int)
+    columns = np.array(slopes.sparsity().get_col(), dtype=int)
+    mask = np.zeros(slopes.shape, dtype=np.bool_)
+    for place in _constant(slopes.nz[:], symbols):
+        mask[rows[place], columns[place]] = np.count_nonzero(rows == rows[place]) == 1
+    return mask[:, : slopes.shape[0]]
 
 
 def _rate(problem: OptimalControlProblem) -> ca.SX:

@@ -134,7 +134,8 @@ def test_the_file_itself_is_never_written_over(
 def test_workers_of_compare_have_the_permission_and_keep_none(
     project: Project, command: Command, tmp_path: Path
 ) -> None:
-    arguments = ["compare", project.scenario, *COMPARED, "--out", tmp_path, "-q"]
+    out = tmp_path / "compared"
+    arguments = ["compare", project.scenario, *COMPARED, "--out", out, "-q"]
     said = command(*arguments, "--workers", "1", "--json", "--allow-python")
     assert said.code == 0
     assert said.err.count("as --allow-python allows") == 1
@@ -144,13 +145,13 @@ def test_workers_of_compare_have_the_permission_and_keep_none(
     assert rows["ipopt"]["costs"] == [pytest.approx(36.7126, abs=1e-3)]
     runs = project.runs
     assert runs >= 4  # In this process, and once in a worker for each cell.
-    marks = list((tmp_path / "cells").glob("*/cell.json"))
+    marks = list((out / "cells").glob("*/cell.json"))
     assert len(marks) == 3
     for mark in marks:
         text = mark.read_text()
         assert "python_in" not in text and str(project.folder) not in text
         with pytest.raises(InvalidScenarioError, match="No such file"):
-            solve_cell(json.loads(text)["job"], tmp_path)
+            solve_cell(json.loads(text)["job"], out)
     refused = command(*arguments)  # Though all is there already.
     assert refused.code == 2 and project.runs == runs
 

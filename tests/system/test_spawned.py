@@ -90,7 +90,8 @@ def options() -> list[Any]:
         ss.LocalAgent(parameters=[1.0], reference=straight),
         made.solution().beside(bound()), bound(), ss.OpenLoop(loop=made.loop()),
         ss.phases(made.legs()), made.plan(), ss.load(_saved()), algebraic(),
-        made.solution().sensitivity(), made.solution().multipliers, _polished(),
+        made.solution().sensitivity(), made.solutions().sensitivity(),
+        made.solution().multipliers, _polished(),
         made.search().best, made.box(),
         made.certified().certificate, made.certified().ellipsoid, made.change(),
         *proofs(), heuristics.SEARCHES["lshade"],
@@ -174,7 +175,10 @@ def answered(found: ss.Solution) -> Any:
 
 
 def many(found: ss.Solutions) -> Any:
-    return [repr(found), found.controls, found.status.tolist(), found[0].controls]
+    return [
+        repr(found), found.controls, found.status.tolist(), found[0].controls,
+        found.sensitivity().controls,
+    ]  # fmt: skip
 
 
 def ran(run: ss.Run) -> Any:

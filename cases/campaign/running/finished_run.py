@@ -372,6 +372,7 @@ def key_of(resolved: Resolved, seed: int) -> str:
     # They change no result; of the backend, the one that was chosen counts.
     for told_only in ("claims", "title", "source", "backend"):
         settings.pop(told_only)
+    settings.pop("instances", None)  # Of a sweep alone.
     return run_key(settings, seed, backend_of(resolved))
 
 

@@ -258,7 +258,7 @@ def run(  # noqa: PLR0913 - the options of a command
         >>> finished.trajectory.states.shape
         (2, 21)
     """
-    resolved = _resolved(
+    resolved = resolved_with(
         scenario, settings, variant=variant, search=search, polish=polish
     )
     resolved = replace(resolved, allow_python=allow_python)
@@ -451,10 +451,16 @@ def _carried_out(cell: Cell, folder: Path) -> dict[str, Any]:
     return work(dict(cell.job), folder, **cell.permissions)
 
 
-def _resolved(
+def resolved_with(
     scenario: Scenario, settings: Mapping[str, Any], **given: Any
 ) -> Resolved:
-    """Return a scenario with settings laid over it; values may be NumPy arrays."""
+    """Return a scenario with settings laid over it; values may be NumPy arrays.
+
+    Args:
+        scenario: Name of a shipped scenario, or path of a scenario file.
+        settings: Keys and values as for --set.
+        given: Other arguments of `resolve`.
+    """
     document = read_document(str(scenario))
     return resolve(document, assignments=_assignments(settings), **given)
 

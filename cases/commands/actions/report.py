@@ -94,7 +94,9 @@ SHEET = "a_sheet"
 """Stem of the figure that shows a run on one sheet."""
 ENDINGS = (".png", ".svg", ".pdf", ".gif", ".mp4")
 """Files of figures; of one figure the first of these is opened."""
-MARKS = ("run.json", "seeds.json", "comparison.json", "replication*.json")
+REPORTED = ("run.json", "seeds.json", "comparison.json", "replication*.json")
+"""Files that a folder of a record has one of, if there is a page of such records."""
+MARKS = (*REPORTED, "sweep.json")
 """Files that a folder of a record has one of."""
 DEEPEST = 3
 """Folders below the given one in which a record is looked for."""
@@ -195,7 +197,7 @@ def _newest(folder: Path) -> Path:
     try:
         recorded_in(folder)
     except RecordError:
-        below = _newest_records(folder)
+        below = _newest_records(folder, REPORTED)
         if not below:
             raise
         say(f"{folder}: the newest record below is {below[0]}")
@@ -231,7 +233,7 @@ def newest_file(folder: Path) -> Path:
     if any(True for _ in _matching(folder, (*MARKS, *PAGES))):
         records = [folder]
     else:
-        records = _newest_records(folder)
+        records = _newest_records(folder, MARKS)
     for record in records:
         file = _shown_file(record)
         if file is not None:
@@ -243,8 +245,8 @@ def newest_file(folder: Path) -> Path:
         )
     missing = "" if folder.is_dir() else "; there is no such folder"
     raise RecordError(
-        f"{folder}: expected a folder that run, compare or replicate wrote, or one "
-        f"of such folders{missing}"
+        f"{folder}: expected a folder that run, sweep, compare or replicate wrote, or "
+        f"one of such folders{missing}"
     )
 
 
@@ -276,16 +278,16 @@ def _opened(program: list[str], file: Path) -> bool:
         return False
 
 
-def _newest_records(folder: Path) -> list[Path]:
-    """Return the folders of records below a folder, the newest first."""
-    return [record for _, record in sorted(_records_below(folder), reverse=True)]
+def _newest_records(folder: Path, of: Sequence[str]) -> list[Path]:
+    """Return the folders below that have one of some marks, the newest first."""
+    return [record for _, record in sorted(_records_below(folder, of), reverse=True)]
 
 
-def _records_below(folder: Path) -> Iterator[tuple[float, Path]]:
+def _records_below(folder: Path, of: Sequence[str]) -> Iterator[tuple[float, Path]]:
     """Yield records below a folder, each with the time of its last change."""
     for seen, (place, folders, files) in enumerate(os.walk(folder)):
         here = Path(place)
-        marks = [*_matching(here, MARKS)] if files else []
+        marks = [*_matching(here, of)] if files else []
         if marks:
             yield max(file.stat().st_mtime for file in marks), here
         if marks or len(here.relative_to(folder).parts) >= DEEPEST:

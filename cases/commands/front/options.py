@@ -110,6 +110,30 @@ _CHANGES = (
     ),
 )  # fmt: skip
 """Options that change a scenario before it is run."""
+_POLISH = _option(
+    "--polish", metavar="NAME",
+    help=f"local solver after the search: {', '.join(POLISHES)}, or another NLP solver "
+    "of CasADi (default: the one in the scenario)",
+)  # fmt: skip
+_SEED = _option(
+    "--seed", type=seed, default=0, metavar="N",
+    help="seed of all randomness: the same seed gives the same result (default: 0)",
+)  # fmt: skip
+_RECORD = (
+    _out("folder of the record (default: results/SCENARIO/KEY)"),
+    _flag(
+        "--force",
+        help="write to --out even if it holds other files; only files that a record "
+        "has are replaced",
+    ),
+    _flag("--no-figures", help="do not draw figures"),
+    _repeatable(
+        "--format", choices=FIGURE_FORMATS, dest="formats",
+        help="file format of the figures; svg and pdf are vector formats; repeatable "
+        "(default: png)",
+    ),
+)  # fmt: skip
+"""Options of the record of a run or of a sweep."""
 
 OPTIONS: Mapping[str, tuple[Option | OneOf, ...]] = {
     "run": (
@@ -120,18 +144,10 @@ OPTIONS: Mapping[str, tuple[Option | OneOf, ...]] = {
             help=f"search algorithm: {', '.join(SEARCHES)} (default: the one in the "
             "scenario)",
         ),
-        _option(
-            "--polish", metavar="NAME",
-            help=f"local solver after the search: {', '.join(POLISHES)}, or another "
-            "NLP solver of CasADi (default: the one in the scenario)",
-        ),
+        _POLISH,
         # Over several seeds --seed has no meaning.
         OneOf((
-            _option(
-                "--seed", type=seed, default=0, metavar="N",
-                help="seed of all randomness: the same seed gives the same result "
-                "(default: 0)",
-            ),
+            _SEED,
             _option(
                 "--seeds", type=count, metavar="N",
                 help="run the seeds 0 to N - 1 and print lowest, median and highest "
@@ -145,18 +161,7 @@ OPTIONS: Mapping[str, tuple[Option | OneOf, ...]] = {
             "of about so long, such as 120s or 2m; the same work proves the same "
             "everywhere; for scenarios that make one plan (default: no bound)",
         ),
-        _out("folder of the record (default: results/SCENARIO/KEY)"),
-        _flag(
-            "--force",
-            help="write to --out even if it holds other files; only files that a "
-            "record has are replaced",
-        ),
-        _flag("--no-figures", help="do not draw figures"),
-        _repeatable(
-            "--format", choices=FIGURE_FORMATS, dest="formats",
-            help="file format of the figures; svg and pdf are vector formats; "
-            "repeatable (default: png)",
-        ),
+        *_RECORD,
         _option(
             "--animation", choices=["gif", "mp4"],
             help="also draw an animation of the motion (default: none)",
@@ -179,6 +184,20 @@ OPTIONS: Mapping[str, tuple[Option | OneOf, ...]] = {
             help="print the scenario with all defaults as YAML, and exit without "
             "running",
         ),
+    ),
+    "sweep": (
+        _option("scenario", metavar="SCENARIO", help=_SCENARIO),
+        *_CHANGES,
+        _POLISH,
+        _SEED,
+        _flag(
+            "--strict",
+            help="refuse all instances if one is invalid (default: leave it out)",
+        ),
+        _workers("number of threads and processes"),
+        *_RECORD,
+        _JSON,
+        _QUIET,
     ),
     "replicate": (
         OneOf((

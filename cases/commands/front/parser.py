@@ -47,6 +47,14 @@ examples:
 
 A run that was interrupted continues if you give the same command again.
 Exit code 3: a gate failed; 4: no feasible or no confirmed solution."""
+_SWEEP = """\
+examples:
+  swarmstart sweep mine.yaml
+  swarmstart sweep pendulum --set 'instances.values.angle=[0, 1, 2]'
+  swarmstart sweep mine.yaml --set instances.samples=500 --out my_sweep
+
+An interrupted sweep keeps the answers that it has.
+Exit code 4: no instance has a confirmed solution."""
 _REPLICATE = """\
 examples:
   swarmstart replicate --quick
@@ -204,6 +212,14 @@ SUBCOMMANDS = {
         "path is the last line.",
         _RUN,
         f"{_ACTIONS}.run:run_command",
+    ),
+    "sweep": Subcommand(
+        "solve the plan of a scenario for many starts and parameters",
+        "Solve the first plan of a scenario for all of its `instances`: starts of "
+        "states and values of parameters from a CSV file, on a grid, or drawn. The "
+        "answers, a table and a figure are in a folder, whose path is the last line.",
+        _SWEEP,
+        f"{_ACTIONS}.sweep:sweep_command",
     ),
     "replicate": Subcommand(
         "judge every claim of the book chapter by running it",

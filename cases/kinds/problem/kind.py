@@ -2,6 +2,7 @@
 
 from swarmstart.cases.format.kind import Kind
 from swarmstart.cases.kinds.problem.checks.flaws import flaws
+from swarmstart.cases.kinds.problem.checks.instance_flaws import instances_of
 from swarmstart.cases.kinds.problem.measuring.decided_measures import own_meanings
 from swarmstart.cases.kinds.problem.measuring.measures import (
     measure,
@@ -21,6 +22,7 @@ KIND = Kind(
     own_measures=own_measures,
     own_meanings=own_meanings,
     undefined=UNDEFINED,
+    instances=instances_of,
     flaws=flaws,
     drawn_by="swarmstart.cases.kinds.problem.figures:draw",
 )

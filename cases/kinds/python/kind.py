@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping
 from swarmstart.cases.format.expressions import CONSTANTS, parse
 from swarmstart.cases.format.kind import Flight, Kind, Measure, Posed
 from swarmstart.cases.format.settings import LocatedFlaw
+from swarmstart.cases.kinds.problem.checks.instance_flaws import instances_of
 from swarmstart.cases.kinds.problem.measuring.decided_measures import own_meanings
 from swarmstart.cases.kinds.problem.measuring.flown_path import rows_of
 from swarmstart.cases.kinds.problem.measuring.measures import (
@@ -57,6 +58,7 @@ KIND = Kind(
     own_measures=own_measures,
     own_meanings=own_meanings,
     undefined=UNDEFINED,
+    instances=instances_of,
     flaws=flaws,
     drawn_by="swarmstart.cases.kinds.problem.figures:draw_from_python",
     code=lambda scenario: scenario.problem.file,

@@ -17,14 +17,21 @@ from swarmstart.ocp import (
     NoSensitivityError,
     OptimalControlProblem,
     PathConstraint,
+    Polisher,
+    Sensitivities,
+    Sensitivity,
     Solution,
+    Solutions,
+    SolutionStatus,
     TransportDelay,
     ensemble,
     solve,
+    solve_many,
 )
 
 EXACT = IpoptOptions(tolerance=1e-11, options={"acceptable_tol": 1e-11})
 X, U, P = ca.SX.sym("x", 2), ca.SX.sym("u"), ca.SX.sym("p")
+T = ca.SX.sym("t")
 PENDULUM = Model(
     states=X, controls=U, parameters=P, ode=ca.vertcat(X[1], U - P * ca.sin(X[0]))
 )
@@ -113,7 +120,33 @@ CASES = {
     "soft": Case(
         pendulum(constraints=[PathConstraint(expression=X[1], lower=-0.3, weight=2.0)])
     ),
-}
+    "time": Case(
+        OptimalControlProblem(
+            Model(
+                states=X, controls=U, parameters=P, time=T,
+                ode=ca.vertcat(X[1], U - P * ca.sin(X[0] + T)),
+            ),
+            horizon=2.0,
+            intervals=12,
+            stage_cost=U**2 + ca.sumsqr(X),
+            bounds=Bounds(controls=(-3, 3)),
+        )
+    ),
+    "discrete, with a parameter in costs and limits": Case(
+        OptimalControlProblem(
+            Model(
+                states=X, controls=U, parameters=P,
+                next_state=ca.vertcat(X[0] + 0.2 * X[1], X[1] + 0.2 * U),
+            ),
+            horizon=10.0,
+            intervals=10,
+            stage_cost=P * ca.sumsqr(X) + U**2 / P,
+            bounds=Bounds(controls=(-3, 3)),
+            constraints=[PathConstraint(expression=P * X[1], lower=-1.5)],
+        ),
+        (2.0, 0.0),
+    ),
+}  # fmt: skip
 
 
 def solved(case: Case, guess: Solution | None = None, **changes: object) -> Solution:
@@ -160,20 +193,84 @@ def measured(case: Case, at: Solution, name: str) -> tuple[Array, ...]:
     )
 
 
+def solved_at_once(case: Case) -> Solutions:
+    """Return the answer to a case among those to similar instances."""
+    x0 = np.array(case.x0)[:, None] * [0.99, 1.0, 1.01]
+    p = np.array([1.0, case.parameters[0], 1.01 * case.parameters[0]])
+    return solve_many(case.problem, x0, known={"p": p}, seed=0, progress=False)
+
+
 @pytest.mark.parametrize("name", CASES)
 def test_derivatives_are_those_of_problems_solved_again(name: str) -> None:
     case = CASES[name]
     at = solved(case)
     found = at.sensitivity()
     assert found.unclear == 0
+    every = solved_at_once(case).sensitivity(threads=1)
+    assert (every.data, every.reasons) == (found.data, {})
     for number, datum in enumerate(found.data):
         cost, controls, states, decided = measured(case, at, datum)
         close = {"rtol": 1e-5, "atol": 1e-5 * (1 + np.abs(controls).max())}
-        np.testing.assert_allclose(found.cost[number], cost, **close)
-        np.testing.assert_allclose(found.controls[..., number], controls, **close)
-        np.testing.assert_allclose(found.states[..., number], states, **close)
-        values = np.array([one[number] for one in found.decided.values()])
-        np.testing.assert_allclose(values, decided, **close)
+        for way in (found, instance(every, 1)):
+            np.testing.assert_allclose(way.cost[number], cost, **close)
+            np.testing.assert_allclose(way.controls[..., number], controls, **close)
+            np.testing.assert_allclose(way.states[..., number], states, **close)
+            values = np.array([one[number] for one in way.decided.values()])
+            np.testing.assert_allclose(values, decided, **close)
+
+
+def instance(every: Sensitivities, number: int) -> Sensitivity:
+    """Return the derivatives of one instance."""
+    return Sensitivity(
+        data=every.data,
+        cost=every.cost[:, number],
+        controls=every.controls[..., number],
+        states=every.states[..., number],
+        decided={name: one[:, number] for name, one in every.decided.items()},
+        unclear=int(every.unclear[number]),
+    )
+
+
+def test_nothing_is_solved_again_where_the_nlp_explains_an_answer(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    explained = solved_at_once(CASES["bounds of controls"])
+    with_margins = solved_at_once(CASES["path constraint"])
+
+    def refused(*_: object, **__: object) -> Solution:
+        raise AssertionError("an answer was solved again")
+
+    monkeypatch.setattr(Polisher, "__call__", refused)
+    assert not explained.sensitivity(threads=1).reasons
+    with pytest.raises(AssertionError, match="solved again"):
+        with_margins.sensitivity(threads=1)
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_an_instance_without_derivatives_has_a_reason(threads: int) -> None:
+    """The sum of controls that cost nothing can be reached in many ways."""
+    x, u, p = ca.SX.sym("x"), ca.SX.sym("u", 2), ca.SX.sym("p")
+    problem = OptimalControlProblem(
+        Model(states=x, controls=u, parameters=p, ode=u[0] + u[1]),
+        horizon=1.0, intervals=2, terminal_cost=x**2,
+        stage_cost=p * ca.sumsqr(u),
+        bounds=Bounds(controls=([-2, -2], [2, 2]), states=(-9, 9)),
+    )  # fmt: skip
+    x0, weights = [[0.3, 0.3, 10.0, 0.4]], {"p": [1.0, 0.0, 1.0, 1.0]}
+    answers = solve_many(problem, x0, known=weights, seed=0)
+    assert answers.status[2] is SolutionStatus.INVALID
+    found = answers.sensitivity(threads=threads)
+    assert sorted(found.reasons) == [1, 2]
+    assert "expected a strict minimum" in found.reasons[1]
+    assert found.reasons[2] == "the answer is not confirmed: INVALID"
+    for values in (found.cost, found.controls, found.states):
+        is_missing = np.isnan(values).reshape((-1, 4))
+        np.testing.assert_array_equal(
+            is_missing, [[False, True, True, False]] * len(is_missing)
+        )
+    # All controls are -x0 / (p + 2), and the cost is x0^2 / (1 + 2 / p).
+    np.testing.assert_allclose(found.cost[0, 0], 2 * 0.3 / (1 + 2 / 1.0), rtol=1e-6)
+    assert "2 without derivatives" in repr(found)
 
 
 @pytest.mark.parametrize("units", [(1.0, 1.0), (1e4, 1e-3)])
@@ -224,6 +321,8 @@ def test_without_data_there_is_nothing_to_derive() -> None:
     assert slopes.data == ()
     assert slopes.cost.shape == (0,)
     assert (slopes.controls.shape, slopes.states.shape) == ((1, 4, 0), (1, 5, 0))
+    several = solve_many(problem, [[1.0, 2.0]], seed=0).sensitivity(by=["parameters"])
+    assert several.controls.shape == (1, 4, 0, 2)
 
 
 def test_members_are_refused() -> None:
@@ -231,6 +330,9 @@ def test_members_are_refused() -> None:
     answer = solve(members, [1.0, 0.3], search=None, lanes=0, polish=EXACT, seed=0)
     with pytest.raises(NoSensitivityError, match="without members"):
         answer.sensitivity()
+    answers = solve_many(members, [[1.0], [0.3]], seed=0)
+    with pytest.raises(NoSensitivityError, match="without members"):
+        answers.sensitivity()
 
 
 def test_limit_that_is_about_to_act_is_counted() -> None:
@@ -243,6 +345,9 @@ def test_limit_that_is_about_to_act_is_counted() -> None:
     )  # fmt: skip
     at_corner = solve(problem, [1.0], search=None, lanes=0, seed=0)
     beside = solve(problem, [0.8], search=None, lanes=0, seed=0)
+    many = solve_many(problem, [[1.0, 0.8]], seed=0).sensitivity(threads=1)
+    assert many.unclear.tolist() == [1, 0]
+    assert "1 with limits that may change" in repr(many)
     assert at_corner.sensitivity().unclear == 1
     assert beside.sensitivity().unclear == 0
     assert "may change" in repr(at_corner.sensitivity())

@@ -171,7 +171,7 @@ def test_a_lane_that_fails_is_tried_again_from_its_neighbour(
 
 
 def test_each_start_of_an_instance_is_a_lane(use_lanes: UseLanes) -> None:
-    """Only the second random start of the second instance leads anywhere."""
+    """Only the third random start of the second instance leads anywhere."""
     tried: list[Array] = []
 
     def answer(x0: Array, guess: Array) -> Array | None:
@@ -184,9 +184,10 @@ def test_each_start_of_an_instance_is_a_lane(use_lanes: UseLanes) -> None:
     x0s = np.array([[0.0, 2.0], [1.0, 0.0]])
     found = solve_many(double_integrator(), x0s, polish=None, seed=0, starts=5)
     assert found.start[1] == "guess" and found.is_confirmed.all()
-    drawn = tried[3:5]
-    assert np.ptp(drawn[0]) > 0 and not np.array_equal(drawn[0], drawn[1])
-    for one in tried[:3]:
+    drawn = tried[2:5]
+    assert all(np.ptp(one) > 0 for one in drawn)
+    assert not np.array_equal(drawn[0], drawn[1])
+    for one in tried[:2]:
         np.testing.assert_array_equal(one, np.zeros((1, N)))
 
 
@@ -426,7 +427,10 @@ REFUSED: list[tuple[dict[str, object], str]] = [
     ({"x0s": [0.0, 0.0]}, r"x0s must have shape \(2, M\).*x_0, x_1.*got shape \(2,\)"),
     ({"x0s": np.zeros((3, 4))}, r"x0s must have shape \(2, M\).*got shape \(3, 4\)"),
     ({"x0s": np.zeros((2, 0))}, r"got shape \(2, 0\)"),
-    ({"known": None}, r"parameters of a Known must have shape \(1,\), got \(0,\)"),
+    (
+        {"known": None},
+        r"of a Known must have shape \(1,\) for all .* or \(1, 3\).*got \(0,\)",
+    ),
     ({"known": {"m": 1}}, r"parameters \(m\) and the signals \(w\).*missing w"),
     ({"known": {"m": 1, "w": WIND, "g": 2}}, "unknown g"),
     ({"known": {"m": [1, 2], "w": WIND}}, r"parameter m must be.*\(3,\).*\(2,\)"),
@@ -491,3 +495,13 @@ def test_an_impossible_instance_is_tried_from_several_starts() -> None:
     assert found.status.tolist() == [CONVERGED, INFEASIBLE]
     assert found.attempts.tolist() == [1, 3]  # The guess, the neighbour, random.
     assert found.violation[1] > 0.1 and found.excess[1] > 0.1
+
+
+def test_a_known_can_have_parameters_of_each_instance() -> None:
+    problem, masses = parametric(), np.array([0.5, 1.0, 1.5])
+    x0s = np.ones((2, 3))
+    named = solve_many(problem, x0s, known={"m": masses, "w": WIND}, seed=0)
+    known = Known(parameters=masses[None, :], signals=WIND[None, :])
+    found = solve_many(problem, x0s, known=known, seed=0)
+    np.testing.assert_array_equal(found.controls, named.controls)
+    assert np.ptp(found.cost) > 0

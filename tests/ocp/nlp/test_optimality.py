@@ -30,6 +30,7 @@ from swarmstart.ocp.nlp.optimality import (
     NlpPoint,
     curvature,
     is_stationary,
+    least_multipliers,
     stationarity,
 )
 from swarmstart.ocp.nlp.transcription import multiple_shooting
@@ -497,6 +498,79 @@ def test_sign_changes_where_the_closed_form_says(bend: float) -> None:
     point = with_multipliers(point_at(problem, np.zeros((1, 3)), [0.0]))
     expected = Curvature.POSITIVE if bend < 1 else Curvature.NEGATIVE
     assert curvature(point) is expected
+
+
+def unmet(point: NlpPoint) -> float:
+    """Return what is left of the slope at a point, summed up."""
+    *_, rest = least_multipliers(point.program, point.w, point.q, point.limits)
+    return float(np.abs(rest).sum())
+
+
+def separate(
+    slopes: Array, place: Array, *, lower: Array, upper: Array, caps: Array
+) -> float:
+    """Return what is unmet of a cost that is linear in controls that move nothing.
+
+    Args:
+        slopes: Of the cost, shape (nu, N); natural units are those of the NLP.
+        place: The controls, shape (nu, N).
+        lower: Of each control, shape (nu,).
+        upper: Of each control, shape (nu,).
+        caps: Upper limits of path constraints on the controls, stated twice.
+    """
+    nu, intervals = place.shape
+    u, s = ca.SX.sym("u", nu), ca.SX.sym("s", nu)
+    rows = PathConstraint(expression=ca.vertcat(u, u), upper=[*caps, *caps], scale=1)
+    problem = OptimalControlProblem(
+        Model(states=X, controls=u, ode=0 * u[0]),
+        horizon=float(intervals),
+        intervals=intervals,
+        stage_cost=ca.dot(s, u),
+        signals=s,
+        quadrature="left",
+        bounds=Bounds(controls=(lower, upper)),
+        constraints=[rows],
+        scales={f"u_{k}": 1.0 for k in range(nu)},
+    )
+    known = Known(signals=np.hstack([slopes, slopes[:, -1:]]))
+    point = point_at(problem, place, [0.0], known)
+    left = unmet(point)
+    return left * point.cost_size
+
+
+def test_unmet_is_the_slope_that_no_active_limit_explains() -> None:
+    """Control by control: a slope downhill into a limit within 1e-5 is explained.
+
+    Bounds and rows that coincide share their multiplier; there is one control with
+    equal bounds, which explain every slope.
+    """
+    rng = np.random.default_rng(0)
+    lower, upper = np.array([-1.0, -1.0, 0.25]), np.array([2.0, 2.0, 0.25])
+    caps = np.array([0.5, 2.0, 9.0])
+    most = np.minimum(upper, caps)[:, None]
+    for _ in range(30):
+        slopes = rng.uniform(-0.9, 0.9, (3, 4))
+        inwards = rng.choice([0.0, 0.9e-5, 1.1e-5, 0.2], (3, 4))
+        is_low = rng.random((3, 4)) < 0.5
+        inwards[2] = 0.0
+        place = np.where(is_low, lower[:, None] + inwards, most - inwards)
+        explained = (inwards < 1e-5) & np.where(is_low, slopes > 0, slopes < 0)
+        explained[2] = True
+        found = separate(slopes, place, lower=lower, upper=upper, caps=caps)
+        expected = np.abs(slopes[~explained]).sum()
+        assert found == pytest.approx(expected, rel=1e-6, abs=1e-6)
+
+
+def test_unmet_is_infinite_where_a_slope_is() -> None:
+    """The root of u has no slope at 0, and that of the cost neither."""
+    root = scalar(U, 0, constraints=[ca.sqrt(U) <= 4], limits=(0, 1))
+    for problem in (root, scalar(ca.sqrt(U), 0, limits=(0, 1))):
+        for level, is_finite in ((0.5, True), (0.0, False)):
+            controls = np.array([[0.5, level, 0.5]])
+            point = point_at(problem, controls, [0.0])
+            left = unmet(point)
+            assert np.isfinite(left) == is_finite
+            assert is_finite or left == np.inf
 
 
 def test_tied_controls_are_the_first_member_s_or_those_of_the_interval_before() -> None:

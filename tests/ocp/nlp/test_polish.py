@@ -254,3 +254,17 @@ def test_start_whose_roll_out_is_no_number_is_held_where_it_begins() -> None:
     polished = Polisher(fitness)(np.zeros((1, 20)), [1.0])
     assert polished.status is PolishStatus.CONVERGED
     assert polished.cost == pytest.approx(0.455183, abs=1e-6)
+
+
+def test_a_point_must_keep_the_dynamics() -> None:
+    """Controls of zero cost least, whatever the states are."""
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    problem = OptimalControlProblem(
+        Model(states=x, controls=u, ode=u),
+        horizon=1.0, intervals=1, stage_cost=u**2,
+    )  # fmt: skip
+    polisher, x0 = Polisher(Fitness(problem)), np.array([1.0])
+    for error in (0.0, 1e-3):
+        states = np.linspace([1.0], [1.0 + error], problem.nodes, axis=1)
+        found = polisher.point(np.zeros((1, 1)), states, x0, Known())
+        assert (found is None) == (error > 0)

@@ -396,6 +396,42 @@ def test_given_sizes_are_taken_as_they_are_and_others_follow() -> None:
     assert sizes.weights.size == plain.weights.size
 
 
+def test_the_way_of_another_state_says_that_a_small_start_is_no_size() -> None:
+    """A pendulum turns by 2 rad in 3 s, also if it begins with a speed of nearly 0."""
+    x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+    problem = OptimalControlProblem(
+        Model(states=x, controls=u, ode=ca.vertcat(x[1], u - 9.81 * ca.sin(x[0]))),
+        horizon=3.0,
+        intervals=50,
+        stage_cost=u**2,
+        terminal=[(x[0], np.pi), (x[1], 0)],
+        bounds=Bounds(controls=(-8, 8)),
+    )
+    rest, slow, fast = (sizes_of(problem, [1.0, v]) for v in (0.0, 0.03, 2.0))
+    assert slow.states[1] == pytest.approx(rest.states[1], rel=1e-2)
+    assert slow.weights == pytest.approx(rest.weights, rel=1e-2)
+    assert fast.states[1] == 2.0  # The way from its start, as before.
+
+
+def test_sizes_of_many_starts_at_once_are_those_of_each_to_the_last_bit() -> None:
+    """They differ in where their ways come from: a target, a rate, a guess."""
+    problem = rocket(bounds=Bounds(controls=(0, np.inf)))
+    rng = np.random.default_rng(0)
+    x0 = rng.uniform([-1e4, -9, 1e3], [1e4, 9, 2e4], (40, 3)).T
+    x0[:, ::5] = [[0.0], [0.0], [1e4]]
+    guess = rng.uniform(0, 4e5, (1, problem.intervals, 40)) * (np.arange(40) % 3)
+    none = np.empty((0, problem.nodes, 40))
+    sizing = Sizing(problem)
+    many = sizing.of_all(x0, np.empty((0, 40)), none, guess)
+    for k in (0, 5, 17, 39):
+        one = Sizing(problem)(x0[:, k], NONE, none[..., k], guess[..., k])
+        for name in ("states", "controls", "cost", "weights"):
+            np.testing.assert_array_equal(getattr(many[k], name), getattr(one, name))
+        np.testing.assert_array_equal(many[k].rows, one.rows)
+    few = sizing.of_all(x0[:, :3], np.empty((0, 3)), none[..., :3], guess[..., :3])
+    np.testing.assert_array_equal(few[2].states, many[2].states)
+
+
 def test_guess_of_states_says_how_large_unbounded_ones_get() -> None:
     problem = rocket(
         bounds=Bounds(controls=(0, 4e5), states=([-9, -np.inf, 1], np.inf))

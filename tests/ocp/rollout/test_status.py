@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.linalg import expm
 
 from swarmstart.arrays import Array
 from swarmstart.ocp import (
@@ -20,6 +21,7 @@ from swarmstart.ocp.rollout.status import (
     Found,
     Growth,
     advice_for,
+    exponential,
     growth_along,
 )
 
@@ -190,3 +192,13 @@ def test_advice_is_that_of_the_growth_only_if_it_is_large() -> None:
 def test_broken_constraint_without_its_excess_is_told_of_more_checks() -> None:
     found = Found(SolutionStatus.BROKEN, "")
     assert advice_for(SCALAR.problem, found, None) == "checks=4"
+
+
+@pytest.mark.parametrize("norm", [0.0, 1e-9, 0.3, 0.5, 1.0, 7.0, 90.0])
+@pytest.mark.parametrize("n", [1, 2, 5])
+def test_the_exponential_is_scipys(n: int, norm: float) -> None:
+    A = np.random.default_rng(n).standard_normal((n, n))
+    A *= norm / np.linalg.norm(A)
+    expected = expm(A)
+    off = np.abs(exponential(A) - expected).max() / np.abs(expected).max()
+    assert off < 1e-14 * max(10.0, 10 * norm)

@@ -134,6 +134,9 @@ def _solving() -> Calls:
         "Solutions.load": Call(
             ss.Solutions.load, {"path": _saved_solutions(), "problem": problem}
         ),
+        "Solutions.sensitivity": Call(
+            made.solutions().sensitivity, {"by": ("x0",), "threads": 1}
+        ),
         "Solutions.save": Call(
             lambda **given: made.solutions().save(
                 **{"path": _new_folder() / "answers.npz", **given}
@@ -190,6 +193,7 @@ def _records() -> Calls:
         "SearchReport.lines": with_defaults(plan.search.lines),
         "SearchReport.told": with_defaults(plan.search.told),
         "Multipliers": record(made.solution().multipliers),
+        "Sensitivities": record(made.solutions().sensitivity()),
         "Sensitivity": record(made.solution().sensitivity()),
         "Polished": record(polished),
         "StartOutcome": record(made.warm_report().own),

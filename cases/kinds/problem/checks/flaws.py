@@ -17,6 +17,11 @@ from swarmstart.cases.kinds.problem.checks.attempts import (
     tried,
     unknown,
 )
+from swarmstart.cases.kinds.problem.checks.instance_flaws import (
+    instance_names,
+    instance_numbers,
+    instance_ranges,
+)
 from swarmstart.cases.kinds.problem.checks.number_flaws import (
     combination_flaws,
     end_time_flaws,
@@ -95,6 +100,7 @@ def _of_whole(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
         yield _feature_at_fault(scenario), error
         return
     yield from combination_flaws(scenario, problem)
+    yield from instance_names(scenario, problem)
     try:
         problem = with_members(scenario, problem)
     except SwarmstartError as error:
@@ -246,7 +252,9 @@ _STAGES: tuple[Stage, ...] = (
     lambda s: tried(attempts.constants(s)),
     lambda s: tried(attempts.starts(s)),
     lambda s: tried(attempts.definitions(s)),
-    lambda s: tried([*attempts.expressions(s), *uncertain_numbers(s)]),
-    lambda s: [*number_flaws(s), *uncertain_ranges(s)],
+    lambda s: tried(
+        [*attempts.expressions(s), *uncertain_numbers(s), *instance_numbers(s)]
+    ),
+    lambda s: [*number_flaws(s), *uncertain_ranges(s), *instance_ranges(s)],
     algebraic_flaws,
 )

@@ -109,6 +109,7 @@ def _of_file(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
         ("vehicles",): scenario.vehicles,
         ("uncertain",): scenario.uncertain,
         ("dual_mode",): scenario.dual_mode,
+        ("instances",): scenario.instances,
         ("plant", "disturbance"): scenario.plant.disturbance,
         ("prediction", "horizon_s"): scenario.prediction.horizon_s,
         ("prediction", "blocks"): scenario.prediction.blocks,

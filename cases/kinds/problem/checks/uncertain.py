@@ -20,7 +20,7 @@ from swarmstart.cases.kinds.problem.stated.symbols import (
     known_parameters,
     number,
 )
-from swarmstart.cases.kinds.problem.stated.values import OverTime
+from swarmstart.cases.kinds.problem.stated.values import Normal, OverTime, Uniform
 from swarmstart.ocp import OptimalControlProblem, ensemble
 
 
@@ -96,6 +96,8 @@ def uncertain_names(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
     if vehicles is not None and vehicles.planning == "priority":
         place: Place = ("vehicles", "planning")
         yield place, "expected planning: joint with uncertain; found priority"
+    if scenario.instances is not None:
+        yield ("instances",), "expected no instances with uncertain"
     if scenario.dual_mode is not None:
         what = "expected no dual mode with uncertain: its linear law is for one system"
         yield ("dual_mode",), what
@@ -170,10 +172,24 @@ def uncertain_ranges(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
             place: Place = ("uncertain", "weights", index)
             yield place, f"expected a weight above 0, found {text}"
     for name, law in part.drawn.items():
-        kind, pair = law.pair
-        first, second = (number(text, fixed) for text in pair)
-        place = ("uncertain", "drawn", name, kind)
-        if kind == "normal" and not second > 0:
-            yield (*place, 1), f"expected a deviation above 0, found {second:g}"
-        elif kind == "uniform" and not first < second:
-            yield place, f"expected lower < upper, found [{first:g}, {second:g}]"
+        yield from law_flaws(("uncertain", "drawn", name), law, fixed)
+
+
+def law_flaws(
+    place: Place, law: Normal | Uniform, constants: Mapping[str, float]
+) -> Iterator[LocatedFlaw]:
+    """Yield errors of a distribution's numbers.
+
+    Args:
+        place: Place of the distribution.
+        law: The distribution.
+        constants: The constants of the file.
+    """
+    kind, pair = law.pair
+    first, second = (number(text, constants) for text in pair)
+    if kind == "normal" and not second > 0:
+        found = f"expected a deviation above 0, found {second:g}"
+        yield (*place, kind, 1), found
+    elif kind == "uniform" and not first < second:
+        found = f"expected lower < upper, found [{first:g}, {second:g}]"
+        yield (*place, kind), found

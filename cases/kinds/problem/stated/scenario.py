@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, Tag, field_serializer, model_validator
+from pydantic import Field, field_serializer, model_validator
 
 from swarmstart.cases.format.document import counted
 from swarmstart.cases.format.expressions import evaluate
@@ -20,6 +20,7 @@ from swarmstart.cases.format.settings import (
     PolishPart,
     Scenario,
 )
+from swarmstart.cases.kinds.problem.stated.instances import Instances
 from swarmstart.cases.kinds.problem.stated.parts import (
     AlgebraicPart,
     Constraint,
@@ -35,6 +36,7 @@ from swarmstart.cases.kinds.problem.stated.parts import (
 from swarmstart.cases.kinds.problem.stated.values import (
     Expression,
     Horizon,
+    Law,
     Measured,
     Names,
     OverTime,
@@ -42,7 +44,6 @@ from swarmstart.cases.kinds.problem.stated.values import (
     Quantity,
     Start,
     TablePart,
-    chosen,
 )
 from swarmstart.cases.record.results import recorded_plan
 from swarmstart.errors import SwarmstartError
@@ -58,7 +59,6 @@ MOST_STEPS = 10_000
 
 MOST_MEMBERS = 1000
 """Largest number of members, the sets of values of uncertain parameters."""
-Pair = Annotated[list[Quantity], Field(min_length=2, max_length=2)]
 
 
 class Vehicle(Part):
@@ -110,43 +110,6 @@ class Vehicles(Part):
     members: list[Vehicle] = Field(min_length=1, max_length=100)
     planning: Literal["joint", "priority"] = "joint"
     separation: SeparationPart | None = None
-
-
-class Normal(Part):
-    """Normally distributed numbers: [mean, deviation].
-
-    Attributes:
-        normal: Mean and standard deviation of a normal distribution.
-    """
-
-    normal: Pair
-
-    @property
-    def pair(self) -> tuple[str, list[str]]:
-        """Its name and its two numbers."""
-        return "normal", self.normal
-
-
-class Uniform(Part):
-    """Uniformly distributed numbers in [lower, upper].
-
-    Attributes:
-        uniform: Lower and upper end of a uniform distribution.
-    """
-
-    uniform: Pair
-
-    @property
-    def pair(self) -> tuple[str, list[str]]:
-        """Its name and its two numbers."""
-        return "uniform", self.uniform
-
-
-Law = Annotated[
-    Annotated[Normal, Tag("of normal")] | Annotated[Uniform, Tag("of uniform")],
-    chosen("normal", otherwise="uniform"),
-]
-"""Distribution of a drawn number."""
 
 
 class Uncertain(Part):
@@ -250,6 +213,8 @@ class UserScenario(Scenario):
             or a mapping.
         measures: Measures of the scenario's own: name to an expression of the simulated
             path.
+        instances: Starts and parameters of many instances of the first plan, which
+            `swarmstart sweep` solves and other commands ignore; null means none.
         search: Search algorithm and its settings.
         budget: Budget of the search for each planning problem.
         polish: Local solver that improves the answer of the search: IPOPT, or none.
@@ -262,6 +227,7 @@ class UserScenario(Scenario):
     title: str = ""
     feedback: Feedback = Feedback()
     measures: Mapping[Names, Measured] = Field(default_factory=dict)
+    instances: Instances | None = None
     search: AnySearch = Field(default={"name": "lshade"}, validate_default=True)
     budget: BudgetPart = BudgetPart(evaluations=EVALUATIONS)
     polish: Literal["none", "ipopt"] | PolishPart = "ipopt"

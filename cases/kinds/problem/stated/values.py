@@ -34,7 +34,7 @@ from swarmstart.cases.format.document import (
 )
 from swarmstart.cases.format.expressions import parse
 from swarmstart.cases.format.parts import LARGEST, Number, Part, Positive
-from swarmstart.cases.format.yaml_reader import read_bytes
+from swarmstart.cases.format.yaml_reader import MAX_BYTES, read_bytes
 from swarmstart.ocp.interpolation import Beyond, Method, table
 from swarmstart.ocp.interpolation import Table as LookupTable
 
@@ -265,6 +265,46 @@ class TablePart(Part):
         return table((self.x, self.y), self.z, self.method, outside=self.outside)
 
 
+Pair = Annotated[list[Quantity], Field(min_length=2, max_length=2)]
+
+
+class Normal(Part):
+    """Normally distributed numbers: [mean, deviation].
+
+    Attributes:
+        normal: Mean and standard deviation of a normal distribution.
+    """
+
+    normal: Pair
+
+    @property
+    def pair(self) -> tuple[str, list[str]]:
+        """Its name and its two numbers."""
+        return "normal", self.normal
+
+
+class Uniform(Part):
+    """Uniformly distributed numbers in [lower, upper].
+
+    Attributes:
+        uniform: Lower and upper end of a uniform distribution.
+    """
+
+    uniform: Pair
+
+    @property
+    def pair(self) -> tuple[str, list[str]]:
+        """Its name and its two numbers."""
+        return "uniform", self.uniform
+
+
+Law = Annotated[
+    Annotated[Normal, Tag("of normal")] | Annotated[Uniform, Tag("of uniform")],
+    chosen("normal", otherwise="uniform"),
+]
+"""Distribution of a drawn number."""
+
+
 Tables = Mapping[str, LookupTable]
 NO_TABLES: Tables = MappingProxyType({})
 
@@ -303,6 +343,26 @@ def numbers_of(given: object, folder: Path) -> dict[str, Any]:
     Raises:
         ValueError: If the file does not exist, or does not contain such a table.
     """
+    name, rows = csv_rows(given, folder)
+    return _tabulated(rows, name)
+
+
+def csv_rows(
+    given: object, folder: Path, *, most: int = MAX_BYTES
+) -> tuple[str, list[tuple[int, list[str]]]]:
+    """Return a CSV file's name in messages, and its lines that are not empty.
+
+    Args:
+        given: The file's path in the scenario.
+        folder: The scenario's folder; the file is in it or below.
+        most: Largest size of the file [bytes].
+
+    Returns:
+        The name; the number of each line, from 1, and its cells.
+
+    Raises:
+        ValueError: If there is no such file, or it is no CSV in UTF-8.
+    """
     path = PurePosixPath(given) if isinstance(given, str) else PurePosixPath("..")
     is_below = not path.is_absolute() and ".." not in path.parts
     if not is_below or path.suffix != ".csv" or len(str(path)) > _LONGEST_PATH:
@@ -313,14 +373,15 @@ def numbers_of(given: object, folder: Path) -> dict[str, Any]:
     name = printable(str(folder / path))
     try:
         # Spreadsheets begin a CSV file with a byte order mark.
-        text = read_bytes(folder / path).decode("utf-8-sig")
+        text = read_bytes(folder / path, most=most).decode("utf-8-sig")
         lines = text.splitlines()
-        rows = [(line, row) for line, row in enumerate(csv.reader(lines), 1) if row]
+        return name, [
+            (line, row) for line, row in enumerate(csv.reader(lines), 1) if row
+        ]
     except (UnreadableFileError, YamlError) as error:
         raise ValueError(str(error)) from None
     except (UnicodeDecodeError, csv.Error) as error:
         raise ValueError(f"{name}: expected CSV in UTF-8: {error}") from None
-    return _tabulated(rows, name)
 
 
 def _tabulated(rows: Sequence[tuple[int, list[str]]], name: str) -> dict[str, Any]:
@@ -343,13 +404,13 @@ def _tabulated(rows: Sequence[tuple[int, list[str]]], name: str) -> dict[str, An
             "y": _row(name, first, ["0", *head[1:]])[1:],
             "z": [row[1:] for row in numbers],
         }
-    has_names = all(_value(cell) is None for cell in head)
+    has_names = all(number_of(cell) is None for cell in head)
     numbers = [_row(name, line, row) for line, row in (body if has_names else rows)]
     return {"x": [row[0] for row in numbers], "y": [row[1] for row in numbers]}
 
 
 def _row(name: str, line: int, cells: Sequence[str]) -> list[float]:
-    values = [_value(cell) for cell in cells]
+    values = [number_of(cell) for cell in cells]
     for column, (value, cell) in enumerate(zip(values, cells, strict=True), 1):
         if value is None:
             raise ValueError(
@@ -359,7 +420,7 @@ def _row(name: str, line: int, cells: Sequence[str]) -> list[float]:
     return [value for value in values if value is not None]
 
 
-def _value(cell: str) -> float | None:
+def number_of(cell: str) -> float | None:
     """Return a cell as a finite number; None if it is not one."""
     try:
         # Python reads 1_000 as a number; no table means that.

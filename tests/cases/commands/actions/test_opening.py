@@ -49,7 +49,7 @@ def test_of_several_records_the_newest_with_a_figure_is_shown(tmp_path: Path) ->
 def test_without_a_record_or_a_figure_the_way_to_one_is_told(tmp_path: Path) -> None:
     with pytest.raises(RecordError, match="there is no such folder"):
         newest_file(tmp_path / "away")
-    with pytest.raises(RecordError, match="expected a folder that run, compare"):
+    with pytest.raises(RecordError, match="expected a folder that run, sweep"):
         newest_file(tmp_path)
     record(tmp_path / "r")
     with pytest.raises(RecordError, match="swarmstart report makes a page"):

@@ -1,0 +1,262 @@
+"""Many initial states of the shipped problems, against multi-start IPOPT in one run.
+
+    python benchmarks/initial_states.py [--write docs/measured/initial_states.md]
+        [--instances 200] [--solves 40] [--only pendulum]
+
+Seconds are CPU time of the process, with one thread; the second of two equal calls of
+`solve_many` counts, which compiles nothing.
+"""
+
+import time
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+from scipy.spatial import KDTree
+
+import swarmstart as ss
+from swarmstart.arrays import Array
+from swarmstart.benchmarks.mpc_step import IPOPT, PlainNlp, solvers
+from swarmstart.benchmarks.tables import (
+    Bar,
+    bar_table,
+    head,
+    page_options,
+    publish,
+    row,
+)
+from swarmstart.ocp import OptimalControlProblem, Planner, Solutions
+
+SAME = 1e-4
+"""Relative difference up to which an answer costs as much as the peer's."""
+STARTS = 5
+"""Number of starts of the peer from each initial state."""
+COLD, WARM = 30.0, 8.0
+"""Asked: times as fast as plain CasADi from one start, or a neighbour's answer."""
+
+
+def _between(lower: float, upper: float) -> dict[str, list[float]]:
+    return {"uniform": [lower, upper]}
+
+
+DRAWN: Mapping[str, Mapping[str, Any]] = {
+    "pendulum": {"angle": _between(-3, 3), "speed": _between(-2, 2)},
+    "pendulum_on_cart": {
+        "position": _between(-1, 1), "theta": _between(0, 6.28),
+        "velocity": _between(-1, 1), "dtheta": _between(-1, 1),
+    },
+    "van_der_pol": {"position": _between(-2, 2), "velocity": _between(-2, 2)},
+    "hypersensitive": {"x": _between(-2, 2)},
+    "lotka_volterra_fishing": {
+        "prey": _between(0.3, 1.5), "predators": _between(0.3, 1.5)
+    },
+    "two_reaction_reactor": {
+        "temperature": _between(-0.05, 0.15), "concentration": _between(-0.1, 0.2)
+    },
+    "batch_reactor": {
+        "X_s": _between(0.5, 1.5), "S_s": _between(0.2, 1.0), "V_s": _between(100, 140)
+    },
+    "brachistochrone": {
+        "x": _between(-1, 1), "y": _between(-1, 1), "v": _between(0, 2)
+    },
+    "goddard_rocket": {
+        "h": _between(1, 1.005), "v": _between(0, 0.03), "m": _between(0.9, 1)
+    },
+    "four_discs": {
+        "x": _between(-0.5, 0.8), "y": _between(-1, 1), "heading": _between(-0.8, 0.8)
+    },
+}  # fmt: skip
+"""Distributions of the initial states of ten shipped problems."""
+TEXT = f"""# Many initial states of one problem
+
+Made by `python benchmarks/initial_states.py --write docs/measured/initial_states.md`:
+`swarmstart sweep` on ten shipped problems, each from 200 random initial states. The
+peer is plain CasADi: direct multiple shooting with the same Runge-Kutta steps, expanded
+to scalar operations, and IPOPT with its defaults. "As good" is the share of the initial
+states that IPOPT solves from the best of {STARTS} starts, states held and controls at
+the middle of their bounds and then drawn, at which `solve_many` has a confirmed answer
+that costs at most {SAME:g} more. The time of an instance contains all tries and the
+verification; that of IPOPT is of one start, cold, and of one from the answer to the
+nearest other initial state with its multipliers.
+
+"""
+
+
+class Compared(NamedTuple):
+    """Results of one problem.
+
+    Attributes:
+        name: Its name.
+        ours_ms: CPU time of an instance [ms].
+        cold_ms: That of IPOPT from one start [ms].
+        warm_ms: That of IPOPT from a neighbour's answer [ms].
+        confirmed: Number of confirmed answers.
+        solved: Number of initial states that the peer solves, of those compared.
+        as_good: Share of these at which an answer is as good.
+        better: Share of these at which it costs less by more than SAME.
+    """
+
+    name: str
+    ours_ms: float
+    cold_ms: float
+    warm_ms: float
+    confirmed: int
+    solved: int
+    as_good: float
+    better: float
+
+
+class Peer:
+    """Multi-start IPOPT on the core of a problem."""
+
+    def __init__(self, problem: OptimalControlProblem) -> None:
+        """State the NLP; decided starts are free within their limits.
+
+        Args:
+            problem: The problem.
+        """
+        core = self.core = Planner(problem, search=None, polish=None).problem
+        self._nlp = PlainNlp(core)
+        self._cold, self._warm = solvers(self._nlp, IPOPT)
+        decided = [i for one in core.free_starts for i in one.states]
+        self._free = np.isin(np.arange(core.model.nx), decided)
+        limits = [core.control_limits, core.search_limits]
+        self._drawn = next(one for one in limits[::-1] if np.isfinite(one).all())
+
+    def starts(self, x0: Array, rng: np.random.Generator) -> list[Array]:
+        """Return starts of the NLP from an initial state.
+
+        Args:
+            x0: Initial state of the core, shape (nx,).
+            rng: Source of the drawn controls.
+        """
+        lower, upper = self._drawn
+        controls = [(lower + upper) / 2]
+        controls += [rng.uniform(lower, upper) for _ in range(STARTS - 1)]
+        N = self.core.intervals
+        return [np.r_[np.tile(np.r_[x0, u], N), x0] for u in controls]
+
+    def __call__(
+        self, x0: Array, start: Array, last: Mapping[str, ca.DM] | None = None
+    ) -> tuple[float, Mapping[str, ca.DM]]:
+        """Return the cost, infinite without an answer, and the answer of the NLP.
+
+        Args:
+            x0: Initial state of the core, shape (nx,).
+            start: Start of the NLP.
+            last: A neighbour's answer to start from.
+        """
+        solver = self._cold if last is None else self._warm
+        more = {} if last is None else {
+            "lam_g0": last["lam_g"], "lam_x0": last["lam_x"]
+        }  # fmt: skip
+        bounds = {name: one.copy() for name, one in self._nlp.bounds.items()}
+        nx = x0.size
+        for side, sign in (("lbg", -1.0), ("ubg", 1.0)):
+            first = bounds[side][nx : 2 * nx]  # The rows x - x0, after the first gap.
+            first[self._free] = sign * np.inf
+        for one in self.core.free_starts:
+            for i in one.states:
+                bounds["lbx"][i], bounds["ubx"][i] = one.value.lower, one.value.upper
+        found = solver(x0=start, p=x0, **bounds, **more)
+        is_solved = solver.stats()["success"]
+        return (float(found["f"]) if is_solved else np.inf), found
+
+
+def compared(name: str, instances: int, solves: int) -> Compared:
+    """Return the results of `solve_many` and of the peer on a problem.
+
+    Args:
+        name: Name of the shipped problem.
+        instances: Number of initial states.
+        solves: Number of those that the peer solves.
+    """
+    drawn = {"instances": {"drawn": DRAWN[name], "samples": instances, "seed": 1}}
+
+    def ours() -> Solutions:
+        return ss.sweep(name, seed=0, settings=drawn, threads=1, progress=False)
+
+    ours()
+    begin = time.process_time()
+    many = ours()
+    ours_ms = 1e3 * (time.process_time() - begin) / instances
+    peer = Peer(many.problem)
+    planner = Planner(many.problem, search=None, polish=None)
+    x0s = [
+        np.asarray(planner.posed(many.data.x0[:, k], many.data.known(k))[0], float)
+        for k in range(instances)
+    ]
+    chosen = np.unique(np.linspace(0, instances - 1, solves).astype(int)).tolist()
+    rng = np.random.default_rng(0)
+    best, spent = np.full(instances, np.inf), np.zeros(2)
+    answers: dict[int, Mapping[str, ca.DM]] = {}
+    for k in chosen:
+        for number, start in enumerate(peer.starts(x0s[k], rng)):
+            begin = time.process_time()
+            cost, found = peer(x0s[k], start)
+            spent[0] += (time.process_time() - begin) * (number == 0)
+            if cost < best[k]:
+                best[k], answers[k] = cost, found
+    numbers = np.array([*answers])
+    tree = KDTree(many.data.x0[:, numbers].T)
+    for k in chosen:
+        _, near = tree.query(many.data.x0[:, k], k=[1, 2])
+        last = next(answers[n] for n in numbers[near] if n != k)
+        start = np.array(last["x"]).ravel()
+        start[: x0s[k].size] = np.where(peer._free, start[: x0s[k].size], x0s[k])
+        begin = time.process_time()
+        peer(x0s[k], start, last)
+        spent[1] += time.process_time() - begin
+    cold_ms, warm_ms = 1e3 * spent / len(chosen)
+    costs = np.where(many.is_confirmed, many.core_answers.cost, np.inf)[numbers]
+    allowed = SAME * np.maximum(np.abs(best[numbers]), 1e-6)
+    return Compared(
+        name=name,
+        ours_ms=ours_ms,
+        cold_ms=cold_ms,
+        warm_ms=warm_ms,
+        confirmed=int(many.is_confirmed.sum()),
+        solved=len(answers),
+        as_good=float(np.mean(costs <= best[numbers] + allowed)),
+        better=float(np.mean(costs < best[numbers] - allowed)),
+    )
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure, print the table, and write it where asked."""
+    parser = page_options(__doc__)
+    parser.add_argument("--instances", type=int, default=200, help="initial states")
+    parser.add_argument("--solves", type=int, default=40, help="those of the peer")
+    parser.add_argument("--only", choices=[*DRAWN], help="one problem only")
+    options = parser.parse_args(arguments)
+    found = []
+    for name in [options.only] if options.only else DRAWN:
+        one = compared(name, options.instances, options.solves)
+        found.append(one)
+        print(one, flush=True)
+    lines = head("problem", "ours [ms]", "IPOPT, cold [ms]", "warm [ms]", "times",
+                 "times warm", "confirmed", "IPOPT solves", "as good",
+                 "better")  # fmt: skip
+    lines += [
+        row(one.name, *(f"{ms:.2g}" for ms in (one.ours_ms, one.cold_ms, one.warm_ms)),
+            f"{one.cold_ms / one.ours_ms:.1f}", f"{one.warm_ms / one.ours_ms:.1f}",
+            str(one.confirmed), str(one.solved), f"{one.as_good:.3f}",
+            f"{one.better:.3f}")
+        for one in found
+    ]  # fmt: skip
+    cold, warm = (
+        float(np.median([getattr(one, f"{name}_ms") / one.ours_ms for one in found]))
+        for name in ("cold", "warm")
+    )
+    bars = [
+        Bar("least share that is as good", ">=", 0.99, min(o.as_good for o in found)),
+        Bar("median ratio, cold", ">=", COLD, cold),
+        Bar("median ratio, warm", ">=", WARM, warm),
+    ]
+    publish([*lines, "", *bar_table(bars)], options, TEXT)
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,85 @@
+"""Errors of the instances of a scenario: of their names and numbers."""
+
+from collections.abc import Iterator
+
+from swarmstart.cases.format.document import meant
+from swarmstart.cases.format.kind import GivenInstances
+from swarmstart.cases.format.settings import LocatedFlaw
+from swarmstart.cases.kinds.problem.checks.attempts import Attempt, Place, quantity
+from swarmstart.cases.kinds.problem.checks.uncertain import law_flaws
+from swarmstart.cases.kinds.problem.stated.instances import Axis, instance_columns
+from swarmstart.cases.kinds.problem.stated.scenario import (
+    ProblemScenario,
+    UserScenario,
+)
+from swarmstart.cases.kinds.problem.stated.symbols import constants_of, number
+from swarmstart.ocp import OptimalControlProblem
+from swarmstart.ocp.instances import varied_names
+
+
+def instances_of(scenario: UserScenario) -> GivenInstances | None:
+    """Return the instances of a scenario; None if it has none.
+
+    Raises:
+        ExpressionError: If an expression is not a finite number.
+    """
+    part = scenario.instances
+    if part is None:
+        return None
+    constants: dict[str, float] = {}
+    if isinstance(scenario, ProblemScenario):
+        constants = constants_of(scenario)
+    columns = instance_columns(part, lambda text: number(text, constants))
+    return GivenInstances(columns, part.starts, part.place)
+
+
+def instance_numbers(scenario: ProblemScenario) -> Iterator[Attempt]:
+    """Yield attempts to evaluate the numbers of instances."""
+    if scenario.instances is not None:
+        fixed = constants_of(scenario)
+        for place, text in scenario.instances.quantities():
+            yield quantity(("instances", *place), text, fixed)
+
+
+def instance_ranges(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
+    """Yield errors of numbers that are out of range."""
+    part = scenario.instances
+    if part is None:
+        return
+    fixed = constants_of(scenario)
+    for name, law in part.drawn.items():
+        yield from law_flaws(("instances", "drawn", name), law, fixed)
+    for name, axis in part.grid.items():
+        if isinstance(axis, Axis):
+            first, last = number(axis.lower, fixed), number(axis.upper, fixed)
+            if not first < last:
+                place: Place = ("instances", "grid", name)
+                yield place, f"expected lower < upper, found [{first:g}, {last:g}]"
+
+
+def instance_names(
+    scenario: UserScenario, problem: OptimalControlProblem
+) -> Iterator[LocatedFlaw]:
+    """Yield errors of names that are neither states nor parameters of the plan.
+
+    Args:
+        scenario: The scenario.
+        problem: Its planning problem.
+    """
+    part = scenario.instances
+    if part is None:
+        return
+    states, parameters = varied_names(problem)
+    known = (*states, *parameters)
+    source = next(
+        key for key in ("file", "values", "grid", "drawn") if getattr(part, key)
+    )
+    for name in part.names:
+        if name not in known:
+            place: Place = ("instances", source)
+            hint = meant(name, known, otherwise=f"known: {', '.join(known)}")
+            yield (
+                place if source == "file" else (*place, name),
+                "expected a state whose start is given, or a parameter that is not "
+                f"decided; found {name!r}; {hint}",
+            )
