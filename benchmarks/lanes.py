@@ -41,7 +41,8 @@ from swarmstart.ocp.lanes.answers import (
     distinct_optima,
     unseen_share,
 )
-from swarmstart.ocp.lanes.solver import LaneSolver, NoLanesError, random_starts
+from swarmstart.ocp.lanes.posed import NoLanesError
+from swarmstart.ocp.lanes.solver import LaneSolver, random_starts
 from swarmstart.ocp.rollout.fitness import started
 
 SAME = 1e-4
@@ -54,9 +55,7 @@ docs/measured/lanes.png`. Each problem is solved from the same smooth random sta
 ([Many starts](../answers.md#many-starts)), all at once in lanes on one core, and a few
 of them one after another by IPOPT, at most 500 iterations each: on the faster of two
 NLPs, with machine code for the intervals' functions or all of them expanded.
-Seconds are those of the process. "Sweeps" are second-order steps; "slopes" are gradient
-steps, for stages that are too long for sweeps. A lane of sweeps takes at most 500
-steps; if it ends infeasible, it starts once more, and both count. A solve counts as
+Seconds are those of the process. A lane takes at most 300 steps. A solve counts as
 feasible to 1e-6 in the NLP's numbers near one; "best" is the share of solves within
 1e-4 of the cheapest optimum that either found. "Warm" is the number of iterations of
 IPOPT from the best optimum of the lanes, and the relative change of its cost. "Not
@@ -84,7 +83,6 @@ class Compared(NamedTuple):
     """Results of lanes and of IPOPT from the same starts.
 
     Attributes:
-        method: Method of the lanes.
         lane_ms: Time of one lane [ms].
         ipopt_ms: Time of one solve by IPOPT, on the faster of its NLPs [ms].
         nlp: Name of that NLP.
@@ -100,7 +98,6 @@ class Compared(NamedTuple):
         threads: Speed of two threads relative to one.
     """
 
-    method: str
     lane_ms: float
     ipopt_ms: float
     nlp: str
@@ -141,15 +138,15 @@ def compared(posed: Posed, starts: int, solves: int) -> Compared | str:
         posed.problem, search=None, polish=IpoptOptions(max_iterations=ITERATIONS)
     )
     try:
-        solver = LaneSolver(planner.fitness.shooting, constrained_slopes=False)
+        solver = LaneSolver(planner.fitness.shooting)
     except NoLanesError as error:
         return str(error)
     x0, known, _ = planner.posed(posed.x0, posed.known)
     controls, decided = random_starts(solver.problem, starts, np.random.default_rng(0))
     few = controls[:, :, :8], decided[:, :8]
-    solver(x0, *few, known=known, rng=np.random.default_rng(1))  # Not the first call.
+    solver(x0, *few, known=known)  # Not the first call.
     begin = time.process_time()
-    answers = solver(x0, controls, decided, known=known, rng=np.random.default_rng(1))
+    answers = solver(x0, controls, decided, known=known)
     lane_s = (time.process_time() - begin) / starts
     nlps = {"mapped": planner, "expanded": _expanded(planner)}
     spent, costs = dict[str, float](), dict[str, list[float]]()
@@ -167,7 +164,6 @@ def compared(posed: Posed, starts: int, solves: int) -> Compared | str:
     reach = SAME * max(abs(best), 1e-12)
     unseen = unseen_share([one.count for one in optima])
     return Compared(
-        method=solver.method,
         lane_ms=1e3 * lane_s,
         ipopt_ms=1e3 * ipopt_s,
         nlp=nlp,
@@ -249,9 +245,7 @@ def _two_threads(
         seconds = []
         for _ in range(3):
             begin = time.perf_counter()
-            answers = solver(
-                x0, controls, decided, known=known, rng=np.random.default_rng(1)
-            )
+            answers = solver(x0, controls, decided, known=known)
             seconds.append(time.perf_counter() - begin)
         taken.append(min(seconds))
         found.append(answers)
@@ -288,7 +282,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--only", action="append", help="one problem")
     options = parser.parse_args(arguments)
     lines = [
-        *head("problem", "method", "ms a lane", "ms by IPOPT", "NLP", "ratio",
+        *head("problem", "ms a lane", "ms by IPOPT", "NLP", "ratio",
               "feasible", "IPOPT's", "best cost", "best", "IPOPT's", "optima",
               "not seen", "warm", "two threads"),
     ]  # fmt: skip
@@ -298,7 +292,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         posed = of_instance(passing()) if name == "passing" else shipped(name)
         found = compared(posed, options.starts, options.solves)
         if isinstance(found, str):
-            lines.append(row(name, f"none: {found}", *[""] * 13))
+            lines.append(row(name, f"none: {found}", *[""] * 12))
         else:
             ratios[name] = found.ipopt_ms / found.lane_ms
             lines.append(_row_of(name, found))
@@ -316,7 +310,7 @@ def _row_of(name: str, found: Compared) -> str:
     share, most = found.unseen
     unseen = f"{share:.2f}, at most {most:.2f}"
     return row(
-        name, found.method, f"{found.lane_ms:.2f}", f"{found.ipopt_ms:.1f}",
+        name, f"{found.lane_ms:.2f}", f"{found.ipopt_ms:.1f}",
         found.nlp, f"{found.ipopt_ms / found.lane_ms:.0f}", f"{found.feasible:.2f}",
         f"{found.ipopt_feasible:.2f}", f"{found.best:.7g}", f"{found.lane_hits:.2f}",
         f"{found.ipopt_hits:.2f}", str(found.optima), unseen,

@@ -128,7 +128,7 @@ def solved(name: str, lanes: int) -> LaneAnswers:
     solver = LaneSolver(planner.fitness.shooting)
     x0, known, _ = planner.posed(posed.x0, posed.known)
     starts = random_starts(solver.problem, lanes, np.random.default_rng(0))
-    return solver(x0, *starts, known=known, rng=np.random.default_rng(1))
+    return solver(x0, *starts, known=known)
 
 
 def kept(name: str, lanes: int, folder: Path | None) -> LaneAnswers:

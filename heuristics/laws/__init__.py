@@ -1,4 +1,4 @@
-"""Laws that all searches share: the box, the order of points, sampling, and descent.
+"""Laws that all searches share: the box, the order of points, and sampling.
 
 A search is settings, a state and two kernels (`algorithm.py`); these are written in
 terms of what is here.
@@ -11,10 +11,6 @@ from swarmstart.heuristics.laws.algorithm import (
 from swarmstart.heuristics.laws.box import (
     Box,
 )
-from swarmstart.heuristics.laws.descent import (
-    DescentOptions,
-    descend,
-)
 from swarmstart.heuristics.laws.order import (
     STATIC_PENALTY,
 )
@@ -22,8 +18,6 @@ from swarmstart.heuristics.laws.order import (
 __all__ = [
     "STATIC_PENALTY",
     "Box",
-    "DescentOptions",
-    "descend",
     "first_size_of",
     "require",
 ]

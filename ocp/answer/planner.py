@@ -52,7 +52,7 @@ from swarmstart.ocp.common.pickling import Called
 from swarmstart.ocp.common.presentation import ProgressCallback, of_budget, tell_nothing
 from swarmstart.ocp.common.processes import processes_of, threads_of
 from swarmstart.ocp.lanes.interior import InteriorLanes
-from swarmstart.ocp.lanes.solver import NoLanesError
+from swarmstart.ocp.lanes.posed import NoLanesError
 from swarmstart.ocp.nlp.integer_polish import IntegerPolisher, WholePolished
 from swarmstart.ocp.nlp.polish import (
     Polished,

@@ -18,7 +18,7 @@ from swarmstart.ocp.instances.polishing import Group, OneByOne
 from swarmstart.ocp.instances.verification import FinePaths
 from swarmstart.ocp.lanes.answers import LaneAnswers, reached
 from swarmstart.ocp.lanes.interior import Instances
-from swarmstart.ocp.lanes.solver import NoLanesError
+from swarmstart.ocp.lanes.posed import NoLanesError
 from swarmstart.ocp.nlp.polish import SAME_COST
 from swarmstart.ocp.rollout.fitness import started
 from swarmstart.ocp.rollout.status import SolutionStatus

@@ -4,8 +4,8 @@ Two answers count as the same optimum if the root mean square distance of their 
 along the path is below 0.08, each state divided by how far the cheapest answer moves
 it. The value was chosen here: 0.03 and 0.15 give the same counts on the problems tried.
 Mirror images have the same cost, but are two optima. An answer counts as an optimum
-only if it meets the first-order conditions (`unmet` of optimality.py); a lane that
-ended elsewhere is unfinished.
+only if its lane has shown that it meets the conditions of one; a lane that ended
+elsewhere is unfinished.
 
 The unseen share U is the probability that another answer is an optimum not found yet.
 It is estimated by the share of optima found once, n1 / n (Good 1953). n1 has variance
@@ -21,7 +21,7 @@ all optima.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 
 import numpy as np
@@ -35,11 +35,6 @@ _STILL = 1e-6
 """A state that moves by less, relative to its size, counts as constant."""
 FEASIBLE = 1e-6
 """Largest violation, in the NLP's scaled numbers, of an answer that counts."""
-EXAMINED = 64
-"""Largest number of ends that are asked whether they are optima: each takes some
-milliseconds, and with hundreds of unfinished ends a search would outrun its budget."""
-_TRIED = 3
-"""Number of answers of a group of which one must meet the first-order conditions."""
 _SURE = 1.6448536269514722
 """The 95 % quantile of the standard normal distribution."""
 
@@ -139,7 +134,7 @@ def distinct_optima(
     *,
     apart: float = APART,
     stand_for: NDArray[np.int64] | None = None,
-    finished: Callable[[int], bool] | None = None,
+    shown: bool = False,
 ) -> list[Optimum]:
     """Return the optima among answers that are feasible, the cheapest first.
 
@@ -150,23 +145,17 @@ def distinct_optima(
         apart: Root mean square distance above which two are distinct.
         stand_for: Number of answers that each one represents, shape (n,), if only the
             best of earlier ones was kept; None means one each.
-        finished: Whether the answer of a lane meets the first-order conditions; only
-            with such an answer, among the best three, an optimum counts. Of many only
-            the EXAMINED cheapest are asked for, and no others count. None: all do.
+        shown: Whether an optimum counts only with an answer that is shown to be one.
     """
     each = np.ones(answers.cost.size, np.int64) if stand_for is None else stand_for
     number = optimum_of(answers, apart=apart)
     optima = []
-    count = int(number.max(initial=-1)) + 1
-    # Numbers rise with the cost.
-    for one in range(count if finished is None else min(count, EXAMINED)):
+    for one in range(int(number.max(initial=-1)) + 1):  # Numbers rise with the cost.
         lanes = np.flatnonzero(number == one)
-        order = lanes[np.argsort(answers.cost[lanes], kind="stable")].tolist()
-        if finished is not None:
-            order = [lane for lane in order[:_TRIED] if finished(lane)]
-        if not order:
+        able = lanes[answers.optimal[lanes]] if shown else lanes
+        if not able.size:
             continue
-        best = order[0]
+        best = int(able[np.argmin(answers.cost[able])])
         optima.append(
             Optimum(
                 lane=best,

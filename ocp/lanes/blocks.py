@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from swarmstart.arrays import Array
 from swarmstart.machine_code import prepare
 from swarmstart.ocp.compiled.threads import together
-from swarmstart.ocp.lanes.stages import Kernel
+from swarmstart.ocp.lanes.kernels import Kernel
 from swarmstart.ocp.lanes.turns import Ends, Starts
 
 Count = NDArray[np.int64]
@@ -129,7 +129,6 @@ class Job:
         given: Numbers of the starts, a column for each.
         brought: Names of these numbers.
         kept: Names of the results.
-        most: Number of steps after which a lane does not begin again.
         loop: The compiled loop: (calls, memory, rows, starts, ends, work, turns).
         turns: Number of turns between two checks for Ctrl-C.
         side_by_side: Largest number of lanes in one memory.
@@ -143,7 +142,6 @@ class Job:
     given: Array
     brought: Sequence[str]
     kept: Sequence[str]
-    most: int
     loop: Callable[..., None]
     turns: int
     side_by_side: int
@@ -175,7 +173,7 @@ def _solve(job: Job, ends: Ends, stop: threading.Event, numbers: Count) -> None:
     rows = job.layout.at(*job.brought)
     given: tuple[Any, ...] = (
         block.calls, block.memory, job.rows,
-        Starts(job.blank, job.given, rows, numbers, job.most), ends, work, job.turns,
+        Starts(job.blank, job.given, rows, numbers), ends, work, job.turns,
     )  # fmt: skip
     prepare(job.loop, *given)
     try:

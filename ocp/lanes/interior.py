@@ -18,22 +18,28 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.arrays import Array
 from swarmstart.ocp.compiled.engine import NoCompilerError
+from swarmstart.ocp.compiled.scan import MOST_INSTRUCTIONS
 from swarmstart.ocp.lanes.answers import LaneAnswers, joined
 from swarmstart.ocp.lanes.barrier import RELAXED
 from swarmstart.ocp.lanes.blocks import Job, Layout, kernel_sizes, placed, results_of
-from swarmstart.ocp.lanes.interior_kernels import OF_LANE, Interior, compile_interior
+from swarmstart.ocp.lanes.interior_kernels import (
+    OF_LANE,
+    Interior,
+    compile_interior,
+    require_short,
+)
 from swarmstart.ocp.lanes.interior_parts import Places, places_of
-from swarmstart.ocp.lanes.interior_turns import InteriorRows, take_interior_turns
 from swarmstart.ocp.lanes.interior_verdict import AIMED
-from swarmstart.ocp.lanes.posed import Posed, posed
-from swarmstart.ocp.lanes.solver import NoLanesError, refused_by_lanes
-from swarmstart.ocp.lanes.stages import Kernel
+from swarmstart.ocp.lanes.kernels import Kernel
+from swarmstart.ocp.lanes.posed import NoLanesError, Posed, posed, refused_by_lanes
+from swarmstart.ocp.lanes.turns import Rows, take_turns
 from swarmstart.ocp.nlp.transcription import NonlinearProgram, multiple_shooting
-from swarmstart.ocp.rollout.fitness import Arguments, Known, at_nodes
+from swarmstart.ocp.rollout.fitness import Arguments, Known, at_nodes, shared_arguments
+from swarmstart.ocp.rollout.scaling import Sizes
 from swarmstart.ocp.rollout.shooting import Shooting, shooting_of
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 from swarmstart.tape import UnknownOperationError
@@ -63,6 +69,10 @@ _FAR = 1e3
 """Ratio of a size to that of most instances from which its instance gives no sizes."""
 _WIDEST = 700.0
 """Largest logarithm of a size; that of an infinite one would not be finite."""
+_SWEPT = 8
+"""Least ratio of instructions, those of a sweep over an interval by those of the
+interval (16 to 80 were seen). Sweeps that must be too long are so refused without
+counting, which would take seconds."""
 _TURNS = 64
 """Number of turns between two checks for Ctrl-C."""
 _KEPT = "u", "y", "x", "end", "paid", "worst", "iterations", "met"
@@ -123,6 +133,7 @@ class InteriorLanes:
         program: NonlinearProgram | None = None,
         tolerance: float = TOLERANCE,
         most: int = MOST,
+        longest: int = MOST_INSTRUCTIONS,
     ) -> None:
         """Derive the functions of the lanes; they are compiled when first needed.
 
@@ -131,6 +142,7 @@ class InteriorLanes:
             program: Its NLP, if that is built already.
             tolerance: Largest scaled error at which a lane ends.
             most: Largest number of steps of a lane.
+            longest: Largest number of instructions of an interval's part of a kernel.
 
         Raises:
             NoLanesError: If the problem has a feature that lanes do not support.
@@ -142,7 +154,7 @@ class InteriorLanes:
         self.problem = shooting.problem
         self._program = program or multiple_shooting(shooting)
         self._arguments = Arguments(shooting)
-        self._tolerance, self._most = tolerance, most
+        self._tolerance, self._most, self._longest = tolerance, most, longest
         self._made = dict[bool, _Made]()
 
     def __call__(  # noqa: PLR0913 - instances and their starts
@@ -152,8 +164,9 @@ class InteriorLanes:
         starts: Array,
         states: Array | None = None,
         *,
-        common: "Common | None" = None,
+        common: Common | None = None,
         mu: float | None = None,
+        rho: float = FIRST_RHO,
         threads: int = 1,
     ) -> LaneAnswers:
         """Return the local optima that starts lead to.
@@ -169,6 +182,7 @@ class InteriorLanes:
                 the last digits; None: from these.
             mu: First parameter of the central path, for a cost of size 1 at the start;
                 small for starts near an optimum. None: FIRST_MU.
+            rho: First price of broken rows, for the same.
             threads: Largest number of threads.
 
         Raises:
@@ -185,12 +199,12 @@ class InteriorLanes:
             guess = None if states is None else states[:, :, part]
             chunk = _Chunk(
                 made, one, instances.at(part), controls[:, :, part],
-                starts[:, part], guess, mu,
+                starts[:, part], guess, mu, rho,
             )  # fmt: skip
             found.append(chunk.solved(threads))
         return joined(found)
 
-    def common(self, instances: Instances) -> "Common":
+    def common(self, instances: Instances) -> Common:
         """Return what instances have in common, with the machine code compiled.
 
         Args:
@@ -203,15 +217,47 @@ class InteriorLanes:
         self._made_for(own_signals)
         return Common(self._posed(instances), own_signals)
 
+    def repeated(
+        self, x0: ArrayLike, known: Known, count: int
+    ) -> tuple[Instances, Common]:
+        """Return one instance several times, for as many starts.
+
+        Args:
+            x0: Initial state of the core, shape (nx,).
+            known: Parameters and signals.
+            count: Number of times.
+        """
+        instances = Instances(*(
+            np.repeat(np.reshape(one, (-1, 1)), count, axis=1)
+            for one in shared_arguments(self.problem, x0, known)
+        ))  # fmt: skip
+        one = posed(self._program, self._arguments, x0, known)
+        return instances, Common(one, own_signals=False)
+
+    def kernels(self) -> Interior:
+        """Return the machine code for instances with the same signals.
+
+        Raises:
+            NoLanesError: If it cannot be made.
+        """
+        return self._made_for(own_signals=False).kernels
+
+    def sizes(self, x0: ArrayLike, known: Known) -> Sizes:
+        """Return the sizes of one instance, which numbers are divided by."""
+        return self._arguments.sizes(x0, known)
+
     def _made_for(self, own_signals: bool) -> "_Made":
         if own_signals not in self._made:
-            places = places_of(self._program)
+            interval = self._program.parts.interval.values.n_instructions()
             try:
+                require_short(interval, self._longest // _SWEPT)
+                places = places_of(self._program)
                 kernels = compile_interior(
                     places,
                     own_signals=own_signals,
                     tolerance=self._tolerance,
                     most=self._most,
+                    longest=self._longest,
                 )
             except (NoCompilerError, UnknownOperationError) as error:
                 raise NoLanesError(str(error)) from error
@@ -267,7 +313,7 @@ class _Made:
     places: Places
     kernels: Interior
     layout: Layout
-    rows: InteriorRows
+    rows: Rows
     given: int
     own_signals: bool
 
@@ -300,7 +346,7 @@ def _given(places: Places) -> list[str]:
     ]  # fmt: skip
 
 
-def _layout_of(kernels: Interior) -> tuple[Layout, InteriorRows]:
+def _layout_of(kernels: Interior) -> tuple[Layout, Rows]:
     """Return the rows that kernels need, and those that the loop reads."""
     sizes = kernel_sizes(kernels[3:])
     following = [name for name in sizes if name.startswith("next.")]
@@ -315,7 +361,7 @@ def _layout_of(kernels: Interior) -> tuple[Layout, InteriorRows]:
     places = layout.places
     at = {name: place for name, (place, _) in places.items()}
     size = sum(places[name][1] for name in state)
-    rows = InteriorRows(
+    rows = Rows(
         state=0, aim=at[f"aim.{AIMED[0]}"], aims=len(AIMED), following=size, size=size,
         tries=at["tries"], taken=at["taken"], done=at["done"],
     )  # fmt: skip
@@ -334,6 +380,7 @@ class _Chunk:
         starts: Array,
         states: Array | None,
         mu: float | None,
+        rho: float,
     ) -> None:
         """Scale the starts and move them inside the bounds."""
         self._made, self._posed, self._instances = made, one, instances
@@ -348,7 +395,7 @@ class _Chunk:
             "mu": np.full((1, M), FIRST_MU if mu is None else mu),
             "no_cost": np.zeros((1, M)),
             "no_slope": np.zeros((1, M)),
-            "rho": np.full((1, M), FIRST_RHO),
+            "rho": np.full((1, M), rho),
             "rolled": np.full((1, M), float(states is None)),
             "xa": np.zeros((N * nx, M)),
         }
@@ -397,7 +444,7 @@ class _Chunk:
         job = Job(
             kernels=made.kernels[3:], layout=made.layout, rows=made.rows,
             shared=self._shared, blank=_blank(made.layout), given=given, brought=names,
-            kept=_KEPT, most=0, loop=take_interior_turns, turns=_TURNS,
+            kept=_KEPT, loop=take_turns, turns=_TURNS,
             side_by_side=max(_FEWEST, min(fit, _MOST_SIDE_BY_SIDE)),
         )  # fmt: skip
         u, y, x, end, paid, worst, iterations, met = results_of(job, threads)

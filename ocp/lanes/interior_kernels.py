@@ -20,6 +20,7 @@ from typing import NamedTuple
 
 import casadi as ca
 
+from swarmstart.ocp.compiled.engine import NoCompilerError
 from swarmstart.ocp.compiled.scan import Role, compile_scan
 from swarmstart.ocp.lanes.barrier import inside, largest
 from swarmstart.ocp.lanes.interior_newton import (
@@ -35,7 +36,7 @@ from swarmstart.ocp.lanes.interior_newton import (
 )
 from swarmstart.ocp.lanes.interior_parts import Place, Places
 from swarmstart.ocp.lanes.interior_verdict import aimed, judged
-from swarmstart.ocp.lanes.stages import (
+from swarmstart.ocp.lanes.kernels import (
     Kernel,
     Named,
     cholesky_solved,
@@ -71,7 +72,7 @@ class Interior(NamedTuple):
 
 
 def compile_interior(
-    places: Places, *, own_signals: bool, tolerance: float, most: int
+    places: Places, *, own_signals: bool, tolerance: float, most: int, longest: int
 ) -> Interior:
     """Return the machine code.
 
@@ -80,12 +81,13 @@ def compile_interior(
         own_signals: Whether each lane has its own signals.
         tolerance: Largest scaled error at which a lane ends.
         most: Largest number of steps of a lane.
+        longest: Largest number of instructions of an interval's part of a kernel.
 
     Raises:
         UnknownOperationError: If a function has an operation that is not compiled.
         NoCompilerError: If machine code cannot be made here, or would be too long.
     """
-    maker = _Maker(places, own_signals)
+    maker = _Maker(places, own_signals, longest)
     return Interior(
         first=maker.first(),
         prepare=maker.prepare(),
@@ -105,9 +107,9 @@ def compile_interior(
 class _Maker:
     """Kernels of the parts of a problem."""
 
-    def __init__(self, places: Places, own_signals: bool) -> None:
+    def __init__(self, places: Places, own_signals: bool, longest: int) -> None:
         """Remember the parts."""
-        self._places, self._own = places, own_signals
+        self._places, self._own, self._longest = places, own_signals, longest
         self._nx = places.nx
         interval = places.interval
         self._xa, self._u = ca.vertsplit(
@@ -158,6 +160,7 @@ class _Maker:
         given += ["individual"] * len(lane)
         given += [roles.get(name.split(".")[1], "shared") for name in known]
         function = simplified_function(named, writes)
+        require_short(function.n_instructions(), self._longest)
         code = compile_scan(function, given, turns=self._places.N, backward=backward)
         return Kernel(code, tuple(named), tuple(writes))
 
@@ -379,6 +382,15 @@ class _Maker:
         writes = {"end_kept": after["xa"], "x": x, **after}
         reads = {**self._each, **self._step}
         return self._scan({"x0": x}, reads, lane, writes)
+
+
+def require_short(instructions: int, most: int) -> None:
+    """Raise NoCompilerError if a step over an interval has too many instructions."""
+    if instructions > most:
+        raise NoCompilerError(
+            f"its steps are too long: expected at most {most} instructions in an "
+            f"interval, found {instructions}"
+        )
 
 
 def _steepness(place: Place) -> ca.SX:

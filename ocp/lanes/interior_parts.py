@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 from swarmstart.ocp.lanes.barrier import Pairs, Walls, bounded, kinds_of
-from swarmstart.ocp.lanes.stages import symbols
+from swarmstart.ocp.lanes.kernels import symbols
 from swarmstart.ocp.nlp.nlp_assembly import Part, inputs_of
 from swarmstart.ocp.nlp.transcription import NonlinearProgram
 from swarmstart.ocp.statement.problem import OptimalControlProblem

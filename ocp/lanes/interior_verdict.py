@@ -29,8 +29,7 @@ from swarmstart.ocp.lanes.interior_newton import (
     stepped,
 )
 from swarmstart.ocp.lanes.interior_parts import Place, Places
-from swarmstart.ocp.lanes.stages import Named, symbols
-from swarmstart.ocp.lanes.verdict import all_of, any_of
+from swarmstart.ocp.lanes.kernels import Named, all_of, any_of, symbols
 
 FEASIBLE = 1e-7
 """Largest elastic variable, and gap, at which a lane is done."""

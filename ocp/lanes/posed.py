@@ -6,14 +6,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmstart.arrays import Array
-from swarmstart.ocp.lanes.stages import KNOWN
 from swarmstart.ocp.nlp.nlp_assembly import Part, inputs_of
 from swarmstart.ocp.nlp.transcription import NonlinearProgram
 from swarmstart.ocp.rollout.fitness import Arguments, Known, at_nodes, shared_arguments
 from swarmstart.ocp.rollout.scaling import Sizes
+from swarmstart.ocp.statement.problem import OptimalControlProblem
 
 _Known = tuple[Array, Array, Array, Array]
 """Shared numbers, signals, lower and upper limits of the rows, as kernels take them."""
+
+
+class NoLanesError(Exception):
+    """A problem cannot be solved in lanes; the message says why."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -52,26 +56,6 @@ class Posed:
     end: _Known
     begin: _Known | None
 
-    def shared(self) -> dict[str, Array]:
-        """Return the arguments that all lanes share, by their names in kernels."""
-        reach = self.first_most - self.first_least
-        numbers = {
-            "least": self.least, "most": self.most, "first_least": self.first_least,
-            "first_most": self.first_most,
-            # Longest step of a decision about the start: a tenth of its range.
-            "stride": np.where(np.isfinite(reach), 0.1 * reach, 1.0),
-            "fixed": np.where(self.tied.any(axis=1), 0.0, self.x0),
-        }  # fmt: skip
-        for place in ("interval", "end", "begin"):
-            known = getattr(self, place)
-            if known is not None:
-                names = (f"{place}.{name}" for name in KNOWN)
-                numbers |= zip(names, known, strict=True)
-        return {
-            name: np.ascontiguousarray(one, dtype=np.float64)
-            for name, one in numbers.items()
-        }
-
     @property
     def start_sizes(self) -> Array:
         """Sizes of the decisions about the start, (ny, 1)."""
@@ -89,11 +73,6 @@ class Posed:
         rows = np.zeros((N, self.least.size, n))
         rows[:, :nu] = np.moveaxis(controls, 1, 0) / self.sizes.controls[:nu, None]
         return rows.reshape(N * self.least.size, n)
-
-    def start(self, y: Array) -> Array:
-        """Return the state at the start, (nx, n), from the decisions about it."""
-        fixed = np.where(self.tied.any(axis=1), 0.0, self.x0)
-        return np.ascontiguousarray(fixed[:, None] + self.tied @ y)
 
     def states(self, inner: Array, end: Array) -> Array:
         """Return (nx, N + 1, n) of states (N nx, n) of intervals and (nx, n) after."""
@@ -133,12 +112,8 @@ def posed(
     signals, checks, N = at_nodes(problem, flat), problem.checks, problem.intervals
     windows = [np.arange(k * checks, (k + 1) * checks + 1) for k in range(N)]
     own = np.concatenate([signals[:, w].ravel(order="F") for w in windows])
-    nu, bounded = inputs_of(problem), problem.bounded_states
-    rows = parts.interval.rows
-    lower, upper = (
-        np.concatenate([side * weights[0], (of_states / sizes.states)[bounded]])
-        for side, of_states in zip(rows[1:3], problem.state_limits, strict=True)
-    )
+    nu, rows = inputs_of(problem), parts.interval.rows
+    lower, upper = (side * weights[0] for side in rows[1:3])
     starts = problem.free_starts
     tied = np.zeros((state.size, len(starts)))
     for number, one in enumerate(starts):
@@ -163,6 +138,20 @@ def posed(
         if parts.begin is None
         else _end_known(parts.begin, shared, weights[2], signals[:, 0]),
     )
+
+
+def refused_by_lanes(problem: OptimalControlProblem) -> str:
+    """Return the reason why lanes cannot solve a problem; empty if they can."""
+    reasons = {
+        "it has no controls": not problem.model.nu,
+        "it has blocks of intervals": bool(problem.blocks),
+        "its members share controls for a while": problem.ties_controls,
+        "it has whole numbers": bool(problem.integer),
+        "its risk needs decisions of the NLP": problem.epigraph is not None,
+        "its model is stiff": problem.integrator == "stiff",
+        "its polish collocates": problem.collocation is not None,
+    }
+    return next((reason for reason, is_so in reasons.items() if is_so), "")
 
 
 def _end_known(part: Part, shared: Array, weights: Array, signals: Array) -> _Known:

@@ -1,15 +1,9 @@
-"""The loop over the steps of lanes, compiled: kernels called at their addresses.
+"""The loop over steps and trials of lanes, compiled: kernels called at their addresses.
 
-Lanes are the columns of one memory. A turn tries a step in all of them: start, forward,
-verdict, keep. A lane whose step is decided waits for a backward sweep until most lanes
-wait, so that shorter steps of the others are tried without a sweep. A lane that has
-ended is recorded, and the last lane takes its place, so that working lanes are always
-the first ones; then further starts begin.
-
-A lane that ends without meeting its limits begins once more from its start, with a
-heavier end, and with the decisions about the start fixed until multipliers are renewed.
-Without that, a lane with light weights shortens a free end time as long as this costs
-less than its end conditions, and may reach a point from which it cannot meet them.
+Lanes are the columns of one memory. A lane that needs a step waits until most lanes do,
+since a sweep takes as long for one lane as for all. A lane that has ended is recorded,
+and the last lane takes its place, so that working lanes are always the first ones; then
+further starts begin.
 """
 
 import ctypes
@@ -24,12 +18,8 @@ Call = Callable[[int, int, int, int, int], None]
 
 _MOST = 0.75
 """Fraction of the lanes that must wait for a sweep before it is done."""
-_MET = 1e-6
-"""Largest violation at which a lane need not begin again."""
-_AGAIN_WEIGHT = 100.0
-"""Least weight of the end's rows in a lane that begins again."""
-_WHOLE = 1.0
-"""Step length of a waiting lane: a full step."""
+_SWEEP, _TRIAL = 5, 3
+"""Number of kernels of a sweep, and of a trial before `keep`."""
 
 
 def _call_part(
@@ -73,27 +63,23 @@ class Rows(NamedTuple):
 
     Attributes:
         state: First row of the state.
-        following: First row of the state after a turn.
+        aim: First row of its part that a sweep has changed.
+        aims: Number of rows of that part.
+        following: First row of the state after a trial.
         size: Number of rows of the state.
-        done: Whether a lane has ended.
-        length: Length of the step that is tried next.
+        tries: Whether a lane tries a step; else it waits for a sweep.
         taken: Whether the tried step is accepted.
-        worst: The worst excess.
-        iterations: Number of steps so far.
-        again: Whether a lane has begun a second time.
-        r_end: Weight of the end's rows.
+        done: Whether a lane has ended.
     """
 
     state: int
+    aim: int
+    aims: int
     following: int
     size: int
-    done: int
-    length: int
+    tries: int
     taken: int
-    worst: int
-    iterations: int
-    again: int
-    r_end: int
+    done: int
 
 
 class Starts(NamedTuple):
@@ -104,14 +90,12 @@ class Starts(NamedTuple):
         given: Numbers of each start, a column for each of all starts.
         rows: Rows of the memory that these numbers are written to.
         numbers: Indices of the starts to be solved.
-        most: Number of steps after which a lane does not begin again.
     """
 
     blank: Array
     given: Array
     rows: Count
     numbers: Count
-    most: int
 
 
 class Ends(NamedTuple):
@@ -127,7 +111,7 @@ class Ends(NamedTuple):
 
 
 @kernel
-def begin(memory: Array, lane: int, starts: Starts, number: int) -> None:
+def _begin(memory: Array, lane: int, starts: Starts, number: int) -> None:
     """Put a start in a lane."""
     for i in range(starts.blank.size):
         memory[i, lane] = starts.blank[i]
@@ -136,7 +120,7 @@ def begin(memory: Array, lane: int, starts: Starts, number: int) -> None:
 
 
 @kernel
-def leave(memory: Array, lane: int, ends: Ends, work: Count) -> None:
+def _leave(memory: Array, lane: int, ends: Ends, work: Count) -> None:
     """Record a lane that has ended, and put the last lane in its place."""
     for i in range(ends.rows.size):
         ends.found[i, work[2 + lane]] = memory[ends.rows[i], lane]
@@ -148,29 +132,13 @@ def leave(memory: Array, lane: int, ends: Ends, work: Count) -> None:
 
 
 @kernel
-def fill(memory: Array, starts: Starts, work: Count) -> None:
+def _fill(memory: Array, starts: Starts, work: Count) -> None:
     """Put further starts into lanes that are free."""
     while work[0] < memory.shape[1] and work[1] < starts.numbers.size:
         work[2 + work[0]] = starts.numbers[work[1]]
-        begin(memory, work[0], starts, work[2 + work[0]])
+        _begin(memory, work[0], starts, work[2 + work[0]])
         work[0] += 1
         work[1] += 1
-
-
-@kernel
-def _begins_again(
-    memory: Array, lane: int, rows: Rows, starts: Starts, number: int
-) -> bool:
-    """Restart a lane that has not met its limits; return whether it was restarted."""
-    steps = memory[rows.iterations, lane]
-    met = memory[rows.worst, lane] <= _MET
-    if met or memory[rows.again, lane] != 0.0 or steps >= starts.most:
-        return False
-    begin(memory, lane, starts, number)
-    memory[rows.again, lane] = 1.0
-    memory[rows.iterations, lane] = steps
-    memory[rows.r_end, lane] = max(memory[rows.r_end, lane], _AGAIN_WEIGHT)
-    return True
 
 
 @kernel
@@ -178,30 +146,39 @@ def _refill(memory: Array, rows: Rows, starts: Starts, ends: Ends, work: Count) 
     """Record lanes that have ended, and put others in their places."""
     lane = 0
     while lane < work[0]:
-        number = work[2 + lane]
-        done = memory[rows.done, lane] != 0.0
-        if not done or _begins_again(memory, lane, rows, starts, number):
+        if memory[rows.done, lane] == 0.0:
             lane += 1
-            continue
-        leave(memory, lane, ends, work)
-    fill(memory, starts, work)
+        else:
+            _leave(memory, lane, ends, work)
+    _fill(memory, starts, work)
 
 
 @kernel
-def _waiting(memory: Array, rows: Rows, lanes: int) -> int:
-    """Return the number of lanes that wait for a sweep."""
-    count = 0
+def _must_sweep(memory: Array, rows: Rows, lanes: int) -> bool:
+    """Return whether most lanes that have not ended wait for a sweep."""
+    count, working = 0, 0
     for lane in range(lanes):
-        if memory[rows.length, lane] == _WHOLE:
-            count += 1
-    return count
+        if memory[rows.done, lane] == 0.0:
+            working += 1
+            if memory[rows.tries, lane] == 0.0:
+                count += 1
+    return count > 0 and count >= _MOST * working
 
 
 @kernel
-def _take_over(memory: Array, rows: Rows, lanes: int, all_go: bool) -> None:
-    """Copy the states after a turn; waiting lanes do not change."""
+def _aim(memory: Array, rows: Rows, lanes: int) -> None:
+    """Copy what follows from a sweep in the lanes that waited for it."""
     for lane in range(lanes):
-        if all_go or memory[rows.length, lane] != _WHOLE:
+        if memory[rows.tries, lane] == 0.0:
+            for i in range(rows.aims):
+                memory[rows.state + i, lane] = memory[rows.aim + i, lane]
+
+
+@kernel
+def _take_over(memory: Array, rows: Rows, lanes: int) -> None:
+    """Copy the states after a trial; waiting lanes do not change."""
+    for lane in range(lanes):
+        if memory[rows.tries, lane] != 0.0:
             for i in range(rows.size):
                 memory[rows.state + i, lane] = memory[rows.following + i, lane]
         else:
@@ -222,8 +199,8 @@ def take_turns(  # noqa: PLR0913, PLR0917 - compiled code takes no keywords
     """Take steps until a number of turns is over, or all starts have ended.
 
     Args:
-        calls: Addresses of `part`, arguments and outputs of each kernel, in the order
-            of `Sweeps`, shape (5, 3).
+        calls: Addresses of `part`, arguments and outputs of each kernel: those of a
+            sweep, those of a trial, and `keep`, shape (9, 3).
         memory: Memory of the lanes, shape (rows, lanes).
         rows: Rows that the loop reads.
         starts: Starts to be solved.
@@ -232,16 +209,21 @@ def take_turns(  # noqa: PLR0913, PLR0917 - compiled code takes no keywords
             lane's start; changed.
         turns: Largest number of turns.
     """
-    width, last = memory.shape[1], calls.shape[0] - 1
+    width = memory.shape[1]
     for _ in range(turns):
         _refill(memory, rows, starts, ends, work)
         lanes = work[0]
         if lanes == 0:
             return
-        all_go = _waiting(memory, rows, lanes) >= _MOST * lanes
-        # Kernel 0 is the backward sweep, which waits until most lanes need it.
-        for i in range(0 if all_go else 1, last):
+        for i in range(_SWEEP, _SWEEP + _TRIAL):
             call_part(calls[i, 0], calls[i, 1], calls[i, 2], width, lanes)
-        _take_over(memory, rows, lanes, all_go)
-        # Intervals are copied last: waiting lanes are not `taken` any more.
-        call_part(calls[last, 0], calls[last, 1], calls[last, 2], width, lanes)
+        _take_over(memory, rows, lanes)
+        # Intervals are changed last: waiting lanes are not `taken`.
+        keep = _SWEEP + _TRIAL
+        call_part(calls[keep, 0], calls[keep, 1], calls[keep, 2], width, lanes)
+        # After the trial: a lane that has just begun needs a step of zeros for its
+        # first trial, and a sweep writes steps in all lanes, perhaps infinite ones.
+        if _must_sweep(memory, rows, lanes):
+            for i in range(_SWEEP):
+                call_part(calls[i, 0], calls[i, 1], calls[i, 2], width, lanes)
+            _aim(memory, rows, lanes)

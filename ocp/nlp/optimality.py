@@ -145,22 +145,6 @@ def stationarity(point: NlpPoint) -> float:
     return residual / size
 
 
-def unmet(program: NonlinearProgram, w: Array, q: Array, limits: Limits) -> float:
-    """Return what a feasible point leaves of the first-order conditions.
-
-    This is the sum of |grad f + J' lam_g + lam_x| with the multipliers of
-    `least_multipliers`; infinity if something is not finite.
-
-    Args:
-        program: The NLP.
-        w: Variables, shape (nw,).
-        q: Arguments.
-        limits: Bounds of variables and rows.
-    """
-    *_, rest = least_multipliers(program, w, q, limits)
-    return float(np.abs(rest).sum())
-
-
 def least_multipliers(
     program: NonlinearProgram, w: Array, q: Array, limits: Limits
 ) -> tuple[Array, Array, Array]:

@@ -56,7 +56,6 @@ class Lanes:
 
     Attributes:
         starts: Number of starts, including those of other origins.
-        method: "sweeps" or "slopes".
         optima: Distinct local optima, the cheapest first, with their counts.
         unseen: Estimated share of such starts that would end in an optimum not seen
             yet. It holds for these starts and this solution method only, not for all
@@ -64,14 +63,12 @@ class Lanes:
         iterations: Steps of all lanes together.
         seconds: Wall time [s].
         infeasible: Number of starts that ended at a point that breaks constraints.
-        unfinished: Number of starts that ended at a feasible point which is no optimum:
-            the first-order conditions do not hold there, or were not looked at, since
-            64 distinct ends are cheaper.
+        unfinished: Number of starts that ended at a feasible point which is not shown
+            to be an optimum.
         lost: Number of starts whose states left the finite numbers.
     """
 
     starts: int
-    method: str
     optima: tuple[Optimum, ...]
     unseen: Unseen | None
     iterations: int

@@ -37,7 +37,8 @@ from swarmstart.heuristics.running import (
 )
 from swarmstart.machine_code import stopwatch
 from swarmstart.ocp.common.errors import InvalidProblemError
-from swarmstart.ocp.lanes.solver import LaneSolver, NoLanesError
+from swarmstart.ocp.lanes.posed import NoLanesError
+from swarmstart.ocp.lanes.solver import LaneSolver
 from swarmstart.ocp.nlp.polish import Polisher
 from swarmstart.ocp.rollout.fitness import Fitness
 from swarmstart.ocp.search.account import Lanes

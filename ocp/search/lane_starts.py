@@ -35,7 +35,7 @@ from swarmstart.ocp.search.settings import Multistart
 Told = Callable[[int], None] | None
 ToldBest = Callable[[int, Callable[[], Individual]], None] | None
 
-FIRST_ITERATIONS = {"sweeps": 150, "slopes": 1500}
+FIRST_ITERATIONS = 60
 """Assumed number of iterations of a lane before the first solve: large, so that the
 first batch does not exceed a small budget."""
 
@@ -82,9 +82,8 @@ class _Found:
     @property
     def each(self) -> float:
         """Mean cost of a solve, in evaluations."""
-        iterations: float = FIRST_ITERATIONS[self.solver.method]
-        if self.solves:
-            iterations = max(self.iterations / self.solves, 1.0)
+        solves, done = self.solves, self.iterations
+        iterations = max(done / solves, 1.0) if solves else FIRST_ITERATIONS
         return iterations * self.solver.rollouts_per_iteration
 
     def add(self, answers: LaneAnswers) -> int:
@@ -121,7 +120,6 @@ class _Found:
         counts = [one.count for one in optima]
         return Lanes(
             starts=self.solves,
-            method=self.solver.method,
             optima=optima,
             unseen=unseen_share(counts) if random else None,
             iterations=self.iterations,
@@ -145,7 +143,7 @@ class _Lanes:
         # Lanes that diverge overflow; they end as failed ones.
         with stopwatch() as watch, heeded(), np.errstate(all="ignore"):
             answers = self.found.solver(
-                self._state, controls, decided, known=task.known, rng=task.rng
+                self._state, controls, decided, known=task.known
             )
             self.found.seconds += watch.seconds
         return answers, self.found.add(answers)

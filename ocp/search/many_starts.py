@@ -35,7 +35,8 @@ from swarmstart.ocp.common.processes import Ahead, processes_of, threads_of
 from swarmstart.ocp.compiled.engine import NoCompilerError
 from swarmstart.ocp.compiled.threads import aside
 from swarmstart.ocp.lanes.answers import distinct_optima, unreached, unseen_share
-from swarmstart.ocp.lanes.solver import LaneSolver, NoLanesError, random_starts
+from swarmstart.ocp.lanes.posed import NoLanesError
+from swarmstart.ocp.lanes.solver import LaneSolver, random_starts
 from swarmstart.ocp.nlp.polish import SAME_COST, Polished, Polisher, is_better
 from swarmstart.ocp.nlp.polish_options import PolishStatus
 from swarmstart.ocp.nlp.several import Timed, in_turn, polished_from
@@ -130,8 +131,6 @@ class ManyStarts:
             with aside():
                 self._solver = LaneSolver(
                     fitness.shooting,
-                    # They seldom meet constraints; see LaneSolver.
-                    constrained_slopes=False,
                     program=program,
                     threads=threads_of(threads),
                 )
@@ -143,7 +142,7 @@ class ManyStarts:
         if self._solver is None:
             return
         try:
-            float(self._solver.rollouts_per_iteration)  # Reading it waits for the code.
+            self._solver.prepare()
         except NoCompilerError as error:
             self._solver, self._refused = None, str(error)
 
@@ -296,7 +295,7 @@ class ManyStarts:
             controls = np.dstack([given[0], controls])
             decided = np.hstack([given[1], decided])
             try:
-                found = solver(x0, controls, decided, known=known, rng=rng)
+                found = solver(x0, controls, decided, known=known)
             except NoCompilerError as error:  # Raised at the first use.
                 self._solver, self._refused = None, str(error)
                 return None, []
@@ -312,7 +311,6 @@ class ManyStarts:
             ]
             lanes = Lanes(
                 starts=controls.shape[2],
-                method=solver.method,
                 optima=optima,
                 unseen=unseen_share([one.count for one in optima]),
                 iterations=taken,

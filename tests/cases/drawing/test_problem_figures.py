@@ -275,7 +275,7 @@ def test_local_optima_are_drawn_by_cost_with_their_counts() -> None:
         for k, (cost, count) in enumerate([(3.0, 9), (4.0, 1), (7.0, 2)])
     )  # fmt: skip
     lanes = Lanes(
-        starts=12, method="sweeps", optima=optima, unseen=None, iterations=1,
+        starts=12, optima=optima, unseen=None, iterations=1,
         seconds=0, infeasible=0, unfinished=0, lost=0,
     )  # fmt: skip
     found = StartsAccount(won="the lanes", tried=(), lanes=lanes)

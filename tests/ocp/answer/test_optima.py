@@ -8,11 +8,7 @@ import swarmstart as ss
 from swarmstart.benchmarks.same_bits import SOLVED
 from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.cases.kinds.flight import first_problem
-from swarmstart.ocp.lanes.answers import reached
-from swarmstart.ocp.lanes.solver import FINISHED, LaneSolver
-from swarmstart.ocp.lanes.stages import LaneOptions
-from swarmstart.ocp.nlp.optimality import unmet
-from swarmstart.ocp.nlp.transcription import multiple_shooting
+from swarmstart.ocp.lanes.solver import LaneSolver
 from swarmstart.tests.adversary.case import Case, problem_of
 from swarmstart.tests.adversary.problems import multimodal, path_constrained
 
@@ -61,31 +57,8 @@ def test_lane_that_was_stopped_early_is_unfinished_and_no_optimum() -> None:
     rng = np.random.default_rng(0)
     controls = rng.uniform(-1, 1, (1, 30, 8))
     ended = []
-    for most in (2, 500):
-        solver = LaneSolver(problem, options=LaneOptions(most=most))
-        answers = solver([3.0, 0.0], controls, rng=np.random.default_rng(1))
-        assert reached(answers).all()
+    for most in (2, 300):
+        solver = LaneSolver(problem, most=most)
+        answers = solver([3.0, 0.0], controls)
         ended.append(sum(one.count for one in solver.optima(answers, [3.0, 0.0])))
     assert ended == [0, 8]
-
-
-def test_unmet_conditions_are_the_slope_that_no_limit_explains() -> None:
-    """u in (-1, 1), cost (u - 3)^2 / 2: at 1 the bound explains the slope of -2."""
-    x, u = ca.SX.sym("x"), ca.SX.sym("u")
-    problem = ss.OptimalControlProblem(
-        ss.Model(states=x, controls=u, ode=u), horizon=1.0, intervals=1,
-        stage_cost=(u - 3) ** 2 / 2, bounds=ss.Bounds(controls=(-1, 1)),
-        scales={"x": 1.0, "u": 1.0},
-    )  # fmt: skip
-    fitness = ss.Fitness(problem, backend="casadi")
-
-    program = multiple_shooting(fitness.shooting)
-    sizes = fitness.arguments.sizes([0.0], ss.Known())
-    q = program.arguments(np.zeros(1), np.empty(0), np.empty(0), sizes)
-    limits = program.limits(sizes)
-    for value, left in ((1.0, 0.0), (0.5, 2.5), (-1.0, 4.0)):
-        w = program.variables(np.array([[value]]), np.array([[0.0, value]]), sizes)
-        assert unmet(program, w, q, limits) * sizes.cost == pytest.approx(
-            left, abs=1e-8
-        )
-    assert FINISHED < 1

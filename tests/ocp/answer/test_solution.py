@@ -585,7 +585,7 @@ def test_optima_of_lanes_have_the_costs_of_their_controls(sense: int) -> None:
         costs.append(np.mean((u - 2) ** 2 * (u + 1) ** 2 - 0.1 * u))
         assert one.cost == pytest.approx(sense * costs[-1], abs=1e-6)
     # Each of two intervals in either valley; which of them comes first is the same.
-    assert 2 <= len(costs) <= 4 and costs == sorted(costs)
+    assert 2 <= len(costs) <= 4 and np.diff(costs).min() > -1e-9
     assert found.cost == pytest.approx(sense * costs[0], abs=1e-5)
     last = found.optima[-1]
     polished_last = last.solution()

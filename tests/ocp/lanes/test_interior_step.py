@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from swarmstart.arrays import Array
-from swarmstart.ocp.lanes.interior import Instances, _Chunk
+from swarmstart.ocp.lanes.interior import FIRST_RHO, Instances, _Chunk
 from swarmstart.ocp.lanes.interior_newton import SUMS, TOPS
 from swarmstart.ocp.lanes.interior_parts import Place
 from swarmstart.ocp.lanes.interior_verdict import AIMED, _Ends, _Judged
-from swarmstart.ocp.lanes.stages import Kernel
+from swarmstart.ocp.lanes.kernels import Kernel
 from swarmstart.ocp.nlp.nlp_assembly import inputs_of
 from swarmstart.tests.ocp.lanes.dense import Barrier, Point, Rows
 from swarmstart.tests.ocp.lanes.interior_problems import every_kind, posed
@@ -43,7 +43,7 @@ class Case:
         self.shared = self.lanes._posed(self.instances)
         self.chunk = _Chunk(
             self.made, self.shared, self.instances, rng.uniform(-1, 1, (2, N, M)),
-            rng.uniform(-0.5, 0.5, (1, M)), None, 1e-2,
+            rng.uniform(-0.5, 0.5, (1, M)), None, 1e-2, FIRST_RHO,
         )  # fmt: skip
         self.numbers = self._drawn(rng)
         heights = {name: self.place(name).walls.height for name in PLACES}

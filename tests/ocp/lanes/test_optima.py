@@ -1,12 +1,13 @@
 """Distinct optima, counted, and how much has not been seen."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.stats import binomtest
 
 from swarmstart.ocp.lanes.answers import (
-    EXAMINED,
     LaneAnswers,
     distinct_optima,
     optimum_of,
@@ -120,17 +121,12 @@ def test_interval_is_not_wider_than_it_says() -> None:
     assert held(np.full(400, 1 / 400), 256) == pytest.approx(0.95, abs=0.015)
 
 
-def test_of_many_ends_the_cheapest_are_asked_whether_they_are_optima() -> None:
-    """Of ends in a row, the last of which costs least; every other one is finished."""
-    n = 3 * EXAMINED
-    asked: list[int] = []
-
-    def finished(lane: int) -> bool:
-        asked.append(lane)
-        return lane % 2 == 0
-
-    ends = answers([10.0 * k for k in range(n)], [float(n - k) for k in range(n)])
-    found = distinct_optima(ends, finished=finished)
-    assert asked == [n - 1 - k for k in range(EXAMINED)]
-    assert [one.lane for one in found] == [lane for lane in asked if lane % 2 == 0]
-    assert len(distinct_optima(ends)) == n
+def test_optimum_counts_only_with_an_answer_that_is_shown_to_be_one() -> None:
+    """The cheapest of these, though a cheaper answer of the same basin is not shown."""
+    ends = replace(
+        answers([0.0, 0.01, 0.02, 1.0], [1.0, 1.2, 1.1, 2.0]),
+        optimal=np.array([False, True, True, False]),
+    )
+    found = distinct_optima(ends, shown=True)
+    assert [(one.lane, one.cost, one.count) for one in found] == [(2, 1.1, 3)]
+    assert len(distinct_optima(ends)) == 2

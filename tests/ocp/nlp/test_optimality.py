@@ -30,8 +30,8 @@ from swarmstart.ocp.nlp.optimality import (
     NlpPoint,
     curvature,
     is_stationary,
+    least_multipliers,
     stationarity,
-    unmet,
 )
 from swarmstart.ocp.nlp.transcription import multiple_shooting
 from swarmstart.ocp.rollout.fitness import NOTHING, shared_arguments
@@ -500,6 +500,12 @@ def test_sign_changes_where_the_closed_form_says(bend: float) -> None:
     assert curvature(point) is expected
 
 
+def unmet(point: NlpPoint) -> float:
+    """Return what is left of the slope at a point, summed up."""
+    *_, rest = least_multipliers(point.program, point.w, point.q, point.limits)
+    return float(np.abs(rest).sum())
+
+
 def separate(
     slopes: Array, place: Array, *, lower: Array, upper: Array, caps: Array
 ) -> float:
@@ -528,7 +534,7 @@ def separate(
     )
     known = Known(signals=np.hstack([slopes, slopes[:, -1:]]))
     point = point_at(problem, place, [0.0], known)
-    left = unmet(point.program, point.w, point.q, point.limits)
+    left = unmet(point)
     return left * point.cost_size
 
 
@@ -562,7 +568,7 @@ def test_unmet_is_infinite_where_a_slope_is() -> None:
         for level, is_finite in ((0.5, True), (0.0, False)):
             controls = np.array([[0.5, level, 0.5]])
             point = point_at(problem, controls, [0.0])
-            left = unmet(point.program, point.w, point.q, point.limits)
+            left = unmet(point)
             assert np.isfinite(left) == is_finite
             assert is_finite or left == np.inf
 

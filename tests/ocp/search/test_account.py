@@ -20,7 +20,6 @@ def lanes(
 ) -> Lanes:
     return Lanes(
         starts=sum(counts) + infeasible + unfinished + lost,
-        method="sweeps",
         optima=tuple(
             Optimum(lane=k, cost=1.5 + k, count=c, controls=NONE, states=NONE,
                     decided=NONE)
@@ -63,7 +62,7 @@ def test_every_start_of_the_lanes_is_counted_once(search: Any) -> None:
         counted = sum(one.count for one in account.optima)
         others = account.unfinished + account.infeasible + account.lost
         assert counted + others == account.starts
-        assert account.infeasible + account.lost > 0
+    assert any(account.infeasible + account.lost for account in accounts)
 
 
 def test_a_single_start_is_no_plural() -> None:

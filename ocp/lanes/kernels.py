@@ -1,0 +1,100 @@
+"""Machine code whose arguments and outputs have names, and matrices written out."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import casadi as ca
+
+from swarmstart.ocp.compiled.simd import SimdBatch, compile_flat
+
+_SMALLEST_PIVOT = 1e-10
+
+Named = Mapping[str, ca.SX]
+"""Arguments or outputs of a kernel by their names."""
+
+
+class Kernel(NamedTuple):
+    """Machine code whose arguments and outputs have names.
+
+    Attributes:
+        code: The machine code.
+        reads: Names of its arguments.
+        writes: Names of its outputs.
+    """
+
+    code: SimdBatch
+    reads: tuple[str, ...]
+    writes: tuple[str, ...]
+
+
+def flat_kernel(lane: Named, shared: Named, writes: Named) -> Kernel:
+    """Return a kernel without intervals, with individual and shared arguments."""
+    own = (True,) * len(lane) + (False,) * len(shared)
+    named = {**lane, **shared}
+    code = compile_flat(simplified_function(named, writes), own)
+    return Kernel(code, tuple(named), tuple(writes))
+
+
+def simplified_function(reads: Named, writes: Named) -> ca.Function:
+    """Return a function of named symbols, common parts computed once."""
+    outputs = ca.cse([ca.densify(one) for one in writes.values()])
+    return ca.Function("step", list(reads.values()), outputs)
+
+
+def symbols(**sizes: int) -> dict[str, ca.SX]:
+    """Return symbols of given names and sizes."""
+    return {name: ca.SX.sym(name, size) for name, size in sizes.items()}
+
+
+def all_of(first: ca.SX, *others: ca.SX) -> ca.SX:
+    """Return whether all conditions hold."""
+    for one in others:
+        first = ca.logic_and(first, one)
+    return first
+
+
+def any_of(first: ca.SX, *others: ca.SX) -> ca.SX:
+    """Return whether any condition holds."""
+    for one in others:
+        first = ca.logic_or(first, one)
+    return first
+
+
+def triangle(n: int) -> list[tuple[int, int]]:
+    """Return the indices of the lower triangle of a matrix, row by row."""
+    return [(i, j) for i in range(n) for j in range(i + 1)]
+
+
+def symmetric(entries: ca.SX, n: int) -> ca.SX:
+    """Return the symmetric matrix of the entries of its lower triangle."""
+    matrix = ca.SX(n, n)
+    for number, (i, j) in enumerate(triangle(n)):
+        matrix[i, j] = matrix[j, i] = entries[number]
+    return matrix
+
+
+def lower(matrix: ca.SX) -> ca.SX:
+    """Return the entries of the lower triangle of a matrix that is symmetric."""
+    entries = [(matrix[i, j] + matrix[j, i]) / 2 for i, j in triangle(matrix.shape[0])]
+    return ca.vertcat(ca.SX(0, 1), *entries)
+
+
+def cholesky_solved(A: ca.SX, B: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Return A^-1 B by Cholesky's method, written out, and the least pivot.
+
+    A pivot that is not positive is replaced by its absolute value.
+    """
+    n, L, inverse, least = A.shape[0], ca.SX(*A.shape), [], ca.SX(1)
+    for j in range(n):
+        pivot = A[j, j] - ca.sumsqr(L[j, :j])
+        least = ca.fmin(least, pivot)
+        inverse.append(1 / ca.sqrt(ca.fmax(ca.fabs(pivot), _SMALLEST_PIVOT)))
+        for i in range(j + 1, n):
+            L[i, j] = (A[i, j] - ca.dot(L[i, :j], L[j, :j])) * inverse[j]
+    Y = ca.SX(*B.shape)
+    for i in range(n):
+        Y[i, :] = (B[i, :] - L[i, :i] @ Y[:i, :] if i else B[i, :]) * inverse[i]
+    for i in reversed(range(n)):
+        rest = L[i + 1 :, i].T @ Y[i + 1 :, :] if i + 1 < n else 0
+        Y[i, :] = (Y[i, :] - rest) * inverse[i]
+    return Y, least
