@@ -377,7 +377,7 @@ class Sizing:
                 break
             reach = self._reached(at, states, controls, guess)
             found = np.where(states > 0, states, reach)
-            # Where it says no more, a rate may: one step back from it.
+            # A column that it leaves as it was takes one step back from known rates.
             both = self._needed(at, np.vstack([states, controls]))
             is_same = (found == states).all(axis=0)
             after = np.where(is_same, both[:nx], found)
