@@ -43,8 +43,11 @@ from swarmstart.ocp.statement.guesses import cold_controls
 STARTS = 4
 """Number of starts of each instance in lanes."""
 _ROUNDS = 3
-"""Largest number of times that instances are tried from neighbours' answers; from the
-second one on those count that an earlier one has found."""
+"""Largest number of times that the NLP solver tries instances from neighbours' answers;
+from the second one on those count that an earlier one has found."""
+_ROUNDS_IN_LANES = 100
+"""The same in lanes. An optimum gets one or two neighbours further each time, and few
+instances are tried after the first times: only those with a neighbour that is new."""
 _AROUND = 4
 """Number of nearest neighbours of which the cheapest is tried."""
 _CHEAPER = 1e-3
@@ -166,7 +169,7 @@ class Waves:
         core, instances = self.planner.problem, self.posed.core
         answers, outcomes = self.outcomes.answers, self.outcomes
         distances, tried = None, np.full(instances.x0.shape[1], np.nan)
-        for _ in range(_ROUNDS):
+        for _ in range(_ROUNDS_IN_LANES):
             confirmed = answers.confirmed
             solved = np.flatnonzero(confirmed)
             if not solved.size:

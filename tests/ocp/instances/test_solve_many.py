@@ -193,9 +193,9 @@ def test_each_start_of_an_instance_is_a_lane(use_lanes: UseLanes) -> None:
 
 def test_a_better_optimum_is_carried_to_neighbours() -> None:
     """Two valleys: all start in the worse one but the last, whose guess is given."""
-    problem = valleys()
-    x0s = np.linspace(-0.1, 0.1, 8)[None, :]
-    guesses = np.full((1, 4, 8), 1.0)
+    problem, M = valleys(), 40
+    x0s = np.linspace(-0.1, 0.1, M)[None, :]
+    guesses = np.full((1, 4, M), 1.0)
     guesses[:, :, -1] = -1.0
     alone = solve_many(problem, x0s, guesses=guesses, lanes=False, seed=0)
     assert (alone.states[0, -1, :-1] > 0).all() and alone.states[0, -1, -1] < 0
