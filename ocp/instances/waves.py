@@ -47,9 +47,9 @@ _ROUNDS = 3
 from the second one on those count that an earlier one has found."""
 _ROUNDS_IN_LANES = 100
 """The same in lanes. An optimum gets one or two neighbours further each time, and few
-instances are tried after the first times: only those with a neighbour that is new."""
+instances are tried after the first times: each answer of a neighbour is tried once."""
 _AROUND = 4
-"""Number of nearest neighbours of which the cheapest is tried."""
+"""Number of nearest neighbours that are tried if they are cheaper, cheapest first."""
 _CHEAPER = 1e-3
 """Least relative difference of a neighbour's cost at which its answer is tried."""
 _MARGINS = 2
@@ -167,8 +167,8 @@ class Waves:
     def _from_cheaper(self, lanes: InLanes) -> None:
         """Solve instances in lanes from answers of neighbours that are cheaper."""
         core, instances = self.planner.problem, self.posed.core
-        answers, outcomes = self.outcomes.answers, self.outcomes
-        distances, tried = None, np.full(instances.x0.shape[1], np.nan)
+        answers, distances = self.outcomes.answers, None
+        tried = np.full((instances.x0.shape[1], _AROUND), np.nan)
         for _ in range(_ROUNDS_IN_LANES):
             confirmed = answers.confirmed
             solved = np.flatnonzero(confirmed)
@@ -178,17 +178,17 @@ class Waves:
             every = np.arange(confirmed.size)
             around = distances.nearest(every, solved, _AROUND)
             costs = np.where(around >= 0, answers.cost[around], np.inf)
-            best = costs.argmin(axis=1)
-            nearest, least = around[every, best], costs[every, best]
-            own = np.where(confirmed, answers.cost, np.inf)
-            less = _CHEAPER * np.maximum(np.abs(least), np.where(confirmed, own, 0.0))
             # The same answer again would lead to the same end.
-            able = (nearest >= 0) & (least < own - less) & (least != tried)
-            chosen = np.flatnonzero(able)
+            new = np.where(costs != tried[:, : costs.shape[1]], costs, np.inf)
+            best = new.argmin(axis=1)
+            nearest, least = around[every, best], new[every, best]
+            own = np.where(confirmed, answers.cost, np.inf)
+            sizes = np.maximum(np.abs(least), np.where(confirmed, own, 0.0))
+            less = _CHEAPER * np.where(np.isfinite(least), sizes, 0.0)
+            chosen = np.flatnonzero(least < own - less)
             if not chosen.size:
                 return
-            tried[chosen] = least[chosen]
-            before = answers.cost.copy()
+            tried[chosen, best[chosen]] = least[chosen]
             others = nearest[chosen]
             here = with_decisions_of(core, instances.at(chosen), answers.x0[:, others])
             states = answers.states[:, :: core.checks, others].copy()
@@ -199,8 +199,6 @@ class Waves:
                 chosen,
                 ("lanes", "neighbour"),
             )
-            if np.array_equal(before, outcomes.answers.cost, equal_nan=True):
-                return
 
     def _polished(self, each: OneByOne) -> None:
         """Solve the open instances by the NLP solver, and again those that fail."""

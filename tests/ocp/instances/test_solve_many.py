@@ -162,12 +162,32 @@ def test_a_lane_that_fails_is_tried_again_from_its_neighbour(
     x0s = np.array([[0.0, 0.9, 1.5, 0.5], [1.0, 0.0, 0.0, -1.0]])
     found = solve_many(double_integrator(), x0s, polish=None, seed=0, starts=1)
     assert found.start.tolist() == ["guess", "guess", "neighbour", "guess"]
-    assert fake.calls[0] == 4 and found.attempts[2] == 2
+    assert fake.calls[0] == 4 and found.attempts[2] == 4  # From each cheaper neighbour.
     np.testing.assert_array_equal(seen[0], np.zeros((1, N)))
     cheapest = int(found.cost[[0, 1, 3]].argmin())
     others = found.controls[:, :, [0, 1, 3]]
     np.testing.assert_array_equal(seen[1], others[:, :, cheapest])
     np.testing.assert_array_equal(found.iterations, 7 * found.attempts)
+
+
+def test_after_the_cheapest_neighbour_the_next_one_is_tried(
+    use_lanes: UseLanes,
+) -> None:
+    seen: list[Array] = []
+
+    def answer(x0: Array, guess: Array) -> Array | None:
+        if x0[0] < 1:
+            return by_gains(x0, guess)
+        seen.append(guess.copy())
+        return by_gains(x0, guess) if len(seen) == 3 else None
+
+    use_lanes(answer)
+    x0s = np.array([[0.0, 0.9, 1.5, 0.5], [1.0, 0.0, 0.0, -1.0]])
+    found = solve_many(double_integrator(), x0s, polish=None, seed=0, starts=1)
+    assert found.start[2] == "neighbour" and len(seen) == 4
+    others = [0, 1, 3]
+    for guess, place in zip(seen[1:], found.cost[others].argsort(), strict=True):
+        np.testing.assert_array_equal(guess, found.controls[:, :, others[place]])
 
 
 def test_each_start_of_an_instance_is_a_lane(use_lanes: UseLanes) -> None:
