@@ -1,0 +1,40 @@
+"""Pages on what many instances are for, made again in a short form."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from swarmstart.benchmarks.uses import feedback_map
+from swarmstart.tests.benchmarks.test_measured_pages import rows
+
+
+def test_a_small_map_is_mirrored_and_as_cheap_as_single_solves(tmp_path: Path) -> None:
+    """The next neighbours of a grid of 15 x 15 are far apart: not all are optima."""
+    page, picture = tmp_path / "page.md", tmp_path / "map.png"
+    few = ["--points", "15", "--solves", "5"]
+    feedback_map.main([*few, "--write", str(page), "--plot", str(picture)])
+    values = {cells[0]: float(cells[1]) for _, cells in rows(page.read_text("utf-8"))}
+    assert values["initial states"] == values["confirmed"] == 225
+    assert values["mirrored"] >= 0.9 and values["as cheap as `solve`"] >= 0.8
+    assert values["jump of the first control, at borders"] > 1
+    assert picture.stat().st_size > 10_000
+
+
+def test_borders_are_where_controls_differ_and_steps_where_the_cost_does() -> None:
+    controls = np.zeros((4, 3, 2))
+    controls[:, 2, 0] = 2.0
+    cost = np.zeros((3, 2))
+    cost[2, 0] = 5.0
+    known = np.ones((3, 2), dtype=bool)
+    one = feedback_map.Map(np.zeros((2, 3, 2)), cost, controls, known)
+    apart, control, jump = feedback_map.borders(one)
+    assert np.argwhere(apart).tolist() == [[1, 0]]
+    assert control[apart].tolist() == [2.0] and jump[apart].tolist() == [5.0]
+
+
+@pytest.mark.parametrize(("higher", "share"), [(0.0, 1.0), (0.1, 0.0)])
+def test_a_cost_above_its_mirror_image_counts(higher: float, share: float) -> None:
+    cost = np.ones((2, 2))
+    cost[0] += higher
+    assert feedback_map.mirrored(cost) == (1.0 + share) / 2
