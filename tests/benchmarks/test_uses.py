@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from swarmstart.benchmarks.uses import feedback_map
+from swarmstart.benchmarks.uses import design_study, feedback_map
 from swarmstart.tests.benchmarks.test_measured_pages import rows
 
 
@@ -38,3 +38,24 @@ def test_a_cost_above_its_mirror_image_counts(higher: float, share: float) -> No
     cost = np.ones((2, 2))
     cost[0] += higher
     assert feedback_map.mirrored(cost) == (1.0 + share) / 2
+
+
+def test_a_small_study_is_confirmed_and_as_cheap_as_single_solves(
+    tmp_path: Path,
+) -> None:
+    page, picture = tmp_path / "page.md", tmp_path / "study.png"
+    few = ["--points", "12", "--solves", "3"]
+    design_study.main([*few, "--write", str(page), "--plot", str(picture)])
+    cells = {row[0]: row[1] for _, row in rows(page.read_text("utf-8"))}
+    assert cells["lengths"] == cells["confirmed"] == "12"
+    assert float(cells["as cheap as `solve`"]) == 1
+    assert cells["best length [m]"] == "0.25"
+    assert picture.stat().st_size > 5_000
+
+
+def test_a_kink_is_where_the_slope_of_the_cost_changes() -> None:
+    lengths = np.linspace(0.0, 1.0, 21)
+    smooth = lengths + 0.01 * lengths**2
+    assert design_study.kinks(smooth, lengths).tolist() == []
+    bent = smooth + np.maximum(lengths - 0.5, 0.0)
+    assert design_study.kinks(bent, lengths).tolist() == [10]
