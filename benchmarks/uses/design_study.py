@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -79,7 +78,7 @@ def ratios(many: Solutions, lengths: Array, solves: int) -> Array:
         ).cost
         for one in chosen
     ]  # fmt: skip
-    return many.cost[chosen] / np.array(costs)
+    return np.asarray(many.cost[chosen] / np.array(costs))
 
 
 def plot(many: Solutions, lengths: Array, path: Path) -> None:
@@ -91,7 +90,7 @@ def plot(many: Solutions, lengths: Array, path: Path) -> None:
         axes.axvline(lengths[number], color="0.7", linewidth=0.8)
     axes.set_xlabel("length of the pole [m]")
     axes.set_ylabel("cost")
-    FigureCanvasAgg(figure).print_png(path)
+    figure.savefig(path)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -138,7 +137,7 @@ def plot(one: Map, path: Path) -> None:
     left.set_ylabel("speed [rad/s]")
     for axes in (left, right):
         axes.set_xlabel("angle [rad], 0 below")
-    FigureCanvasAgg(figure).print_png(path)
+    figure.savefig(path)
 
 
 def _numbers(points: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
