@@ -395,7 +395,7 @@ def sweep(  # noqa: PLR0913 - the options of a command
         ...     "double_integrator", seed=0, settings={"instances": {"grid": grid}}
         ... )
         >>> found.cost.round(2)
-        array([12.03,  0.  , 12.03])
+        array([48.47, 12.03,  0.  ])
     """
     resolved = resolved_with(scenario, settings, variant=variant, polish=polish)
     recording = None
