@@ -5,7 +5,12 @@ from collections.abc import Iterator, Mapping
 from swarmstart.cases.format.expressions import CONSTANTS, parse
 from swarmstart.cases.format.kind import Flight, Kind, Measure, Posed
 from swarmstart.cases.format.settings import LocatedFlaw
-from swarmstart.cases.kinds.problem.checks.instance_flaws import instances_of
+from swarmstart.cases.kinds.problem.checks.attempts import tried
+from swarmstart.cases.kinds.problem.checks.instance_flaws import (
+    instance_numbers,
+    instance_ranges,
+    instances_of,
+)
 from swarmstart.cases.kinds.problem.measuring.decided_measures import own_meanings
 from swarmstart.cases.kinds.problem.measuring.flown_path import rows_of
 from swarmstart.cases.kinds.problem.measuring.measures import (
@@ -25,6 +30,8 @@ from swarmstart.ocp import Trajectory
 def flaws(scenario: PythonScenario) -> Iterator[LocatedFlaw]:
     """Yield errors that are known without running the file, which has the names."""
     yield from scenario.flaws()
+    wrong = [*tried(instance_numbers(scenario))]
+    yield from wrong or instance_ranges(scenario)
     for name, text in scenario.measures.items():
         # Every name stands for a path: which ones exist is known after the file has
         # run.

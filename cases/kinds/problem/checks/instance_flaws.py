@@ -26,27 +26,30 @@ def instances_of(scenario: UserScenario) -> GivenInstances | None:
     part = scenario.instances
     if part is None:
         return None
-    constants: dict[str, float] = {}
-    if isinstance(scenario, ProblemScenario):
-        constants = constants_of(scenario)
+    constants = _constants(scenario)
     columns = instance_columns(part, lambda text: number(text, constants))
     return GivenInstances(columns, part.starts, part.place)
 
 
-def instance_numbers(scenario: ProblemScenario) -> Iterator[Attempt]:
+def _constants(scenario: UserScenario) -> dict[str, float]:
+    """Return the constants of a scenario; a problem from Python has none."""
+    return constants_of(scenario) if isinstance(scenario, ProblemScenario) else {}
+
+
+def instance_numbers(scenario: UserScenario) -> Iterator[Attempt]:
     """Yield attempts to evaluate the numbers of instances."""
     if scenario.instances is not None:
-        fixed = constants_of(scenario)
+        fixed = _constants(scenario)
         for place, text in scenario.instances.quantities():
             yield quantity(("instances", *place), text, fixed)
 
 
-def instance_ranges(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
+def instance_ranges(scenario: UserScenario) -> Iterator[LocatedFlaw]:
     """Yield errors of numbers that are out of range."""
     part = scenario.instances
     if part is None:
         return
-    fixed = constants_of(scenario)
+    fixed = _constants(scenario)
     for name, law in part.drawn.items():
         yield from law_flaws(("instances", "drawn", name), law, fixed)
     for name, axis in part.grid.items():

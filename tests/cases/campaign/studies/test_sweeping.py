@@ -323,6 +323,29 @@ def test_names_of_a_python_problem_are_checked_when_it_has_run(
         ss.sweep(file, seed=0, allow_python=True)
 
 
+@pytest.mark.parametrize(
+    ("instances", "message"),
+    [
+        (
+            "{drawn: {x: {normal: [0, -1]}}, samples: 3}",
+            "a deviation above 0, found -1",
+        ),
+        ("{grid: {x: {lower: 2, upper: 1, points: 3}}}", "expected lower < upper"),
+        ("{grid: {x: [near]}}", "unknown name 'near'"),
+    ],
+)
+def test_wrong_numbers_beside_a_python_problem_are_refused_without_running_it(
+    tmp_path: Path, instances: str, message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "model.py").write_text("raise SystemExit")
+    file = tmp_path / "p.yaml"
+    text = "kind: python\nproblem: model.py:build\nsteps: 4\ninstances: "
+    file.write_text(f"{text}{instances}\n")
+    assert main(["check", str(file)]) == INVALID
+    said = capsys.readouterr().err
+    assert message in said and "p.yaml:4:" in said
+
+
 def test_an_interrupt_keeps_what_was_solved(
     made: Make,
     tmp_path: Path,
