@@ -1,13 +1,13 @@
 """Kinds of scenario: the functions with which the commands run one."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from swarmstart.arrays import Array
-from swarmstart.cases.format.document import printable
+from swarmstart.cases.format.document import meant, printable
 from swarmstart.cases.format.settings import LocatedFlaw, Scenario
 from swarmstart.errors import SwarmstartError
 from swarmstart.ocp import (
@@ -25,6 +25,7 @@ from swarmstart.ocp import (
     verified,
 )
 from swarmstart.ocp.answer import start_of
+from swarmstart.ocp.instances import varied_names
 from swarmstart.ocp.loop import ReferenceSignals, known_at
 from swarmstart.ocp.rollout import from_near_start, shooting_of
 from swarmstart.ocp.statement import Appended
@@ -315,6 +316,27 @@ class GivenInstances(NamedTuple):
     columns: Mapping[str, Array]
     starts: int
     place: Callable[[int], str]
+
+
+def unknown_instances(
+    names: Iterable[str], problem: OptimalControlProblem
+) -> Iterator[tuple[str, str]]:
+    """Yield each name of instances that a problem cannot give them, with the reason.
+
+    Args:
+        names: Names of states and parameters.
+        problem: The planning problem.
+    """
+    states, parameters = varied_names(problem)
+    known = (*states, *parameters)
+    for name in names:
+        if name not in known:
+            hint = meant(name, known, otherwise=f"known: {', '.join(known)}")
+            yield (
+                name,
+                "expected a state whose start is given, or a parameter that is not "
+                f"decided; found {name!r}; {hint}",
+            )
 
 
 def no_instances(scenario: Scenario) -> GivenInstances | None:

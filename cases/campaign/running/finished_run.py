@@ -368,12 +368,22 @@ def default_folder(resolved: Resolved, seed: int, root: Path) -> Path:
 
 def key_of(resolved: Resolved, seed: int) -> str:
     """Return the hash of all that determines a run's result."""
-    settings = dict(resolved.settings)
-    # They change no result; of the backend, the one that was chosen counts.
-    for told_only in ("claims", "title", "source", "backend"):
-        settings.pop(told_only)
+    settings = determining(resolved)
     settings.pop("instances", None)  # Of a sweep alone.
     return run_key(settings, seed, backend_of(resolved))
+
+
+def determining(resolved: Resolved) -> dict[str, Any]:
+    """Return the settings that can change a result.
+
+    The backend is left out, since the one that was chosen counts.
+    """
+    told_only = "claims", "title", "source", "backend"
+    return {
+        name: value
+        for name, value in resolved.settings.items()
+        if name not in told_only
+    }
 
 
 def backend_of(resolved: Resolved) -> str:

@@ -262,14 +262,7 @@ def run(  # noqa: PLR0913 - the options of a command
         scenario, settings, variant=variant, search=search, polish=polish
     )
     resolved = replace(resolved, allow_python=allow_python)
-    recording = None
-    if out is not None:
-        recording = Recording(
-            folder=Path(out),
-            figures=figures,
-            force=force,
-            figure_formats=tuple(figure_formats),
-        )
+    recording = recording_in(out, figures, figure_formats, force=force)
     with shown(progress, "run", "building") as told:
         return run_resolved(
             resolved,
@@ -449,6 +442,24 @@ def _carried_out(cell: Cell, folder: Path) -> dict[str, Any]:
     """Return the result of a scenario's cell, computed in this process."""
     work: Callable[..., dict[str, Any]] = resolve_name(cell.work)
     return work(dict(cell.job), folder, **cell.permissions)
+
+
+def recording_in(
+    out: str | Path | None, figures: bool, formats: Sequence[str], *, force: bool
+) -> Recording | None:
+    """Return the folder and options of a record; None: nothing is recorded.
+
+    Args:
+        out: The folder, or None.
+        figures: Whether figures are drawn.
+        formats: Formats of each figure.
+        force: Whether files of another record are replaced.
+    """
+    if out is None:
+        return None
+    return Recording(
+        folder=Path(out), figures=figures, force=force, figure_formats=tuple(formats)
+    )
 
 
 def resolved_with(

@@ -33,10 +33,14 @@ from swarmstart.arguments import (
     optional,
     text,
 )
-from swarmstart.cases.campaign.running.finished_run import backend_of
-from swarmstart.cases.campaign.studies.library import NO_SETTINGS, resolved_with
-from swarmstart.cases.format.document import counted, meant
-from swarmstart.cases.format.kind import GivenInstances
+from swarmstart.cases.campaign.running.finished_run import backend_of, determining
+from swarmstart.cases.campaign.studies.library import (
+    NO_SETTINGS,
+    recording_in,
+    resolved_with,
+)
+from swarmstart.cases.format.document import counted
+from swarmstart.cases.format.kind import GivenInstances, unknown_instances
 from swarmstart.cases.format.scenario import Resolved
 from swarmstart.cases.kinds.flight import first_problem
 from swarmstart.cases.record.files import locked, write_json, write_text
@@ -164,10 +168,7 @@ class Sweep:
 
 def sweep_key(resolved: Resolved, seed: int) -> str:
     """Return the hash of all that determines the answers of a sweep."""
-    settings = dict(resolved.settings)
-    for of_reader in ("claims", "title", "source", "backend"):
-        settings.pop(of_reader)
-    return run_key(settings, seed, backend_of(resolved))
+    return run_key(determining(resolved), seed, backend_of(resolved))
 
 
 def swept(
@@ -214,11 +215,6 @@ def swept(
             solutions = _solved(resolved, given, seed, strict, threads, progress)
         except SolveManyInterrupted as interrupted:
             solutions, is_whole = interrupted.partial, False
-        except InvalidProblemError as error:
-            first = given.place(0)
-            raise InvalidProblemError(
-                f"{error}; instance 0 is {first}" if first else str(error)
-            ) from error
         return Sweep(
             resolved=resolved,
             solutions=solutions,
@@ -251,6 +247,7 @@ def _solved(
     """Return the answers to all instances.
 
     Raises:
+        InvalidProblemError: If an instance is invalid and must not be.
         SolveManyInterrupted: On Ctrl-C.
     """
     posed = resolved.posed()
@@ -260,39 +257,34 @@ def _solved(
     x0s = np.repeat(np.asarray(planning.x0, dtype=float)[:, None], M, axis=1)
     base = np.asarray(known.parameters, dtype=float).reshape(-1, 1)
     parameters = np.repeat(base, M, axis=1)
-    states, names = varied_names(problem)
-    _require_names(resolved.scenario.name, given.columns, (*states, *names))
+    for _, what in unknown_instances(given.columns, problem):
+        raise NoInstancesError(f"{resolved.scenario.name}: {what}")
+    _, names = varied_names(problem)
     for name, column in given.columns.items():
         if name in names:
             parameters[names.index(name)] = column
         else:
             x0s[problem.model.state_names.index(name)] = column
     guess = planning.guess
-    return solve_many(
-        problem,
-        x0s,
-        known=known._replace(parameters=parameters),
-        guesses=guess.controls if isinstance(guess, Start) else guess,
-        starts=given.starts,
-        polish=resolved.scenario.polish_options(),
-        repair=posed.repair,
-        threads=threads,
-        strict=strict,
-        seed=seed,
-        progress=progress,
-    )
-
-
-def _require_names(
-    scenario: str, given: Mapping[str, object], known: Sequence[str]
-) -> None:
-    for name in given:
-        if name not in known:
-            hint = meant(name, known, otherwise=f"known: {', '.join(known)}")
-            raise NoInstancesError(
-                f"{scenario}: expected instances of states whose start is given, and "
-                f"of parameters that are not decided; found {name!r}; {hint}"
-            )
+    first = given.place(0)
+    try:
+        return solve_many(
+            problem,
+            x0s,
+            known=known._replace(parameters=parameters),
+            guesses=guess.controls if isinstance(guess, Start) else guess,
+            starts=given.starts,
+            polish=resolved.scenario.polish_options(),
+            repair=posed.repair,
+            threads=threads,
+            strict=strict,
+            seed=seed,
+            progress=progress,
+        )
+    except InvalidProblemError as error:
+        if not (strict and first):
+            raise
+        raise InvalidProblemError(f"{error}; instance 0 is {first}") from error
 
 
 def _recorded(sweep: Sweep, recording: Recording) -> Sweep:
@@ -398,18 +390,10 @@ def sweep(  # noqa: PLR0913 - the options of a command
         array([48.47, 12.03,  0.  ])
     """
     resolved = resolved_with(scenario, settings, variant=variant, polish=polish)
-    recording = None
-    if out is not None:
-        recording = Recording(
-            folder=Path(out),
-            figures=figures,
-            force=force,
-            figure_formats=tuple(figure_formats),
-        )
     return swept(
         replace(resolved, allow_python=allow_python),
         seed=seed,
-        recording=recording,
+        recording=recording_in(out, figures, figure_formats, force=force),
         strict=strict,
         threads=threads,
         progress=progress,

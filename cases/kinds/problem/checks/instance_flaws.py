@@ -2,8 +2,7 @@
 
 from collections.abc import Iterator
 
-from swarmstart.cases.format.document import meant
-from swarmstart.cases.format.kind import GivenInstances
+from swarmstart.cases.format.kind import GivenInstances, unknown_instances
 from swarmstart.cases.format.settings import LocatedFlaw
 from swarmstart.cases.kinds.problem.checks.attempts import Attempt, Place, quantity
 from swarmstart.cases.kinds.problem.checks.uncertain import law_flaws
@@ -14,7 +13,6 @@ from swarmstart.cases.kinds.problem.stated.scenario import (
 )
 from swarmstart.cases.kinds.problem.stated.symbols import constants_of, number
 from swarmstart.ocp import OptimalControlProblem
-from swarmstart.ocp.instances import varied_names
 
 
 def instances_of(scenario: UserScenario) -> GivenInstances | None:
@@ -72,17 +70,9 @@ def instance_names(
     part = scenario.instances
     if part is None:
         return
-    states, parameters = varied_names(problem)
-    known = (*states, *parameters)
     source = next(
         key for key in ("file", "values", "grid", "drawn") if getattr(part, key)
     )
-    for name in part.names:
-        if name not in known:
-            place: Place = ("instances", source)
-            hint = meant(name, known, otherwise=f"known: {', '.join(known)}")
-            yield (
-                place if source == "file" else (*place, name),
-                "expected a state whose start is given, or a parameter that is not "
-                f"decided; found {name!r}; {hint}",
-            )
+    for name, what in unknown_instances(part.names, problem):
+        place: Place = ("instances", source)
+        yield place if source == "file" else (*place, name), what
