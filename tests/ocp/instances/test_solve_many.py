@@ -525,3 +525,19 @@ def test_a_known_can_have_parameters_of_each_instance() -> None:
     found = solve_many(problem, x0s, known=known, seed=0)
     np.testing.assert_array_equal(found.controls, named.controls)
     assert np.ptp(found.cost) > 0
+
+
+def test_an_answer_that_the_finer_grid_refutes_is_polished_once_only() -> None:
+    """No other start makes three steps of 1 s follow a pendulum."""
+    x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+    problem = OptimalControlProblem(
+        Model(states=x, controls=u, ode=ca.vertcat(x[1], u - 9.81 * ca.sin(x[0]))),
+        horizon=3.0,
+        intervals=3,
+        substeps=1,
+        stage_cost=u**2 + ca.sumsqr(x),
+        bounds=Bounds(controls=(-8, 8)),
+    )
+    found = solve_many(problem, [[1.0, 1.2], [0.0, 0.0]], seed=0)
+    assert found.status.tolist() == [SolutionStatus.MISMATCH] * 2
+    assert found.attempts.tolist() == [2, 2]  # In lanes, then from its own answer.
