@@ -308,13 +308,13 @@ class GivenInstances(NamedTuple):
 
     Attributes:
         columns: Starts of states and values of parameters by name, each (M,).
-        starts: Number of starts of each.
+        starts: Number of starts of each; None: as many as it takes.
         place: Number of an instance -> its line in a file, in words; empty without a
             file.
     """
 
     columns: Mapping[str, Array]
-    starts: int
+    starts: int | None
     place: Callable[[int], str]
 
 

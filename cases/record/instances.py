@@ -51,6 +51,7 @@ def save_solutions(solutions: Solutions, path: Path, *, force: bool) -> Path:
         "reasons": np.array(
             [solutions.invalid[number] for number in invalid], dtype="U"
         ),
+        "sampled": np.array(solutions.sampled),
         "seconds": np.array(solutions.seconds),
         "repair": np.array(how.repair),
         "seed": np.array([str(part) for part in how.seed]),
@@ -112,6 +113,7 @@ def _read(arrays: Arrays, problem: OptimalControlProblem) -> Solutions:
     shapes = {
         "controls": (core.model.nu, core.intervals, M),
         "states": (core.model.nx, core.nodes, M),
+        "costates": (core.model.nx, M),
     }
     each = {
         name: _array(arrays, name, shapes.get(name, (M,)), _KINDS.get(name, "f"))
@@ -133,6 +135,7 @@ def _read(arrays: Arrays, problem: OptimalControlProblem) -> Solutions:
         problem=problem,
         data=data,
         invalid=dict(zip(numbers.tolist(), reasons.tolist(), strict=True)),
+        sampled=int(_array(arrays, "sampled", (), "i")),
         seconds=float(_array(arrays, "seconds", (), "f")),
         **{name: each[name] for name in _OF_EACH},
         core_answers=Answers(**{name: each[name] for name in Answers._fields}),

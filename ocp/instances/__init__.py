@@ -17,12 +17,8 @@ from swarmstart.ocp.instances.solutions import (
     How,
     counted_near,
 )
-from swarmstart.ocp.instances.waves import (
-    STARTS,
-)
 
 __all__ = [
-    "STARTS",
     "Answers",
     "How",
     "InstanceData",

@@ -9,6 +9,7 @@ from dataclasses import dataclass, fields, replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swarmstart.arrays import Array
 from swarmstart.ocp.answer.planner import Planner
@@ -44,6 +45,11 @@ class LaneStart(NamedTuple):
     controls: Array
     states: Array | None = None
     is_near: bool = False
+
+    def at(self, chosen: NDArray[np.int64]) -> "LaneStart":
+        """Return the start of some of the instances."""
+        states = None if self.states is None else self.states[..., chosen]
+        return self._replace(controls=self.controls[..., chosen], states=states)
 
 
 Lanes = Callable[[Instances, LaneStart, Array], LaneAnswers]
@@ -128,13 +134,7 @@ class InLanes:
         count = instances.x0.shape[1]
         for begin in range(0, count, CHUNK):
             chosen = np.arange(begin, min(begin + CHUNK, count))
-            here = [
-                start._replace(
-                    controls=start.controls[..., chosen],
-                    states=None if start.states is None else start.states[..., chosen],
-                )
-                for start in starts
-            ]
+            here = [start.at(chosen) for start in starts]
             yield Group(chosen, self._solved(instances.at(chosen), here))
 
     def _solved(self, instances: Instances, starts: Sequence[LaneStart]) -> Answers:
@@ -148,7 +148,7 @@ class InLanes:
         found = Answers.none(core, instances.x0.shape[1])
         found.status[:] = SolutionStatus.INFEASIBLE
         found.status[~np.isfinite(ends.cost)] = SolutionStatus.NOT_FINITE
-        found.iterations[:] = ends.iterations
+        found.iterations[:], found.costates[:] = ends.iterations, ends.costates
         good = np.flatnonzero(reached(ends))
         if not good.size:
             return found
@@ -159,7 +159,7 @@ class InLanes:
         for part, answers in self._verified(here, ends.controls[:, :, good]):
             columns = good[part]
             for name, kept in found._asdict().items():
-                if name != "iterations":
+                if name not in {"iterations", "costates"}:
                     kept[..., columns] = getattr(answers, name)
         # Where expressions have kinks, the derivatives of the lanes show no optimum.
         if not self.planner.tracer.kinks.names:

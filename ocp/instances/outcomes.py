@@ -37,6 +37,8 @@ class Answers(NamedTuple):
         states: At the nodes, on the problem's own grid, shape (nx, nodes, n).
         by_interval: Whether an answer is judged interval by interval, shape (n,).
         iterations: Iterations of the lanes, shape (n,); 0 of an NLP solver.
+        costates: Derivatives of the cost by the states at the start, shape (nx, n); NaN
+            of an NLP solver.
     """
 
     status: Statuses
@@ -49,6 +51,7 @@ class Answers(NamedTuple):
     states: Array
     by_interval: NDArray[np.bool_]
     iterations: NDArray[np.int64]
+    costates: Array
 
     @classmethod
     def none(cls, core: OptimalControlProblem, n: int) -> Self:
@@ -65,6 +68,7 @@ class Answers(NamedTuple):
             states=np.full((core.model.nx, core.nodes, n), np.nan),
             by_interval=np.zeros(n, dtype=np.bool_),
             iterations=np.zeros(n, dtype=np.int64),
+            costates=np.full((core.model.nx, n), np.nan),
         )
 
     @classmethod
@@ -94,6 +98,7 @@ class Answers(NamedTuple):
             states=np.stack([plan.states for plan in plans], axis=-1),
             by_interval=np.array([plan.ends is not None for plan in plans]),
             iterations=np.zeros(len(plans), dtype=np.int64),
+            costates=np.full((core.model.nx, len(plans)), np.nan),
         )
 
     @property
@@ -144,6 +149,11 @@ class Outcomes:
             np.full(n, "", dtype="<U16"),
             np.zeros(n, dtype=np.int64),
         )
+
+    @property
+    def confirmed_costs(self) -> Array:
+        """Costs of the confirmed answers, else infinite, shape (n,)."""
+        return np.where(self.answers.confirmed, self.answers.cost, np.inf)
 
     @property
     def open(self) -> NDArray[np.int64]:

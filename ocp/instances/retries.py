@@ -20,6 +20,11 @@ from swarmstart.ocp.nlp.start import Start
 from swarmstart.ocp.rollout.fitness import started
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 
+CHEAPER = 1e-4
+"""Least relative difference of two costs that counts."""
+_CURVED = 0.2
+"""The same, relative to the second-order terms of the cost between neighbours."""
+
 
 class Neighbours:
     """Distances between the instances of a core."""
@@ -62,6 +67,60 @@ class Neighbours:
         order = np.argsort(is_own, axis=1, kind="stable")
         numbers = np.where(is_own, -1, numbers)
         return np.take_along_axis(numbers, order, axis=1)[:, :count]
+
+
+def is_cheaper(costs: Array, before: Array) -> NDArray[np.bool_]:
+    """Return where costs are below earlier ones, which may be infinite.
+
+    Args:
+        costs: Shape (n,).
+        before: Shape (n,).
+    """
+    least = CHEAPER * np.where(np.isfinite(before), np.abs(before), 0.0)
+    return np.asarray(costs < before - least)
+
+
+def promised_gains(
+    core: OptimalControlProblem,
+    instances: Instances,
+    answers: Answers,
+    around: NDArray[np.int64],
+) -> Array:
+    """Return by how much neighbours' optima may be cheaper at instances.
+
+    Shape (n, count), infinite where an instance has no confirmed answer, 0 where a
+    neighbour promises nothing. If an instance i and its neighbour k are in the same
+    valley, the costates tell the difference of their costs, up to terms of third order:
+
+        V_i - V_k = (lam_i + lam_k)' (x_i - x_k) / 2
+
+    If V_i is larger, their optima differ, and half the sum of what the neighbour's
+    optimum gains at both is the difference. A gain counts from `CHEAPER` of the cost
+    on, and from `_CURVED` of the terms of second order, (lam_i - lam_k)' (x_i - x_k).
+
+    Args:
+        core: The core.
+        instances: All instances.
+        answers: Their answers.
+        around: Numbers of each instance's neighbours, -1 if there are fewer.
+    """
+    own = np.where(answers.confirmed, answers.cost, np.inf)[:, None]
+    costs = np.where(around >= 0, answers.cost[around], np.inf)
+    apart = instances.x0[:, :, None] - instances.x0[:, around]
+    for one in core.free_starts:
+        apart[list(one.states)] = 0.0
+    here, there = answers.costates[:, :, None], answers.costates[:, around]
+    told = np.sum((here + there) * apart, axis=0) / 2
+    curved = np.abs(np.sum((here - there) * apart, axis=0))
+    # Costates say nothing of other data that differ.
+    others = np.vstack([instances.parameters, instances.signals])
+    known = np.isfinite(told) & (others[:, :, None] == others[:, around]).all(axis=0)
+    expected = costs + np.where(known, told, 0.0)
+    with np.errstate(invalid="ignore"):
+        size = np.maximum(np.abs(expected), np.where(np.isfinite(own), own, 0.0))
+        least = np.maximum(CHEAPER * size, np.where(known, _CURVED * curved, 0.0))
+        gains = own - expected
+    return np.where(gains > least, gains, 0.0)
 
 
 def starts_from(

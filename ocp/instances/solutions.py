@@ -36,13 +36,10 @@ from swarmstart.ocp.answer.sensitivity import (
 from swarmstart.ocp.answer.solution import Solution
 from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.common.presentation import Presenting, presentation
-from swarmstart.ocp.instances.instance_data import (
-    InstanceData,
-    PosedInstances,
-    told_invalid,
-)
-from swarmstart.ocp.instances.outcomes import Answers, Outcomes, Statuses
+from swarmstart.ocp.instances.instance_data import InstanceData, told_invalid
+from swarmstart.ocp.instances.outcomes import Answers, Statuses
 from swarmstart.ocp.instances.polishing import Answered, OneByOne
+from swarmstart.ocp.instances.work import Work
 from swarmstart.ocp.nlp.polish_options import IpoptOptions, PolishOptions
 from swarmstart.ocp.nlp.start import Start
 from swarmstart.ocp.rollout.fitness import from_near_start
@@ -88,6 +85,9 @@ class Solutions(Presenting):
             limit between the checks; "neighbour", the answer of another instance;
             "random"; empty without an answer.
         attempts: Number of solves of each instance, shape (M,).
+        sampled: Number of instances drawn at random at which other starts in lanes
+            found nothing cheaper, so that they were not tried at the rest; 0: all were
+            solved from all starts.
         invalid: Reason why an instance is invalid, by its number.
         seconds: Wall time of the solves [s].
         core_answers: The answers as the core of the problem has them.
@@ -113,6 +113,7 @@ class Solutions(Presenting):
     solver: NDArray[np.str_]
     start: NDArray[np.str_]
     attempts: NDArray[np.int64]
+    sampled: int
     invalid: Mapping[int, str]
     seconds: float
     core_answers: Answers
@@ -203,6 +204,21 @@ class Solutions(Presenting):
         """Number of instances of each status that occurs."""
         found = Counter(self.status.tolist())
         return {status: found[status] for status in SolutionStatus if found[status]}
+
+    @property
+    def sampled_line(self) -> str:
+        """Sentence about the starts that were tried at some instances only.
+
+        The share of all instances at which they would find something is below 3 / n, at
+        95 %, if they find nothing at n instances (Hanley and Lippman-Hand 1983).
+        """
+        if not self.sampled:
+            return "all instances were solved from all starts"
+        return (
+            f"other starts found nothing cheaper at {self.sampled} instances drawn of "
+            f"{len(self)}: at most {3 / self.sampled:.1%} have cheaper answers among "
+            "them (95% interval)"
+        )
 
     def __len__(self) -> int:
         """Return the number of instances."""
@@ -409,6 +425,8 @@ class Solutions(Presenting):
             lines.append(
                 f"  starts      {', '.join(f'{name} {n}' for name, n in starts)}"
             )
+        if self.sampled:
+            lines.append(f"  {self.sampled_line}")
         return "\n".join(lines + [f"  {line}" for line in told_invalid(self.invalid)])
 
     @cached_property
@@ -453,9 +471,9 @@ def counted_near(
 def solutions_of(
     problem: OptimalControlProblem,
     data: InstanceData,
-    posed: PosedInstances,
-    outcomes: Outcomes,
+    work: Work,
     *,
+    sampled: int,
     seconds: float,
     how: How,
 ) -> Solutions:
@@ -464,11 +482,12 @@ def solutions_of(
     Args:
         problem: The problem as it was given.
         data: Data of all M instances.
-        posed: The valid instances.
-        outcomes: Their answers.
+        work: The valid instances and their answers.
+        sampled: Number of instances at which other starts found nothing cheaper.
         seconds: Wall time.
         how: Settings of the solves.
     """
+    posed, outcomes = work.posed, work.outcomes
     M, numbers = data.size, posed.numbers
     every = _spread(outcomes.answers, numbers, M)
     every.status[list(posed.invalid)] = SolutionStatus.INVALID
@@ -482,6 +501,7 @@ def solutions_of(
         solver=solver,
         start=start,
         attempts=attempts,
+        sampled=sampled,
         invalid=dict(posed.invalid),
         seconds=seconds,
         core_answers=every,

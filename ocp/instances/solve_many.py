@@ -54,7 +54,8 @@ from swarmstart.ocp.instances.solutions import (
     solutions_of,
 )
 from swarmstart.ocp.instances.verification import fine_paths_of
-from swarmstart.ocp.instances.waves import STARTS, Waves
+from swarmstart.ocp.instances.waves import solved
+from swarmstart.ocp.instances.work import Work
 from swarmstart.ocp.nlp.polish_options import (
     IpoptOptions,
     NlpOptions,
@@ -70,7 +71,7 @@ from swarmstart.ocp.statement.problem import OptimalControlProblem
     known=optional(either(KNOWN, mapping(words="a mapping of names to numbers"))),
     guesses=optional(reals()),
     lanes=FLAG,
-    starts=a_count(least=1),
+    starts=optional(a_count(least=1)),
     polish=of_kind(
         (bool, str, IpoptOptions, NlpOptions, type(None)),
         "'ipopt', the name of an NLP solver of CasADi, IpoptOptions, NlpOptions or "
@@ -89,7 +90,7 @@ def solve_many(  # noqa: PLR0913 - the whole way in one call
     known: KnownGiven = None,
     guesses: ArrayLike | None = None,
     lanes: bool = True,
-    starts: int = STARTS,
+    starts: int | None = None,
     polish: PolishGiven = "ipopt",
     repair: bool = True,
     threads: int | None = None,
@@ -113,7 +114,9 @@ def solve_many(  # noqa: PLR0913 - the whole way in one call
             problem. Without lanes each instance is solved by `polish`.
         starts: Number of starts of each instance in the lanes: the guess or the middle
             of the bounds, with the states that they lead to and with states that stay
-            at x0, then random controls.
+            at x0, then random controls. None: the first one for all, and three others
+            for those that fail and for some drawn at random; as long as that finds
+            cheaper answers, for more.
         polish: NLP solver of the instances that the lanes leave, as in `solve`; None:
             they stay unsolved.
         repair: As in `solve`, for the answers of the NLP solver.
@@ -176,7 +179,7 @@ def solve_many(  # noqa: PLR0913 - the whole way in one call
                     f"leaves them out): {'; '.join(told_invalid(posed.invalid))}"
                 )
             outcomes = Outcomes.none(planner.problem, posed.numbers.size)
-            work = Waves(planner, posed, outcomes, seeds, told)
+            work = Work(planner, posed, outcomes, seeds, told)
             each = OneByOne(planner, seed=seeds, repair=repair, threads=threads)
             in_lanes = None
             if lanes:
@@ -186,11 +189,16 @@ def solve_many(  # noqa: PLR0913 - the whole way in one call
                     "solve_many needs lanes or a polish: there are no lanes for this "
                     "problem, and polish is None"
                 )
-            is_whole = work.finished(in_lanes, each if polishing else None, starts)
+            ended = solved(work, in_lanes, each if polishing else None, starts)
         solutions = solutions_of(
-            problem, data, posed, outcomes, seconds=watch.seconds, how=how
+            problem,
+            data,
+            work,
+            sampled=ended.sampled,
+            seconds=watch.seconds,
+            how=how,
         )
-        if not is_whole:
+        if not ended.is_whole:
             raise SolveManyInterrupted(solutions)
         return solutions
 

@@ -113,6 +113,7 @@ class FinePaths:
             states=grid.states,
             by_interval=np.zeros(n, dtype=np.bool_),
             iterations=np.zeros(n, dtype=np.int64),
+            costates=np.full((problem.model.nx, n), np.nan),
         )
 
 

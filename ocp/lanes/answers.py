@@ -53,6 +53,8 @@ class LaneAnswers:
         iterations: Number of steps, shape (n,).
         optimal: Whether an answer is shown to meet the conditions of a local optimum,
             of second order too, shape (n,); left out: none is.
+        costates: Derivatives of the cost by the states at the start, at an optimum,
+            shape (nx, n); left out: NaN.
     """
 
     controls: Array
@@ -62,12 +64,16 @@ class LaneAnswers:
     violation: Array
     iterations: NDArray[np.int64]
     optimal: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, np.bool_))
+    costates: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
-        """Fill in that no answer is shown to be optimal."""
+        """Fill in what is left out."""
         if self.optimal.shape != self.cost.shape:
             none = np.zeros(self.cost.shape, dtype=np.bool_)
             object.__setattr__(self, "optimal", none)
+        shape = self.states.shape[0], self.cost.size
+        if self.costates.shape != shape:
+            object.__setattr__(self, "costates", np.full(shape, np.nan))
 
 
 def joined(parts: Sequence[LaneAnswers]) -> LaneAnswers:

@@ -75,7 +75,7 @@ interval (16 to 80 were seen). Sweeps that must be too long are so refused witho
 counting, which would take seconds."""
 _TURNS = 64
 """Number of turns between two checks for Ctrl-C."""
-_KEPT = "u", "y", "x", "end", "paid", "worst", "iterations", "met"
+_KEPT = "u", "y", "x", "end", "paid", "worst", "iterations", "met", "force_start"
 
 
 class Instances(NamedTuple):
@@ -447,7 +447,8 @@ class _Chunk:
             kept=_KEPT, loop=take_turns, turns=_TURNS,
             side_by_side=max(_FEWEST, min(fit, _MOST_SIDE_BY_SIDE)),
         )  # fmt: skip
-        u, y, x, end, paid, worst, iterations, met = results_of(job, threads)
+        u, y, x, end, paid, worst, iterations, met, force = results_of(job, threads)
+        unit = self._unit[0] * posed.sizes.cost
         nu = posed.sizes.controls.size
         low, high = (
             (side[:nu] * posed.sizes.controls)[:, None, None]
@@ -457,10 +458,11 @@ class _Chunk:
             controls=np.clip(posed.controls(u), low, high),
             starts=np.clip(y, *posed.first_limits) * posed.start_sizes,
             states=posed.states(x, end),
-            cost=paid[0] * self._unit[0] * posed.sizes.cost,
+            cost=paid[0] * unit,
             violation=worst[0],
             iterations=iterations[0].astype(np.int64),
             optimal=met[0] > 0,
+            costates=force * unit / posed.sizes.states[:, None],
         )
 
 

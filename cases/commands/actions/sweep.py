@@ -55,5 +55,8 @@ def _report(sweep: Sweep) -> str:
         for status, count in solutions.counts.items()
     ]
     lines += sweep.cost_lines()
+    if solutions.sampled:
+        line = solutions.sampled_line
+        lines.append(f"{line[0].upper()}{line[1:]}.")
     lines += map(printable, told_invalid(sweep.invalid))
     return "\n".join([*lines, f"Record: {sweep.folder}"])

@@ -168,9 +168,7 @@ def test_joined_phases_travel_to_another_grid_without_their_counted_intervals() 
     guess = first.as_guess(fine.problem)
     assert guess.states is None and guess.carried is not None
     again, cold = (
-        solve(
-            fine.problem, fine.start([0, 0]), guess=one, search=None, lanes=0, seed=0
-        )
+        solve(fine.problem, fine.start([0, 0]), guess=one, search=None, lanes=0, seed=0)
         for one in (guess, None)
     )
     assert again.cost == pytest.approx(cold.cost, rel=1e-6)

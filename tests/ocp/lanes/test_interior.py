@@ -31,7 +31,9 @@ pytestmark = pytest.mark.usefixtures("compiler")
 A, B = np.array([[1.1, 0.3], [-0.2, 0.9]]), np.array([[0.1], [0.4]])
 Q, R, P = np.diag([1.0, 0.5]), 0.2, np.diag([3.0, 1.0])
 N = 12
-NAMES = "controls", "starts", "states", "cost", "violation", "iterations"
+NAMES = (
+    "controls", "starts", "states", "cost", "violation", "iterations", "costates",
+)  # fmt: skip
 
 
 def linear_quadratic(most: float = np.inf) -> OptimalControlProblem:
@@ -66,10 +68,8 @@ def between(x: ca.SX, _: ca.SX) -> list[PathConstraint]:
 
 def differing(first: LaneAnswers, second: LaneAnswers) -> list[str]:
     """Return the names of what does not have the same bits."""
-    return [
-        name for name in NAMES
-        if not np.array_equal(getattr(first, name), getattr(second, name))
-    ]  # fmt: skip
+    pairs = ((name, getattr(first, name), getattr(second, name)) for name in NAMES)
+    return [n for n, a, b in pairs if not np.array_equal(a, b, equal_nan=True)]
 
 
 def chosen(answers: LaneAnswers, lanes: NDArray[np.int64]) -> LaneAnswers:
@@ -90,6 +90,7 @@ def test_without_limits_answers_are_those_of_riccati() -> None:
         gains.insert(0, K)
         value = Q + A.T @ value @ (A - B @ K)
     np.testing.assert_allclose(answers.cost, np.sum(x0 * (value @ x0), 0), rtol=1e-8)
+    np.testing.assert_allclose(answers.costates, 2 * value @ x0, rtol=1e-8, atol=1e-8)
     x = x0
     for k, K in enumerate(gains):
         u = -K @ x
@@ -97,6 +98,21 @@ def test_without_limits_answers_are_those_of_riccati() -> None:
         x = A @ x + B @ u
     assert answers.violation.max() <= 1e-9
     assert answers.iterations.max() <= 3
+
+
+@pytest.mark.parametrize("limited", [False, True])
+def test_costates_are_the_differences_of_optimal_costs(limited: bool) -> None:
+    """Of a speed that meets its limit, and of an end that must be reached."""
+    more: dict[str, object] = {"terminal": lambda x, u: [x]}
+    if limited:
+        more = {"constraints": between}
+    case = posed(sliding(**more))
+    h, x0 = 1e-4, np.array([[-0.3], [0.05]])
+    steps = h * np.array([[0, 1, -1, 0, 0], [0, 0, 0, 1, -1.0]])
+    answers = case.solved(case.instances(x0 + steps))
+    _, right, left, up, down = answers.cost
+    expected = np.array([right - left, up - down]) / (2 * h)
+    np.testing.assert_allclose(answers.costates[:, 0], expected, rtol=2e-5)
 
 
 def test_with_limits_answers_are_those_of_an_active_set_method() -> None:

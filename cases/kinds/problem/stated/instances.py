@@ -23,7 +23,6 @@ from swarmstart.cases.kinds.problem.stated.values import (
     csv_rows,
     number_of,
 )
-from swarmstart.ocp.instances import STARTS
 
 MOST_INSTANCES, MOST_STARTS = 100_000, 1000
 """Largest number of instances of a sweep, and of starts of each."""
@@ -74,7 +73,7 @@ class Instances(Part):
         seed: Seed of the drawn numbers.
         starts: Number of starts of each instance: the guess or the middle of the
             bounds, with the states that they lead to and with states that stay at the
-            start, then random controls.
+            start, then random controls; null: as many as it takes.
     """
 
     file: str = Field(default="", exclude=True)
@@ -83,7 +82,7 @@ class Instances(Part):
     drawn: Mapping[Names, Law] = Field(default_factory=dict)
     samples: int | None = Field(default=None, ge=1, le=MOST_INSTANCES)
     seed: int = Field(default=0, ge=0, lt=2**32)
-    starts: int = Field(default=STARTS, ge=1, le=MOST_STARTS)
+    starts: int | None = Field(default=None, ge=1, le=MOST_STARTS)
 
     @model_validator(mode="before")
     @classmethod

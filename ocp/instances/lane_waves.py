@@ -1,0 +1,242 @@
+"""Waves of solves of many instances in lanes.
+
+    starts       every instance from its first start, the answer verified
+    margins      with finer checks and margins, answers that break a limit between the
+                 checks and would be the cheapest; at once, since a confirmed answer is
+                 not given up for one that is not
+    neighbours   from answers to similar instances that promise to be cheaper, and those
+                 that failed; again while that finds better answers
+    more starts  all of this again from other starts, for those that failed and for some
+                 drawn at random; for more of them as long as that finds cheaper answers
+
+Neighbours carry a better optimum from instance to instance, so that it needs to be
+found once only, and the starts that find it need not be tried everywhere.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.arrays import Array
+from swarmstart.ocp.instances.in_lanes import InLanes, LaneStart
+from swarmstart.ocp.instances.margins import Amounts, with_margins
+from swarmstart.ocp.instances.polishing import Group
+from swarmstart.ocp.instances.retries import (
+    is_cheaper,
+    promised_gains,
+    with_decisions_of,
+)
+from swarmstart.ocp.instances.work import Work
+from swarmstart.ocp.lanes.interior import Instances
+from swarmstart.ocp.rollout.status import SolutionStatus
+from swarmstart.ocp.statement.guesses import cold_controls
+
+_STARTS = 4
+"""Largest number of starts of an instance, if no number is given."""
+_PART, _FEWEST, _MOST = 4, 64, 300
+"""The instances that other starts are tried at: one in so many, at least and at most so
+many. If 300 show nothing, a cheaper answer is at less than 1 % of all, at 95 %."""
+_ROUNDS = 100
+"""Largest number of times that instances are tried from neighbours' answers. An optimum
+gets one or two neighbours further each time, and few instances are tried after the
+first times: each answer of a neighbour is tried once."""
+_AROUND = 8
+"""Number of nearest neighbours that are tried, the most promising one first."""
+_MARGINS = 2
+"""Largest number of times in a wave that limits get finer checks and margins."""
+
+
+class LaneWaves:
+    """Waves of solves of the instances of a problem in lanes."""
+
+    def __init__(self, work: Work, lanes: InLanes) -> None:
+        """Remember the work.
+
+        Args:
+            work: The instances.
+            lanes: Solves in lanes.
+        """
+        self._work, self._lanes = work, lanes
+        self._instances, self._answers = work.posed.core, work.outcomes.answers
+        self._neighbours = work.neighbours()
+        # Cost of each neighbour's answer that was tried: it would lead to the same end.
+        self._tried = np.full((work.size, _AROUND), np.nan)
+        self._tight: InLanes | None = None
+        self._amounts = Amounts()
+
+    def __call__(self, count: int | None) -> int:
+        """Solve all instances; return the number of those that were drawn last.
+
+        After these the other starts were not tried at the rest, since they had found
+        nothing cheaper. 0: all starts were tried at all instances.
+
+        Args:
+            count: Number of starts of each instance; None: as many as it takes.
+        """
+        work, starts = self._work, self._starts(count or _STARTS)
+        first = count or 1
+        self._from(starts[:first], np.arange(work.size))
+        others, rest = starts[first:], work.drawn()
+        size = min(max(work.size // _PART, _FEWEST), _MOST)
+        while others and rest.size:
+            sample, rest = rest[:size], rest[size:]
+            failed = np.isin(rest, work.outcomes.open)
+            before = work.outcomes.confirmed_costs[sample]
+            self._from(others, np.union1d(sample, rest[failed]))
+            rest = rest[~failed]
+            after = work.outcomes.confirmed_costs[sample]
+            # Those that had failed say nothing of the others.
+            solved = np.isfinite(before)
+            if not is_cheaper(after, before)[solved].any():
+                return sample.size if rest.size else 0
+        return 0
+
+    def _from(self, starts: Sequence[LaneStart], chosen: NDArray[np.int64]) -> None:
+        """Solve some instances from starts of all, and carry on what they find."""
+        here = self._instances.at(chosen)
+        self._wave(here, [start.at(chosen) for start in starts], chosen, "guess")
+        self._from_neighbours()
+
+    def _starts(self, count: int) -> list[LaneStart]:
+        """Return starts of all instances, the last ones with random controls."""
+        starts = self._led_or_held()[:count]
+        for number in range(len(starts), count):
+            drawn = self._work.random_start(number)
+            if drawn is not None:
+                starts.append(LaneStart(self._work.of_all(drawn.controls)))
+        return starts
+
+    def _led_or_held(self) -> list[LaneStart]:
+        """Return starts with states that controls lead to, or that stay at x0."""
+        work, x0 = self._work, self._instances.x0
+        core = work.planner.problem
+        cold, given = cold_controls(core), work.posed.guesses
+        shape = core.model.nx, core.intervals + 1, work.size
+        held = np.broadcast_to(x0[:, None], shape)
+        middle = work.of_all(cold[-1])
+        starts = [
+            LaneStart(work.of_all(cold[0]) if given is None else given),
+            LaneStart(middle if given is None else given, held),
+        ]
+        if given is None and len(cold) == 1:  # The first one is the middle.
+            return starts
+        return [*starts, LaneStart(middle)]
+
+    def _around(self) -> tuple[NDArray[np.int64], Array]:
+        """Return neighbours and the gains that they promise, each (n, count)."""
+        answers, every = self._answers, np.arange(self._work.size)
+        solved = np.flatnonzero(answers.confirmed)
+        around = self._neighbours.nearest(every, solved, _AROUND)
+        core = self._work.planner.problem
+        return around, promised_gains(core, self._instances, answers, around)
+
+    def _from_neighbours(self) -> None:
+        """Solve instances from answers of neighbours that promise cheaper ones."""
+        core, answers = self._work.planner.problem, self._answers
+        every = np.arange(self._work.size)
+        for _ in range(_ROUNDS):
+            if not answers.confirmed.any():
+                return
+            around, gains = self._around()
+            costs = np.where(around >= 0, answers.cost[around], np.nan)
+            gains[costs == self._tried[:, : costs.shape[1]]] = 0.0
+            best = gains.argmax(axis=1)
+            chosen = np.flatnonzero(gains[every, best] > 0)
+            if not chosen.size:
+                return
+            places = chosen, best[chosen]
+            self._tried[places] = costs[places]
+            others = around[places]
+            own = self._instances.at(chosen)
+            here = with_decisions_of(core, own, answers.x0[:, others])
+            states = answers.states[:, :: core.checks, others].copy()
+            states[:, 0] = here.x0
+            start = LaneStart(answers.controls[..., others], states, is_near=True)
+            self._wave(here, [start], chosen, "neighbour")
+
+    def _wave(
+        self,
+        here: Instances,
+        starts: Sequence[LaneStart],
+        chosen: NDArray[np.int64],
+        kind: str,
+    ) -> None:
+        """Solve some instances, with margins for what would be cheaper.
+
+        Args:
+            here: The instances, with the guesses of what is decided.
+            starts: One or several starts of each.
+            chosen: Their numbers.
+            kind: Kind of the starts.
+        """
+        lanes = self._lanes
+        broken = self._solved(lanes, here, starts, chosen, kind)
+        if self._tight is not None:
+            broken = self._again(self._tight, broken)
+        for _ in range(_MARGINS):
+            if lanes.paths is None or not broken.numbers.size:
+                return
+            some = broken.instances, broken.controls
+            core, self._amounts = with_margins(lanes.paths, *some, self._amounts)
+            self._tight = lanes.with_margins(core, broken.instances)
+            if self._tight is None:
+                return
+            broken = self._again(self._tight, broken)
+
+    def _again(self, tight: InLanes, broken: "_Broken") -> "_Broken":
+        """Solve with margins, from their own answers, those that break a limit."""
+        start = LaneStart(broken.controls, is_near=True)
+        return self._solved(
+            tight, broken.instances, [start], broken.numbers, "own answer"
+        )
+
+    def _solved(
+        self,
+        lanes: InLanes,
+        here: Instances,
+        starts: Sequence[LaneStart],
+        chosen: NDArray[np.int64],
+        kind: str,
+    ) -> "_Broken":
+        """Solve some instances; return the answers that only break a limit.
+
+        Between the checks, and that would be cheaper than what is confirmed.
+        """
+        costs = self._work.outcomes.confirmed_costs[chosen]
+        found = list[tuple[NDArray[np.int64], Array, Array]]()
+
+        def noted() -> Iterator[Group]:
+            for group in lanes(here, starts):
+                answers, own = group.answers, costs[group.chosen]
+                broken = [one is SolutionStatus.BROKEN for one in answers.status]
+                asked = np.flatnonzero(broken & is_cheaper(answers.cost, own))
+                places = group.chosen[asked]
+                found.append(
+                    (places, answers.x0[:, asked], answers.controls[..., asked])
+                )
+                yield group
+
+        self._work.wave(lambda _: noted(), chosen, ("lanes", kind))
+        if not found:
+            return _Broken(chosen[:0], here.at(slice(0)), np.zeros((0, 0, 0)))
+        places, x0, controls = (
+            np.concatenate(parts, axis=-1) for parts in zip(*found, strict=True)
+        )
+        instances = here.at(places)._replace(x0=x0)
+        return _Broken(chosen[places], instances, controls)
+
+
+class _Broken(NamedTuple):
+    """Answers that break a limit between the checks only.
+
+    Attributes:
+        numbers: Numbers of their instances, shape (n,).
+        instances: The instances, with the decisions about the start.
+        controls: Shape (nu, N, n).
+    """
+
+    numbers: NDArray[np.int64]
+    instances: Instances
+    controls: Array
