@@ -277,19 +277,24 @@ def posed_instances(planner: Planner, data: InstanceData) -> PosedInstances:
             invalid[number] = str(error)
     shapes = core.model.nx, core.model.np, core.ns * core.nodes
     parts = [*zip(*columns, strict=True)] or [()] * len(shapes)
-    found = [
+    found = Instances(*(
         np.stack(part, axis=-1) if part else np.empty((rows, 0))
         for part, rows in zip(parts, shapes, strict=False)
-    ]
+    ))  # fmt: skip
     guesses = None
     if data.guesses is not None and len(parts) > len(shapes):
         guesses = np.stack(parts[-1], axis=-1)
+    outside = _outside(planner, found)
+    invalid |= {numbers[place]: reason for place, reason in outside.items()}
+    kept = np.setdiff1d(np.arange(len(numbers)), [*outside]).astype(np.int64)
+    found = found.at(kept)
+    guesses = None if guesses is None else guesses[..., kept]
     keys = [one for one in (*found, guesses) if one is not None]
-    flat = [one.reshape(math.prod(one.shape[:-1]), len(numbers)) for one in keys]
+    flat = [one.reshape(math.prod(one.shape[:-1]), kept.size) for one in keys]
     order = order_of(np.vstack(flat))
     return PosedInstances(
-        numbers=np.array(numbers, dtype=np.int64)[order],
-        core=Instances(*found).at(order),
+        numbers=np.array(numbers, dtype=np.int64)[kept[order]],
+        core=found.at(order),
         guesses=None if guesses is None else guesses[:, :, order],
         invalid=invalid,
     )
@@ -299,22 +304,32 @@ def _posed(planner: Planner, data: InstanceData, number: int) -> tuple[Array, ..
     """Return x0, parameters, flat signals and, if given, controls of an instance.
 
     Raises:
-        InvalidProblemError: If its data are invalid, or the start breaks a constraint.
+        InvalidProblemError: If its data are invalid.
     """
     guess = None if data.guesses is None else data.guesses[:, :, number]
     if guess is not None and not np.isfinite(guess).all():
         raise InvalidProblemError("its guess must be finite")
     x0, known, start = planner.posed(data.x0[:, number], data.known(number), guess)
     found = shared_arguments(planner.problem, x0, known)
-    outside = planner.outside(found[0], known)
-    if outside:
-        raise InvalidProblemError(
-            "its start must keep the bounds of the states and the path constraints: "
-            f"{'; '.join(map(str, outside))}"
-        )
     if start is None:
         return found
     return *found, given_controls(planner.problem, np.asarray(start))
+
+
+def _outside(planner: Planner, instances: Instances) -> dict[int, str]:
+    """Return why starts break a constraint for any control, by their numbers."""
+    core, reasons = planner.problem, dict[int, str]()
+    first = instances.signals[: core.ns]
+    broken = planner.tracer.checker.may_break(instances.x0, instances.parameters, first)
+    for number in np.flatnonzero(broken).tolist():
+        known = instances.known(core, number)
+        outside = planner.outside(instances.x0[:, number], known)
+        if outside:
+            reasons[number] = (
+                "its start must keep the bounds of the states and the path "
+                f"constraints: {'; '.join(map(str, outside))}"
+            )
+    return reasons
 
 
 def order_of(rows: Array) -> NDArray[np.int64]:

@@ -96,7 +96,9 @@ class LaneWaves:
     def _from(self, starts: Sequence[LaneStart], chosen: NDArray[np.int64]) -> None:
         """Solve some instances from starts of all, and carry on what they find."""
         here = self._instances.at(chosen)
-        self._wave(here, [start.at(chosen) for start in starts], chosen, "guess")
+        if chosen.size < self._work.size:  # Copies of those of all would be large.
+            starts = [start.at(chosen) for start in starts]
+        self._wave(here, starts, chosen, "guess")
         self._from_neighbours()
 
     def _starts(self, count: int) -> list[LaneStart]:

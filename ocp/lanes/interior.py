@@ -153,7 +153,7 @@ class InteriorLanes:
             raise NoLanesError(reason)
         self.problem = shooting.problem
         self._program = program or multiple_shooting(shooting)
-        self._arguments = Arguments(shooting)
+        self._arguments, self._sizing = Arguments(shooting), shooting.sizing
         self._tolerance, self._most, self._longest = tolerance, most, longest
         self._made = dict[bool, _Made]()
 
@@ -277,10 +277,10 @@ class InteriorLanes:
             able = np.arange(instances.x0.shape[1])
         places = np.linspace(0, able.size - 1, min(able.size, _EXAMINED)).astype(int)
         numbers = able[np.unique(places)].tolist()
-        sizes = [
-            self._arguments.sizes(instances.x0[:, i], instances.known(problem, i))
-            for i in numbers
-        ]
+        asked = instances.at(np.array(numbers))
+        shape = problem.ns, problem.nodes, len(numbers)
+        signals = asked.signals.reshape(shape, order="F")
+        sizes = self._sizing.of_all(asked.x0, asked.parameters, signals)
         logs = np.log([
             np.concatenate([one.states, one.controls, 1 / one.weights, [one.cost]])
             for one in sizes

@@ -99,13 +99,35 @@ class Checker:
         """
         if not self.looks_at_start:
             return []
-        u = np.zeros((self._problem.model.nu, 1))
-        excess, above = self.path.excess(x0[:, None], u, p, s[:, None])
-        excess[~self.free] = -np.inf
+        excess, above = self._at_starts(x0[:, None], p[:, None], s[:, None])
         if not (excess > 0).any():
             return []
         found = self.path.worst(excess, above, np.zeros(1), sizes())
         return [e for e in found if e.relative > self._problem.tolerance]
+
+    def may_break(self, x0: Array, p: Array, s: Array) -> NDArray[np.bool_]:
+        """Return which initial states break a row at all, shape (n,).
+
+        Only these need be asked for what `at_start` finds.
+
+        Args:
+            x0: Initial states, shape (nx, n).
+            p: Parameters, shape (np, n).
+            s: Signals at the start, shape (ns, n).
+        """
+        if not self.looks_at_start:
+            return np.zeros(x0.shape[1], dtype=np.bool_)
+        excess, _ = self._at_starts(x0, p, s)
+        return np.asarray((excess > 0).any(axis=0))
+
+    def _at_starts(
+        self, x0: Array, p: Array, s: Array
+    ) -> tuple[Array, NDArray[np.bool_]]:
+        """Return the excess of each row that no control changes, -inf of others."""
+        u = np.zeros((self._problem.model.nu, 1))
+        excess, above = self.path.excess(x0, u, p, s)
+        excess[~self.free] = -np.inf
+        return excess, above
 
     def along(
         self,
