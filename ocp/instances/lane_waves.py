@@ -25,7 +25,7 @@ from swarmstart.ocp.instances.margins import Amounts, with_margins
 from swarmstart.ocp.instances.polishing import Group
 from swarmstart.ocp.instances.retries import (
     is_cheaper,
-    promised_gains,
+    promises,
     with_decisions_of,
 )
 from swarmstart.ocp.instances.work import Work
@@ -36,8 +36,9 @@ from swarmstart.ocp.statement.guesses import cold_controls
 _STARTS = 4
 """Largest number of starts of an instance, if no number is given."""
 _PART, _FEWEST, _MOST = 4, 64, 300
-"""The instances that other starts are tried at: one in so many, at least and at most so
-many. If 300 show nothing, a cheaper answer is at less than 1 % of all, at 95 %."""
+"""The instances that other starts, or neighbours' answers, are tried at first: one in
+so many, at least and at most so many. If 300 show nothing, a cheaper answer is at less
+than 1 % of all, at 95 %."""
 _ROUNDS = 100
 """Largest number of times that instances are tried from neighbours' answers. An optimum
 gets one or two neighbours further each time, and few instances are tried after the
@@ -61,6 +62,7 @@ class LaneWaves:
         self._work, self._lanes = work, lanes
         self._instances, self._answers = work.posed.core, work.outcomes.answers
         self._neighbours = work.neighbours()
+        self._few = min(max(work.size // _PART, _FEWEST), _MOST)
         # Cost of each neighbour's answer that was tried: it would lead to the same end.
         self._tried = np.full((work.size, _AROUND), np.nan)
         self._tight: InLanes | None = None
@@ -79,9 +81,8 @@ class LaneWaves:
         first = count or 1
         self._from(starts[:first], np.arange(work.size))
         others, rest = starts[first:], work.drawn()
-        size = min(max(work.size // _PART, _FEWEST), _MOST)
         while others and rest.size:
-            sample, rest = rest[:size], rest[size:]
+            sample, rest = rest[: self._few], rest[self._few :]
             failed = np.isin(rest, work.outcomes.open)
             before = work.outcomes.confirmed_costs[sample]
             self._from(others, np.union1d(sample, rest[failed]))
@@ -126,37 +127,47 @@ class LaneWaves:
             return starts
         return [*starts, LaneStart(middle)]
 
-    def _around(self) -> tuple[NDArray[np.int64], Array]:
-        """Return neighbours and the gains that they promise, each (n, count)."""
-        answers, every = self._answers, np.arange(self._work.size)
-        solved = np.flatnonzero(answers.confirmed)
-        around = self._neighbours.nearest(every, solved, _AROUND)
-        core = self._work.planner.problem
-        return around, promised_gains(core, self._instances, answers, around)
-
     def _from_neighbours(self) -> None:
-        """Solve instances from answers of neighbours that promise cheaper ones."""
-        core, answers = self._work.planner.problem, self._answers
-        every = np.arange(self._work.size)
+        """Solve instances from answers of neighbours that promise cheaper ones.
+
+        The clearest promises are tried first, and others if some of these were kept.
+        """
+        work, answers = self._work, self._answers
+        every, size = np.arange(work.size), self._few
         for _ in range(_ROUNDS):
-            if not answers.confirmed.any():
+            solved = np.flatnonzero(answers.confirmed)
+            if not solved.size:
                 return
-            around, gains = self._around()
+            around = self._neighbours.nearest(every, solved, _AROUND)
             costs = np.where(around >= 0, answers.cost[around], np.nan)
-            gains[costs == self._tried[:, : costs.shape[1]]] = 0.0
-            best = gains.argmax(axis=1)
-            chosen = np.flatnonzero(gains[every, best] > 0)
+            found = promises(work.planner.problem, self._instances, answers, around)
+            found[costs == self._tried[:, : costs.shape[1]]] = 0.0
+            best = found.argmax(axis=1)
+            clear = found[every, best]
+            size = max(size, int(np.isinf(clear).sum()))
+            first = np.argsort(-clear, kind="stable")[:size]
+            chosen = np.sort(first[clear[first] > 0])
             if not chosen.size:
                 return
             places = chosen, best[chosen]
             self._tried[places] = costs[places]
-            others = around[places]
-            own = self._instances.at(chosen)
-            here = with_decisions_of(core, own, answers.x0[:, others])
-            states = answers.states[:, :: core.checks, others].copy()
-            states[:, 0] = here.x0
-            start = LaneStart(answers.controls[..., others], states, is_near=True)
-            self._wave(here, [start], chosen, "neighbour")
+            before = work.outcomes.confirmed_costs[chosen]
+            self._from_answers(chosen, around[places])
+            after = work.outcomes.confirmed_costs[chosen]
+            # Those that failed are tried from all of their neighbours.
+            size = 2 * size if is_cheaper(after, before).any() else 0
+
+    def _from_answers(
+        self, chosen: NDArray[np.int64], others: NDArray[np.int64]
+    ) -> None:
+        """Solve some instances, each from the answer to another one."""
+        core, answers = self._work.planner.problem, self._answers
+        own = self._instances.at(chosen)
+        here = with_decisions_of(core, own, answers.x0[:, others])
+        states = answers.states[:, :: core.checks, others].copy()
+        states[:, 0] = here.x0
+        start = LaneStart(answers.controls[..., others], states, is_near=True)
+        self._wave(here, [start], chosen, "neighbour")
 
     def _wave(
         self,

@@ -80,23 +80,24 @@ def is_cheaper(costs: Array, before: Array) -> NDArray[np.bool_]:
     return np.asarray(costs < before - least)
 
 
-def promised_gains(
+def promises(
     core: OptimalControlProblem,
     instances: Instances,
     answers: Answers,
     around: NDArray[np.int64],
 ) -> Array:
-    """Return by how much neighbours' optima may be cheaper at instances.
+    """Return how clearly neighbours' optima promise to be cheaper at instances.
 
-    Shape (n, count), infinite where an instance has no confirmed answer, 0 where a
-    neighbour promises nothing. If an instance i and its neighbour k are in the same
-    valley, the costates tell the difference of their costs, up to terms of third order:
+    Shape (n, count): the gain by the least one that counts, 0 below 1, infinite where
+    an instance has no confirmed answer. If an instance i and its neighbour k are in the
+    same valley, the costates tell the difference of their costs, up to terms of third
+    order:
 
         V_i - V_k = (lam_i + lam_k)' (x_i - x_k) / 2
 
-    If V_i is larger, their optima differ, and half the sum of what the neighbour's
-    optimum gains at both is the difference. A gain counts from `CHEAPER` of the cost
-    on, and from `_CURVED` of the terms of second order, (lam_i - lam_k)' (x_i - x_k).
+    If V_i is larger, their optima differ, and the difference is half the sum of what
+    the neighbour's optimum gains at both. A gain counts from `CHEAPER` of the cost on,
+    and from `_CURVED` of the terms of second order, (lam_i - lam_k)' (x_i - x_k).
 
     Args:
         core: The core.
@@ -120,8 +121,8 @@ def promised_gains(
     with np.errstate(invalid="ignore"):
         size = np.maximum(np.abs(expected), np.where(np.isfinite(own), own, 0.0))
         least = np.maximum(CHEAPER * size, np.where(known, _CURVED * curved, 0.0))
-        gains = own - expected
-    return np.where(gains > least, gains, 0.0)
+        gains = (own - expected) / np.maximum(least, 1e-300)
+    return np.where(gains > 1, gains, 0.0)
 
 
 def starts_from(

@@ -6,7 +6,12 @@ import pytest
 from swarmstart.arrays import Array
 from swarmstart.ocp import Planner, SolutionStatus
 from swarmstart.ocp.instances.outcomes import Answers
-from swarmstart.ocp.instances.retries import is_cheaper, promised_gains
+from swarmstart.ocp.instances.retries import (
+    _CURVED,
+    CHEAPER,
+    is_cheaper,
+    promises,
+)
 from swarmstart.ocp.lanes.interior import Instances
 from swarmstart.tests.ocp.instances.fakes import double_integrator
 
@@ -18,7 +23,7 @@ A, B = (1.0, 0.0), (-1.0, -0.1)
 def promised(
     x: list[float], valleys: list[tuple[float, float]], *, parameters: list[float]
 ) -> tuple[Array, Array]:
-    """Return the gains that all others promise, and the costs."""
+    """Return what all others promise, and the costs."""
     n = len(x)
     answers = Answers.none(CORE, n)
     answers.status[:] = SolutionStatus.CONVERGED
@@ -28,7 +33,7 @@ def promised(
     rows = np.array([x, np.zeros(n)])
     instances = Instances(rows, np.array([parameters]), np.zeros((0, n)))
     around = np.array([[k for k in range(n) if k != i] for i in range(n)])
-    return promised_gains(CORE, instances, answers, around), answers.cost
+    return promises(CORE, instances, answers, around), answers.cost
 
 
 def gap(x: float) -> float:
@@ -38,7 +43,9 @@ def gap(x: float) -> float:
 
 def test_across_two_valleys_a_neighbour_promises_the_mean_of_both_gains() -> None:
     gains, _ = promised([-0.1, -0.7], [A, B], parameters=[0, 0])
-    assert gains[0, 0] == pytest.approx((gap(-0.1) + gap(-0.7)) / 2)
+    bent = (2 * (-0.1 - A[0]) - 2 * (-0.7 - B[0])) * 0.6  # Of second order.
+    mean = (gap(-0.1) + gap(-0.7)) / 2
+    assert gains[0, 0] == pytest.approx(mean / (_CURVED * abs(bent)))
     assert gains[1, 0] == 0  # Valley A saves nothing there.
 
 
@@ -54,13 +61,15 @@ def test_an_answer_without_confirmation_is_promised_everything() -> None:
     answers = Answers.none(CORE, 2)
     answers.status[1], answers.cost[1] = SolutionStatus.FEASIBLE, 5.0
     instances = Instances(np.zeros((2, 2)), np.zeros((0, 2)), np.zeros((0, 2)))
-    found = promised_gains(CORE, instances, answers, np.array([[1, -1], [0, -1]]))
+    found = promises(CORE, instances, answers, np.array([[1, -1], [0, -1]]))
     assert found.tolist() == [[np.inf, 0], [0, 0]]
 
 
 def test_with_other_parameters_the_lower_cost_counts_alone() -> None:
     gains, costs = promised([-0.1, -0.2], [A, A], parameters=[0, 1])
-    assert gains[0, 0] == 0 and gains[1, 0] == pytest.approx(costs[1] - costs[0])
+    least = CHEAPER * costs[1]
+    assert gains[0, 0] == 0
+    assert gains[1, 0] == pytest.approx((costs[1] - costs[0]) / least)
 
 
 def test_infinite_and_equal_costs_are_not_cheaper() -> None:
