@@ -386,6 +386,13 @@ class Planner(Called):
             return None
         return ManyStarts(self.fitness, self.polisher, self._lanes, self.threads)
 
+    @property
+    def is_core(self) -> bool:
+        """True if the stated problem is its own core, with the same data."""
+        # All members of an ensemble may be given one start, which must be repeated.
+        is_core = self.lowered.core is self.stated and self.stated.risk is None
+        return is_core and not self.problem.free_starts
+
     @checked(refused, x0=reals(), known=KNOWN, guess=_GUESS)
     def posed(
         self, x0: ArrayLike, known: Known = NOTHING, guess: Array | Start | None = None
@@ -403,11 +410,9 @@ class Planner(Called):
         Raises:
             InvalidProblemError: If a shape is not the problem's.
         """
-        lowered = self.lowered
-        # All members of an ensemble may be given one start, which must be repeated.
-        is_core = lowered.core is self.stated and self.stated.risk is None
-        if is_core and not self.problem.free_starts:
+        if self.is_core:
             return x0, known, guess
+        lowered = self.lowered
         start, core = lowered.start(x0, known.previous), core_known(lowered, known)
         if isinstance(guess, Start):
             start = lowered.with_decided(start, guess.decided)

@@ -9,6 +9,7 @@ given changes no bit of an answer.
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -265,6 +266,56 @@ def posed_instances(planner: Planner, data: InstanceData) -> PosedInstances:
         planner: The planner of the problem.
         data: The data of all instances.
     """
+    as_stated = planner.is_core and data.previous is None
+    found, guesses, numbers, invalid = (_kept if as_stated else _converted)(
+        planner, data
+    )
+    outside = _outside(planner, found)
+    invalid |= {int(numbers[place]): reason for place, reason in outside.items()}
+    inside = np.setdiff1d(np.arange(numbers.size), [*outside]).astype(np.int64)
+    found = found.at(inside)
+    guesses = None if guesses is None else guesses[..., inside]
+    keys = [one for one in (*found, guesses) if one is not None]
+    flat = [one.reshape(math.prod(one.shape[:-1]), inside.size) for one in keys]
+    order = order_of(np.vstack(flat))
+    return PosedInstances(
+        numbers=numbers[inside[order]],
+        core=found.at(order),
+        guesses=None if guesses is None else guesses[:, :, order],
+        invalid=invalid,
+    )
+
+
+class _OfCore(NamedTuple):
+    """Instances of the core, their guesses, their numbers, and reasons of others."""
+
+    instances: Instances
+    guesses: Array | None
+    numbers: NDArray[np.int64]
+    invalid: dict[int, str]
+
+
+def _kept(planner: Planner, data: InstanceData) -> _OfCore:
+    """Return instances of a core that is the problem itself, without a loop."""
+    M, invalid = data.size, dict[int, str]()
+    flat = data.signals.swapaxes(0, 1).reshape(-1, M)
+    rows = [data.x0, data.parameters, flat]
+    if data.guesses is not None:
+        rows.append(data.guesses.reshape(-1, M))
+    is_finite = np.all([np.isfinite(one).all(axis=0) for one in rows], axis=0)
+    for number in np.flatnonzero(~is_finite).tolist():
+        try:
+            _posed(planner, data, number)
+        except InvalidProblemError as error:
+            invalid[number] = str(error)
+    numbers = np.flatnonzero(is_finite)
+    instances = Instances(data.x0, data.parameters, flat).at(numbers)
+    guesses = None if data.guesses is None else data.guesses[..., numbers]
+    return _OfCore(instances, guesses, numbers, invalid)
+
+
+def _converted(planner: Planner, data: InstanceData) -> _OfCore:
+    """Return instances converted one by one."""
     core = planner.problem
     invalid: dict[int, str] = {}
     numbers: list[int] = []
@@ -284,20 +335,7 @@ def posed_instances(planner: Planner, data: InstanceData) -> PosedInstances:
     guesses = None
     if data.guesses is not None and len(parts) > len(shapes):
         guesses = np.stack(parts[-1], axis=-1)
-    outside = _outside(planner, found)
-    invalid |= {numbers[place]: reason for place, reason in outside.items()}
-    kept = np.setdiff1d(np.arange(len(numbers)), [*outside]).astype(np.int64)
-    found = found.at(kept)
-    guesses = None if guesses is None else guesses[..., kept]
-    keys = [one for one in (*found, guesses) if one is not None]
-    flat = [one.reshape(math.prod(one.shape[:-1]), kept.size) for one in keys]
-    order = order_of(np.vstack(flat))
-    return PosedInstances(
-        numbers=np.array(numbers, dtype=np.int64)[kept[order]],
-        core=found.at(order),
-        guesses=None if guesses is None else guesses[:, :, order],
-        invalid=invalid,
-    )
+    return _OfCore(found, guesses, np.array(numbers, dtype=np.int64), invalid)
 
 
 def _posed(planner: Planner, data: InstanceData, number: int) -> tuple[Array, ...]:
