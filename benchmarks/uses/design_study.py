@@ -31,8 +31,8 @@ TEXT = """# A design study over 500 variants
 Made by `python benchmarks/uses/design_study.py --write docs/measured/design_study.md
 --plot docs/measured/design_study.png`. What does a metre of pole cost if a cart has to
 swing it up within a second? The problem is that of the shipped `pendulum_on_cart` (0.8
-m) with the length as a parameter, at 500 lengths from 0.25 m to 2 m, from the default 4
-starts each. The same from the command line:
+m) with the length as a parameter, at 500 lengths from 0.25 m to 2 m. The same from the
+command line:
 
     swarmstart sweep benchmarks/uses/pole.yaml
 

@@ -1,6 +1,8 @@
 """Many instances in one call, by lanes and by the NLP solver."""
 
 import copy
+import subprocess
+import sys
 from collections.abc import Callable
 from typing import Any
 
@@ -563,3 +565,27 @@ def test_an_answer_that_the_finer_grid_refutes_is_polished_once_only() -> None:
     assert found.status.tolist() == [SolutionStatus.MISMATCH] * 2
     # In lanes from the first start and from others, then from its own answer.
     assert found.attempts.tolist() == [3, 3]
+
+
+MANY = """
+import resource, casadi as ca, numpy as np, swarmstart as ss
+x, u = ca.SX.sym("x", 4), ca.SX.sym("u", 2)
+problem = ss.OptimalControlProblem(
+    ss.Model(states=x, controls=u, ode=ca.vertcat(
+        x[2], x[3], u[0] - 0.1 * x[2] ** 3, u[1] - ca.sin(x[1])
+    )),
+    horizon=3.0, intervals=30, stage_cost=ca.sumsqr(u) + ca.sumsqr(x),
+    bounds=ss.Bounds(controls=(-2, 2)),
+)
+x0s = np.random.default_rng(0).uniform(-1, 1, (4, 100_000))
+found = ss.solve_many(problem, x0s, seed=0, threads=1, progress=False)
+print(found.is_confirmed.sum(), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+"""
+
+
+def test_a_hundred_thousand_instances_of_four_states_fit_into_a_gigabyte() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", MANY], capture_output=True, text=True, check=True
+    )
+    confirmed, kilobytes = map(int, done.stdout.split())
+    assert confirmed == 100_000 and kilobytes < 1e6
