@@ -91,6 +91,14 @@ def _names(problem: OptimalControlProblem) -> Arrays:
     }
 
 
+def _sampled(arrays: Arrays, M: int) -> int:
+    """Return the number of instances drawn."""
+    number = int(_array(arrays, "sampled", (), "i"))
+    if not 0 <= number <= M:
+        raise ValueError(f"expected a sample of at most {M} instances, found {number}")
+    return number
+
+
 def _read(arrays: Arrays, problem: OptimalControlProblem) -> Solutions:
     """Return answers from arrays.
 
@@ -135,7 +143,7 @@ def _read(arrays: Arrays, problem: OptimalControlProblem) -> Solutions:
         problem=problem,
         data=data,
         invalid=dict(zip(numbers.tolist(), reasons.tolist(), strict=True)),
-        sampled=int(_array(arrays, "sampled", (), "i")),
+        sampled=_sampled(arrays, M),
         seconds=float(_array(arrays, "seconds", (), "f")),
         **{name: each[name] for name in _OF_EACH},
         core_answers=Answers(**{name: each[name] for name in Answers._fields}),

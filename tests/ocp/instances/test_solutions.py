@@ -158,6 +158,7 @@ REFUSED = r"expected answers that Solutions\.save"
 Arrays = dict[str, NDArray[Any]]
 FORGED: dict[str, tuple[Arrays, str]] = {
     "another format": ({"format": np.array("other")}, "expected the format"),
+    "a sample of less than none": ({"sampled": np.array(-5)}, "expected a sample"),
     "other names": (
         {"state_names": np.array(["a", "b"])},
         "expected the state names x_0, x_1, found a, b",
