@@ -312,7 +312,8 @@ _TWO: dict[str, Callable[[float, float], float]] = {
 def _call(parts: tuple[str, Computed, Computed]) -> Computed:
     name, (left, a), (right, b) = parts
     if name in _ONE:
-        return f"{name}({left})", _ONE[name](a)
+        # Python's sine of infinity is an error.
+        return f"{name}({left})", _ONE[name](a) if math.isfinite(a) else math.nan
     return f"{name}( {left},{right})", _TWO[name](a, b)
 
 
