@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from swarmstart.benchmarks.uses import design_study, feedback_map
+from swarmstart.benchmarks.uses import design_study, feedback_map, training_set
 from swarmstart.tests.benchmarks.test_measured_pages import rows
 
 
@@ -59,3 +59,27 @@ def test_a_kink_is_where_the_slope_of_the_cost_changes() -> None:
     assert design_study.kinks(smooth, lengths).tolist() == []
     bent = smooth + np.maximum(lengths - 0.5, 0.0)
     assert design_study.kinks(bent, lengths).tolist() == [10]
+
+
+def test_the_slope_of_a_network_is_that_of_differences() -> None:
+    rng = np.random.default_rng(0)
+    network = training_set.Network.random(rng)
+    inputs, goal = rng.normal(size=(4, 7)), rng.uniform(-1, 1, 7)
+    _, slope = network.loss(inputs, goal)
+    h = 1e-6 * rng.normal(size=slope.size)
+    ends = [
+        training_set.Network(network.weights + sign * h).loss(inputs, goal)[0]
+        for sign in (1, -1)
+    ]
+    assert (ends[0] - ends[1]) / 2 == pytest.approx(slope @ h, rel=1e-6)
+
+
+def test_few_plans_fly_at_their_costs_and_a_network_near_them(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    few = ["--points", "10", "--pairs", "2000", "--flights", "20", "--iterations", "60"]
+    training_set.main([*few, "--write", str(page)])
+    values = {cells[0]: float(cells[1]) for _, cells in rows(page.read_text("utf-8"))}
+    assert values["optimal paths"] == values["of these confirmed"] == 100
+    assert values["largest difference of a plan's flown cost, relative"] < 1e-4
+    assert values["RMS error of the torque, other pairs"] < 3
+    assert values["median excess"] < 1
