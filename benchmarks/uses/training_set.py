@@ -1,8 +1,8 @@
-"""A small network fitted to 100,000 states and optimal controls, and flown.
+"""A small network fitted to 100,000 states and optimal controls, in closed loop.
 
     python benchmarks/uses/training_set.py [--write docs/measured/training_set.md]
         [--plot docs/measured/training_set.png] [--points 100] [--pairs 100000]
-        [--flights 500] [--iterations 600]
+        [--paths 500] [--iterations 600]
 
 The problem is benchmarks/uses/swing_up.yaml.
 """
@@ -24,7 +24,7 @@ from swarmstart.benchmarks.uses.feedback_map import ANGLE, SPEED, solved
 TORQUE, GRAVITY, HORIZON, INTERVALS = 5.0, 9.81, 3.0, 30
 """Numbers of the problem."""
 SUBSTEPS = 20
-"""Steps of the flown path in an interval."""
+"""Steps of the simulated path in an interval."""
 HIDDEN = 48
 """Number of units in each of two hidden layers."""
 ITERATIONS = 600
@@ -37,14 +37,14 @@ map](feedback_map.md) visit 300,000 states at the beginnings of their intervals;
 rest of an optimal path is optimal for the time that is left, so each state, with its
 time, has an optimal control. A network (two hidden layers of 48, tanh) is fitted to
 100,000 of these pairs by L-BFGS: cos and sin of the angle, speed and time to the
-torque. Then it flies 500 swing-ups from states that were not in the set, drawn
-uniformly, and is compared with the optimal plan from each; without disturbances, a
-controller that solves the problem again at each step flies just that plan. Flown costs
+torque. Then it controls the pendulum from 500 states that were not in the set,
+drawn uniformly, and is compared with the optimal plan from each; without disturbances,
+a controller that solves the problem again at each step follows just that plan. Costs
 are integrated apart from the library, by Runge-Kutta steps of a twentieth of an
-interval. "Excess" is the flown cost relative to that of the plan, less 1.
+interval. "Excess" is the network's cost relative to that of the plan, less 1.
 
-A network is smooth, but the optimal control jumps where basins meet. There it flies a
-mean of both ways, which is neither; hence the tail of the excess.
+A network is smooth, but the optimal control jumps where basins meet. There it takes
+a mean of both ways, which is neither; hence the tail of the excess.
 
 """
 
@@ -169,8 +169,8 @@ def _inputs(states: Array, times: Array) -> Array:
     return np.stack([np.cos(angle), np.sin(angle), speed / SPEED, times / HORIZON])
 
 
-def flown(x0: Array, torques: "Network | Array") -> Array:
-    """Return the costs of flights, shape (n,).
+def simulated(x0: Array, torques: "Network | Array") -> Array:
+    """Return the costs of paths, shape (n,).
 
     Args:
         x0: Initial states, shape (2, n).
@@ -198,13 +198,13 @@ def flown(x0: Array, torques: "Network | Array") -> Array:
 
 
 def plot(excess: Array, path: Path) -> None:
-    """Draw the share of flights over the excess of their costs."""
+    """Draw the share of paths over the excess of their costs."""
     figure = Figure(figsize=(7, 3.5), layout="constrained")
     axes = figure.subplots()
     order = np.sort(np.maximum(excess, 1e-6))
     axes.semilogx(order, np.arange(1, order.size + 1) / order.size)
-    axes.set_xlabel("excess of the flown cost over that of the plan")
-    axes.set_ylabel("share of flights")
+    axes.set_xlabel("excess of the network's cost over that of the plan")
+    axes.set_ylabel("share of paths")
     axes.grid(color="0.9")
     figure.savefig(path)
 
@@ -214,7 +214,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = page_options(__doc__)
     parser.add_argument("--points", type=int, default=100, help="on each side")
     parser.add_argument("--pairs", type=int, default=100_000, help="to be fitted")
-    parser.add_argument("--flights", type=int, default=500, help="of the network")
+    parser.add_argument("--paths", type=int, default=500, help="of the network")
     parser.add_argument("--iterations", type=int, default=ITERATIONS, help="of the fit")
     parser.add_argument("--plot", type=Path, help="a picture to write")
     options = parser.parse_args(arguments)
@@ -231,15 +231,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     begin = time.process_time()
     network = Network.random(rng).fitted(fit, options.iterations)
     trained = time.process_time() - begin
-    x0 = rng.uniform([[-ANGLE], [-SPEED]], [[ANGLE], [SPEED]], (2, options.flights))
+    x0 = rng.uniform([[-ANGLE], [-SPEED]], [[ANGLE], [SPEED]], (2, options.paths))
     begin = time.process_time()
     plans = ss.solve_many(many.problem, x0, seed=0, threads=1, progress=False)
-    solve_ms = 1e3 * (time.process_time() - begin) / options.flights
+    solve_ms = 1e3 * (time.process_time() - begin) / options.paths
     begin = time.process_time()
     network(test.states, test.times)
     network_us = 1e6 * (time.process_time() - begin) / max(1, test.times.size)
-    planned = flown(x0, plans.controls[0])
-    excess = flown(x0, network) / planned - 1
+    planned = simulated(x0, plans.controls[0])
+    excess = simulated(x0, network) / planned - 1
     errors = [
         float(np.sqrt(np.mean((network(one.states, one.times) - one.controls) ** 2)))
         for one in (fit, test)
@@ -253,19 +253,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
         row("CPU time of the fit [s]", f"{trained:.0f}"),
         row("RMS error of the torque, fitted pairs", f"{errors[0]:.2f}"),
         row("RMS error of the torque, other pairs", f"{errors[1]:.2f}"),
-        row("flights", str(x0.shape[1])),
-        row("largest difference of a plan's flown cost, relative",
+        row("paths of the network", str(x0.shape[1])),
+        row("largest difference of a plan's cost, relative",
             f"{np.max(np.abs(planned / plans.cost - 1)):.1e}"),
         row("median excess", f"{np.median(excess):.4f}"),
         row("excess of nine in ten is below", f"{np.quantile(excess, 0.9):.3f}"),
-        row("share of flights within 1 %", f"{np.mean(excess <= 0.01):.2f}"),
-        row("share of flights within 10 %", f"{np.mean(excess <= 0.1):.2f}"),
+        row("share of paths within 1 %", f"{np.mean(excess <= 0.01):.2f}"),
+        row("share of paths within 10 %", f"{np.mean(excess <= 0.1):.2f}"),
         row("CPU time of a control by the network [us]", f"{network_us:.1f}"),
         row("CPU time of a plan by `solve_many` [ms]", f"{solve_ms:.1f}"),
     ]  # fmt: skip
     if options.plot:
         plot(excess, options.plot)
-        lines += ["", f"![Share of flights over excess]({options.plot.name})"]
+        lines += ["", f"![Share of paths over excess]({options.plot.name})"]
     publish(lines, options, TEXT)
     return 0
 
