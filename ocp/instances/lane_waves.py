@@ -47,6 +47,9 @@ _AROUND = 8
 """Number of nearest neighbours that are tried, the most promising one first."""
 _MARGINS = 2
 """Largest number of times in a wave that limits get finer checks and margins."""
+_TIGHTENED = 6
+"""The same in all waves: the lanes are compiled each time, and what cannot be kept
+would come back in every wave."""
 
 
 class LaneWaves:
@@ -66,7 +69,7 @@ class LaneWaves:
         # Cost of each neighbour's answer that was tried: it would lead to the same end.
         self._tried = np.full((work.size, _AROUND), np.nan)
         self._tight: InLanes | None = None
-        self._amounts = Amounts()
+        self._amounts, self._left = Amounts(), _TIGHTENED
 
     def __call__(self, count: int | None) -> int:
         """Solve all instances; return the number of those that were drawn last.
@@ -189,8 +192,9 @@ class LaneWaves:
         if self._tight is not None:
             broken = self._again(self._tight, broken)
         for _ in range(_MARGINS):
-            if lanes.paths is None or not broken.numbers.size:
+            if lanes.paths is None or not (broken.numbers.size and self._left):
                 return
+            self._left -= 1
             some = broken.instances, broken.controls
             core, self._amounts = with_margins(lanes.paths, *some, self._amounts)
             self._tight = lanes.with_margins(core, broken.instances)
