@@ -73,9 +73,8 @@ class Measured(NamedTuple):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, print the tables, and write them where asked."""
-    parser = page_options(__doc__)
+    parser = page_options(__doc__, plots=True)
     parser.add_argument("--short", action="store_true", help="some 30 seconds")
-    parser.add_argument("--plot", type=Path, help="a picture to write")
     parser.add_argument("--check", action="store_true", help="fail below the floors")
     options = parser.parse_args(arguments)
 

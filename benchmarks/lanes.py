@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 from swarmstart.arrays import Array
 from swarmstart.benchmarks.kept_values import PROBLEMS
 from swarmstart.benchmarks.problems import Instance, passing
-from swarmstart.benchmarks.tables import head, page_options, publish, row
+from swarmstart.benchmarks.tables import head, illustrated, page_options, publish, row
 from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.cases.kinds.flight import first_problem
 from swarmstart.cases.kinds.problem.pose import pose
@@ -275,10 +275,9 @@ def _polished(
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Compare all problems, print the table, and write it where asked."""
-    parser = page_options(__doc__)
+    parser = page_options(__doc__, plots=True)
     parser.add_argument("--starts", type=int, default=256, help="lanes")
     parser.add_argument("--solves", type=int, default=24, help="by IPOPT")
-    parser.add_argument("--plot", type=Path, help="a picture to write")
     parser.add_argument("--only", action="append", help="one problem")
     options = parser.parse_args(arguments)
     lines = [
@@ -299,9 +298,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(lines[-1], flush=True)
     middle = float(np.median(list(ratios.values())))
     lines += ["", f"Median of the ratios: {middle:.0f}."]
-    if options.plot:
-        plot(ratios, options.plot)
-        lines += ["", f"![How many times faster lanes are]({options.plot.name})"]
+    caption = "How many times faster lanes are"
+    lines = illustrated(lines, options, caption, lambda path: plot(ratios, path))
     publish(lines, options, TEXT)
     return 0
 

@@ -4,7 +4,7 @@ import argparse
 import operator
 import re
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -50,15 +50,40 @@ def bar_table(bars: Iterable[Bar]) -> list[str]:
     return [*lines, ""]
 
 
-def page_options(documentation: str | None) -> argparse.ArgumentParser:
+def page_options(
+    documentation: str | None, *, plots: bool = False
+) -> argparse.ArgumentParser:
     """Return the parser of a benchmark that can write its page.
 
     Args:
         documentation: Of the module; its first line is the description.
+        plots: Whether it can write a picture, too.
     """
     parser = argparse.ArgumentParser(description=(documentation or "").split("\n")[0])
     parser.add_argument("--write", type=Path, help="a Markdown file to write")
+    if plots:
+        parser.add_argument("--plot", type=Path, help="a picture to write")
     return parser
+
+
+def illustrated(
+    lines: Sequence[str],
+    options: argparse.Namespace,
+    caption: str,
+    draw: Callable[[Path], None],
+) -> list[str]:
+    """Return a page's tables with its picture, which is drawn if that is asked for.
+
+    Args:
+        lines: The tables.
+        options: As the parser returns them.
+        caption: Text for those who do not see the picture.
+        draw: Writes the picture into a file.
+    """
+    if not options.plot:
+        return [*lines]
+    draw(options.plot)
+    return [*lines, "", f"![{caption}]({options.plot.name})"]
 
 
 MADE = "Made by `"

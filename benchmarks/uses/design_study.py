@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 import swarmstart as ss
 from swarmstart.arrays import Array
-from swarmstart.benchmarks.tables import head, page_options, publish, row
+from swarmstart.benchmarks.tables import head, illustrated, page_options, publish, row
 from swarmstart.ocp import Solutions, SolutionStatus
 
 SCENARIO = Path(__file__).parent / "pole.yaml"
@@ -95,10 +95,9 @@ def plot(many: Solutions, lengths: Array, path: Path) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, print the table, and write the page and the figure where asked."""
-    parser = page_options(__doc__)
+    parser = page_options(__doc__, plots=True)
     parser.add_argument("--points", type=int, default=500, help="number of lengths")
     parser.add_argument("--solves", type=int, default=40, help="by solve")
-    parser.add_argument("--plot", type=Path, help="a picture to write")
     options = parser.parse_args(arguments)
     begin = time.process_time()
     many, lengths = solved(options.points)
@@ -125,9 +124,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         before, after = (slopes[number + away] for away in (-3, 3))
         name = f"slope before and after {lengths[number]:.2f} m [1/m]"
         lines.append(row(name, f"{before:.0f}, {after:.0f}"))
-    if options.plot:
-        plot(many, lengths, options.plot)
-        lines += ["", f"![Cost over the length of the pole]({options.plot.name})"]
+    caption = "Cost over the length of the pole"
+    lines = illustrated(lines, options, caption, lambda path: plot(many, lengths, path))
     publish(lines, options, TEXT)
     return 0
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 import swarmstart as ss
 from swarmstart.arrays import Array
-from swarmstart.benchmarks.tables import head, page_options, publish, row
+from swarmstart.benchmarks.tables import head, illustrated, page_options, publish, row
 from swarmstart.ocp import Solutions, SolutionStatus
 
 SCENARIO = Path(__file__).parent / "swing_up.yaml"
@@ -152,10 +152,9 @@ def _median(values: Array) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, print the table, and write the page and the figure where asked."""
-    parser = page_options(__doc__)
+    parser = page_options(__doc__, plots=True)
     parser.add_argument("--points", type=int, default=100, help="of a side of the grid")
     parser.add_argument("--solves", type=int, default=40, help="by solve")
-    parser.add_argument("--plot", type=Path, help="a picture to write")
     options = parser.parse_args(arguments)
     begin = time.process_time()
     many, found = solved(options.points)
@@ -183,9 +182,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         row("as cheap as `solve`, above steps",
             f"{as_cheap(many, higher, options.solves):.2f}"),
     ]  # fmt: skip
-    if options.plot:
-        plot(found, options.plot)
-        lines += ["", f"![Cost to go and first control]({options.plot.name})"]
+    caption = "Cost to go and first control"
+    lines = illustrated(lines, options, caption, lambda path: plot(found, path))
     publish(lines, options, TEXT)
     return 0
 

@@ -18,7 +18,7 @@ from scipy.optimize import minimize
 
 import swarmstart as ss
 from swarmstart.arrays import Array
-from swarmstart.benchmarks.tables import head, page_options, publish, row
+from swarmstart.benchmarks.tables import head, illustrated, page_options, publish, row
 from swarmstart.benchmarks.uses.feedback_map import ANGLE, SPEED, solved
 
 TORQUE, GRAVITY, HORIZON, INTERVALS = 5.0, 9.81, 3.0, 30
@@ -211,12 +211,11 @@ def plot(excess: Array, path: Path) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, print the table, and write the page and the figure where asked."""
-    parser = page_options(__doc__)
+    parser = page_options(__doc__, plots=True)
     parser.add_argument("--points", type=int, default=100, help="on each side")
     parser.add_argument("--pairs", type=int, default=100_000, help="to be fitted")
     parser.add_argument("--paths", type=int, default=500, help="of the network")
     parser.add_argument("--iterations", type=int, default=ITERATIONS, help="of the fit")
-    parser.add_argument("--plot", type=Path, help="a picture to write")
     options = parser.parse_args(arguments)
     begin = time.process_time()
     many, _ = solved(options.points)
@@ -263,9 +262,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         row("CPU time of a control by the network [us]", f"{network_us:.1f}"),
         row("CPU time of a plan by `solve_many` [ms]", f"{solve_ms:.1f}"),
     ]  # fmt: skip
-    if options.plot:
-        plot(excess, options.plot)
-        lines += ["", f"![Share of paths over excess]({options.plot.name})"]
+    caption = "Share of paths over excess"
+    lines = illustrated(lines, options, caption, lambda path: plot(excess, path))
     publish(lines, options, TEXT)
     return 0
 

@@ -86,8 +86,8 @@ class Solutions(Presenting):
             "random"; empty without an answer.
         attempts: Number of solves of each instance, shape (M,).
         sampled: Number of instances drawn at random at which other starts in lanes
-            found nothing cheaper, so that they were not tried at the rest; 0: all were
-            solved from all starts.
+            found nothing cheaper, so that they were not tried at the rest; 0: all
+            starts that were to be tried were tried at all.
         invalid: Reason why an instance is invalid, by its number.
         seconds: Wall time of the solves [s].
         core_answers: The answers as the core of the problem has them.
@@ -207,13 +207,13 @@ class Solutions(Presenting):
 
     @property
     def sampled_line(self) -> str:
-        """Sentence about the starts that were tried at some instances only.
+        """Sentence about starts that were tried at some instances only, else empty.
 
         The share of all instances at which they would find something is below 3 / n, at
         95 %, if they find nothing at n instances (Hanley and Lippman-Hand 1983).
         """
         if not self.sampled:
-            return "all instances were solved from all starts"
+            return ""
         return (
             f"other starts found nothing cheaper at {self.sampled} instances drawn of "
             f"{len(self)}: at most {3 / self.sampled:.1%} have cheaper answers among "

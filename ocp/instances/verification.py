@@ -18,6 +18,7 @@ from swarmstart.ocp.answer.planner import Planner
 from swarmstart.ocp.answer.solution import allowed_cost, allowed_ends, end_scales
 from swarmstart.ocp.instances.outcomes import Answers, Statuses
 from swarmstart.ocp.lanes.interior import Instances
+from swarmstart.ocp.rollout.fitness import at_nodes
 from swarmstart.ocp.rollout.path import Tracer
 from swarmstart.ocp.rollout.paths_at_once import (
     Data,
@@ -76,21 +77,15 @@ class FinePaths:
             found = self.paths.along(self._data(instances, controls, sizes)).along
         return found, scales_of(self.paths.tracer.checker.path, sizes)
 
-    def _signals(self, instances: Instances) -> Array:
-        """Return the signals at the nodes, shape (ns, nodes, n)."""
-        problem, n = self.paths.tracer.problem, instances.signals.shape[1]
-        flat = instances.signals.reshape((problem.nodes, problem.ns, n))
-        return flat.transpose(1, 0, 2)
-
     def _sizes(self, instances: Instances, controls: Array) -> list[Sizes]:
         """Return the natural sizes of each instance."""
         x0, p, _ = instances
-        signals = self._signals(instances)
+        signals = at_nodes(self.paths.tracer.problem, instances.signals)
         return self.paths.tracer.shooting.sizing.of_all(x0, p, signals, controls)
 
     def _data(self, instances: Instances, controls: Array, sizes: list[Sizes]) -> Data:
-        x0, p, _ = instances
-        return Data(controls, x0, p, self._signals(instances), sizes)
+        signals = at_nodes(self.paths.tracer.problem, instances.signals)
+        return Data(controls, instances.x0, instances.parameters, signals, sizes)
 
     def _verified(
         self, instances: Instances, controls: Array, sizes: list[Sizes]

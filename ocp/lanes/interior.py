@@ -278,8 +278,7 @@ class InteriorLanes:
         places = np.linspace(0, able.size - 1, min(able.size, _EXAMINED)).astype(int)
         numbers = able[np.unique(places)].tolist()
         asked = instances.at(np.array(numbers))
-        shape = problem.ns, problem.nodes, len(numbers)
-        signals = asked.signals.reshape(shape, order="F")
+        signals = at_nodes(problem, asked.signals)
         sizes = self._sizing.of_all(asked.x0, asked.parameters, signals)
         logs = np.log([
             np.concatenate([one.states, one.controls, 1 / one.weights, [one.cost]])

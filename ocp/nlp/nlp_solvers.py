@@ -48,7 +48,7 @@ from swarmstart.ocp.nlp.transcription import (
     multiple_shooting,
 )
 from swarmstart.ocp.nlp.watching import Iterates, Ratios, ratios_of
-from swarmstart.ocp.rollout.fitness import Fitness
+from swarmstart.ocp.rollout.fitness import Fitness, at_nodes
 from swarmstart.ocp.rollout.scaling import Sizes
 from swarmstart.ocp.rollout.shooting import Shooting
 
@@ -268,7 +268,7 @@ class StepChoice:
         problem = self._problem
         (_, p, flat), count = arguments, problem.nodes - 1
         y = np.vstack([states[:, :-1], np.zeros((problem.integrals, count))])
-        signals = flat.reshape((problem.ns, problem.nodes), order="F")
+        signals = at_nodes(problem, flat)
         both = np.empty((problem.ns, 2 * count))
         both[:, ::2], both[:, 1::2] = signals[:, :-1], signals[:, 1:]
         u = np.repeat(controls, problem.checks, axis=1)

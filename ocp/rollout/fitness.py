@@ -545,8 +545,13 @@ def stated_known(
 
 
 def at_nodes(problem: OptimalControlProblem, flat: Array) -> Array:
-    """Return the signals at the nodes, shape (ns, nodes), from ca.vec of them."""
-    return flat.reshape((problem.ns, problem.nodes), order="F")
+    """Return the signals at the nodes, shape (ns, nodes), from ca.vec of them.
+
+    Args:
+        problem: The problem.
+        flat: Shape (ns * nodes,); or (ns * nodes, n), for which it is (ns, nodes, n).
+    """
+    return flat.reshape((problem.ns, problem.nodes, *flat.shape[1:]), order="F")
 
 
 def replay(

@@ -1,8 +1,6 @@
 """Many instances in one call, by lanes and by the NLP solver."""
 
 import copy
-import subprocess
-import sys
 from collections.abc import Callable
 from typing import Any
 
@@ -43,6 +41,7 @@ from swarmstart.tests.ocp.instances.fakes import (
     parametric,
     riccati,
 )
+from swarmstart.tests.processes import python
 
 UseLanes = Callable[[Answer], FakeLanes]
 CONVERGED, FEASIBLE = SolutionStatus.CONVERGED, SolutionStatus.FEASIBLE
@@ -584,8 +583,5 @@ print(found.is_confirmed.sum(), resource.getrusage(resource.RUSAGE_SELF).ru_maxr
 
 
 def test_a_hundred_thousand_instances_of_four_states_fit_into_a_gigabyte() -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", MANY], capture_output=True, text=True, check=True
-    )
-    confirmed, kilobytes = map(int, done.stdout.split())
+    confirmed, kilobytes = map(int, python("-c", MANY).stdout.split())
     assert confirmed == 100_000 and kilobytes < 1e6
