@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from swarmstart.arrays import Array
-from swarmstart.ocp import Planner, SolutionStatus
+from swarmstart.ocp import Free, Planner, SolutionStatus
 from swarmstart.ocp.instances.outcomes import Answers
 from swarmstart.ocp.instances.retries import (
     _CURVED,
@@ -76,3 +76,15 @@ def test_infinite_and_equal_costs_are_not_cheaper() -> None:
     before = np.array([np.inf, np.inf, 1.0, -1.0, 1.0])
     costs = np.array([1.0, np.inf, 1 - 2e-4, -1 - 2e-4, 1 - 5e-5])
     assert is_cheaper(costs, before).tolist() == [True, False, True, True, False]
+
+
+def test_guesses_of_a_decided_start_are_no_distance() -> None:
+    """The cost does not depend on them, whatever the lane's slope there is."""
+    free = double_integrator(start={"speed": Free(-1, 1, 0.0)})
+    core = Planner(free, search=None, polish=None).problem
+    answers = Answers.none(core, 2)
+    answers.status[:], answers.cost[:] = SolutionStatus.CONVERGED, [2.0, 2.0]
+    answers.costates[:] = [[0.0, 0.0], [5.0, 5.0]]
+    rows = np.array([[0.1, 0.1], [-0.9, 0.9]])
+    instances = Instances(rows, np.zeros((0, 2)), np.zeros((0, 2)))
+    assert not promises(core, instances, answers, np.array([[1], [0]])).any()

@@ -234,6 +234,46 @@ def test_other_starts_are_tried_at_some_instances_if_they_find_nothing() -> None
     np.testing.assert_allclose(every.cost, found.cost, rtol=1e-9)
 
 
+def test_all_instances_that_fail_are_tried_from_other_starts(
+    use_lanes: UseLanes,
+) -> None:
+    """Those drawn, and those not drawn, as often as each other."""
+    use_lanes(lambda x0, guess: by_gains(x0, guess) if x0[0] < 1 else None)
+    found = solve_many(double_integrator(), starts(300), polish=None, seed=0)
+    failed = ~found.is_confirmed
+    assert found.sampled == 75 and 20 < failed.sum() < 75
+    # From the first start, from each neighbour and from the others.
+    assert set(found.attempts[failed].tolist()) == {1 + 8 + 1}
+
+
+def test_several_signals_of_each_instance_reach_the_lanes_in_their_order() -> None:
+    x, u, w = ca.SX.sym("x"), ca.SX.sym("u"), ca.SX.sym("w", 2)
+    problem = OptimalControlProblem(
+        Model(states=x, controls=u, ode=u + w[0] - 2 * w[1], signals=w), horizon=1.0,
+        intervals=4, stage_cost=u**2 + x**2, bounds=Bounds(controls=(-9, 9)),
+    )  # fmt: skip
+    x0s, winds = starts(4)[:1], np.random.default_rng(2).normal(size=(2, 5, 4))
+    known = Known(np.zeros((0, 4)), winds)
+    found = solve_many(problem, x0s, known=known, seed=0)
+    assert set(found.solver) == {"lanes"}
+    for k in range(4):
+        own = Known(signals=winds[..., k])
+        one = solve(problem, x0s[:, k], known=own, **ALONE)  # type: ignore[arg-type]
+        assert found.cost[k] == pytest.approx(one.cost, rel=1e-7)
+
+
+def test_a_start_is_judged_by_the_signals_at_the_start() -> None:
+    x, u, roof = ca.SX.sym("x"), ca.SX.sym("u"), ca.SX.sym("roof")
+    problem = OptimalControlProblem(
+        Model(states=x, controls=u, ode=u), horizon=1.0, intervals=4, stage_cost=u**2,
+        constraints=[PathConstraint(expression=roof - x, lower=0.0)], signals=roof,
+        bounds=Bounds(controls=(-9, 9)),
+    )  # fmt: skip
+    roofs = np.linspace([0.4, 1.0], [1.0, 0.4], 5)
+    found = solve_many(problem, [[0.5, 0.5]], known={"roof": roofs}, seed=0)
+    assert found.status[0] is INVALID and found.is_confirmed[1]
+
+
 def test_a_valley_that_other_starts_find_at_some_instances_is_found_at_all() -> None:
     """Guesses lead all into the worse valley; neighbours are far apart."""
     problem, M = valleys(), 300
@@ -337,6 +377,38 @@ def test_answers_that_cut_a_limit_are_solved_in_lanes_with_one_margin_for_all(
     exact = solve_many(below(0.08), x0s, lanes=False, seed=0)
     assert (found.cost >= exact.cost - 1e-6).all()
     np.testing.assert_allclose(found.cost, exact.cost, rtol=0.05)
+
+
+def test_a_cheaper_answer_that_cuts_a_limit_is_not_given_up_for_a_confirmed_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The first start leads below the roof, at a price; others to the optimum."""
+    dear: list[float] = []
+
+    def lanes_of(planner: Planner, instances: Instances, threads: int) -> FakeLanes:
+        del instances, threads
+        (roof,) = (c.upper[0] for c in planner.problem.stated)  # type: ignore[attr-defined]
+        polisher = planner.polisher
+        assert polisher is not None
+
+        def answer(x0: Array, guess: Array) -> Array:
+            best = polisher(guess, x0).controls
+            if roof < 0.08 or dear:
+                return best
+            dear.append(planner.evaluated(best - 1.0, x0, source=Source.LANES).cost)
+            return best - 1.0
+
+        return FakeLanes(answer)
+
+    for room in (module, in_lanes):
+        monkeypatch.setattr(room, "lanes_of", lanes_of)
+    x0s = [[0.0], [0.62]]
+    first = solve_many(below(0.08), x0s, polish=None, seed=0, starts=1)
+    assert first.is_confirmed.all() and first.cost.tolist() == dear
+    dear.clear()
+    found = solve_many(below(0.08), x0s, polish=None, seed=0)
+    assert found.is_confirmed.all() and found.start[0] == "own answer"
+    assert found.cost[0] < dear[0] - 0.01
 
 
 def valleys() -> OptimalControlProblem:
