@@ -75,7 +75,8 @@ class LaneWaves:
         """Solve all instances; return the number of those that were drawn last.
 
         After these the other starts were not tried at the rest, since they had found
-        nothing cheaper. 0: all starts were tried at all instances.
+        nothing cheaper. Only those count that were solved before. 0: all starts were
+        tried at all instances.
 
         Args:
             count: Number of starts of each instance; None: as many as it takes.
@@ -93,8 +94,8 @@ class LaneWaves:
             after = work.outcomes.confirmed_costs[sample]
             # Those that had failed say nothing of the others.
             solved = np.isfinite(before)
-            if not is_cheaper(after, before)[solved].any():
-                return sample.size if rest.size else 0
+            if solved.any() and not is_cheaper(after, before)[solved].any():
+                return int(solved.sum()) if rest.size else 0
         return 0
 
     def _from(self, starts: Sequence[LaneStart], chosen: NDArray[np.int64]) -> None:

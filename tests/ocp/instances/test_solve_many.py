@@ -237,11 +237,12 @@ def test_other_starts_are_tried_at_some_instances_if_they_find_nothing() -> None
 def test_all_instances_that_fail_are_tried_from_other_starts(
     use_lanes: UseLanes,
 ) -> None:
-    """Those drawn, and those not drawn, as often as each other."""
+    """No matter whether they are among those drawn."""
     use_lanes(lambda x0, guess: by_gains(x0, guess) if x0[0] < 1 else None)
     found = solve_many(double_integrator(), starts(300), polish=None, seed=0)
     failed = ~found.is_confirmed
-    assert found.sampled == 75 and 20 < failed.sum() < 75
+    # Those that failed say nothing of what other starts find.
+    assert 75 - failed.sum() < found.sampled < 75 and 20 < failed.sum() < 75
     # From the first start, from each neighbour and from the others.
     assert set(found.attempts[failed].tolist()) == {1 + 8 + 1}
 
