@@ -105,29 +105,38 @@ def _rows(x: ca.SX, constraints: Sequence[Any]) -> tuple[ca.Function, tuple[Any,
     return values, (lower, upper)
 
 
-def solvers(plain: PlainNlp, plugin: str) -> tuple[ca.Function, ca.Function]:
-    """Return a solver for the first step, and one for later steps."""
-    # Expanded, CasADi's derivatives are two to three times as fast here.
-    quiet: dict[str, Any] = {
-        "print_time": False, "error_on_fail": False, "calc_lam_p": False,
-        "expand": True, "show_eval_warnings": False,
-    }  # fmt: skip
-    if plugin == FATROP:
-        options: dict[str, Any] = {
-            **quiet, "fatrop.print_level": 0, "structure_detection": "auto",
-            "equality": plain.is_equal,
-        }  # fmt: skip
-        one = ca.nlpsol("plain", "fatrop", plain.nlp, options)
-        return one, one
-    options = {**quiet, "ipopt.print_level": 0, "ipopt.sb": "yes"}
+# Expanded, CasADi's derivatives are two to three times as fast here.
+QUIET: dict[str, Any] = {
+    "print_time": False, "error_on_fail": False, "calc_lam_p": False,
+    "expand": True, "show_eval_warnings": False,
+}  # fmt: skip
+QUIET_IPOPT: dict[str, Any] = {**QUIET, "ipopt.print_level": 0, "ipopt.sb": "yes"}
+
+
+def cold_ipopt(plain: PlainNlp) -> ca.Function:
+    """Return IPOPT with its defaults."""
+    return ca.nlpsol("cold", "ipopt", plain.nlp, QUIET_IPOPT)
+
+
+def warm_ipopt(plain: PlainNlp) -> ca.Function:
+    """Return IPOPT that stays near its start."""
     warm: dict[str, Any] = {"ipopt.warm_start_init_point": "yes", "ipopt.mu_init": 1e-4}
     for name in ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac",
                  "mult_bound_push"):  # fmt: skip
         warm[f"ipopt.warm_start_{name}"] = 1e-6
-    return (
-        ca.nlpsol("cold", "ipopt", plain.nlp, options),
-        ca.nlpsol("warm", "ipopt", plain.nlp, {**options, **warm}),
-    )
+    return ca.nlpsol("warm", "ipopt", plain.nlp, {**QUIET_IPOPT, **warm})
+
+
+def solvers(plain: PlainNlp, plugin: str) -> tuple[ca.Function, ca.Function]:
+    """Return a solver for the first step, and one for later steps."""
+    if plugin == FATROP:
+        options: dict[str, Any] = {
+            **QUIET, "fatrop.print_level": 0, "structure_detection": "auto",
+            "equality": plain.is_equal,
+        }  # fmt: skip
+        one = ca.nlpsol("plain", "fatrop", plain.nlp, options)
+        return one, one
+    return cold_ipopt(plain), warm_ipopt(plain)
 
 
 def by_casadi(problem: OptimalControlProblem, plugin: str) -> Controls:

@@ -182,7 +182,8 @@ class SearchPart(Part):
         sampling: Method of drawing the rest of the first population; null means
             half_smooth.
         when: Plans that are searched if there is a polish: always all, or only those
-            for which the polish of the last plan is not enough.
+            for which the polish of the last plan is not enough (needed); undecided
+            leaves out the first plan, too, if cold starts and lanes agree on it.
     """
 
     name: str
@@ -234,7 +235,7 @@ def search_part(name: str) -> type[SearchPart]:
         "name": (Literal[name], ...),
         "warm_start": (WarmStart, entry.warm_start),
         "sampling": (Sampling | None, entry.sampling),
-        "when": (When, "needed"),
+        "when": (When, "undecided" if name == "default" else "needed"),
     }
     # `default` and `none` have no settings. A package whose search cannot be imported
     # must not stop the other searches: `algorithm` tells of it if it is named.

@@ -371,7 +371,7 @@ def begins_warm(search: SearchSettings | None, *, lanes: bool) -> bool:
         search: The population search; None without one.
         lanes: Whether there are lanes.
     """
-    return lanes if search is None else search.when == "needed"
+    return lanes if search is None else search.when != "always"
 
 
 def is_enough(

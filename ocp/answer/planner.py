@@ -639,6 +639,8 @@ class Planner(Called):
                     request.x0,
                     request.known,
                     request.rng,
+                    may_agree=self.search is not None
+                    and self.search.when == "undecided",
                 )
         except ManyStartsInterrupted as stopped:
             best = self._of_many(stopped.partial, searched, request.known)

@@ -200,6 +200,7 @@ class StartsAccount:
         lanes: Results of the local solves in lanes; None without such solves.
         without_lanes: Reason why there were no lanes; empty if there were.
         search: Effort of the search; None without a search.
+        agree: Whether cold starts and lanes agree, so that the search was left out.
     """
 
     won: Origin
@@ -207,6 +208,7 @@ class StartsAccount:
     lanes: Lanes | None
     without_lanes: str = ""
     search: Effort | None = None
+    agree: bool = False
 
     @property
     def polish(self) -> Effort:
@@ -220,18 +222,21 @@ class StartsAccount:
     def found_after(self) -> float:
         """Seconds, without compilation, until an answer as good as the best was found.
 
-        The order of work is: polish from the cold starts and the guess, search, lanes.
+        The order of work is: polish from the cold starts and the guess, lanes, polish
+        from their optima, search.
         """
         feasible = [one.cost for one in self.tried if one.feasible]
         least = min(feasible, default=math.inf)
         enough = least + SAME_COST * abs(least)
-        seconds, waits = 0.0, True
+        parts: list[tuple[tuple[Origin, ...], Lanes | Effort]] = []
+        if self.lanes is not None:
+            parts.append((_FIRST, self.lanes))
+        if self.search is not None:
+            parts.append(((*_FIRST, "the lanes"), self.search))
+        seconds = 0.0
         for one in self.tried:
-            # Search and lanes run after the cold starts and before all others.
-            if waits and one.origin not in _FIRST:
-                waits = False
-                parts = (self.search, self.lanes)
-                seconds += sum(part.seconds for part in parts if part is not None)
+            while parts and one.origin not in parts[0][0]:
+                seconds += parts.pop(0)[1].seconds
             seconds += one.seconds
             if one.feasible and one.cost <= enough:
                 return seconds
@@ -254,6 +259,7 @@ class StartsAccount:
             "lanes": None if self.lanes is None else self.lanes.told(sense),
             "without_lanes": self.without_lanes,
             "search": None if self.search is None else asdict(self.search),
+            "agree": self.agree,
         }
 
     def lines(self, sense: float = 1.0) -> list[str]:
@@ -284,6 +290,8 @@ class StartsAccount:
 
     def _not_needed(self) -> str:
         """Return a note on parts that the answer did not need; empty if all were."""
+        if self.agree:
+            return " (the lanes agree, so that no search was made)"
         best = self.best_of(self.won)
         if best is None or not best.feasible:
             return ""

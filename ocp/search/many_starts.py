@@ -1,13 +1,19 @@
 """From many starts to one answer: lanes, distinct optima, NLP solver.
 
     cold       the NLP solver from zero controls, from the middle of the bounds and from
-               the user's guess; the population search
-    lanes      local solves from these, from the search's points and from smooth random
-               controls (lanes/solver.py); the distinct optima are counted
+               the user's guess
+    lanes      local solves from these and from smooth random controls
+               (lanes/solver.py); the distinct optima are counted
+    search     the population search
     polish     the NLP solver from the best three optima of the lanes, from the search's
                points, and from states that reach a fixed end
     again      the NLP solver once more from the best answer with its own settings, if
                it had been kept near its start, so that it can leave a saddle point
+
+If cold starts and lanes agree, a search that is to decide has nothing to decide, and
+is left out; of the lanes' optima the best is polished, and states are guessed until
+they have taken as many iterations as all that was before. They agree if all cold starts
+lead to the cheapest optimum of the lanes, and hardly an optimum is left unseen.
 
 The answer is never worse than the result of any single start. Of answers that agree to
 1e-6, the one from the first kind of start is taken. Features that lanes do not support
@@ -23,7 +29,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple, get_args
+from typing import NamedTuple, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -53,6 +59,8 @@ from swarmstart.ocp.search.account import Lanes, Origin, StartsAccount, Tried
 from swarmstart.ocp.search.search_space import side_by_side
 from swarmstart.ocp.statement.guesses import cold_controls, zero_controls
 
+T = TypeVar("T")
+
 LANES = 64
 """Number of random starts of `solve`."""
 POLISHED = 3
@@ -62,6 +70,11 @@ _GUESSES = 8
 _MOST_WORK = 5_000_000
 """Iterations times instructions of a rollout after which no further start of a kind is
 polished: an iteration of a large problem may take a tenth of a second."""
+_UNSEEN = 0.1
+"""Largest share of random starts, at the end of the 95 % interval, that may end in
+optima not seen if lanes and cold starts agree: 30 starts in one optimum show it."""
+_AGREED = 1e-4
+"""Relative difference of costs within which lanes and cold starts agree."""
 _NEAR: tuple[Origin, ...] = ("the lanes", "the search")
 """Kinds of starts that are answers, which the NLP solver stays near."""
 MODES = (1, 3)
@@ -153,6 +166,8 @@ class ManyStarts:
         x0: ArrayLike,
         known: Known,
         rng: np.random.Generator,
+        *,
+        may_agree: bool = False,
     ) -> Answered:
         """Return the best answer.
 
@@ -163,33 +178,44 @@ class ManyStarts:
             x0: Initial state of the core, shape (nx,).
             known: Parameters and signals.
             rng: Source of all randomness.
+            may_agree: Whether the search is left out if cold starts and lanes agree.
 
         Raises:
             ManyStartsInterrupted: On Ctrl-C after the first start.
         """
-        fitness, lanes = self._fitness, None
+        fitness, lanes, watch = self._fitness, None, self._polisher.watch
         # Asked for each time, since the program may have other threads by now.
         processes = processes_of(self._threads)
         tries = _Tries(self._polisher, x0, known, fitness.problem.tolerance, processes)
         cold = self._cold()
         if guess is not None:
             cold.append(Origined("the guess", guess))
-        expect_starts(self._polisher.watch, len(cold))
+        expect_starts(watch, len(cold))
         try:
-            found = self._from_cold(tries, cold, search, rng)
-            starts, optima = [one.start for one in (*cold, *found)], list[Start]()
-            if not tries.is_beyond_rollouts:
-                lanes, optima = self._in_lanes(starts, x0, known, rng)
+            starts = [one.start for one in cold]
+            solved = self._beside(
+                tries, cold, rng, lambda: self._in_lanes(starts, x0, known, rng)
+            )
+            lanes, optima = solved or (None, [])
+            tries.agree = may_agree and agree(tries.tried, lanes)
             guesses = state_guesses(fitness, x0, known, _GUESSES, rng)
-            several = len(optima) + len(found) + len(guesses)
-            expect_starts(self._polisher.watch, several)
-            further = [Origined("the lanes", one) for one in optima]
-            further += found
+            best = [Origined("the lanes", one) for one in optima]
+            expect_starts(watch, len(best) + len(guesses))
+            found: Sequence[Start] = ()
+            if tries.agree:
+                self._several(tries, best[:1])
+            elif search is None or watch.is_over or tries.is_beyond_rollouts:
+                self._several(tries, best)
+            else:
+                found = self._beside(tries, best, rng, search) or ()
+                # Where roll-outs say nothing, all that searches by them is left out.
+                tries.is_searched = not tries.is_beyond_rollouts
+            further = [Origined("the search", one) for one in found]
             further += [Origined("guesses of states", one) for one in guesses]
             if not fitness.problem.model.nu:
                 further += self._drawn(x0, known, rng)
             self._several(tries, further)
-            if not (self._polisher.watch.is_over or tries.is_beyond_rollouts):
+            if not (watch.is_over or tries.is_beyond_rollouts):
                 tries.polish_again()
         except KeyboardInterrupt:
             if not tries.answers:
@@ -197,41 +223,47 @@ class ManyStarts:
             raise ManyStartsInterrupted(self._answered(tries, lanes)) from None
         return self._answered(tries, lanes)
 
-    def _from_cold(
+    def _beside(
         self,
         tries: "_Tries",
-        cold: Sequence[Origined],
-        search: Callable[[], Sequence[Start]] | None,
+        starts: Sequence[Origined],
         rng: np.random.Generator,
-    ) -> list[Origined]:
-        """Polish from cold starts, and search, if possible at the same time."""
-        state = rng.bit_generator.state
-        found: Sequence[Start] | None = None
-        with tries.polishes(cold) as results:
-            if search is not None and results.begin():
-                found = search()
-            for one, timed in zip(cold, results, strict=True):
-                tries.taken(one, timed)
-        # Where roll-outs say nothing, all that searches by them is skipped.
-        if self._polisher.watch.is_over or tries.is_beyond_rollouts:
+        work: Callable[[], T],
+    ) -> T | None:
+        """Polish from starts, and do other work, if possible at the same time.
+
+        Where roll-outs say nothing, the work is left out, and nothing is drawn.
+        """
+        state, done = rng.bit_generator.state, None
+        with tries.polishes(starts) as results:
+            if results.begin():
+                done = work()
+            self._take(tries, starts, results)
+        if tries.is_beyond_rollouts:
             rng.bit_generator.state = state
-            return []
-        tries.is_searched = True
-        if search is not None and found is None:
-            found = search()
-        return [Origined("the search", one) for one in found or []]
+            return None
+        return work() if done is None else done
 
     def _several(self, tries: "_Tries", starts: Sequence[Origined]) -> None:
         """Polish from starts, of each kind the best first, within its work limit."""
+        with tries.polishes(starts) as results:
+            self._take(tries, starts, results)
+
+    def _take(
+        self, tries: "_Tries", starts: Sequence[Origined], results: Ahead[Timed]
+    ) -> None:
+        """Take the results of starts, of each kind the best first."""
         shooting, work = self._fitness.shooting, Counter[Origin]()
         each = shooting.stage_without_path.n_instructions() * shooting.problem.intervals
-        with tries.polishes(starts) as results:
-            for number, one in enumerate(starts):
-                if self._polisher.watch.is_over:
-                    return
-                if work[one.origin] <= _MOST_WORK:
-                    answer = tries.taken(one, results.result(number))
-                    work[one.origin] += answer.iterations * each
+        most = _MOST_WORK
+        if tries.agree:
+            most = min(most, each * sum(one.iterations for one in tries.answers))
+        for number, one in enumerate(starts):
+            if self._polisher.watch.is_over and tries.answers:
+                return
+            if work[one.origin] <= most:
+                answer = tries.taken(one, results.result(number))
+                work[one.origin] += answer.iterations * each
 
     def _answered(self, tries: "_Tries", lanes: Lanes | None) -> Answered:
         """Return the best answer, and the results of all starts."""
@@ -240,6 +272,7 @@ class ManyStarts:
             won=tries.tried[best].origin,
             tried=tuple(tries.tried),
             lanes=lanes,
+            agree=tries.agree,
             without_lanes="" if lanes else self._refused or self._stopped(tries),
         )
         evaluations = sum(one.evaluations for one in tries.answers)
@@ -329,6 +362,7 @@ class _Tries:
         answers: Its answers.
         tried: Account of each answer.
         is_searched: Whether the search counts.
+        agree: Whether cold starts and lanes agree, so that less is tried.
     """
 
     def __init__(
@@ -343,7 +377,7 @@ class _Tries:
         self._tolerance, self._processes = tolerance, processes
         self.answers: list[Polished] = []
         self.tried: list[Tried] = []
-        self.is_searched = False
+        self.is_searched = self.agree = False
 
     def polishes(
         self, starts: Sequence[Origined], *, near: bool | None = None
@@ -434,6 +468,27 @@ class _Tries:
         if not max(violation, broken) <= self._tolerance:
             return False
         return abs(cost - least) <= SAME_COST * max(abs(cost), abs(least))
+
+
+def agree(cold: Sequence[Tried], lanes: Lanes | None) -> bool:
+    """Return whether cold starts lead to the cheapest optimum of the lanes.
+
+    All that are feasible must, one at least, and the lanes must have seen nearly all
+    optima that such starts end in.
+
+    Args:
+        cold: Results of the cold starts.
+        lanes: Results of the lanes; None without lanes.
+    """
+    if lanes is None or lanes.unseen is None or not lanes.optima:
+        return False
+    costs = [one.cost for one in cold if one.feasible]
+    least = lanes.optima[0].cost
+    return (
+        bool(costs)
+        and lanes.unseen.most <= _UNSEEN
+        and max(abs(cost - least) for cost in costs) <= _AGREED * abs(least)
+    )
 
 
 def straight_states(fitness: Fitness, x0: ArrayLike, known: Known) -> Array | None:

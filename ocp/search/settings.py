@@ -41,7 +41,7 @@ from swarmstart.ocp.common.expressions import shortened
 from swarmstart.ocp.common.limits import require_choice
 
 WarmStart = Literal["all", "half", "one", "none"]
-When = Literal["needed", "always"]
+When = Literal["needed", "undecided", "always"]
 EVALUATIONS = 20_000
 """Default budget of a search."""
 MULTISTART_EVALUATIONS = 500_000
@@ -211,7 +211,9 @@ class SearchSettings:
         when: Whether to search for a plan that follows an earlier one: "always", or
             only if "needed". With "needed" and a polish, the search runs if the polish
             from the earlier plan fails or the problem has jumped (docs/answers.md,
-            "Closed loop: one warm polish a step").
+            "Closed loop: one warm polish a step"). "undecided" is like "needed", and
+            leaves out the search for a first plan, too, if cold starts and lanes agree
+            (docs/answers.md, "Many starts").
             Without a polish every plan is searched.
 
     Raises:
@@ -276,7 +278,8 @@ def search_settings(
 
     Args:
         search: Settings, which have a budget and an order; or an algorithm, its class,
-            its name, or "default"; None or "none" means no search.
+            its name, or "default", which is made for undecided plans only; None or
+            "none" means no search.
         budget: Budget of an algorithm; an integer is a number of evaluations; None
             means 20,000, or 500,000 for a multistart.
         order: Order of an algorithm; None means `heuristics.default_order` with the
@@ -318,7 +321,13 @@ def search_settings(
         evaluations = MULTISTART_EVALUATIONS if several else EVALUATIONS
         budget = Budget(evaluations=evaluations)
     algorithm = of_lanes or algorithm_of(search, budget.evaluations)  # type: ignore[arg-type]
-    return SearchSettings(algorithm=algorithm, budget=budget, order=order)
+    is_default = isinstance(search, str) and search == "default"
+    return SearchSettings(
+        algorithm=algorithm,
+        budget=budget,
+        order=order,
+        when="undecided" if is_default else "needed",
+    )
 
 
 def _of_lanes(search: object) -> Multistart | Memetic | None:

@@ -78,10 +78,12 @@ def _task(finished: Run) -> str:
     """Return what was run, with which solver and seed."""
     resolved, settings = finished.resolved, finished.resolved.settings
     head = heading(resolved.scenario.title, resolved.scenario.name)
-    scenario = resolved.scenario
+    scenario, search = resolved.scenario, settings["search"]
+    lanes = scenario.random_starts()
+    is_left_out = lanes and search.get("when") == "undecided"
     how = method(
-        settings["search"]["name"],
-        scenario.random_starts(),
+        search["name"] + (" if starts disagree" if is_left_out else ""),
+        lanes,
         scenario.polish_name,
         resolved.variant,
     )

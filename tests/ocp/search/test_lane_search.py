@@ -157,9 +157,10 @@ def test_ctrl_c_keeps_the_best_so_far(search: str) -> None:
         told = []
 
         def tell(done: int, of: int, what: str) -> None:
-            told.append(done)
-            if what == "searching" and len(told) == 3:
-                raise KeyboardInterrupt
+            if what == "searching":
+                told.append(done)
+                if len(told) == 3:
+                    raise KeyboardInterrupt
 
         return tell
 

@@ -1,5 +1,7 @@
 """Answers from many starts, and their account of the other starts."""
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -16,6 +18,11 @@ from swarmstart.ocp import (
     Source,
     solve,
 )
+from swarmstart.ocp.lanes.answers import Optimum, unseen_share
+from swarmstart.ocp.lanes.posed import NoLanesError
+from swarmstart.ocp.search import many_starts
+from swarmstart.ocp.search.account import Lanes, Origin, Tried
+from swarmstart.ocp.search.many_starts import agree
 from swarmstart.tests.ocp.lanes.problems import cart, four_discs, pendulum
 
 pytestmark = pytest.mark.usefixtures("compiler")
@@ -63,9 +70,13 @@ def test_seconds_until_found_are_those_of_the_parts_before() -> None:
     assert account.lanes is not None
     before = [one for one in account.tried if one.cost > answer.cost * (1 + 1e-5)]
     assert account.tried[0] in before
-    least = account.search.seconds + account.lanes.seconds + account.tried[0].seconds
-    most = least + account.polish.seconds
-    assert least < account.found_after <= most
+    assert account.won == "the lanes"  # Which are before the search.
+    least = account.lanes.seconds + account.tried[0].seconds
+    assert least < account.found_after <= least + account.polish.seconds
+    guess = next(one for one in account.tried if one.origin == "guesses of states")
+    late = replace(account, tried=(account.tried[0], replace(guess, cost=0.0)))
+    parts = (account.search, account.lanes, *late.tried)
+    assert late.found_after == pytest.approx(sum(one.seconds for one in parts))
 
 
 def test_guess_that_is_best_wins() -> None:
@@ -161,9 +172,16 @@ def test_start_that_breaks_down_leaves_the_others() -> None:
     assert answer.plan.starts is not None
 
 
-def test_search_that_is_stopped_leaves_its_plan_if_the_cold_starts_are_worse() -> None:
+def test_search_that_is_stopped_leaves_its_plan_if_the_cold_starts_are_worse(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """One iteration from zero controls ends inside a disc; some individuals do not."""
     told: list[int] = []
+
+    def refused(*_: object, **__: object) -> None:
+        raise NoLanesError("refused")
+
+    monkeypatch.setattr(many_starts, "LaneSolver", refused)
 
     def stop(done: int, of: int, what: str) -> None:
         if what == "searching":
@@ -181,7 +199,7 @@ def test_search_that_is_stopped_leaves_its_plan_if_the_cold_starts_are_worse() -
     account = plan.starts
     assert account is not None
     assert plan.violation < min(one.violation for one in account.tried)
-    assert account.lines()[2] == "  lanes       none: interrupted"
+    assert account.lines()[2] == "  lanes       none: refused"
 
 
 def test_nothing_is_called_needless_where_there_is_no_answer() -> None:
@@ -195,3 +213,80 @@ def test_nothing_is_called_needless_where_there_is_no_answer() -> None:
     said = str(solve(problem, [0.0], budget=400, lanes=8, seed=0))
     assert "zero controls infeasible" in said
     assert "needed" not in said
+
+
+def _cold(cost: float, *, feasible: bool = True) -> Tried:
+    return Tried(
+        origin="zero controls", cost=cost, violation=0.0, feasible=feasible,
+        iterations=9, evaluations=9, seconds=0.0,
+    )  # fmt: skip
+
+
+def _lanes(**counts: int) -> Lanes:
+    """Return an account: names of optima are their costs, behind a letter."""
+    optima = [
+        Optimum(
+            lane=0, cost=float(name[1:]), count=count, controls=np.zeros((1, 1)),
+            states=np.zeros((1, 2)), decided=np.zeros(0),
+        )
+        for name, count in counts.items()
+    ]  # fmt: skip
+    return Lanes(
+        starts=64, optima=tuple(optima), unseen=unseen_share([*counts.values()]),
+        iterations=1, seconds=0.0, infeasible=0, unfinished=0, lost=0,
+    )  # fmt: skip
+
+
+def test_cold_starts_and_lanes_agree_on_the_cheapest_optimum() -> None:
+    many = _lanes(c2=60, c3=4)
+    assert agree([_cold(2.0), _cold(2.0001)], many)
+    assert agree([_cold(2.0), _cold(7.0, feasible=False)], many)
+    assert not agree([_cold(2.0), _cold(3.0)], many)  # The other cold start.
+    assert not agree([_cold(3.0)], many)
+    assert not agree([_cold(1.9)], many)  # What no lane has found.
+    assert not agree([_cold(2.0, feasible=False)], many)
+    assert not agree([], many) and not agree([_cold(2.0)], None)
+
+
+def test_few_lanes_or_optima_found_once_do_not_agree_with_anything() -> None:
+    assert agree([_cold(2.0)], _lanes(c2=30))
+    assert not agree([_cold(2.0)], _lanes(c2=29))
+    assert not agree([_cold(2.0)], _lanes(c2=57, c3=1, c4=1, c5=1))
+    assert not agree([_cold(2.0)], _lanes())
+
+
+def test_default_search_is_left_out_only_where_starts_agree() -> None:
+    settled = solve(cart(), [0.0, 1.0], seed=0)
+    account = settled.plan.starts
+    assert account is not None and account.agree and account.search is None
+    assert account.told()["agree"] is True
+    said = "zero controls (the lanes agree, so that no search was made)"
+    assert account.origin == said
+    assert not settled.plan.search.evaluations.size
+    named = solve(cart(), [0.0, 1.0], search="lshade", budget=1000, seed=0)
+    account = named.plan.starts
+    assert account is not None and not account.agree and account.search is not None
+    open_ = solve(four_discs(), [0.0, 0.0, 0.0], budget=1000, seed=0, repair=False)
+    account = open_.plan.starts
+    assert account is not None and not account.agree and account.search is not None
+    np.testing.assert_allclose(settled.cost, named.cost, rtol=1e-6)
+
+
+def test_guesses_take_no_more_iterations_than_what_was_before_where_starts_agree() -> (
+    None
+):
+    """Except for the last: eight guesses are made if the starts disagree."""
+
+    def tried(search: str) -> list[Tried]:
+        answer = solve(pendulum(), [0.0, 0.0], search=search, budget=500, seed=0)
+        assert answer.plan.starts is not None
+        assert answer.plan.starts.agree is (search == "default")
+        return list(answer.plan.starts.tried)
+
+    guesses: Origin = "guesses of states"
+    assert sum(one.origin == guesses for one in tried("lshade")) == 8
+    found = tried("default")
+    made = [one.iterations for one in found if one.origin == guesses]
+    before = sum(one.iterations for one in found if one.origin != guesses)
+    assert 1 <= len(made) < 8
+    assert sum(made[:-1]) <= before < sum(made)

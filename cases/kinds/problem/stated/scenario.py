@@ -228,7 +228,9 @@ class UserScenario(Scenario):
     feedback: Feedback = Feedback()
     measures: Mapping[Names, Measured] = Field(default_factory=dict)
     instances: Instances | None = None
-    search: AnySearch = Field(default={"name": "lshade"}, validate_default=True)
+    search: AnySearch = Field(
+        default={"name": "lshade", "when": "undecided"}, validate_default=True
+    )
     budget: BudgetPart = BudgetPart(evaluations=EVALUATIONS)
     polish: Literal["none", "ipopt"] | PolishPart = "ipopt"
 
