@@ -69,6 +69,7 @@ class LaneSolver:
         x0: ArrayLike,
         controls: Array,
         starts: Array | None = None,
+        states: Array | None = None,
         *,
         known: Known = NOTHING,
     ) -> LaneAnswers:
@@ -79,6 +80,9 @@ class LaneSolver:
             controls: Shape (nu, N, n), finite; moved inside the bounds.
             starts: Decisions about the start, shape (ny, n), one row for each of
                 `problem.free_starts`; None means those of x0.
+            states: Guess of the states between intervals, shape (nx, N + 1, n); None:
+                those that the controls lead to, and, from where that ends with broken
+                constraints, all equal to the first.
             known: Parameters and signals.
 
         Raises:
@@ -87,9 +91,9 @@ class LaneSolver:
         first = self._first(x0, controls, starts)
         instances, common = self._lanes.repeated(x0, known, controls.shape[2])
         solve = partial(self._lanes, common=common, rho=RHO, threads=self._threads)
-        found = solve(instances, controls, first)
+        found = solve(instances, controls, first, states)
         lost = np.flatnonzero(~reached(found) & (found.iterations < self._most))
-        if not lost.size:
+        if not lost.size or states is not None:
             return found
         held = np.repeat(instances.x0[:, None, lost], controls.shape[1] + 1, axis=1)
         again = solve(instances.at(lost), controls[:, :, lost], first[:, lost], held)

@@ -2,18 +2,18 @@
 
     cold       the NLP solver from zero controls, from the middle of the bounds and from
                the user's guess
-    lanes      local solves from these and from smooth random controls
-               (lanes/solver.py); the distinct optima are counted
+    lanes      local solves from these, from smooth random controls and from states
+               that reach a fixed end (lanes/solver.py); the distinct optima are counted
     search     the population search
     polish     the NLP solver from the best three optima of the lanes, from the search's
-               points, and from states that reach a fixed end
+               points, and from states that lead straight to a fixed end; without
+               optima of lanes, from more that reach it
     again      the NLP solver once more from the best answer with its own settings, if
                it had been kept near its start, so that it can leave a saddle point
 
 If cold starts and lanes agree, a search that is to decide has nothing to decide, and
-is left out; of the lanes' optima the best is polished, and states are guessed until
-they have taken as many iterations as all that was before. They agree if all cold starts
-lead to the cheapest optimum of the lanes, and hardly an optimum is left unseen.
+is left out, and of the lanes' optima the best is polished. They agree if all cold
+starts lead to the cheapest optimum of the lanes, and hardly an optimum is unseen.
 
 The answer is never worse than the result of any single start. Of answers that agree to
 1e-6, the one from the first kind of start is taken. Features that lanes do not support
@@ -40,7 +40,13 @@ from swarmstart.machine_code import stopwatch
 from swarmstart.ocp.common.processes import Ahead, processes_of, threads_of
 from swarmstart.ocp.compiled.engine import NoCompilerError
 from swarmstart.ocp.compiled.threads import aside
-from swarmstart.ocp.lanes.answers import distinct_optima, unreached, unseen_share
+from swarmstart.ocp.lanes.answers import (
+    LaneAnswers,
+    distinct_optima,
+    joined,
+    unreached,
+    unseen_share,
+)
 from swarmstart.ocp.lanes.posed import NoLanesError
 from swarmstart.ocp.lanes.solver import LaneSolver, random_starts
 from swarmstart.ocp.nlp.polish import SAME_COST, Polished, Polisher, is_better
@@ -198,7 +204,9 @@ class ManyStarts:
             )
             lanes, optima = solved or (None, [])
             tries.agree = may_agree and agree(tries.tried, lanes)
-            guesses = state_guesses(fitness, x0, known, _GUESSES, rng)
+            # In lanes there were many already.
+            count = 1 if optima else _GUESSES
+            guesses = state_guesses(fitness, x0, known, count, rng)
             best = [Origined("the lanes", one) for one in optima]
             expect_starts(watch, len(best) + len(guesses))
             found: Sequence[Start] = ()
@@ -255,13 +263,10 @@ class ManyStarts:
         """Take the results of starts, of each kind the best first."""
         shooting, work = self._fitness.shooting, Counter[Origin]()
         each = shooting.stage_without_path.n_instructions() * shooting.problem.intervals
-        most = _MOST_WORK
-        if tries.agree:
-            most = min(most, each * sum(one.iterations for one in tries.answers))
         for number, one in enumerate(starts):
             if self._polisher.watch.is_over and tries.answers:
                 return
-            if work[one.origin] <= most:
+            if work[one.origin] <= _MOST_WORK:
                 answer = tries.taken(one, results.result(number))
                 work[one.origin] += answer.iterations * each
 
@@ -323,12 +328,18 @@ class ManyStarts:
             return None, []
         with stopwatch() as watch:
             state = np.asarray(x0, dtype=np.float64).ravel()
-            controls, decided = random_starts(problem, self._random, rng)
+            # Half of them begin at states that reach the end, if that fixes any.
+            bent = state_guesses(self._fitness, x0, known, self._random // 2, rng)
+            count = self._random - len(bent)
+            controls, decided = random_starts(problem, count, rng)
             given = side_by_side(problem, starts, state)
             controls = np.dstack([given[0], controls])
             decided = np.hstack([given[1], decided])
+            solve = partial(solver, x0, known=known)
             try:
-                found = solver(x0, controls, decided, known=known)
+                found = solve(controls, decided)
+                if bent:
+                    found = joined([found, self._from_states(solve, bent, rng)])
             except NoCompilerError as error:  # Raised at the first use.
                 self._solver, self._refused = None, str(error)
                 return None, []
@@ -343,7 +354,7 @@ class ManyStarts:
                 for one in ends[:POLISHED]
             ]
             lanes = Lanes(
-                starts=controls.shape[2],
+                starts=found.cost.size,
                 optima=optima,
                 unseen=unseen_share([one.count for one in optima]),
                 iterations=taken,
@@ -353,6 +364,19 @@ class ManyStarts:
                 lost=lost,
             )
         return lanes, best
+
+    def _from_states(
+        self,
+        solve: Callable[..., LaneAnswers],
+        guesses: Sequence[Start],
+        rng: np.random.Generator,
+    ) -> LaneAnswers:
+        """Return the answers of lanes that begin at guesses of states."""
+        problem = self._fitness.problem
+        _, decided = random_starts(problem, len(guesses), rng)
+        controls = np.dstack([one.controls for one in guesses])
+        nodes = np.dstack([one.states for one in guesses])
+        return solve(controls, decided, nodes[:, :: problem.checks])
 
 
 class _Tries:

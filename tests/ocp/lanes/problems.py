@@ -1,5 +1,7 @@
 """Problems whose local optima are known."""
 
+import itertools
+
 import casadi as ca
 import numpy as np
 
@@ -9,6 +11,7 @@ from swarmstart.ocp import (
     Model,
     OptimalControlProblem,
     PathConstraint,
+    Separation,
 )
 
 DISCS = [(2.0, 0.3, 0.9), (4.2, -0.6, 1.0), (6.2, 0.5, 1.0), (8.2, -0.3, 0.9)]
@@ -48,6 +51,22 @@ def cart(**more: object) -> OptimalControlProblem:
     }  # fmt: skip
     model = Model(states=x, controls=u, ode=ca.vertcat(x[1], u))
     return OptimalControlProblem(model, **(given | more))  # type: ignore[arg-type]
+
+
+def crossing() -> OptimalControlProblem:
+    """Four points of a unit circle change places, 0.4 apart; states x, y, x, y..."""
+    x, u = ca.SX.sym("x", 8), ca.SX.sym("u", 8)
+    ends = np.array([1.0, 0.0, -1.0, 0.0, 0.0, 1.0, 0.0, -1.0])
+    pairs = itertools.combinations(range(0, 8, 2), 2)
+    return OptimalControlProblem(
+        Model(states=x, controls=u, ode=u),
+        horizon=1.0, intervals=20, checks=2, stage_cost=ca.sumsqr(u),
+        bounds=Bounds(controls=(-6.0, 6.0)), terminal=[(x, ends)],
+        constraints=[
+            Separation(relative=x[i : i + 2] - x[j : j + 2], distance=0.4)
+            for i, j in pairs
+        ],
+    )  # fmt: skip
 
 
 def bryson_denham() -> OptimalControlProblem:

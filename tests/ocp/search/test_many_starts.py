@@ -11,6 +11,7 @@ from swarmstart.ocp import (
     Bounds,
     InvalidProblemError,
     IpoptOptions,
+    Known,
     Model,
     OptimalControlProblem,
     PathConstraint,
@@ -18,12 +19,19 @@ from swarmstart.ocp import (
     Source,
     solve,
 )
-from swarmstart.ocp.lanes.answers import Optimum, unseen_share
+from swarmstart.ocp.lanes.answers import Optimum, reached, unseen_share
 from swarmstart.ocp.lanes.posed import NoLanesError
+from swarmstart.ocp.lanes.solver import LaneSolver, random_starts
+from swarmstart.ocp.rollout.fitness import Fitness
 from swarmstart.ocp.search import many_starts
 from swarmstart.ocp.search.account import Lanes, Origin, Tried
-from swarmstart.ocp.search.many_starts import agree
-from swarmstart.tests.ocp.lanes.problems import cart, four_discs, pendulum
+from swarmstart.ocp.search.many_starts import agree, state_guesses
+from swarmstart.tests.ocp.lanes.problems import (
+    cart,
+    crossing,
+    four_discs,
+    pendulum,
+)
 
 pytestmark = pytest.mark.usefixtures("compiler")
 
@@ -75,8 +83,8 @@ def test_seconds_until_found_are_those_of_the_parts_before() -> None:
     assert least < account.found_after <= least + account.polish.seconds
     guess = next(one for one in account.tried if one.origin == "guesses of states")
     late = replace(account, tried=(account.tried[0], replace(guess, cost=0.0)))
-    parts = (account.search, account.lanes, *late.tried)
-    assert late.found_after == pytest.approx(sum(one.seconds for one in parts))
+    least += account.search.seconds + guess.seconds
+    assert late.found_after == pytest.approx(least)
 
 
 def test_guess_that_is_best_wins() -> None:
@@ -101,14 +109,15 @@ def test_guess_that_is_best_wins() -> None:
 def test_summary_says_what_starts_led_to() -> None:
     answer = solve(pendulum(), [0.0, 0.0], search=None, lanes=16, seed=0)
     said = str(answer)
-    assert [one.count for one in answer.optima] == [17]
+    assert sum(one.count for one in answer.optima) == 17
+    assert answer.optima[0].count >= 9
     assert answer.optima[0].cost == pytest.approx(36.7126, abs=1e-3)
     assert "  won         zero controls" in said
     assert "  polished    zero controls 36.71264; the lanes 36.71264" in said
     assert "  lanes       17 starts: 36.712" in said
     last = said.splitlines()[-1]
     assert last.endswith("at most 18% of such starts end in others (95% interval)")
-    assert len(last) <= 100
+    assert len(last) <= 110
 
 
 def test_reason_is_said_where_lanes_do_not_serve() -> None:
@@ -272,21 +281,29 @@ def test_default_search_is_left_out_only_where_starts_agree() -> None:
     np.testing.assert_allclose(settled.cost, named.cost, rtol=1e-6)
 
 
-def test_guesses_take_no_more_iterations_than_what_was_before_where_starts_agree() -> (
-    None
-):
-    """Except for the last: eight guesses are made if the starts disagree."""
-
-    def tried(search: str) -> list[Tried]:
-        answer = solve(pendulum(), [0.0, 0.0], search=search, budget=500, seed=0)
-        assert answer.plan.starts is not None
-        assert answer.plan.starts.agree is (search == "default")
-        return list(answer.plan.starts.tried)
-
+def test_states_that_reach_the_end_are_guessed_in_lanes() -> None:
+    """Half of the random starts begin there; where no lane ends, IPOPT tries eight."""
+    answer = solve(pendulum(), [0.0, 0.0], search=None, lanes=16, seed=0)
+    account = answer.plan.starts
+    assert account is not None and account.lanes is not None
+    assert account.lanes.starts == 1 + 16
     guesses: Origin = "guesses of states"
-    assert sum(one.origin == guesses for one in tried("lshade")) == 8
-    found = tried("default")
-    made = [one.iterations for one in found if one.origin == guesses]
-    before = sum(one.iterations for one in found if one.origin != guesses)
-    assert 1 <= len(made) < 8
-    assert sum(made[:-1]) <= before < sum(made)
+    assert sum(one.origin == guesses for one in account.tried) == 1
+    left = solve(cart(blocks=[25, 25]), [0.0, 1.0], search=None, lanes=16, seed=0)
+    assert left.plan.starts is not None
+    assert sum(one.origin == guesses for one in left.plan.starts.tried) == 8
+
+
+def test_lanes_from_states_pass_where_those_from_controls_fail() -> None:
+    """Vehicles change places: half of the random controls do not let them pass."""
+    problem = crossing()
+    solver = LaneSolver(problem)
+    rng = np.random.default_rng(0)
+    x0 = np.array([-1.0, 0.0, 1.0, 0.0, 0.0, -1.0, 0.0, 1.0])
+    controls, _ = random_starts(problem, 32, rng)
+    direct = solver(x0, controls)
+    bent = state_guesses(Fitness(problem), x0, Known(), 32, rng)
+    nodes = np.array([one.states for one in bent])
+    states = np.moveaxis(nodes, 0, -1)[:, :: problem.checks]
+    through = solver(x0, np.zeros_like(controls), states=states)
+    assert reached(through).sum() >= reached(direct).sum() + 8
