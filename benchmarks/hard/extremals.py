@@ -127,7 +127,8 @@ def arrivals(
         box: Lower left and upper right corner [m].
         latest: Latest time of arrival [s].
     """
-    fan = np.linspace(-np.pi, np.pi, HEADINGS + 1)
+    # One ray more than once round: rounding could leave a gap at -pi = pi.
+    fan = 2 * np.pi / HEADINGS * np.arange(HEADINGS + 2) - np.pi
     places = extremals(start, fan, np.full(fan.size, latest), current, _ROUGH)[:2]
     step, ray = np.nonzero(_holds(places, goal))
     unknown = np.array([fan[ray], (step + 0.5) * latest / STEPS])

@@ -188,12 +188,13 @@ def _by_triangle(
 ) -> float:
     """Return the least time of a node by two neighbours, one of which may be unknown.
 
-    T(y) + F(x - y) is convex in the place y, so the sign of its slope brackets it.
+    T(y) + F(x - y) is convex in the place y, so the sign of its slope brackets it. The
+    slope is infinite, away from the unknown neighbour, if there is one.
     """
     low, high = 0.0, 1.0
-    if excess[1] == np.inf or _slope(low, node, ends, excess, uniform) >= 0:
+    if _slope(low, node, ends, excess, uniform) >= 0:
         high = low
-    elif excess[0] == np.inf or _slope(high, node, ends, excess, uniform) <= 0:
+    elif _slope(high, node, ends, excess, uniform) <= 0:
         low = high
     for _ in range(_HALVINGS if low < high else 0):
         share = (low + high) / 2

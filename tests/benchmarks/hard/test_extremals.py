@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.integrate import quad
+from scipy.linalg import expm
 from scipy.optimize import root
 
 from swarmstart.arrays import Array
@@ -58,6 +59,23 @@ def test_shear_has_the_time_of_its_first_integrals() -> None:
     best = arrivals(START, GOAL, shear, BOX, latest=2)[0]
     assert best.time == pytest.approx(time, rel=1e-10)
     assert best.heading == pytest.approx(heading, rel=1e-8)
+
+
+def test_heading_is_the_direction_of_the_costate() -> None:
+    # In a linear current the costate is exp(-A' t) times its start.
+    A = np.array([[0.3, 0.2], [-0.1, -0.2]])
+    rows: tuple[Point, Point] = ((0.3, 0.2), (-0.1, -0.2))
+    first = np.linspace(-3, 3, 7)
+    path = extremals(START, first, np.full(7, 2.0), Current(linear=rows), 1e-12)
+    costate = expm(-2.0 * A.T) @ np.array([np.cos(first), np.sin(first)])
+    last = path[2, -1]
+    assert np.allclose(costate / np.hypot(*costate), [np.cos(last), np.sin(last)])
+
+
+@pytest.mark.parametrize("goal", [(0.5, 0.0), (-0.5, 0.0), (0.0, 0.5)])
+def test_an_extremal_at_an_edge_of_cells_is_found_once(goal: Point) -> None:
+    (only,) = arrivals((0, 0), goal, Current(), BOX, latest=1)
+    assert only.time == pytest.approx(0.5, abs=1e-12)
 
 
 def test_the_way_back_in_the_opposite_current_takes_as_long() -> None:
