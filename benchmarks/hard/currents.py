@@ -64,7 +64,7 @@ class Current:
         for vortex in self.vortices:
             x, y, square = _apart(p, vortex)
             w += vortex.strength / square * np.array([-y, x])
-        return w
+        return np.asarray(w)
 
     def jacobian(self, p: Array) -> Array:
         """Return the derivatives dw_i/dp_j, shape (2, 2, ...) [1/s]."""

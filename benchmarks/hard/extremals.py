@@ -128,17 +128,19 @@ def arrivals(
         latest: Latest time of arrival [s].
     """
     # One ray more than once round: rounding could leave a gap at -pi = pi.
-    fan = 2 * np.pi / HEADINGS * np.arange(HEADINGS + 2) - np.pi
+    fan: Array = 2 * np.pi / HEADINGS * np.arange(HEADINGS + 2.0) - np.pi
     places = extremals(start, fan, np.full(fan.size, latest), current, _ROUGH)[:2]
     step, ray = np.nonzero(_holds(places, goal))
+    if not step.size:
+        return ()
     unknown = np.array([fan[ray], (step + 0.5) * latest / STEPS])
     for _ in range(_NEWTON):
         change = _newton_step(start, goal, unknown, current)
         unknown = unknown - change
         unknown[1] = np.clip(unknown[1], 0, latest)
-        if np.abs(change).max(initial=0) < _MISS / 100:
+        if np.abs(change).max() < _MISS / 100:
             break
-    states = extremals(start, *unknown, current, _FINE)
+    states = extremals(start, unknown[0], unknown[1], current, _FINE)
     reached = np.hypot(*(states[:2, -1].T - goal).T) < _MISS
     inside = np.array([in_box(path, box).all() for path in states[:2].T.swapaxes(1, 2)])
     found: list[Arrival] = []
@@ -186,4 +188,4 @@ def _holds(fan: Array, goal: Point) -> NDArray[np.bool_]:
 def _surround(a: Array, b: Array, c: Array) -> NDArray[np.bool_]:
     """Return whether triangles hold the origin: it is on one side of all edges."""
     sides = [p[0] * q[1] - p[1] * q[0] for p, q in ((a, b), (b, c), (c, a))]
-    return (np.min(sides, axis=0) >= 0) | (np.max(sides, axis=0) <= 0)
+    return np.asarray((np.min(sides, axis=0) >= 0) | (np.max(sides, axis=0) <= 0))

@@ -78,6 +78,10 @@ def test_an_extremal_at_an_edge_of_cells_is_found_once(goal: Point) -> None:
     assert only.time == pytest.approx(0.5, abs=1e-12)
 
 
+def test_nothing_arrives_before_the_least_time() -> None:
+    assert arrivals((0, 0), (0.5, 0.0), Current(), BOX, latest=0.49) == ()
+
+
 def test_the_way_back_in_the_opposite_current_takes_as_long() -> None:
     opposite = Current(
         vortices=tuple(replace(v, strength=-v.strength) for v in THREE.vortices)

@@ -135,7 +135,7 @@ def the_direction(piece: Piece, share: float) -> Array:
     if isinstance(piece, Segment):
         return np.asarray(np.subtract(piece.end, piece.start) / piece.length)
     angle = piece.angle + share * piece.sweep
-    return np.array([-np.sin(angle), np.cos(angle)]) * np.sign(piece.sweep)
+    return np.sign(piece.sweep) * np.array([-np.sin(angle), np.cos(angle)], dtype=float)
 
 
 sizes = st.integers(1, 8).map(lambda n: n / 8)
