@@ -75,7 +75,7 @@ class Current:
             turning = np.zeros(derivatives.shape) + np.reshape([[0, -1], [1, 0]], shape)
             fading = 2 / square * np.array([[-y * x, -y * y], [x * x, x * y]])
             derivatives += vortex.strength / square * (turning - fading)
-        return derivatives
+        return np.asarray(derivatives)
 
 
 def _apart(p: Array, vortex: Vortex) -> tuple[Array, Array, Array]:

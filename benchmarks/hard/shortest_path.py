@@ -30,12 +30,14 @@ square of its length, in edges of length h = L/N if the speed is constant.
 - Limits at the ends of intervals only: the polygon may be inscribed, and is Theta
   h^2/(24 r) shorter: cost = L^2 (1 - sum of Theta L/(12 r N^2) + ...), below L^2.
 - Limits at several checks in each interval: in between.
-- An arc shorter than h acts as a corner. A part of length l between two corners has a
-  whole number of intervals, or an edge that cuts the corner at the ends of intervals
-  only: both change lengths and speeds by shares of order (h/l)^2, again 1/N^2.
+- An arc shorter than h is passed by one corner, whatever N is: with limits along the
+  whole path 2 r tan(Theta/2) - r Theta, about r Theta^3/12, longer. The order 1/N^2
+  begins with N > L/(r Theta).
+- A part of length l between two corners has a whole number of intervals, which changes
+  speeds by shares of h/l, and the cost by their squares: again 1/N^2.
 
-Source: Lozano-Perez and Wesley (1979), Comm. ACM 22(10), visibility graph; Chang et al.
-(2005), COCOON, the same with arcs.
+Source: Lozano-Perez and Wesley (1979), Comm. ACM 22(10), visibility graph; Chang, Choi,
+Kwon, Park and Yap (2005), SoCG, Shortest path amidst disc obstacles is computable.
 """
 
 from __future__ import annotations

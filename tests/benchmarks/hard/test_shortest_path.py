@@ -135,7 +135,8 @@ def the_direction(piece: Piece, share: float) -> Array:
     if isinstance(piece, Segment):
         return np.asarray(np.subtract(piece.end, piece.start) / piece.length)
     angle = piece.angle + share * piece.sweep
-    return np.sign(piece.sweep) * np.array([-np.sin(angle), np.cos(angle)], dtype=float)
+    left = np.array([-np.sin(angle), np.cos(angle)])
+    return np.asarray(left * np.sign(piece.sweep))
 
 
 sizes = st.integers(1, 8).map(lambda n: n / 8)
