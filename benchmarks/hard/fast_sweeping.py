@@ -21,9 +21,9 @@ the uniform current of the start: T is a cone there, which linear interpolation 
 follows with an error of h log h. The scheme is monotone and of first order, exact in a
 uniform current; Richardson's extrapolation removes the first order.
 
-Source: Tsai, Cheng, Osher and Zhao (2003), SIAM J. Numer. Anal. 41(2), sweeping for
-Hamilton-Jacobi equations; Sethian and Vladimirsky (2003), SIAM J. Numer. Anal. 41(1),
-the update by minimisation; Luo and Qian (2012), J. Sci. Comput. 52, factoring.
+Source: Tsai, Cheng, Osher and Zhao (2003), SIAM Journal on Numerical Analysis 41(2),
+sweeping for Hamilton-Jacobi equations; Sethian and Vladimirsky (2003), the same journal
+41(1), the update by minimisation; Luo and Qian (2012), J. Sci. Comput. 52, factoring.
 """
 
 from __future__ import annotations
