@@ -60,7 +60,7 @@ class LeastTime:
 
     @property
     def confirmed(self) -> bool:
-        """Agreement of the earliest arrival with the grids, within twice their error."""
+        """Agreement of the earliest arrival with the grids within twice their error."""
         bound = 2 * self.grid.error + 1e-8 * self.grid.time
         return bool(self.arrivals) and (
             abs(self.arrivals[0].time - self.grid.time) <= bound
