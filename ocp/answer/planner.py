@@ -93,7 +93,6 @@ from swarmstart.ocp.search.many_starts import (
     Answered,
     ManyStarts,
     ManyStartsInterrupted,
-    straight_states,
 )
 from swarmstart.ocp.search.search_space import (
     SearchSpace,
@@ -110,6 +109,7 @@ from swarmstart.ocp.search.settings import (
     search_settings,
     traded_order,
 )
+from swarmstart.ocp.search.state_guesses import straight_states
 from swarmstart.ocp.statement.guesses import (
     bounded_controls,
     cold_controls,

@@ -66,6 +66,8 @@ class Lanes:
         unfinished: Number of starts that ended at a feasible point which is not shown
             to be an optimum.
         lost: Number of starts whose states left the finite numbers.
+        varied: Number of starts that are variations of optima from the others; they
+            count for all but `unseen`.
     """
 
     starts: int
@@ -76,6 +78,7 @@ class Lanes:
     infeasible: int
     unfinished: int
     lost: int
+    varied: int = 0
 
     def told(self, sense: float = 1.0) -> dict[str, Any]:
         """Return all fields as a dictionary for JSON.
@@ -95,7 +98,10 @@ class Lanes:
         shown = [f"{sense * one.cost:.7g} ({one.count})" for one in self.optima[:SHOWN]]
         more = len(self.optima) - SHOWN
         listed = ", ".join(shown) + (f" and {more} more" if more > 0 else "")
-        said = f"{self.starts} start{_s(self.starts)}: {listed or 'no optimum'}"
+        said = f"{self.starts} start{_s(self.starts)}"
+        if self.varied:
+            said += f", {self.varied} of them variations"
+        said += f": {listed or 'no optimum'}"
         ended = (
             (self.unfinished, "unfinished"),
             (self.infeasible, "infeasible"),

@@ -3,7 +3,8 @@
     cold       the NLP solver from zero controls, from the middle of the bounds and from
                the user's guess
     lanes      local solves from these, from smooth random controls and from states
-               that reach a fixed end (lanes/solver.py); the distinct optima are counted
+               that reach a fixed end; the distinct optima are counted. If they
+               disagree, from variations of these optima, too (start_lanes.py)
     search     the population search
     polish     the NLP solver from the best three optima of the lanes, from the search's
                points, and from states that lead straight to a fixed end; without
@@ -18,11 +19,6 @@ starts lead to the cheapest optimum of the lanes, and hardly an optimum is unsee
 The answer is never worse than the result of any single start. Of answers that agree to
 1e-6, the one from the first kind of start is taken. Features that lanes do not support
 (blocks, stiff models) are left to the NLP solver, and the account says so.
-
-If the controls of a start lead far from a fixed end, an NLP solver may not recover;
-from states that reach the end, it often does. Such guesses, lines with sine modes, are
-drawn, not optimised: only the NLP solver's answer shows which of them leads to a good
-optimum.
 """
 
 from collections import Counter
@@ -32,21 +28,12 @@ from functools import partial
 from typing import NamedTuple, TypeVar, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from swarmstart.arrays import Array
 from swarmstart.errors import Sendable
-from swarmstart.machine_code import stopwatch
 from swarmstart.ocp.common.processes import Ahead, processes_of, threads_of
 from swarmstart.ocp.compiled.engine import NoCompilerError
 from swarmstart.ocp.compiled.threads import aside
-from swarmstart.ocp.lanes.answers import (
-    LaneAnswers,
-    distinct_optima,
-    joined,
-    unreached,
-    unseen_share,
-)
 from swarmstart.ocp.lanes.posed import NoLanesError
 from swarmstart.ocp.lanes.solver import LaneSolver, random_starts
 from swarmstart.ocp.nlp.polish import SAME_COST, Polished, Polisher, is_better
@@ -54,16 +41,11 @@ from swarmstart.ocp.nlp.polish_options import PolishStatus
 from swarmstart.ocp.nlp.several import Timed, in_turn, polished_from
 from swarmstart.ocp.nlp.start import Start
 from swarmstart.ocp.nlp.watching import expect_starts
-from swarmstart.ocp.rollout.fitness import (
-    Fitness,
-    Known,
-    at_nodes,
-    shared_arguments,
-    started,
-)
+from swarmstart.ocp.rollout.fitness import Fitness, Known, started
 from swarmstart.ocp.search.account import Lanes, Origin, StartsAccount, Tried
-from swarmstart.ocp.search.search_space import side_by_side
-from swarmstart.ocp.statement.guesses import cold_controls, zero_controls
+from swarmstart.ocp.search.start_lanes import Solved, StartLanes
+from swarmstart.ocp.search.state_guesses import state_guesses
+from swarmstart.ocp.statement.guesses import cold_controls
 
 T = TypeVar("T")
 
@@ -83,10 +65,6 @@ _AGREED = 1e-4
 """Relative difference of costs within which lanes and cold starts agree."""
 _NEAR: tuple[Origin, ...] = ("the lanes", "the search")
 """Kinds of starts that are answers, which the NLP solver stays near."""
-MODES = (1, 3)
-"""Numbers of the sine modes, used in turn."""
-_AMPLITUDE = 0.5
-"""Standard deviation of the first mode, relative to the way; mode k has 1/k of it."""
 
 
 class Origined(NamedTuple):
@@ -142,28 +120,29 @@ class ManyStarts:
         """
         self._fitness, self._polisher, self._random = fitness, polisher, random
         self._threads = threads
-        self._solver, self._refused = None, ""
+        self._lanes, self._refused = None, ""
         # Built with the evaluator, which is needed at once and never compiled aside.
         program = polisher.program
         try:
             # Compiled in another thread while the cold starts are polished.
             with aside():
-                self._solver = LaneSolver(
+                solver = LaneSolver(
                     fitness.shooting,
                     program=program,
                     threads=threads_of(threads),
                 )
+            self._lanes = StartLanes(fitness, solver, polisher.watch)
         except NoLanesError as error:
             self._refused = str(error)
 
     def prepare(self) -> None:
         """Wait for machine code that is still being compiled."""
-        if self._solver is None:
+        if self._lanes is None:
             return
         try:
-            self._solver.prepare()
+            self._lanes.prepare()
         except NoCompilerError as error:
-            self._solver, self._refused = None, str(error)
+            self._lanes, self._refused = None, str(error)
 
     def __call__(
         self,
@@ -202,27 +181,14 @@ class ManyStarts:
             solved = self._beside(
                 tries, cold, rng, lambda: self._in_lanes(starts, x0, known, rng)
             )
-            lanes, optima = solved or (None, [])
-            tries.agree = may_agree and agree(tries.tried, lanes)
-            # In lanes there were many already.
-            count = 1 if optima else _GUESSES
-            guesses = state_guesses(fitness, x0, known, count, rng)
-            best = [Origined("the lanes", one) for one in optima]
-            expect_starts(watch, len(best) + len(guesses))
-            found: Sequence[Start] = ()
-            if tries.agree:
-                self._several(tries, best[:1])
-            elif search is None or watch.is_over or tries.is_beyond_rollouts:
-                self._several(tries, best)
-            else:
-                found = self._beside(tries, best, rng, search) or ()
-                # Where roll-outs say nothing, all that searches by them is left out.
-                tries.is_searched = not tries.is_beyond_rollouts
-            further = [Origined("the search", one) for one in found]
-            further += [Origined("guesses of states", one) for one in guesses]
-            if not fitness.problem.model.nu:
-                further += self._drawn(x0, known, rng)
-            self._several(tries, further)
+            if solved is not None and self._lanes is not None:
+                lanes = self._lanes.account(solved)
+                do_agree = agree(tries.tried, lanes)
+                tries.agree = may_agree and do_agree
+                if not do_agree:
+                    solved = self._lanes.varied(solved, self._random, rng)
+                    lanes = self._lanes.account(solved)
+            self._further(tries, solved, search, x0, known, rng)
             if not (watch.is_over or tries.is_beyond_rollouts):
                 tries.polish_again()
         except KeyboardInterrupt:
@@ -230,6 +196,40 @@ class ManyStarts:
                 raise
             raise ManyStartsInterrupted(self._answered(tries, lanes)) from None
         return self._answered(tries, lanes)
+
+    def _further(
+        self,
+        tries: "_Tries",
+        solved: Solved | None,
+        search: Callable[[], Sequence[Start]] | None,
+        x0: ArrayLike,
+        known: Known,
+        rng: np.random.Generator,
+    ) -> None:
+        """Search, and polish from all but the cold starts."""
+        optima: list[Start] = []
+        if solved is not None and self._lanes is not None:
+            optima = self._lanes.best(solved, POLISHED)
+        # In lanes there were many guesses already.
+        count = 1 if optima else _GUESSES
+        guesses = state_guesses(self._fitness, x0, known, count, rng)
+        best = [Origined("the lanes", one) for one in optima]
+        watch = self._polisher.watch
+        expect_starts(watch, len(best) + len(guesses))
+        found: Sequence[Start] = ()
+        if tries.agree:
+            self._several(tries, best[:1])
+        elif search is None or watch.is_over or tries.is_beyond_rollouts:
+            self._several(tries, best)
+        else:
+            found = self._beside(tries, best, rng, search) or ()
+            # Where roll-outs say nothing, all that searches by them is left out.
+            tries.is_searched = not tries.is_beyond_rollouts
+        further = [Origined("the search", one) for one in found]
+        further += [Origined("guesses of states", one) for one in guesses]
+        if not self._fitness.problem.model.nu:
+            further += self._drawn(x0, known, rng)
+        self._several(tries, further)
 
     def _beside(
         self,
@@ -321,62 +321,15 @@ class ManyStarts:
         x0: ArrayLike,
         known: Known,
         rng: np.random.Generator,
-    ) -> tuple[Lanes | None, list[Start]]:
-        """Return the account of the lanes, and their best optima."""
-        solver, problem = self._solver, self._fitness.problem
-        if solver is None or self._polisher.watch.is_over:
-            return None, []
-        with stopwatch() as watch:
-            state = np.asarray(x0, dtype=np.float64).ravel()
-            # Half of them begin at states that reach the end, if that fixes any.
-            bent = state_guesses(self._fitness, x0, known, self._random // 2, rng)
-            count = self._random - len(bent)
-            controls, decided = random_starts(problem, count, rng)
-            given = side_by_side(problem, starts, state)
-            controls = np.dstack([given[0], controls])
-            decided = np.hstack([given[1], decided])
-            solve = partial(solver, x0, known=known)
-            try:
-                found = solve(controls, decided)
-                if bent:
-                    found = joined([found, self._from_states(solve, bent, rng)])
-            except NoCompilerError as error:  # Raised at the first use.
-                self._solver, self._refused = None, str(error)
-                return None, []
-            taken = int(found.iterations.sum())
-            self._polisher.watch.counted(taken * solver.rollouts_per_iteration)
-            ends = distinct_optima(found)  # Some may be no optima yet.
-            optima = solver.optima(found, x0, known)
-            infeasible, lost = unreached(found)
-            unfinished = sum(e.count for e in ends) - sum(o.count for o in optima)
-            best = [
-                Start(one.controls, x0=started(problem, state, one.decided))
-                for one in ends[:POLISHED]
-            ]
-            lanes = Lanes(
-                starts=found.cost.size,
-                optima=optima,
-                unseen=unseen_share([one.count for one in optima]),
-                iterations=taken,
-                seconds=watch.seconds,
-                infeasible=infeasible,
-                unfinished=unfinished,
-                lost=lost,
-            )
-        return lanes, best
-
-    def _from_states(
-        self,
-        solve: Callable[..., LaneAnswers],
-        guesses: Sequence[Start],
-        rng: np.random.Generator,
-    ) -> LaneAnswers:
-        """Return the answers of lanes that begin at guesses of states."""
-        problem = self._fitness.problem
-        _, decided = random_starts(problem, len(guesses), rng)
-        controls = np.dstack([one.controls for one in guesses])
-        nodes = np.dstack([one.states for one in guesses])
-        return solve(controls, decided, nodes[:, :: problem.checks])
+    ) -> Solved | None:
+        """Return the answers of the lanes; None without lanes."""
+        if self._lanes is None or self._polisher.watch.is_over:
+            return None
+        try:
+            return self._lanes.random(starts, x0, known, self._random, rng)
+        except NoCompilerError as error:  # Raised at the first use.
+            self._lanes, self._refused = None, str(error)
+            return None
 
 
 class _Tries:
@@ -513,72 +466,3 @@ def agree(cold: Sequence[Tried], lanes: Lanes | None) -> bool:
         and lanes.unseen.most <= _UNSEEN
         and max(abs(cost - least) for cost in costs) <= _AGREED * abs(least)
     )
-
-
-def straight_states(fitness: Fitness, x0: ArrayLike, known: Known) -> Array | None:
-    """Return states that lead straight to the fixed end states, (nx, nodes).
-
-    Other states stay at their initial value. None if the end fixes no state.
-
-    Args:
-        fitness: The problem's evaluator.
-        x0: Initial state, shape (nx,).
-        known: Parameters and signals.
-    """
-    way = _way(fitness, x0, known)
-    return None if way is None else way[0]
-
-
-def state_guesses(
-    fitness: Fitness, x0: ArrayLike, known: Known, n: int, rng: np.random.Generator
-) -> list[Start]:
-    """Return guesses whose states start at x0 and reach the fixed end states.
-
-    The first is the straight line, the others add sine modes to it; all have zero
-    controls. The list is empty if the end fixes no state.
-
-    Args:
-        fitness: The problem's evaluator.
-        x0: Initial state, shape (nx,).
-        known: Parameters and signals.
-        n: Number of guesses.
-        rng: Source of all randomness.
-    """
-    way = _way(fitness, x0, known)
-    if way is None or n < 1:
-        return []
-    line, fixed = way
-    problem = fitness.problem
-    controls = zero_controls(problem)
-    reach = np.abs(line[:, -1] - line[:, 0])
-    # A state whose end equals its start gets its natural size as amplitude.
-    sizes = fitness.arguments.sizes(x0, known).states
-    reach = np.where(fixed, np.where(reach > 0, reach, sizes), 0.0)
-    part = np.linspace(0.0, 1.0, problem.nodes)
-    lower, upper = (side[:, None] for side in problem.state_limits)
-    found = [Start(controls, line)]
-    for number in range(n - 1):
-        modes = np.arange(1, MODES[number % len(MODES)] + 1)
-        drawn = rng.standard_normal((reach.size, modes.size))
-        amplitudes = _AMPLITUDE * reach[:, None] * drawn / modes
-        bent = line + amplitudes @ np.sin(np.pi * np.outer(modes, part))
-        inside = np.clip(bent, lower, upper)
-        inside[:, 0] = line[:, 0]  # The start is given, even beyond a bound.
-        found.append(Start(controls, inside))
-    return found
-
-
-def _way(
-    fitness: Fitness, x0: ArrayLike, known: Known
-) -> tuple[Array, NDArray[np.bool_]] | None:
-    """Return the line at the nodes, and a mask of the states that the end fixes."""
-    problem = fitness.problem
-    state, p, flat = shared_arguments(problem, x0, known)
-    signals = at_nodes(problem, flat)
-    target = fitness.shooting.sizing.target(p, signals[:, -1])
-    fixed = ~np.isnan(target)
-    if not fixed.any():
-        return None
-    reached = np.where(fixed, target, state)
-    part = np.linspace(0.0, 1.0, problem.nodes)
-    return state[:, None] + np.outer(reached - state, part), fixed

@@ -53,8 +53,8 @@ def cart(**more: object) -> OptimalControlProblem:
     return OptimalControlProblem(model, **(given | more))  # type: ignore[arg-type]
 
 
-def crossing() -> OptimalControlProblem:
-    """Four points of a unit circle change places, 0.4 apart; states x, y, x, y..."""
+def crossing(apart: float = 0.4) -> OptimalControlProblem:
+    """Four points of a unit circle change places; states x, y, x, y..."""
     x, u = ca.SX.sym("x", 8), ca.SX.sym("u", 8)
     ends = np.array([1.0, 0.0, -1.0, 0.0, 0.0, 1.0, 0.0, -1.0])
     pairs = itertools.combinations(range(0, 8, 2), 2)
@@ -63,7 +63,7 @@ def crossing() -> OptimalControlProblem:
         horizon=1.0, intervals=20, checks=2, stage_cost=ca.sumsqr(u),
         bounds=Bounds(controls=(-6.0, 6.0)), terminal=[(x, ends)],
         constraints=[
-            Separation(relative=x[i : i + 2] - x[j : j + 2], distance=0.4)
+            Separation(relative=x[i : i + 2] - x[j : j + 2], distance=apart)
             for i, j in pairs
         ],
     )  # fmt: skip

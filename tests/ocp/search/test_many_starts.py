@@ -25,7 +25,9 @@ from swarmstart.ocp.lanes.solver import LaneSolver, random_starts
 from swarmstart.ocp.rollout.fitness import Fitness
 from swarmstart.ocp.search import many_starts
 from swarmstart.ocp.search.account import Lanes, Origin, Tried
-from swarmstart.ocp.search.many_starts import agree, state_guesses
+from swarmstart.ocp.search.many_starts import agree
+from swarmstart.ocp.search.start_lanes import ROUNDS
+from swarmstart.ocp.search.state_guesses import state_guesses
 from swarmstart.tests.ocp.lanes.problems import (
     cart,
     crossing,
@@ -52,7 +54,9 @@ def test_answer_is_no_worse_than_any_of_its_starts() -> None:
     found = account.best_of("the lanes")
     assert found is not None
     assert found.cost == pytest.approx(answer.cost, rel=1e-6)
-    assert sum(one.count for one in account.lanes.optima) <= account.lanes.starts == 65
+    assert sum(one.count for one in account.lanes.optima) <= account.lanes.starts
+    assert account.lanes.starts - account.lanes.varied == 65
+    assert account.lanes.varied in range(64, 64 * ROUNDS + 1, 64)
 
 
 def test_of_equal_answers_the_cheapest_start_wins() -> None:
@@ -109,15 +113,15 @@ def test_guess_that_is_best_wins() -> None:
 def test_summary_says_what_starts_led_to() -> None:
     answer = solve(pendulum(), [0.0, 0.0], search=None, lanes=16, seed=0)
     said = str(answer)
-    assert sum(one.count for one in answer.optima) == 17
-    assert answer.optima[0].count >= 9
+    assert 31 <= sum(one.count for one in answer.optima) <= 33
+    assert answer.optima[0].count >= 17
     assert answer.optima[0].cost == pytest.approx(36.7126, abs=1e-3)
     assert "  won         zero controls" in said
     assert "  polished    zero controls 36.71264; the lanes 36.71264" in said
-    assert "  lanes       17 starts: 36.712" in said
+    assert "  lanes       33 starts, 16 of them variations: 36.712" in said
     last = said.splitlines()[-1]
     assert last.endswith("at most 18% of such starts end in others (95% interval)")
-    assert len(last) <= 110
+    assert len(last) <= 150
 
 
 def test_reason_is_said_where_lanes_do_not_serve() -> None:
@@ -286,7 +290,7 @@ def test_states_that_reach_the_end_are_guessed_in_lanes() -> None:
     answer = solve(pendulum(), [0.0, 0.0], search=None, lanes=16, seed=0)
     account = answer.plan.starts
     assert account is not None and account.lanes is not None
-    assert account.lanes.starts == 1 + 16
+    assert account.lanes.starts - account.lanes.varied == 1 + 16
     guesses: Origin = "guesses of states"
     assert sum(one.origin == guesses for one in account.tried) == 1
     left = solve(cart(blocks=[25, 25]), [0.0, 1.0], search=None, lanes=16, seed=0)

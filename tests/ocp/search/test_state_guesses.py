@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from swarmstart.ocp import Bounds, Model, OptimalControlProblem, Planner
 from swarmstart.ocp.rollout.fitness import NOTHING
-from swarmstart.ocp.search.many_starts import state_guesses, straight_states
+from swarmstart.ocp.search.state_guesses import state_guesses, straight_states
 
 X, U = ca.SX.sym("x", 3), ca.SX.sym("u")
 PROBLEM = OptimalControlProblem(
