@@ -114,6 +114,17 @@ def shipped() -> dict[str, Path]:
     return {Path(f.name).stem: Path(str(f)) for f in sorted_files(folder)}
 
 
+def hard_problems() -> dict[str, Path]:
+    """Return the hard problems that come with the package, `hard/NAME` -> file."""
+    folder = importlib.resources.files("swarmstart.cases") / "hard" / "problems"
+    return {f"hard/{Path(f.name).stem}": Path(str(f)) for f in sorted_files(folder)}
+
+
+def by_name() -> dict[str, Path]:
+    """Return all files that come with the package, by the names that commands take."""
+    return {**shipped(), **hard_problems()}
+
+
 def sorted_files(folder: Any) -> list[Any]:
     """Return the YAML files of a folder by name."""
     return sorted(
@@ -125,26 +136,29 @@ def read_document(name_or_path: str) -> Document:
     """Read a scenario file.
 
     Args:
-        name_or_path: The name of a shipped scenario, or a path: anything with a dot, a
-            slash, or an existing file.
+        name_or_path: The name of a shipped scenario, such as `pendulum` or
+            `hard/walls_4`, or a path: anything with a dot, a slash, or an existing
+            file.
 
     Raises:
         UnknownScenarioError: If it looks like a name, but no scenario has it.
         UnreadableFileError: If the file cannot be read.
         YamlError: If its content is not the format.
     """
-    known = shipped()
+    known = by_name()
     if name_or_path in known:
         file = known[name_or_path]
         document = parse_yaml(file.read_bytes(), name=f"{name_or_path}.yaml")
         return replace(document, folder=str(file.parent))
     looks_like_path = any(mark in name_or_path for mark in "./\\")
-    if looks_like_path or _exists(name_or_path):
+    is_hard = re.fullmatch(r"hard/\w*", name_or_path) is not None
+    if (looks_like_path and not is_hard) or _exists(name_or_path):
         return _read_file(name_or_path)
     near = difflib.get_close_matches(name_or_path, known, n=1)
     hint = f"did you mean {near[0]}?" if near else _near_file(name_or_path)
     found = f"expected a scenario or a path, found {shown(name_or_path)}; "
-    listed = f"{len(known)} scenarios: swarmstart list scenarios"
+    chosen, option = (hard_problems(), " --hard") if is_hard else (shipped(), "")
+    listed = f"{len(chosen)} scenarios: swarmstart list scenarios{option}"
     raise UnknownScenarioError(found + (f"{hint} {listed}" if hint else listed))
 
 

@@ -24,6 +24,7 @@ from pydantic import Field
 from swarmstart.cases.format.document import Document
 from swarmstart.cases.format.flaws import checked
 from swarmstart.cases.format.parts import Number, Part
+from swarmstart.cases.format.scenario import hard_problems
 from swarmstart.cases.record.files import to_json
 
 Of = Literal["auto", "plan", "flight"]
@@ -135,9 +136,10 @@ def plan_in(document: Document) -> ComparePart:
 
 def _placed(source: str, folder: Path) -> str:
     """Return a path of a plan relative to here; a scenario's name stays as it is."""
-    # A scenario's name has none of these marks.
+    # Of names only those of hard problems have one of these marks.
     looks_like_path = any(mark in source for mark in "./\\")
-    return str(folder / source) if looks_like_path else source
+    is_path = looks_like_path and source not in hard_problems()
+    return str(folder / source) if is_path else source
 
 
 def chosen_of(part: ComparePart, assignments: Sequence[str]) -> list[Chosen]:

@@ -22,7 +22,7 @@ from swarmstart.cases.commands.wording.measures import (
 )
 from swarmstart.cases.format.document import meant, shown
 from swarmstart.cases.format.registry import KINDS, POLISHES, SEARCHES, words_of
-from swarmstart.cases.format.scenario import shipped
+from swarmstart.cases.format.scenario import by_name, hard_problems, shipped
 from swarmstart.errors import SwarmstartError
 
 SCHEMA = 2
@@ -52,16 +52,19 @@ class Asked(NamedTuple):
         topic: A key of `_MAKERS`; empty: all of them.
         text: Only entries that contain it; empty: all.
         kind: Only scenarios and measures of this kind; None: of all.
+        hard: Whether the scenarios are the hard problems, instead of the others.
     """
 
     topic: str
     text: str
     kind: str | None = None
+    hard: bool = False
 
     @property
     def is_overview(self) -> bool:
-        """True if no topic, text or kind is asked for."""
-        return not self.topic and not self.text and self.kind is None
+        """True if no topic, text, kind or hard problem is asked for."""
+        nothing = not self.topic and not self.text and self.kind is None
+        return nothing and not self.hard
 
 
 def list_command(options: argparse.Namespace) -> int:
@@ -86,7 +89,7 @@ def _asked(options: argparse.Namespace) -> Asked:
     topic, text = options.topic, options.text
     if topic not in _MAKERS:
         topic, text = "", " ".join(filter(None, (topic, text)))
-    return Asked(topic, text, options.kind)
+    return Asked(topic, text, options.kind, options.hard)
 
 
 def listing(asked: Asked) -> dict[str, dict[str, Any]]:
@@ -99,6 +102,8 @@ def listing(asked: Asked) -> dict[str, dict[str, Any]]:
     if asked.kind is not None and not asked.topic:
         # Only these depend on the kind.
         topics = ["scenarios", "measures"]
+    if asked.hard and not asked.topic:
+        topics = ["scenarios"]
     found = {topic: _MAKERS[topic](asked) for topic in topics}
     if not any(found.values()):
         raise NothingListedError(_nothing(asked))
@@ -123,7 +128,8 @@ def scenario_entry(path: Path) -> Entry:
 
 
 def _scenarios(asked: Asked) -> dict[str, Entry]:
-    entries = {name: scenario_entry(path) for name, path in shipped().items()}
+    files = hard_problems() if asked.hard else shipped()
+    entries = {name: scenario_entry(path) for name, path in files.items()}
     return {
         name: entry
         for name, entry in entries.items()
@@ -155,7 +161,7 @@ def _measures(asked: Asked) -> dict[str, dict[str, Entry]]:
     # The name of a kind selects all its measures, not those that contain it.
     if asked.topic and asked.text in every:
         return {asked.text: every[asked.text]}
-    if asked.topic and (asked.text in shipped() or asked.text.endswith(".yaml")):
+    if asked.topic and (asked.text in by_name() or asked.text.endswith(".yaml")):
         return measures_of_one(asked.text)
     found = {
         kind: {
@@ -196,7 +202,7 @@ _MAKERS: dict[str, Callable[[Asked], dict[str, Any]]] = {
 
 def _nothing(asked: Asked) -> str:
     """Return the message if nothing fits."""
-    known = [*_MAKERS, *shipped(), *SEARCHES, *POLISHES, *KINDS]
+    known = [*_MAKERS, *by_name(), *SEARCHES, *POLISHES, *KINDS]
     topic = f" {asked.topic}" if asked.topic else ""
     hint = meant(asked.text, known, otherwise=f"see swarmstart list{topic}")
     of_kind = "" if asked.kind is None else f" of kind {asked.kind}"

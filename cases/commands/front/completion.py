@@ -6,7 +6,7 @@ import shlex
 from swarmstart.cases.commands.front.options import TOPICS
 from swarmstart.cases.commands.front.parsing import subcommands_of
 from swarmstart.cases.commands.terminal import DONE, answer
-from swarmstart.cases.format.scenario import shipped
+from swarmstart.cases.format.scenario import by_name
 from swarmstart.errors import load_optional
 
 
@@ -49,7 +49,7 @@ def _scenarios() -> dict[str, str]:
     """Return what completes the name of a scenario or of a file, by shell."""
     function = "_swarmstart_complete_scenario"
     # tcsh calls no functions, so it gets the present names and no files.
-    return {"bash": function, "zsh": function, "tcsh": f"({' '.join(shipped())})"}
+    return {"bash": function, "zsh": function, "tcsh": f"({' '.join(by_name())})"}
 
 
 def _topics() -> dict[str, str]:
@@ -62,7 +62,7 @@ def _preamble() -> dict[str, str]:
     """Return the functions that the scripts call."""
     # In bash -X removes what matches, so '!*.y*ml' keeps YAML files only, and
     # -S / adds the slash after which the completion goes on.
-    names = " ".join(map(shlex.quote, shipped()))
+    names = " ".join(map(shlex.quote, by_name()))
     return {
         "bash": f"""\
 _swarmstart_complete_scenario() {{

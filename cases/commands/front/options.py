@@ -350,6 +350,11 @@ OPTIONS: Mapping[str, tuple[Option | OneOf, ...]] = {
             help=f"show only scenarios and measures of this kind: {', '.join(KINDS)} "
             "(default: all kinds)",
         ),
+        _flag(
+            "--hard",
+            help="show the hard problems, which have many optima, instead of the other "
+            "scenarios",
+        ),
         _ONLY_JSON,
     ),
     "check": (_option("scenarios", nargs="+", metavar="SCENARIO", help=_SCENARIO),),

@@ -81,6 +81,7 @@ examples:
   swarmstart list
   swarmstart list scenarios --kind problem
   swarmstart list scenarios drone
+  swarmstart list scenarios --hard
   swarmstart list measures formation_flight
   swarmstart list measures pendulum
   swarmstart list shade"""

@@ -90,9 +90,9 @@ class Parser(argparse.ArgumentParser):
 def _as_run(word: str) -> str:
     """Return a question if a scenario stands where a command is expected."""
     # Only after an error: the parser of a right command imports no YAML.
-    from swarmstart.cases.format.scenario import shipped
+    from swarmstart.cases.format.scenario import by_name
 
-    if word in shipped() or word.endswith((".yaml", ".yml")):
+    if word in by_name() or word.endswith((".yaml", ".yml")):
         return f"did you mean {shown(f'run {word}')}?"
     return ""
 

@@ -1,0 +1,100 @@
+"""Parts that several families share: draws that are possible, and constraints.
+
+Numbers are rounded to three decimals when they are drawn, so that a document states its
+problem exactly.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+
+from swarmstart.arrays import Array
+from swarmstart.errors import SwarmstartError
+
+MOST_DRAWS = 10_000
+"""Number of draws after which a size counts as impossible."""
+DECIMALS = 3
+Mapped = dict[str, Any]
+"""A document of `kind: problem`, or a part of one, as plain data."""
+T = TypeVar("T")
+
+
+class ImpossibleDrawError(SwarmstartError, ValueError):
+    """No draw of a family at a size is possible."""
+
+
+class Disc(NamedTuple):
+    """A disc that a position must not enter.
+
+    Attributes:
+        x: Abscissa of its centre.
+        y: Ordinate of its centre.
+        radius: Its radius.
+    """
+
+    x: float
+    y: float
+    radius: float
+
+
+def first_possible(
+    attempt: Callable[[np.random.Generator], T | None], seed: int
+) -> tuple[T, str]:
+    """Return the first possible draw from a generator, and its number in words.
+
+    Args:
+        attempt: Draws once; None if that draw is impossible, such as one without a way
+            through. The next draw continues the same stream of numbers.
+        seed: Seed of the stream.
+
+    Raises:
+        ImpossibleDrawError: If none of the first `MOST_DRAWS` is possible.
+    """
+    rng = np.random.default_rng(seed)
+    for number in range(1, MOST_DRAWS + 1):
+        found = attempt(rng)
+        if found is not None:
+            return found, f"draw {number} of seed {seed}"
+    raise ImpossibleDrawError(
+        f"expected a possible draw among {MOST_DRAWS} of seed {seed}, found none: "
+        "choose a smaller size"
+    )
+
+
+def rounded(values: Any) -> Any:
+    """Return a number, or an array as nested lists, with three decimals and no -0."""
+    return (np.round(np.asarray(values, dtype=float), DECIMALS) + 0.0).tolist()
+
+
+def apart(discs: Sequence[Disc], x: float, y: float, least: float) -> bool:
+    """Return whether a point is at least so far from all discs."""
+    return all(np.hypot(x - d.x, y - d.y) >= d.radius + least for d in discs)
+
+
+def outside(disc: Disc, x: str = "x", y: str = "y") -> Mapped:
+    """Return the path constraint that a position stays outside of a disc."""
+    relative = [minus(x, disc.x), minus(y, disc.y)]
+    return {"distance": relative, "at_least": disc.radius}
+
+
+def minus(name: str, value: float) -> str:
+    """Return the expression `name - value`.
+
+    Example:
+        >>> minus("x", 2.0), minus("x", -1.5), minus("x", 0.0)
+        ('x - 2', 'x + 1.5', 'x')
+    """
+    if value == 0.0:
+        return name
+    return f"{name} {'-' if value > 0 else '+'} {abs(value):.12g}"
+
+
+def reached(goal: Mapping[str, float]) -> list[Mapped]:
+    """Return the constraints that states have given values at the end."""
+    return [{"expression": name, "equals": value} for name, value in goal.items()]
+
+
+def uniform(rng: np.random.Generator, low: float, high: float, size: int) -> Array:
+    """Return uniform numbers with three decimals, shape (size,)."""
+    return np.round(rng.uniform(low, high, size), DECIMALS) + 0.0
