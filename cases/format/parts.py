@@ -257,7 +257,7 @@ def scenario_schema(kind: str) -> dict[str, Any]:
         kind: A key of KINDS.
     """
     model = resolve_name(words_of(kind).kind).scenario
-    schema: dict[str, Any] = _draft7(model.model_json_schema(by_alias=True))
+    schema: dict[str, Any] = draft7(model.model_json_schema(by_alias=True))
     variants = {
         "type": "object",
         "description": "Variants by name: overrides of keys, in which mappings merge "
@@ -291,10 +291,10 @@ def summary_of(docstring: str) -> str:
     return inspect.cleandoc(docstring).partition(f"\n\n{_HEADING}")[0]
 
 
-def _draft7(node: Any) -> Any:
+def draft7(node: Any) -> Any:
     """Return a schema in the words of draft 7."""
     if isinstance(node, list):
-        return [_draft7(item) for item in node]
+        return [draft7(item) for item in node]
     if not isinstance(node, dict):
         return node
     renamed = {}
@@ -302,10 +302,10 @@ def _draft7(node: Any) -> Any:
         if key == "$ref":
             renamed[key] = value.replace("#/$defs/", "#/definitions/")
         elif key == "$defs":
-            renamed["definitions"] = _draft7(value)
+            renamed["definitions"] = draft7(value)
         elif key != "discriminator":
             # A word of OpenAPI, which draft 7 does not have.
-            renamed[key] = _draft7(value)
+            renamed[key] = draft7(value)
     return renamed
 
 

@@ -114,6 +114,10 @@ KINDS = {
 KINDS |= {name: words for name, words in _installed().items() if name not in KINDS}
 
 
+BEST_KNOWN = "best_known"
+"""Name of the format of best known values of hard problems, which has a schema, too."""
+
+
 def words_of(kind: object) -> KindWords:
     """Return the words of a kind; those of an unknown kind, as in a record, are empty.
 

@@ -1,7 +1,7 @@
 """Gears: a car crosses hills with three gears and full throttle, one gear an interval.
 
-    x' = v,   v' = pull(gear, v) - drag v^2 - slope(x)
-    pull = r (1 - ((r v - 1) / width)^2),   r = ratio(gear)
+    x' = v,   v' = pull(gear, v) - drag v - slope(x)
+    pull = r exp(-((r v - 1) / width)^2),   r = ratio(gear)
 
 The engine pulls best at one speed of its own, so that each gear has a best speed. Each
 shift costs. With N intervals there are 3^N sequences of gears; for N <= 10 all can be
@@ -14,7 +14,7 @@ from swarmstart.cases.hard.draws import Mapped, first_possible, rounded
 
 INTERVAL_S = 1.0
 """Length of a control interval [s]."""
-SHIFT = 0.05
+SHIFT = 0.3
 """Cost of a shift by one gear; of two gears it is four times that."""
 
 
@@ -33,19 +33,19 @@ def gears(*, intervals: int, seed: int) -> Mapped:
             "hill": height,
             "length": length,
             "phase": phase,
-            "drag": 0.05,
-            "width": 1.2,
+            "drag": 0.06,
+            "width": 0.7,
             "shift": SHIFT,
         },
         # Gears 1, 2, 3 have the ratios 1, 0.6 and 0.36.
         "definitions": {
             "ratio": "0.6**(gear - 1)",
-            "pull": "ratio*(1 - ((ratio*v - 1)/width)**2)",
+            "pull": "ratio*exp(-((ratio*v - 1)/width)**2)",
             "slope": "hill*sin(2*pi*x/length + phase)",
         },
         "states": {
             "x": {"start": 0, "rate": "v", "unit": "m"},
-            "v": {"start": 1, "rate": "pull - drag*v**2 - slope", "unit": "m/s"},
+            "v": {"start": 1, "rate": "pull - drag*v - slope", "unit": "m/s"},
         },
         "controls": {
             "gear": {"bounds": [1, 3], "integer": True, "previous": 1},
@@ -64,6 +64,6 @@ def gears(*, intervals: int, seed: int) -> Mapped:
 def _attempt(rng: np.random.Generator) -> tuple[float, float, float]:
     """Return height of the slope, length of a hill, and phase."""
     height, length, phase = rounded(
-        [rng.uniform(0.3, 0.5), rng.uniform(6, 14), rng.uniform(0, 2 * np.pi)]
+        [rng.uniform(0.8, 1.0), rng.uniform(6, 10), rng.uniform(0, 2 * np.pi)]
     )
     return height, length, phase

@@ -42,6 +42,7 @@ def swing_up(*, percent: int, seed: int) -> Mapped:
         "prediction": {
             "horizon_s": horizon,
             "intervals": int(np.ceil(horizon / GRID_S)),
+            "substeps": 16,
         },
     }
 

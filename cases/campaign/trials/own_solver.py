@@ -260,18 +260,41 @@ def owned(  # noqa: PLR0913 - a solver and all that it is given
         if meter.best is None:
             raise OwnSolverError(f"{name} returned no controls, and evaluated none")
         controls, begin = meter.best
+        plan = planner.evaluated(
+            _within(planner, controls, name),
+            begin,
+            known=core,
+            source=Source.SEARCH,
+            evaluations=round(meter.evaluations),
+        )
     else:
-        begin, _, moved = planner.posed(x0, known, _checked(answer, name, planner))
-        controls = moved.controls if isinstance(moved, Start) else np.asarray(moved)
-    plan = planner.evaluated(
-        _within(planner, controls, name),
-        begin,
-        known=core,
-        source=Source.SEARCH,
-        evaluations=round(meter.evaluations),
-    )
+        plan = plan_of(planner, answer, name, x0=x0, known=known)
+        plan = replace(plan, evaluations=round(meter.evaluations))
     meter.ended = counted.spent
     return plan, not counted.spent
+
+
+def plan_of(
+    planner: Planner, answer: ArrayLike | Start, name: str, *, x0: Array, known: Known
+) -> Plan:
+    """Return the plan of given controls: evaluated, neither searched nor polished.
+
+    Args:
+        planner: Planner of the problem, without search and polish.
+        answer: Controls, shape (nu, N); or a Start, whose `decided` names decisions.
+        name: Name of their origin for messages.
+        x0: Initial state as stated.
+        known: Known data as stated.
+
+    Raises:
+        OwnSolverError: If they have another shape, are not finite, leave their bounds
+            or are no whole numbers where those are required.
+    """
+    begin, core, moved = planner.posed(x0, known, _checked(answer, name, planner))
+    controls = moved.controls if isinstance(moved, Start) else np.asarray(moved)
+    return planner.evaluated(
+        _within(planner, controls, name), begin, known=core, source=Source.SEARCH
+    )
 
 
 def _checked(answer: ArrayLike | Start, name: str, planner: Planner) -> Start:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from swarmstart.cases.commands.terminal import DONE, answer
 from swarmstart.cases.format.document import printable, shown
-from swarmstart.cases.format.registry import KINDS, words_of
+from swarmstart.cases.format.registry import BEST_KNOWN, KINDS, words_of
 from swarmstart.cases.format.scenario import LONGEST_NAME, shipped
 from swarmstart.cases.record.files import RecordError, write_text
 from swarmstart.errors import SwarmstartError
@@ -65,11 +65,14 @@ def new_command(options: argparse.Namespace) -> int:
 
 
 def schema_command(options: argparse.Namespace) -> int:
-    """Print the JSON Schema of a kind; return the exit code."""
+    """Print the JSON Schema of a kind, or of a file; return the exit code."""
     # Here, since a new scenario is written without pydantic.
     from swarmstart.cases.format.parts import scenario_schema
+    from swarmstart.cases.hard.best_known import best_known_schema
 
-    answer(json.dumps(scenario_schema(options.kind), indent=2))
+    of_file = options.kind == BEST_KNOWN
+    schema = best_known_schema() if of_file else scenario_schema(options.kind)
+    answer(json.dumps(schema, indent=2))
     return DONE
 
 

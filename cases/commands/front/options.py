@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from swarmstart.cases.commands.front.parsing import count, seed, share
-from swarmstart.cases.format.registry import KINDS, POLISHES, SEARCHES
+from swarmstart.cases.format.registry import BEST_KNOWN, KINDS, POLISHES, SEARCHES
 from swarmstart.cases.record.record import FIGURE_FORMATS
 
 SOLVERS = "solve,cpso,de,lshade+ipopt,repeated-ipopt,ipopt"
@@ -358,10 +358,22 @@ OPTIONS: Mapping[str, tuple[Option | OneOf, ...]] = {
         _ONLY_JSON,
     ),
     "check": (_option("scenarios", nargs="+", metavar="SCENARIO", help=_SCENARIO),),
+    "judge": (
+        _option("scenario", metavar="SCENARIO", help=_SCENARIO),
+        _option(
+            "file", metavar="FILE",
+            help="CSV file: a column for each control under its name, a row for each "
+            "interval; a decided number, such as end_time, is a column with the same "
+            "value in all rows",
+        ),
+        _ONLY_JSON,
+    ),
     "schema": (
         _option(
-            "kind", nargs="?", default="problem", metavar="KIND", choices=[*KINDS],
-            help=f"kind of scenario: {', '.join(KINDS)} (default: problem)",
+            "kind", nargs="?", default="problem", metavar="KIND",
+            choices=[*KINDS, BEST_KNOWN],
+            help=f"kind of scenario: {', '.join(KINDS)}; or {BEST_KNOWN}: best known "
+            "values of the hard problems (default: problem)",
         ),
     ),
     "cache": (_flag("--clear", help="remove all files of the cache"), _ONLY_JSON),

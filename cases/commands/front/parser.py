@@ -91,10 +91,18 @@ examples:
   swarmstart check formation_v close_formation
 
 Exit code 2: a scenario is invalid; 5: a file could not be read."""
+_JUDGE = """\
+examples:
+  swarmstart judge hard/walls_4 controls.csv
+  swarmstart judge mine.yaml controls.csv --json
+
+Exit code 2: the file does not fit the problem; 4: the trajectory is refused,
+with the place and the size of what it breaks; 5: a file could not be read."""
 _SCHEMA = """\
 examples:
   swarmstart schema > problem.schema.json
   swarmstart schema formation_flight
+  swarmstart schema best_known
 
 With it an editor completes keys and marks wrong ones while you type."""
 _CACHE = """\
@@ -271,6 +279,14 @@ SUBCOMMANDS = {
         "error at once, each with line and column.",
         _CHECK,
         f"{_ACTIONS}.checking:check_command",
+    ),
+    "judge": Subcommand(
+        "judge the controls in a CSV file on a problem",
+        "Simulate the controls in a CSV file ten times finer than the problem's grid, "
+        "and print the cost, the largest violation with its place, and the ratio to "
+        "the best known cost of a hard problem.",
+        _JUDGE,
+        f"{_ACTIONS}.judging:judge_command",
     ),
     "schema": Subcommand(
         "print the JSON Schema of a kind of scenario, for editors",
