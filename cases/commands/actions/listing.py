@@ -28,6 +28,7 @@ from swarmstart.errors import SwarmstartError
 SCHEMA = 2
 """Version of what --json prints."""
 _FILE = importlib.resources.files("swarmstart.cases") / "scenarios" / "run_times.json"
+_BEST_KNOWN = importlib.resources.files("swarmstart.cases") / "hard" / "best_known.json"
 RUN_TIMES_S: dict[str, float] = json.loads(_FILE.read_text(encoding="utf-8"))
 """Name of a scenario -> time of `swarmstart run` [s]."""
 _STEPS_S = (1, 2, 5, 10, 20, 30)
@@ -130,6 +131,12 @@ def scenario_entry(path: Path) -> Entry:
 def _scenarios(asked: Asked) -> dict[str, Entry]:
     files = hard_problems() if asked.hard else shipped()
     entries = {name: scenario_entry(path) for name, path in files.items()}
+    if asked.hard:
+        # As plain JSON: its reader, which checks it, imports pydantic.
+        known = json.loads(_BEST_KNOWN.read_text(encoding="utf-8"))["problems"]
+        for name, entry in entries.items():
+            entry["best_known"] = known[name].get("cost")
+            entry["known_by"] = known[name]["known_by"]
     return {
         name: entry
         for name, entry in entries.items()
@@ -245,6 +252,14 @@ def _sections(found: Mapping[str, Any]) -> Iterable[str]:
 
 
 def _scenario_sections(entries: Mapping[str, Entry]) -> Iterable[str]:
+    hard = [
+        (name, _known(entry), entry["title"])
+        for name, entry in entries.items()
+        if "known_by" in entry
+    ]
+    if hard:
+        yield _section("hard problems (name, best known cost, title)", hard)
+        return
     for kind in KINDS:
         rows = [
             (name, rough(entry["run_time_s"]), _title(entry))
@@ -253,6 +268,12 @@ def _scenario_sections(entries: Mapping[str, Entry]) -> Iterable[str]:
         ]
         if rows:
             yield _section(f"scenarios of kind {kind} (name, run time, title)", rows)
+
+
+def _known(entry: Entry) -> str:
+    """Return the best known cost of a hard problem and how it is known."""
+    cost = entry["best_known"]
+    return "unknown" if cost is None else f"{cost:.6g} ({entry['known_by']})"
 
 
 def _title(entry: Entry) -> str:

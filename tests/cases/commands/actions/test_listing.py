@@ -16,7 +16,7 @@ from swarmstart.cases.commands.actions.listing import (
 )
 from swarmstart.cases.commands.front.cli import main
 from swarmstart.cases.commands.front.options import TOPICS
-from swarmstart.cases.format.scenario import shipped
+from swarmstart.cases.format.scenario import hard_problems, shipped
 from swarmstart.cases.format.yaml_reader import parse_yaml
 
 
@@ -61,6 +61,21 @@ def test_scenarios_are_filtered_by_kind_and_by_a_part_of_a_name(
     assert {"pendulum", "pendulum_on_cart"} <= found["scenarios"].keys()
     entry = found["scenarios"]["pendulum"]
     assert entry.keys() == {"title", "kind", "variants", "run_time_s"}
+
+
+def test_hard_problems_are_listed_by_their_option_only(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    found = json.loads(said(capsys, "scenarios", "--hard", "--json"))["scenarios"]
+    assert found.keys() == hard_problems().keys()
+    assert all(one["title"] and one["kind"] == "problem" for one in found.values())
+    told = said(capsys, "--hard")
+    assert "  hard/gears_8 " in told and " (exact) " in told
+    assert max(map(len, told.splitlines())) <= 80
+    assert "hard/" not in said(capsys, "scenarios")
+    assert [*listing(Asked("scenarios", "walls_4", hard=True))["scenarios"]] == [
+        "hard/walls_4"
+    ]
 
 
 def test_measures_of_a_scenario_begin_with_its_own(
