@@ -96,7 +96,7 @@ def _attempt(
     ]
     ends = [*_arm(start, links), *_arm(end, links)]
     # Not through the shoulder, which no motion avoids.
-    free = all(apart(discs, *point, CLEARANCE) for point in [(0.0, 0.0), *ends])
+    free = all(apart(discs, x, y, CLEARANCE) for x, y in [(0.0, 0.0), *ends])
     far = np.linalg.norm(goal - _arm(start, links)[-1]) > 1.5  # noqa: PLR2004
     apart_discs = all(
         apart(discs[:k], one.x, one.y, one.radius) for k, one in enumerate(discs)

@@ -97,7 +97,7 @@ def _attempt(rng: np.random.Generator, count: int) -> Field | None:
         if apart(found, x, y, radius + CLEARANCE):
             found.append(Disc(x, y, radius))
     ends = (0.0, start), (rounded(side), goal)
-    free = all(apart(found, *end, CLEARANCE) for end in ends)
+    free = all(apart(found, x, y, CLEARANCE) for x, y in ends)
     if len(found) < count or not free:
         return None
     return Field(*ends, tuple(found), rounded(side / 2))

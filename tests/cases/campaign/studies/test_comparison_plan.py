@@ -20,6 +20,7 @@ compare:
     - van_der_pol
     - {scenario: formation_v, of: flight, set: {steps: 5}}
     - own/mine.yaml
+    - hard/walls_4
   solvers: ["lshade[size=60]+ipopt", ipopt]
   seeds: 30
   set: {lanes: 0}
@@ -48,7 +49,7 @@ def test_settings_of_the_plan_come_before_a_scenarios_own_and_flags_last(
     tmp_path: Path,
 ) -> None:
     part = plan_in(read_yaml(str(written(tmp_path, PLAN))))
-    first, second, third = chosen_of(part, ["steps=7"])
+    first, second, third, fourth = chosen_of(part, ["steps=7"])
     assert (first.source, first.of) == ("van_der_pol", "auto")
     assert first.assignments == ("lanes=0", "steps=7")
     assert (second.of, second.assignments) == (
@@ -56,6 +57,7 @@ def test_settings_of_the_plan_come_before_a_scenarios_own_and_flags_last(
         ("lanes=0", "steps=5", "steps=7"),
     )
     assert third.source == str(tmp_path / "own" / "mine.yaml")
+    assert fourth.source == "hard/walls_4"  # A name, although it has a slash.
 
 
 def test_everything_wrong_is_said_at_once_with_its_place(tmp_path: Path) -> None:
