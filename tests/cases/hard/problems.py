@@ -7,9 +7,9 @@ import numpy as np
 
 from swarmstart.arrays import Array
 from swarmstart.cases.format.kind import PlanningProblem
-from swarmstart.cases.format.scenario import read_document, resolve
+from swarmstart.cases.format.scenario import resolve
 from swarmstart.cases.format.yaml_reader import parse_yaml
-from swarmstart.cases.hard import draw
+from swarmstart.cases.hard import draw, shipped_text
 from swarmstart.cases.kinds.flight import first_problem
 
 STATE_BOUNDS = "bounds of the states"
@@ -17,7 +17,8 @@ STATE_BOUNDS = "bounds of the states"
 
 @cache
 def shipped_problem(name: str) -> PlanningProblem:
-    return first_problem(resolve(read_document(f"hard/{name}")).posed())
+    """Return a shipped problem as it is drawn; test_families compares the files."""
+    return first_problem(resolve(parse_yaml(shipped_text(name), name=name)).posed())
 
 
 def drawn_problem(family: str, *, seed: int, **sizes: int) -> PlanningProblem:
