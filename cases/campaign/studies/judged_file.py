@@ -77,7 +77,7 @@ class Judgement:
 
     @property
     def is_better(self) -> bool:
-        """Whether it is accepted and better than the best known cost."""
+        """True if it is accepted and better than the best known cost."""
         if not self.is_accepted or self.best is None:
             return False
         known = self.best.cost

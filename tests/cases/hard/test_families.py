@@ -21,7 +21,7 @@ from swarmstart.errors import InvalidArgumentError
 
 @pytest.mark.parametrize("name", [*SHIPPED])
 def test_a_shipped_file_is_what_its_seed_draws(name: str) -> None:
-    """If NumPy changes its streams, the files stay and this test tells."""
+    """This fails if NumPy changes its streams; the files then stay."""
     assert hard_problems()[f"hard/{name}"].read_text() == shipped_text(name)
 
 

@@ -48,7 +48,7 @@ def test_a_wall_is_open_at_its_gaps_only() -> None:
     heights = np.linspace(-HALF_HEIGHT, HALF_HEIGHT, 4001)
     for x in sorted({block.x for block in ROOM.blocks}):
         states = np.stack([np.full(heights.size, x), heights])
-        free = (path_values(POSED, states) >= 0).all(axis=0)
+        free = np.asarray((path_values(POSED, states) >= 0).all(axis=0))
         assert not free[[0, -1]].any()
         edges = heights[1:][free[1:] != free[:-1]]
         widths = edges[1::2] - edges[::2]
