@@ -13,7 +13,8 @@ point is on its boundary. With (x, y) relative to the centre, and d^2 = x^2 + h^
 
 The gauge leads points within a wall along the wall to a gap; the distance from the
 boundary would lead them across it. On one draw 39 of 66 random starts find a way with
-the gauge, and 5 with the distance. A path passes the kinks of max and | |, which cancel there. They are rounded,
+the gauge, and 5 with the distance. A path passes the kinks of max and | |, which cancel
+there. They are rounded,
 
     max(a, b) -> (a + b + sqrt((a - b)^2 + e^2)) / 2,   |a| -> sqrt(a^2 + e^2)
 
