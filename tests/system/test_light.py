@@ -145,7 +145,7 @@ def test_the_schema_of_an_unknown_kind_is_refused(command: Command) -> None:
     assert (said.code, said.out) == (2, "")
     assert (
         "argument KIND: unknown 'formation'; did you mean 'close_formation'? expected "
-        f"one of {', '.join(KINDS)}\n"
+        f"one of {', '.join(KINDS)}, best_known\n"
     ) in said.err
 
 
