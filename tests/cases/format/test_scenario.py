@@ -280,7 +280,7 @@ def test_the_chapters_searches_search_at_every_step_whatever_the_polish(
     name: str,
 ) -> None:
     """Another search comes with the library's default."""
-    for search, when in ((None, "always"), ("default", "needed")):
+    for search, when in ((None, "always"), ("default", "undecided")):
         scenario = resolve(read_document(name), search=search, polish="ipopt").scenario
         settings = scenario.search_settings()
         assert settings is not None and settings.when == when

@@ -115,7 +115,7 @@ def test_the_default_search_is_that_of_the_library_for_the_budget() -> None:
     part = search_part("default").model_validate({"name": "default"})
     for evaluations in (100, 20_000, None):
         assert part.algorithm(evaluations) == default_algorithm(evaluations)
-    assert part.when == "needed"
+    assert part.when == "undecided"
 
 
 def test_a_search_is_made_when_needed_or_always() -> None:
