@@ -213,18 +213,19 @@ class ManyStarts:
         # In lanes there were many guesses already.
         count = 1 if optima else _GUESSES
         guesses = state_guesses(self._fitness, x0, known, count, rng)
+        if tries.agree:
+            optima, search = optima[:1], None
         best = [Origined("the lanes", one) for one in optima]
         watch = self._polisher.watch
         expect_starts(watch, len(best) + len(guesses))
         found: Sequence[Start] = ()
-        if tries.agree:
-            self._several(tries, best[:1])
-        elif search is None or watch.is_over or tries.is_beyond_rollouts:
+        if search is None or watch.is_over or tries.is_beyond_rollouts:
             self._several(tries, best)
         else:
             found = self._beside(tries, best, rng, search) or ()
             # Where roll-outs say nothing, all that searches by them is left out.
             tries.is_searched = not tries.is_beyond_rollouts
+            expect_starts(watch, len(found))
         further = [Origined("the search", one) for one in found]
         further += [Origined("guesses of states", one) for one in guesses]
         if not self._fitness.problem.model.nu:

@@ -34,9 +34,8 @@ def test_solve_tells_its_evaluations_and_then_what_follows(
     bounded: OptimalControlProblem,
 ) -> None:
     told: News = []
-    solution = solve(
-        bounded, [1, 0], budget=2000, seed=0, progress=lambda *news: told.append(news)
-    )
+    searched = partial(solve, bounded, [1, 0], search="lshade", budget=2000, seed=0)
+    solution = searched(progress=lambda *news: told.append(news))
     searching = [news for news in told if news[2] == "searching"]
     done = [news[0] for news in searching]
     assert done == sorted(done) and 1500 < done[-1] <= 2000
@@ -46,7 +45,7 @@ def test_solve_tells_its_evaluations_and_then_what_follows(
     assert words == ["polishing", "polishing", "verifying", "improving"]
     # First from the cold starts, then from the points of search and lanes.
     assert told == [after[0], *searching, *after[1:]]
-    silent = solve(bounded, [1, 0], budget=2000, seed=0)
+    silent = searched()
     np.testing.assert_array_equal(solution.controls, silent.controls)
 
 
@@ -81,7 +80,7 @@ def test_ctrl_c_in_a_callback_ends_the_search(bounded: OptimalControlProblem) ->
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt) as stopped:
-        solve(bounded, [1, 0], budget=2000, seed=0, progress=stop)
+        solve(bounded, [1, 0], search="lshade", budget=2000, seed=0, progress=stop)
     assert stopped.value.partial.cost > 0  # type: ignore[attr-defined]
 
 
@@ -97,7 +96,7 @@ def test_a_long_polish_tells_its_start_and_iteration(
     )  # fmt: skip
     told: News = []
     quick = partial(
-        solve, problem, [0, 0], search=None, lanes=4, seed=0,
+        solve, problem, [0, 0], search="lshade", budget=100, lanes=4, seed=0,
         progress=lambda *news: told.append(news),
     )  # fmt: skip
     monkeypatch.setattr(watching, "_SOON_S", math.inf)
@@ -112,5 +111,5 @@ def test_a_long_polish_tells_its_start_and_iteration(
     assert all(1 <= start <= of for start, of, _ in numbers)
     assert [one[0] for one in numbers] == sorted(one[0] for one in numbers)
     assert max(of for _, of, _ in numbers) > 2
-    silent = solve(problem, [0, 0], search=None, lanes=4, seed=0)
+    silent = solve(problem, [0, 0], search="lshade", budget=100, lanes=4, seed=0)
     np.testing.assert_array_equal(seen.controls, silent.controls)

@@ -123,7 +123,9 @@ def test_cost_is_that_of_slacks_by_hand_in_opti(
 
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_search_sees_the_excess_that_the_polish_pays_for(backend: str) -> None:
-    answer = solve(mass(), [0, 0], budget=4000, seed=0, backend=backend)
+    answer = solve(
+        mass(), [0, 0], search="lshade", budget=4000, seed=0, backend=backend
+    )
     assert answer.status is SolutionStatus.CONVERGED
     assert answer.cost == pytest.approx(by_opti(2.0, 3.0, 1), rel=1e-6)
     assert answer.plan.search.cost >= answer.cost - 1e-6
