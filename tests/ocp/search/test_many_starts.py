@@ -286,7 +286,7 @@ def test_default_search_is_left_out_only_where_starts_agree() -> None:
 
 
 def test_states_that_reach_the_end_are_guessed_in_lanes() -> None:
-    """Half of the random starts begin there; where no lane ends, IPOPT tries eight."""
+    """Half of the random starts begin there; without lanes IPOPT tries eight."""
     answer = solve(pendulum(), [0.0, 0.0], search=None, lanes=16, seed=0)
     account = answer.plan.starts
     assert account is not None and account.lanes is not None
