@@ -15,7 +15,7 @@ from swarmstart.cases.hard.draws import (
     Mapped,
     apart,
     first_possible,
-    minus,
+    outside,
     reached,
     uniform,
 )
@@ -53,14 +53,7 @@ def arms(*, links: int, discs: int, seed: int) -> Mapped:
         },
         "controls": {f"w{k}": {"bounds": [-8, 8]} for k in range(1, links + 1)},
         "stage_cost": " + ".join(f"w{k}**2" for k in range(1, links + 1)),
-        "path": [
-            {
-                "distance": [minus(x, disc.x), minus(y, disc.y)],
-                "at_least": disc.radius,
-            }
-            for disc in found
-            for x, y in points
-        ],
+        "path": [outside(disc, x, y) for disc in found for x, y in points],
         "terminal": reached(
             {f"x{links}_{POINTS}": goal[0], f"y{links}_{POINTS}": goal[1]}
         ),

@@ -7,7 +7,7 @@ other vehicles each would go straight, and all would meet in the middle.
 
 import numpy as np
 
-from swarmstart.cases.hard.draws import Mapped, first_possible, rounded
+from swarmstart.cases.hard.draws import Mapped, first_possible, least_distance, rounded
 
 CIRCLE, APART, SHIFT = 5.0, 1.5, 0.2
 """Radius of the circle; distance to keep; largest shift of an angle, in spacings."""
@@ -53,7 +53,6 @@ def _attempt(rng: np.random.Generator, count: int) -> list[tuple[float, float]] 
     spacing = 2 * np.pi / count
     angles = spacing * (np.arange(count) + rng.uniform(-SHIFT, SHIFT, count))
     places = CIRCLE * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    gaps = np.linalg.norm(places[:, None] - places[None], axis=2)
-    if (gaps + np.diag(np.full(count, np.inf)) < 1.2 * APART).any():
+    if least_distance(places) < 1.2 * APART:
         return None
     return [(x, y) for x, y in rounded(places)]

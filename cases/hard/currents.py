@@ -15,6 +15,7 @@ from swarmstart.arrays import Array
 from swarmstart.cases.hard.draws import (
     Mapped,
     first_possible,
+    least_distance,
     minus,
     reached,
     rounded,
@@ -125,8 +126,7 @@ def _attempt(rng: np.random.Generator, count: int) -> Currents | None:
     start, goal = uniform(rng, -side / 4, side / 4, 2).tolist()
     x, y = uniform(rng, 0.0, side, count), uniform(rng, -side / 2, side / 2, count)
     centres = np.stack([x, y], axis=1)
-    gaps = np.linalg.norm(centres[:, None] - centres[None], axis=2)
-    if (gaps + np.diag(np.full(count, np.inf)) < APART).any():
+    if least_distance(centres) < APART:
         return None
     signs = np.where(rng.random(count) < 0.5, -1.0, 1.0)  # noqa: PLR2004
     field = Currents(

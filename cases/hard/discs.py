@@ -12,9 +12,9 @@ from swarmstart.cases.hard.draws import (
     Disc,
     Mapped,
     apart,
+    crossed,
     first_possible,
     outside,
-    reached,
     rounded,
     uniform,
 )
@@ -59,26 +59,12 @@ def drawn_discs(*, discs: int, seed: int) -> tuple[Field, str]:
 def discs(*, discs: int, seed: int) -> Mapped:
     """Return the document of a field of discs; arguments as `drawn_discs`."""
     field, draw = drawn_discs(discs=discs, seed=seed)
-    far, fastest = field.goal[0], float(np.ceil(2 * field.goal[0]))
+    fastest = float(np.ceil(2 * field.goal[0]))
     return {
         "kind": "problem",
         "title": f"Cross a field of {discs} discs ({draw})",
-        "states": {
-            "x": {"start": field.start[0], "rate": "u", "bounds": [-1, far + 1]},
-            "y": {
-                "start": field.start[1],
-                "rate": "v",
-                "bounds": [-field.half, field.half],
-            },
-        },
-        "controls": {
-            "u": {"bounds": [-fastest, fastest]},
-            "v": {"bounds": [-fastest, fastest]},
-        },
-        "stage_cost": "u**2 + v**2",
+        **crossed(field.start, field.goal, half=field.half, fastest=fastest),
         "path": [outside(disc) for disc in field.discs],
-        "terminal": reached({"x": far, "y": field.goal[1]}),
-        "prediction": {"horizon_s": 1, "intervals": 60, "checks": 4, "substeps": 1},
     }
 
 

@@ -90,9 +90,44 @@ def minus(name: str, value: float) -> str:
     return f"{name} {'-' if value > 0 else '+'} {abs(value):.12g}"
 
 
+def crossed(
+    start: Sequence[float], goal: Sequence[float], *, half: float, fastest: float
+) -> Mapped:
+    """Return a point that crosses a room at a least integral of its squared speed.
+
+    Args:
+        start: Position at the start, (x, y).
+        goal: Position after one second, (x, y).
+        half: Bound of |y|; x is between -1 and 1 more than that of the goal.
+        fastest: Bound of each speed.
+
+    Returns:
+        States, controls, cost, an empty `path`, end and grid of the document, in the
+        order in which they are written.
+    """
+    bounds = {"x": [-1, goal[0] + 1.0], "y": [-half, half]}
+    return {
+        "states": {
+            name: {"start": at, "rate": rate, "bounds": bounds[name]}
+            for name, at, rate in zip("xy", start, "uv", strict=True)
+        },
+        "controls": {name: {"bounds": [-fastest, fastest]} for name in "uv"},
+        "stage_cost": "u**2 + v**2",
+        "path": [],
+        "terminal": reached({"x": goal[0], "y": goal[1]}),
+        "prediction": {"horizon_s": 1, "intervals": 60, "checks": 4, "substeps": 1},
+    }
+
+
 def reached(goal: Mapping[str, float]) -> list[Mapped]:
     """Return the constraints that states have given values at the end."""
     return [{"expression": name, "equals": value} for name, value in goal.items()]
+
+
+def least_distance(points: Array) -> float:
+    """Return the least distance of two points, shape (n, 2); infinite for one."""
+    away = np.linalg.norm(points[:, None] - points[None], axis=2)
+    return float(away[~np.eye(len(points), dtype=bool)].min(initial=np.inf))
 
 
 def uniform(rng: np.random.Generator, low: float, high: float, size: int) -> Array:

@@ -28,9 +28,9 @@ import numpy as np
 
 from swarmstart.cases.hard.draws import (
     Mapped,
+    crossed,
     first_possible,
     minus,
-    reached,
     rounded,
     uniform,
 )
@@ -96,7 +96,6 @@ def drawn_walls(*, walls: int, gaps: int, seed: int) -> tuple[Walls, str]:
 def walls(*, walls: int, gaps: int, seed: int) -> Mapped:
     """Return the document of K walls with G gaps each; arguments as `drawn_walls`."""
     room, draw = drawn_walls(walls=walls, gaps=gaps, seed=seed)
-    half, fastest = room.half_height, room.fastest
     definitions: dict[str, str] = {}
     for number, block in enumerate(room.blocks, 1):
         definitions |= _definitions(block, number)
@@ -105,26 +104,12 @@ def walls(*, walls: int, gaps: int, seed: int) -> Mapped:
         "title": f"Cross {walls} walls with {gaps} gaps each ({draw})",
         "constants": {"e": EDGE},
         "definitions": definitions,
-        "states": {
-            "x": {"start": room.start[0], "rate": "u", "bounds": [-1, _far(room)]},
-            "y": {"start": room.start[1], "rate": "v", "bounds": [-half, half]},
-        },
-        "controls": {
-            "u": {"bounds": [-fastest, fastest]},
-            "v": {"bounds": [-fastest, fastest]},
-        },
-        "stage_cost": "u**2 + v**2",
+        **crossed(room.start, room.goal, half=room.half_height, fastest=room.fastest),
         "path": [
             {"expression": f"log(gauge{number})", "lower": 0, "scale": 1}
             for number, _ in enumerate(room.blocks, 1)
         ],
-        "terminal": reached({"x": room.goal[0], "y": room.goal[1]}),
-        "prediction": {"horizon_s": 1, "intervals": 60, "checks": 4, "substeps": 1},
     }
-
-
-def _far(room: Walls) -> float:
-    return room.goal[0] + 1.0
 
 
 def _attempt(rng: np.random.Generator, walls: int, gaps: int) -> Walls | None:
