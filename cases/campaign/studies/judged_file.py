@@ -18,10 +18,14 @@ from swarmstart.arrays import Array
 from swarmstart.cases.campaign.trials.own_solver import plan_of
 from swarmstart.cases.format.document import counted, printable, shown
 from swarmstart.cases.format.scenario import read_document, resolve
-from swarmstart.cases.format.yaml_reader import read_bytes
 from swarmstart.cases.hard.best_known import BestKnown, best_known
 from swarmstart.cases.kinds.flight import first_problem
-from swarmstart.cases.kinds.problem.stated.values import csv_rows, number_of
+from swarmstart.cases.kinds.problem.stated.values import (
+    csv_columns,
+    csv_lines,
+    csv_names,
+    number_of,
+)
 from swarmstart.errors import SwarmstartError
 from swarmstart.ocp import OptimalControlProblem, Planner, Start, verified
 from swarmstart.ocp.rollout.checking import Excess
@@ -33,8 +37,6 @@ ROUND_OFF = 1e-9
 """Relative excess over a bound of a control that is only round-off."""
 BETTER = 1e-6
 """Relative difference from the best known cost that counts as better."""
-
-
 END_TIME_COLUMN = "end_time"
 """Column of a free end time, which has the name of its measure."""
 
@@ -156,18 +158,15 @@ def judge(problem: str, file: str | Path) -> Judgement:
 
 def _columns(file: Path) -> tuple[str, dict[str, Array]]:
     """Return the file's name for messages, and its columns by name, each (rows,)."""
-    read_bytes(file, most=MOST_BYTES)  # Its error has the exit code of files.
-    try:
-        name, rows = csv_rows(file.name, file.parent, most=MOST_BYTES)
-    except ValueError as error:
-        raise TrajectoryFileError(str(error)) from None
-    (_, head), *body = rows or [(1, [])]
-    names = [cell.strip() for cell in head]
-    if not names or not all(names) or len({*names}) < len(names):
+    if file.suffix != ".csv":
         raise TrajectoryFileError(
-            f"{name}:1: expected names of controls, each once; found "
-            f"{', '.join(map(shown, names)) or 'nothing'}"
+            f"expected a CSV file, such as controls.csv; found {shown(str(file))}"
         )
+    try:
+        name, rows = csv_lines(file, most=MOST_BYTES)
+        names, body = csv_names(name, rows, "names of controls")
+    except ValueError as error:  # A file that cannot be read has its own exit code.
+        raise TrajectoryFileError(str(error)) from None
     for line, row in body:
         if len(row) != len(names):
             raise TrajectoryFileError(
@@ -180,8 +179,7 @@ def _columns(file: Path) -> tuple[str, dict[str, Array]]:
                     f"{name}:{line}: expected a finite number as {printable(column)}, "
                     f"found {shown(cell)}"
                 )
-    numbers = np.array([[number_of(cell) for cell in row] for _, row in body], float)
-    return name, dict(zip(names, numbers.reshape(-1, len(names)).T, strict=True))
+    return name, csv_columns(names, body)
 
 
 def _start(planner: Planner, columns: Mapping[str, Array], name: str) -> Start:

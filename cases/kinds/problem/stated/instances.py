@@ -20,6 +20,8 @@ from swarmstart.cases.kinds.problem.stated.values import (
     Normal,
     Quantity,
     chosen,
+    csv_columns,
+    csv_names,
     csv_rows,
     number_of,
 )
@@ -201,13 +203,7 @@ def _columns(name: str, rows: Sequence[tuple[int, list[str]]]) -> dict[str, Any]
     Raises:
         ValueError: If a name or a line is invalid; all such lines are named.
     """
-    (_, head), *body = rows or [(1, [])]
-    names = [cell.strip() for cell in head]
-    if not names or not all(names) or len({*names}) < len(names):
-        raise ValueError(
-            f"{name}:1: expected the names of states and parameters, each once; found "
-            f"{', '.join(map(shown, names)) or 'nothing'}"
-        )
+    names, body = csv_names(name, rows, "the names of states and parameters")
     wrong = [*_wrong_lines(names, body)]
     if wrong:
         more = len(wrong) - _NAMED
@@ -217,9 +213,7 @@ def _columns(name: str, rows: Sequence[tuple[int, list[str]]]) -> dict[str, Any]
             f"{name}: expected a finite number for {', '.join(names)} in each line; "
             f"{'; '.join(listed)}"
         )
-    numbers = np.array([[number_of(cell) for cell in row] for _, row in body])
-    columns = numbers.reshape(len(body), len(names)).T.tolist()
-    return dict(zip(names, columns, strict=True))
+    return {key: one.tolist() for key, one in csv_columns(names, body).items()}
 
 
 def _wrong_lines(

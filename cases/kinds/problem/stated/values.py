@@ -15,6 +15,7 @@ from types import MappingProxyType
 from typing import Annotated, Any, Literal
 
 import casadi as ca
+import numpy as np
 from pydantic import (
     BeforeValidator,
     Discriminator,
@@ -26,6 +27,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError, PydanticKnownError
 
+from swarmstart.arrays import Array
 from swarmstart.cases.format.document import (
     UnreadableFileError,
     YamlError,
@@ -370,18 +372,64 @@ def csv_rows(
             "expected file to be a CSV file in the scenario's folder or below, such as "
             f"thrust.csv; found {shown(str(given))}"
         )
-    name = printable(str(folder / path))
+    try:
+        return csv_lines(folder / path, most=most)
+    except (UnreadableFileError, YamlError) as error:
+        raise ValueError(str(error)) from None
+
+
+def csv_lines(file: Path, *, most: int) -> tuple[str, list[tuple[int, list[str]]]]:
+    """Return a CSV file's name in messages, and its lines, as `csv_rows`.
+
+    Args:
+        file: The file.
+        most: Largest size of the file [bytes].
+
+    Raises:
+        UnreadableFileError: If it cannot be read.
+        YamlError: If it is larger.
+        ValueError: If it is no CSV in UTF-8.
+    """
+    name = printable(str(file))
     try:
         # Spreadsheets begin a CSV file with a byte order mark.
-        text = read_bytes(folder / path, most=most).decode("utf-8-sig")
-        lines = text.splitlines()
+        lines = read_bytes(file, most=most).decode("utf-8-sig").splitlines()
         return name, [
             (line, row) for line, row in enumerate(csv.reader(lines), 1) if row
         ]
-    except (UnreadableFileError, YamlError) as error:
-        raise ValueError(str(error)) from None
     except (UnicodeDecodeError, csv.Error) as error:
         raise ValueError(f"{name}: expected CSV in UTF-8: {error}") from None
+
+
+def csv_names(
+    name: str, rows: Sequence[tuple[int, list[str]]], of: str
+) -> tuple[list[str], Sequence[tuple[int, list[str]]]]:
+    """Return the names of the columns of a CSV file, and the lines below.
+
+    Args:
+        name: Name of the file.
+        rows: Its lines.
+        of: What the names are of, for messages.
+
+    Raises:
+        ValueError: If a name is missing or there twice.
+    """
+    (_, head), *body = rows or [(1, [])]
+    names = [cell.strip() for cell in head]
+    if not names or not all(names) or len({*names}) < len(names):
+        raise ValueError(
+            f"{name}:1: expected {of}, each once; found "
+            f"{', '.join(map(shown, names)) or 'nothing'}"
+        )
+    return names, body
+
+
+def csv_columns(
+    names: Sequence[str], body: Sequence[tuple[int, list[str]]]
+) -> dict[str, Array]:
+    """Return the columns of lines whose cells are numbers, as many as names."""
+    numbers = np.array([[number_of(cell) for cell in row] for _, row in body], float)
+    return dict(zip(names, numbers.reshape(-1, len(names)).T, strict=True))
 
 
 def _tabulated(rows: Sequence[tuple[int, list[str]]], name: str) -> dict[str, Any]:

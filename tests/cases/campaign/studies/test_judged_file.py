@@ -86,6 +86,13 @@ def test_a_file_that_does_not_fit_is_refused_in_one_message(
     assert message in str(refused.value) and "\n" not in str(refused.value)
 
 
+def test_another_kind_of_file_is_refused_in_true_words(
+    around: str, tmp_path: Path
+) -> None:
+    with pytest.raises(TrajectoryFileError, match="expected a CSV file, such as"):
+        judge(around, tmp_path / "u.txt")
+
+
 @pytest.mark.parametrize(
     ("second", "message"),
     [("9.5", "found 9 to 9.5"), ("9", ""), ("99", "in all rows, from 3 to 24; found")],
