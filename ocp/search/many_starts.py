@@ -168,7 +168,8 @@ class ManyStarts:
         Raises:
             ManyStartsInterrupted: On Ctrl-C after the first start.
         """
-        fitness, lanes, watch = self._fitness, None, self._polisher.watch
+        fitness, watch = self._fitness, self._polisher.watch
+        lanes, optima = None, list[Start]()
         # Asked for each time, since the program may have other threads by now.
         processes = processes_of(self._threads)
         tries = _Tries(self._polisher, x0, known, fitness.problem.tolerance, processes)
@@ -188,7 +189,8 @@ class ManyStarts:
                 if not do_agree:
                     solved = self._lanes.varied(solved, self._random, rng)
                     lanes = self._lanes.account(solved)
-            self._further(tries, solved, search, x0, known, rng)
+                optima = self._lanes.best(solved, POLISHED)
+            self._further(tries, optima, search, x0, known, rng)
             if not (watch.is_over or tries.is_beyond_rollouts):
                 tries.polish_again()
         except KeyboardInterrupt:
@@ -200,16 +202,13 @@ class ManyStarts:
     def _further(
         self,
         tries: "_Tries",
-        solved: Solved | None,
+        optima: Sequence[Start],
         search: Callable[[], Sequence[Start]] | None,
         x0: ArrayLike,
         known: Known,
         rng: np.random.Generator,
     ) -> None:
         """Search, and polish from all but the cold starts."""
-        optima: list[Start] = []
-        if solved is not None and self._lanes is not None:
-            optima = self._lanes.best(solved, POLISHED)
         # In lanes there were many guesses already.
         count = 1 if optima else _GUESSES
         guesses = state_guesses(self._fitness, x0, known, count, rng)

@@ -17,7 +17,7 @@ Source: Lourenco, Martin and Stuetzle (2003), Iterated local search; Eiben and S
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -73,7 +73,7 @@ class Solved:
     known: Known
     answers: LaneAnswers
     random: int
-    seconds: float = field(compare=False)
+    seconds: float
 
     @property
     def least(self) -> float:
@@ -197,21 +197,22 @@ class StartLanes:
         answers = solved.answers
         at = solved.x0, solved.known
         optima = self._solver.optima(answers, *at)
-        # Variations are no random sample of starts.
-        sample = some_of(answers, np.arange(solved.random))
-        seen = [one.count for one in self._solver.optima(sample, *at)]
+        varied, sampled = answers.cost.size - solved.random, optima
+        if varied:  # Which are no random sample of starts.
+            sample = some_of(answers, np.arange(solved.random))
+            sampled = self._solver.optima(sample, *at)
         infeasible, lost = unreached(answers)
         feasible = sum(one.count for one in distinct_optima(answers))
         return Lanes(
             starts=answers.cost.size,
             optima=optima,
-            unseen=unseen_share(seen),
+            unseen=unseen_share([one.count for one in sampled]),
             iterations=int(answers.iterations.sum()),
             seconds=solved.seconds,
             infeasible=infeasible,
             unfinished=feasible - sum(one.count for one in optima),
             lost=lost,
-            varied=answers.cost.size - solved.random,
+            varied=varied,
         )
 
 
