@@ -9,8 +9,9 @@ A variation begins at states between intervals, with gaps that the solver closes
                optimum moves it
 
 The k-th cheapest optimum is varied with weight 1 / k. A round of variations follows as
-long as the one before found a cheaper optimum. On six vehicles that change places three
-rounds find what fresh random starts find with three times the work, or not at all.
+long as the one before found a cheaper optimum. On six vehicles that change places (ten
+seeds) variations end within 1e-3 of the best optimum known 7 times, as many iterations
+from fresh random starts 2 times, and three times as many 2 times.
 
 Source: Lourenco, Martin and Stuetzle (2003), Iterated local search; Eiben and Smith
 (2015), Introduction to evolutionary computing, one-point crossover.

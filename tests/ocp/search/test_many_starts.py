@@ -15,6 +15,7 @@ from swarmstart.ocp import (
     Model,
     OptimalControlProblem,
     PathConstraint,
+    Planner,
     SolveInterrupted,
     Source,
     solve,
@@ -22,6 +23,7 @@ from swarmstart.ocp import (
 from swarmstart.ocp.lanes.answers import Optimum, reached, unseen_share
 from swarmstart.ocp.lanes.posed import NoLanesError
 from swarmstart.ocp.lanes.solver import LaneSolver, random_starts
+from swarmstart.ocp.nlp.watching import Unwatched
 from swarmstart.ocp.rollout.fitness import Fitness
 from swarmstart.ocp.search import many_starts
 from swarmstart.ocp.search.account import Lanes, Origin, Tried
@@ -311,3 +313,19 @@ def test_lanes_from_states_pass_where_those_from_controls_fail() -> None:
     states = np.moveaxis(nodes, 0, -1)[:, :: problem.checks]
     through = solver(x0, np.zeros_like(controls), states=states)
     assert reached(through).sum() >= reached(direct).sum() + 8
+
+
+def test_one_start_is_polished_although_the_budget_is_spent() -> None:
+    """A plan without any answer could not be judged."""
+
+    class Spent(Unwatched):
+        is_over = True
+
+    planner = Planner(
+        cart(), search=None, polish=IpoptOptions(), lanes=4, watch=Spent()
+    )
+    plan = planner.plan([0.0, 1.0], rng=np.random.default_rng(0))
+    assert plan.feasible
+    assert plan.starts is not None
+    assert [one.origin for one in plan.starts.tried] == ["zero controls"]
+    assert plan.starts.without_lanes == "the budget was spent before"
