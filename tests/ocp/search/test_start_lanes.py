@@ -1,11 +1,22 @@
 """Lanes from random starts and from variations of their optima."""
 
+from typing import Any
+
+import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmstart.ocp import IpoptOptions, Known, OptimalControlProblem, Planner, Start
+from swarmstart.ocp import (
+    Bounds,
+    IpoptOptions,
+    Known,
+    Model,
+    OptimalControlProblem,
+    Planner,
+    Start,
+)
 from swarmstart.ocp.lanes.answers import LaneAnswers, distinct_optima, reached, some_of
 from swarmstart.ocp.lanes.solver import LaneSolver
 from swarmstart.ocp.nlp.watching import UNWATCHED, Relay
@@ -126,3 +137,35 @@ def test_nothing_is_varied_where_no_lane_is_feasible() -> None:
     assert not np.isfinite(solved.least)
     assert lanes.varied(solved, 4, rng) is solved
     assert lanes.best(solved, 3) == []
+
+
+@pytest.mark.usefixtures("compiler")
+def test_states_lead_from_the_start_to_the_end_in_the_units_of_the_problem(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Metres in thousands and two checks an interval: sizes and nodes differ."""
+    x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+    problem = OptimalControlProblem(
+        Model(states=x, controls=u, ode=ca.vertcat(x[1], u)),
+        horizon=1.0, intervals=8, checks=2, stage_cost=u**2,
+        bounds=Bounds(controls=(-9e4, 9e4)), terminal=[x - ca.vertcat(5e3, 2e3)],
+    )  # fmt: skip
+    begun: list[Any] = []
+    solve = LaneSolver.__call__
+
+    def noted(self: LaneSolver, *given: Any, **more: Any) -> LaneAnswers:
+        begun.append(given[3] if len(given) > 3 else None)
+        return solve(self, *given, **more)
+
+    monkeypatch.setattr(LaneSolver, "__call__", noted)
+    lanes, rng = lanes_of(problem), np.random.default_rng(0)
+    x0 = np.array([1e3, -3e3])
+    solved = lanes.random(first(problem), x0, Known(), 8, rng)
+    lanes.varied(solved, 8, rng)
+    controls, bent, varied = begun[:3]
+    assert controls is None and bent.shape == (2, 9, 4) and varied.shape == (2, 9, 8)
+    for states in (bent, varied):
+        np.testing.assert_allclose(
+            states[:, 0], x0[:, None] + np.zeros(states.shape[2])
+        )
+    np.testing.assert_allclose(bent[:, -1], [[5e3] * 4, [2e3] * 4])
