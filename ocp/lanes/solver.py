@@ -10,6 +10,8 @@ from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.lanes.answers import LaneAnswers, Optimum, distinct_optima, reached
 from swarmstart.ocp.lanes.interior import MOST, InteriorLanes
+from swarmstart.ocp.lanes.posed import NoLanesError
+from swarmstart.ocp.lanes.steps import is_divisible, stepwise
 from swarmstart.ocp.nlp.transcription import NonlinearProgram
 from swarmstart.ocp.rollout.fitness import NOTHING, Known
 from swarmstart.ocp.rollout.shooting import Shooting, shooting_of
@@ -22,7 +24,8 @@ s, 56 are feasible and 1 is the best; with 100, 126 and 36 (10: 97 and 24; 1000:
 37). On eight shipped problems 1, 10 and 100 lead to the same optima as often."""
 _LONGEST = 30_000
 """Largest number of instructions of an interval's part of a kernel. LLVM takes 7 s for
-10,000, and 2 minutes for 39,000, for which one answer would have to wait."""
+10,000, and 2 minutes for 39,000, for which one answer would have to wait. A longer one
+is divided into its steps (steps.py)."""
 STEPS = 1.5
 """Sweeps per iteration, and trials: 1.04 to 1.9 sweeps were seen on seven problems; of
 trials, which are shorter, there are taken to be as many."""
@@ -56,11 +59,19 @@ class LaneSolver:
                 machine code cannot be made.
         """
         shooting = shooting_of(problem)
-        self._lanes = InteriorLanes(
-            shooting, program=program, most=most, longest=_LONGEST
-        )
-        self._kernels = self._lanes.kernels()
-        self.problem = shooting.problem
+        self.problem, self._steps = shooting.problem, None
+        try:
+            self._lanes = InteriorLanes(
+                shooting, program=program, most=most, longest=_LONGEST
+            )
+            self._kernels = self._lanes.kernels()
+        except NoLanesError:
+            if not is_divisible(self.problem):
+                raise
+            self._steps = stepwise(self.problem)
+            shooting = shooting_of(self._steps.problem)
+            self._lanes = InteriorLanes(shooting, most=most, longest=_LONGEST)
+            self._kernels = self._lanes.kernels()
         self._threads, self._most = threads, most
         self._rollout_instructions = shooting.stage_without_path.n_instructions()
 
@@ -88,7 +99,27 @@ class LaneSolver:
         Raises:
             InvalidProblemError: If a shape is not the problem's, or a value not finite.
         """
-        first = self._first(x0, controls, starts)
+        first, steps = self._first(x0, controls, starts), self._steps
+        if steps is None:
+            return self._solved(x0, controls, first, states, known)
+        found = self._solved(
+            steps.x0(x0),
+            steps.controls(controls),
+            steps.starts(controls, first),
+            None if states is None else steps.states(controls, states),
+            steps.known(known),
+        )
+        return steps.back(found)
+
+    def _solved(
+        self,
+        x0: ArrayLike,
+        controls: Array,
+        first: Array,
+        states: Array | None,
+        known: Known,
+    ) -> LaneAnswers:
+        """Return the local optima, of the problem that the lanes are made for."""
         instances, common = self._lanes.repeated(x0, known, controls.shape[2])
         solve = partial(self._lanes, common=common, rho=RHO, threads=self._threads)
         found = solve(instances, controls, first, states)
@@ -137,7 +168,9 @@ class LaneSolver:
             stand_for: Number of answers that each one represents; see
                 `distinct_optima`.
         """
-        scale = self._lanes.sizes(x0, known).states[:, None]
+        if self._steps is not None:
+            x0, known = self._steps.x0(x0), self._steps.known(known)
+        scale = self._lanes.sizes(x0, known).states[: self.problem.model.nx, None]
         found = distinct_optima(answers, stand_for=stand_for, shown=True)
         return tuple(replace(one, states=one.states * scale) for one in found)
 

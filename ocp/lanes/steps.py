@@ -1,0 +1,146 @@
+"""Long intervals in lanes: an interval for each step of the integrator.
+
+The sweep of a lane has the second derivatives of a whole interval in its machine code,
+which takes minutes to make if an interval has many steps. Here each step is an interval
+of its own, and what is held over an interval of the problem is a state v:
+
+    x' = f(x, v),   v' = 0 within a step,   v(0) in the bounds of u
+    v+ = u where an interval of the problem begins, else v+ = v
+
+The steps and the costs are the problem's own. Path constraints are kept after each
+step, which the problem asks for at its checks only, so that an optimum may cost more.
+"""
+
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from swarmstart.arrays import Array
+from swarmstart.ocp.lanes.answers import LaneAnswers
+from swarmstart.ocp.rollout.fitness import Known
+from swarmstart.ocp.statement.decisions import Free
+from swarmstart.ocp.statement.problem import OptimalControlProblem
+from swarmstart.ocp.statement.rewrites.changed import (
+    Appended,
+    changed_fields,
+    changed_model,
+    replaced,
+    with_states,
+)
+
+
+def is_divisible(problem: OptimalControlProblem) -> bool:
+    """Return whether a core's steps can be intervals of their own.
+
+    Costs must be integrals, since sums have a term for each interval; and controls must
+    be bounded, since those without an effect are led to their middle by bounds only.
+    """
+    model = problem.model
+    return (
+        problem.checks * problem.substeps > 1
+        and problem.quadrature == "integral"
+        and problem.step_cost.is_zero()
+        and problem.risk is None
+        and not (problem.soft or model.jumps or model.is_discrete)
+        and bool(np.isfinite(problem.control_limits).all())
+    )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Steps:
+    """A core with an interval for each step, and the ways there and back.
+
+    Attributes:
+        whole: The core with the intervals that were stated.
+        problem: The same with an interval for each step.
+    """
+
+    whole: OptimalControlProblem
+    problem: OptimalControlProblem
+
+    @property
+    def each(self) -> int:
+        """Number of steps of an interval."""
+        return self.whole.checks * self.whole.substeps
+
+    def x0(self, x0: ArrayLike) -> Array:
+        """Return an initial state with the middle of the bounds as what is held."""
+        lower, upper = self.whole.control_limits
+        state = np.asarray(x0, dtype=np.float64).ravel()
+        return np.concatenate([state, (lower + upper) / 2])
+
+    def known(self, known: Known) -> Known:
+        """Return known data with the signals after each step, and where u begins."""
+        whole, count = self.whole, self.problem.nodes
+        at = np.linspace(0, whole.nodes - 1, count)
+        given = np.reshape(known.signals, (whole.ns, whole.nodes))
+        rows = [np.interp(at, np.arange(whole.nodes), row) for row in given]
+        begins = (np.arange(count) % self.each == 0).astype(np.float64)
+        return known._replace(signals=np.vstack([*rows, begins]))
+
+    def controls(self, controls: Array) -> Array:
+        """Return the controls of steps, shape (nu, N', n): those of what comes next."""
+        following = np.concatenate([controls[:, 1:], controls[:, -1:]], axis=1)
+        found = np.repeat(controls, self.each, axis=1)
+        found[:, self.each - 1 :: self.each] = following
+        return found
+
+    def starts(self, controls: Array, starts: Array) -> Array:
+        """Return the decisions about the start, with the first controls."""
+        return np.concatenate([starts, controls[:, 0]])
+
+    def states(self, controls: Array, states: Array) -> Array:
+        """Return states after each step, linear in between, and what is held."""
+        N, n = controls.shape[1:]
+        at = np.arange(N * self.each + 1) / self.each
+        left = np.minimum(at.astype(int), N - 1)
+        part = (at - left)[None, :, None]
+        between = (1 - part) * states[:, left] + part * states[:, left + 1]
+        return np.concatenate([between, controls[:, left]])
+
+    def back(self, found: LaneAnswers) -> LaneAnswers:
+        """Return answers to the core with the intervals that were stated."""
+        nx, nu, each = self.whole.model.nx, self.whole.model.nu, self.each
+        first = found.starts[found.starts.shape[0] - nu :, None]
+        later = found.controls[:, each - 1 : -1 : each]
+        return replace(
+            found,
+            controls=np.concatenate([first, later], axis=1),
+            starts=found.starts[:-nu],
+            states=found.states[:nx, ::each],
+            costates=found.costates[:nx],
+        )
+
+
+def stepwise(problem: OptimalControlProblem) -> Steps:
+    """Return a divisible core with an interval for each step."""
+    model, u = problem.model, problem.model.controls
+    names = [f"{name} held" for name in model.control_names]
+    held = ca.vertcat(*[ca.SX.sym(name) for name in names])
+    begins = ca.SX.sym("an interval begins")
+    changed = replaced(u, held)
+    limits = dict(zip(names, zip(*problem.control_limits, strict=True), strict=True))
+    sizes = dict(zip(names, model.control_names, strict=True))
+    scales = {
+        name: problem.scales.get(sizes[name], float(upper - lower))
+        for name, (lower, upper) in limits.items()
+        if upper > lower
+    }
+    divided = with_states(
+        problem,
+        Appended(states=held, after=held + begins * (u - held)),
+        changed_model(model, changed)
+        | {"signals": ca.vertcat(model.signals, begins)},
+        start={
+            **problem.start,
+            **{name: Free(float(low), float(high)) for name, (low, high) in limits.items()},
+        },
+        scales={**problem.scales, **scales},
+        intervals=problem.intervals * problem.checks * problem.substeps,
+        checks=1,
+        substeps=1,
+        **changed_fields(problem, changed, changed),
+    )  # fmt: skip
+    return Steps(whole=problem, problem=divided)
