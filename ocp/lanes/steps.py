@@ -78,7 +78,9 @@ class Steps:
         given = np.reshape(known.signals, (whole.ns, whole.nodes))
         rows = [np.interp(at, np.arange(whole.nodes), row) for row in given]
         begins = (np.arange(count) % self.each == 0).astype(np.float64)
-        return known._replace(signals=np.vstack([*rows, begins]))
+        # Signals of the model come before those of the problem.
+        rows.insert(whole.model.ns, begins)
+        return known._replace(signals=np.vstack(rows))
 
     def controls(self, controls: Array) -> Array:
         """Return the controls of steps, shape (nu, N', n): those of what comes next."""
@@ -93,7 +95,7 @@ class Steps:
 
     def states(self, controls: Array, states: Array) -> Array:
         """Return states after each step, linear in between, and what is held."""
-        N, n = controls.shape[1:]
+        N = controls.shape[1]
         at = np.arange(N * self.each + 1) / self.each
         left = np.minimum(at.astype(int), N - 1)
         part = (at - left)[None, :, None]
@@ -120,27 +122,25 @@ def stepwise(problem: OptimalControlProblem) -> Steps:
     names = [f"{name} held" for name in model.control_names]
     held = ca.vertcat(*[ca.SX.sym(name) for name in names])
     begins = ca.SX.sym("an interval begins")
+    signals = ca.vertcat(model.signals, begins)
     changed = replaced(u, held)
     limits = dict(zip(names, zip(*problem.control_limits, strict=True), strict=True))
-    sizes = dict(zip(names, model.control_names, strict=True))
-    scales = {
-        name: problem.scales.get(sizes[name], float(upper - lower))
-        for name, (lower, upper) in limits.items()
-        if upper > lower
-    }
+    scales, first = dict(problem.scales), dict[str, Free]()
+    for name, own in zip(names, model.control_names, strict=True):
+        lower, upper = map(float, limits[name])
+        first[name] = Free(lower, upper)
+        if upper > lower:  # Else it is found, as for any other state.
+            scales[name] = problem.scales.get(own, upper - lower)
     divided = with_states(
         problem,
-        Appended(states=held, after=held + begins * (u - held)),
-        changed_model(model, changed)
-        | {"signals": ca.vertcat(model.signals, begins)},
-        start={
-            **problem.start,
-            **{name: Free(float(low), float(high)) for name, (low, high) in limits.items()},
-        },
-        scales={**problem.scales, **scales},
+        Appended(states=held, after=begins * u + (1 - begins) * held),
+        {**changed_model(model, changed), "signals": signals},
+        start={**problem.start, **first},
+        signals=ca.vertcat(signals, problem.signals[model.ns :, 0]),
+        scales=scales,
         intervals=problem.intervals * problem.checks * problem.substeps,
         checks=1,
         substeps=1,
         **changed_fields(problem, changed, changed),
-    )  # fmt: skip
+    )
     return Steps(whole=problem, problem=divided)
