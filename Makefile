@@ -6,7 +6,9 @@ INSTALLED := $(VENV)/.installed
 INSTALLED_TO_TEST := $(VENV)/.installed-to-test
 INSTALL := $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --editable
 
-TESTS := $(VENV)/bin/python -m pytest -q -n auto --dist loadfile --no-loadscope-reorder
+# The slowest tests are listed, so that it is seen what makes the suite long.
+TESTS := $(VENV)/bin/python -m pytest -q -n auto --dist loadfile --no-loadscope-reorder \
+	--durations 60 --durations-min 4
 
 ROOMS := machine_code ocp heuristics terminal_set cases *.py
 
