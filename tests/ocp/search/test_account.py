@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import casadi as ca
@@ -41,6 +42,15 @@ def test_starts_that_reach_nothing_are_counted_and_claim_nothing() -> None:
     found = lanes(90, infeasible=10).line()
     assert found.startswith("100 starts: 1.5 (90), 10 infeasible; at most 3% of such")
     assert lanes(3).line(-1.0).startswith("3 starts: -1.5 (3); at most")
+
+
+def test_more_starts_are_advised_if_one_alone_found_the_cheapest() -> None:
+    advice = "; the cheapest was found once: try more, such as lanes="
+    assert lanes(1, 20, 9).line().endswith(f"{advice}120")
+    varied = replace(lanes(1, 99), varied=36)
+    assert varied.line().endswith(f"{advice}256")
+    for enough in (lanes(2, 20), lanes(20, 1), lanes(1), lanes(infeasible=4)):
+        assert "try more" not in enough.line()
 
 
 @pytest.mark.parametrize("search", ["default", ss.Multistart(), ss.Memetic()])
