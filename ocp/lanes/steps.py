@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 
 from swarmstart.arrays import Array
 from swarmstart.ocp.lanes.answers import LaneAnswers
+from swarmstart.ocp.lanes.posed import refused_by_lanes
 from swarmstart.ocp.rollout.fitness import Known
 from swarmstart.ocp.statement.decisions import Free
 from swarmstart.ocp.statement.problem import OptimalControlProblem
@@ -32,14 +33,15 @@ from swarmstart.ocp.statement.rewrites.changed import (
 
 
 def is_divisible(problem: OptimalControlProblem) -> bool:
-    """Return whether a core's steps can be intervals of their own.
+    """Return whether a core's steps can be intervals of their own, in lanes.
 
     Costs must be integrals, since sums have a term for each interval; and controls must
     be bounded, since those without an effect are led to their middle by bounds only.
     """
     model = problem.model
     return (
-        problem.checks * problem.substeps > 1
+        not refused_by_lanes(problem)
+        and problem.checks * problem.substeps > 1
         and problem.quadrature == "integral"
         and problem.step_cost.is_zero()
         and problem.risk is None

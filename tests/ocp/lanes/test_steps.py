@@ -1,6 +1,7 @@
 """An interval for each step: the same trajectories, costs and optima."""
 
 from dataclasses import replace
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -161,6 +162,19 @@ def test_a_step_that_is_too_long_itself_has_no_lanes(
     monkeypatch.setattr(module, "_LONGEST", 500)
     with pytest.raises(NoLanesError, match="too long: expected at most"):
         LaneSolver(Planner(tracking(), search=None).problem)
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [({"blocks": (1, 3)}, "blocks"), ({"integrator": "stiff"}, "stiff")],
+)
+def test_what_lanes_do_not_support_is_not_divided(
+    changes: dict[str, Any], reason: str
+) -> None:
+    problem = Planner(replace(tracking(), **changes), search=None).problem
+    assert not is_divisible(problem)
+    with pytest.raises(NoLanesError, match=reason):
+        LaneSolver(problem)
 
 
 def test_problems_are_divisible_unless_steps_would_change_their_costs() -> None:
