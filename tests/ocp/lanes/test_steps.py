@@ -93,6 +93,13 @@ def test_limits_are_kept_at_the_checks_at_least() -> None:
         assert own >= worst - 1e-12
 
 
+def test_what_is_held_has_the_size_of_its_control() -> None:
+    given = replace(tracking(), scales={"pull": 0.3})
+    assert stepwise(given).problem.scales == {
+        "pull": 0.3, "push held": 5.0, "pull held": 0.3
+    }  # fmt: skip
+
+
 def test_ways_there_and_back_are_inverse() -> None:
     steps = stepwise(tracking())
     rng = np.random.default_rng(1)
@@ -150,6 +157,9 @@ def test_lanes_with_long_intervals_find_the_optima_of_whole_ones(
         for one, answers in ((whole, expected), (divided, found))
     )
     np.testing.assert_allclose(own.states, first.states, atol=1e-4)
+    if with_states:  # They are what the lanes begin with.
+        others = divided(X0, controls, starts, known=known)
+        assert (others.iterations != found.iterations).any()
     # An iteration is counted in roll-outs of the same steps.
     ratio = divided.rollouts_per_iteration / whole.rollouts_per_iteration
     assert 0.2 < ratio < 5
