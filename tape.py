@@ -6,7 +6,9 @@ numbering), and values that no output needs are left out. CasADi has already fol
 constants.
 """
 
-from collections.abc import Iterator, Sequence
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -110,6 +112,24 @@ class TapeBuilder:
         if operation in COMMUTATIVE:
             arguments = tuple(sorted(arguments))
         return self.number(Node(operation, arguments))
+
+    def rewritten(
+        self, tape: Tape, write: Callable[[Node, tuple[int, ...]], int]
+    ) -> Tape:
+        """Return a tape with each operation of another written anew.
+
+        Args:
+            tape: The other tape.
+            write: (operation, new numbers of its arguments) -> number of its result.
+        """
+        numbers: list[int] = []
+        for node in tape.nodes:
+            if node.operation in ("input", "constant"):
+                numbers.append(self.number(node))
+            else:
+                numbers.append(write(node, tuple(numbers[a] for a in node.arguments)))
+        outputs = [[numbers[number] for number in output] for output in tape.outputs]
+        return self.tape(outputs, tape.inputs)
 
     def tape(self, outputs: Sequence[Sequence[int]], inputs: tuple[int, ...]) -> Tape:
         """Return the tape, without the values that no output needs.

@@ -175,14 +175,12 @@ class Surroundings:
         targets: Wanted place of each vehicle at the frames, shape (targets, 2, F).
         called: Name of a target.
         leader: The virtual leader at the frames, shape (2, F); None: there is none.
-        leader_heading: Its direction [rad], shape (F,); None: not known.
     """
 
     discs: Sequence[Disc] = ()
     targets: Array | None = None
     called: str = ""
     leader: Array | None = None
-    leader_heading: Array | None = None
 
 
 def surroundings_of(

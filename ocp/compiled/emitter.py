@@ -195,20 +195,16 @@ def simplified(tape: Tape) -> Tape:
     """Return a tape with the multiples of one value in each sum merged."""
     users = tape.users()
     sums = _Sums()
-    numbers: list[int] = []
-    for node in tape.nodes:
-        if node.operation in ("input", "constant"):
-            numbers.append(sums.number(node))
-            continue
-        arguments = tuple(numbers[a] for a in node.arguments)
+
+    def write(node: Node, arguments: tuple[int, ...]) -> int:
         inner = tuple(
             number
             for number, a in zip(arguments, node.arguments, strict=True)
             if users[a] == 1
         )
-        numbers.append(sums.value(node.operation, arguments, inner))
-    outputs = [[numbers[number] for number in output] for output in tape.outputs]
-    return sums.tape(outputs, tape.inputs)
+        return sums.value(node.operation, arguments, inner)
+
+    return sums.rewritten(tape, write)
 
 
 def with_inverses(tape: Tape) -> Tape:
@@ -219,19 +215,15 @@ def with_inverses(tape: Tape) -> Tape:
     long as a product.
     """
     divided = Counter(n.arguments[1] for n in tape.nodes if n.operation == "div")
-    builder, numbers = TapeBuilder(), list[int]()
-    for node in tape.nodes:
-        if node.operation in ("input", "constant"):
-            numbers.append(builder.number(node))
-            continue
-        arguments = tuple(numbers[a] for a in node.arguments)
+    builder = TapeBuilder()
+
+    def write(node: Node, arguments: tuple[int, ...]) -> int:
         if node.operation == "div" and divided[node.arguments[1]] > 1:
             inverse = builder.apply("inv", arguments[1:])
-            numbers.append(builder.apply("mul", (arguments[0], inverse)))
-        else:
-            numbers.append(builder.apply(node.operation, arguments))
-    outputs = [[numbers[number] for number in output] for output in tape.outputs]
-    return builder.tape(outputs, tape.inputs)
+            return builder.apply("mul", (arguments[0], inverse))
+        return builder.apply(node.operation, arguments)
+
+    return builder.rewritten(tape, write)
 
 
 _SMALLEST = 1e-100

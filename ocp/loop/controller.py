@@ -132,6 +132,14 @@ class Decision:
         )
 
 
+OF_DECISION = {
+    "time": a_number(),
+    "previous": optional(of_kind(Decision, "the last Decision")),
+    "rng": RNG,
+}
+"""Checks of the arguments of `decide`, besides that of the state."""
+
+
 class Controller(Protocol):
     """Feedback law that acts at fixed control instants."""
 
@@ -301,13 +309,7 @@ class RecedingHorizon:
             )
         return self.period or self.planner.problem.dt
 
-    @checked(
-        refused,
-        time=a_number(),
-        state=reals(),
-        previous=optional(of_kind(Decision, "the last Decision")),
-        rng=RNG,
-    )
+    @checked(refused, state=reals(), **OF_DECISION)
     def decide(
         self,
         time: float,
@@ -724,13 +726,7 @@ class OpenLoop:
         stated = self.loop.planner.stated
         return float(stated.expected_times[-1]) / stated.intervals
 
-    @checked(
-        refused,
-        time=a_number(),
-        state=reals(),
-        previous=optional(of_kind(Decision, "the last Decision")),
-        rng=RNG,
-    )
+    @checked(refused, state=reals(), **OF_DECISION)
     def decide(
         self,
         time: float,

@@ -37,7 +37,7 @@ from swarmstart.ocp.answer.plan import Plan, Source
 from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.common.pickling import Called
 from swarmstart.ocp.integration.integrators import held_step
-from swarmstart.ocp.loop.controller import Decision, Mode, RecedingHorizon
+from swarmstart.ocp.loop.controller import OF_DECISION, Decision, Mode, RecedingHorizon
 from swarmstart.ocp.loop.team import Agent, Team, first_controls
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 from swarmstart.ocp.system.model import right_hand_side
@@ -189,13 +189,7 @@ class DualMode(Called):
             states=model.state_names, controls=model.control_names
         )
 
-    @checked(
-        refused,
-        time=a_number(),
-        state=reals(axes=1),
-        previous=optional(of_kind(Decision, "the last Decision")),
-        rng=RNG,
-    )
+    @checked(refused, state=reals(axes=1), **OF_DECISION)
     def decide(
         self,
         time: float,

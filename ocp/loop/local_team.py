@@ -40,7 +40,6 @@ from numpy.typing import ArrayLike
 
 from swarmstart.arguments import (
     INDICES,
-    RNG,
     a_count,
     a_number,
     checked,
@@ -56,7 +55,12 @@ from swarmstart.ocp.answer.plan import Plan, Source
 from swarmstart.ocp.answer.planner import Planner
 from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.common.pickling import Called
-from swarmstart.ocp.loop.controller import Decision, RecedingHorizon, ReferenceSignals
+from swarmstart.ocp.loop.controller import (
+    OF_DECISION,
+    Decision,
+    RecedingHorizon,
+    ReferenceSignals,
+)
 from swarmstart.ocp.loop.team import first_controls
 from swarmstart.ocp.rollout.fitness import Known
 from swarmstart.ocp.statement.guesses import shifted_controls
@@ -261,13 +265,7 @@ class LocalTeam(Called):
         """Length of a control interval [s]."""
         return self._controllers[0][self._rooms[0]].dt
 
-    @checked(
-        refused,
-        time=a_number(),
-        state=reals(axes=1),
-        previous=optional(of_kind(Decision, "the last Decision")),
-        rng=RNG,
-    )
+    @checked(refused, state=reals(axes=1), **OF_DECISION)
     def decide(
         self,
         time: float,

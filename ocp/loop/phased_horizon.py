@@ -24,7 +24,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from swarmstart.arguments import (
-    RNG,
     a_count,
     a_number,
     checked,
@@ -39,7 +38,7 @@ from swarmstart.ocp.answer.plan import Plan
 from swarmstart.ocp.answer.planner import Planner
 from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.common.expressions import symbol_names, symbol_of
-from swarmstart.ocp.loop.controller import Decision, plan_of_step
+from swarmstart.ocp.loop.controller import OF_DECISION, Decision, plan_of_step
 from swarmstart.ocp.loop.plant import Plant
 from swarmstart.ocp.nlp.polish_options import PolishOptions
 from swarmstart.ocp.rollout.fitness import Known
@@ -184,13 +183,7 @@ class PhasedHorizon:
             clock=CLOCK,
         )
 
-    @checked(
-        refused,
-        time=a_number(),
-        state=reals(axes=1),
-        previous=optional(of_kind(Decision, "the last Decision")),
-        rng=RNG,
-    )
+    @checked(refused, state=reals(axes=1), **OF_DECISION)
     def decide(
         self,
         time: float,

@@ -14,8 +14,6 @@ import numpy as np
 
 from swarmstart.arguments import (
     INDICES,
-    RNG,
-    a_number,
     checked,
     function,
     of_kind,
@@ -27,7 +25,7 @@ from swarmstart.arrays import Array
 from swarmstart.ocp.answer.plan import Plan
 from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.common.pickling import Called
-from swarmstart.ocp.loop.controller import Decision, RecedingHorizon
+from swarmstart.ocp.loop.controller import OF_DECISION, Decision, RecedingHorizon
 from swarmstart.ocp.statement.problem import require_held
 
 MakePlan = Callable[[int, Array, tuple[Array, ...]], Plan]
@@ -170,13 +168,7 @@ class Team(Called):
             raise refused("state", state, f"an array of shape ({self._nx},)")
         return np.split(state, self._splits)
 
-    @checked(
-        refused,
-        time=a_number(),
-        state=reals(axes=1),
-        previous=optional(of_kind(Decision, "the last Decision")),
-        rng=RNG,
-    )
+    @checked(refused, state=reals(axes=1), **OF_DECISION)
     def decide(
         self,
         time: float,

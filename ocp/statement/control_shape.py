@@ -75,16 +75,6 @@ class Knots:
         return ca.vertcat(self.now, controls)
 
 
-def knots_of(names: tuple[str, ...], shape: ControlShape) -> Knots:
-    """Return the knot states of some controls; empty if the controls are held."""
-    used = () if shape == "constant" else names
-    pairs = [knot_names(name) for name in used]
-    now, first = (
-        ca.vertcat(ca.SX(0, 1), *[ca.SX.sym(pair[i]) for pair in pairs]) for i in (0, 1)
-    )
-    return Knots(now=now, first=first)
-
-
 def knot_names(control: str) -> tuple[str, str]:
     """Return the names of the two states that belong to a linear control."""
     return f"control {control}", f"knot of {control}"

@@ -203,15 +203,9 @@ def _refused(name: str, error: UnknownOperationError) -> UnknownIntervalOperatio
 def _reduced(tape: Tape) -> Tape:
     """Return a tape of the kernel's operations."""
     builder = TapeBuilder()
-    numbers: list[int] = []
-    for node in tape.nodes:
-        if node.operation in _LOADED:
-            numbers.append(builder.number(node))
-            continue
-        arguments = tuple(numbers[a] for a in node.arguments)
-        numbers.append(_applied(builder, node.operation, arguments))
-    outputs = [[numbers[number] for number in output] for output in tape.outputs]
-    return builder.tape(outputs, tape.inputs)
+    return builder.rewritten(
+        tape, lambda node, arguments: _applied(builder, node.operation, arguments)
+    )
 
 
 def _applied(builder: TapeBuilder, operation: str, arguments: tuple[int, ...]) -> int:

@@ -52,22 +52,17 @@ def tape_of(dynamics: ca.Function) -> tuple[list[Instruction], list[int]]:
     Raises:
         UnknownIntervalOperationError: If it has an operation that a file cannot hold.
     """
-    tape, writer, numbers = expanded_tape(dynamics), _Writer(), list[int]()
-    for node in tape.nodes:
-        arguments = node.arguments
-        if node.operation in ("input", "constant"):
-            numbers.append(writer.number(node))
-            continue
-        operands = [numbers[argument] for argument in arguments]
+    writer = _Writer()
+
+    def write(node: Node, operands: tuple[int, ...]) -> int:
         if node.operation in OPERATIONS:
-            numbers.append(writer.apply(OPERATIONS[node.operation], *operands))
-        elif node.operation in _IDENTITIES:
-            numbers.append(_IDENTITIES[node.operation](writer, *operands))
-        else:
-            reason = "a certificate's file cannot hold"
-            raise UnknownIntervalOperationError(dynamics.name(), node.operation, reason)
-    results = [[numbers[number] for number in output] for output in tape.outputs]
-    written = writer.builder.tape(results, tape.inputs)
+            return writer.apply(OPERATIONS[node.operation], *operands)
+        if node.operation in _IDENTITIES:
+            return _IDENTITIES[node.operation](writer, *operands)
+        reason = "a certificate's file cannot hold"
+        raise UnknownIntervalOperationError(dynamics.name(), node.operation, reason)
+
+    written = writer.builder.rewritten(expanded_tape(dynamics), write)
     return [_instruction(node) for node in written.nodes], list(written.outputs[0])
 
 
@@ -77,11 +72,10 @@ class _Writer:
     def __init__(self) -> None:
         """Begin an empty tape."""
         self.builder = TapeBuilder()
-        self.number = self.builder.number
 
     def constant(self, value: float) -> int:
         """Return the number of a constant."""
-        return self.number(Node("constant", (), value))
+        return self.builder.number(Node("constant", (), value))
 
     def apply(self, operation: str, *operands: int) -> int:
         """Return the number of an operation's result."""

@@ -39,5 +39,4 @@ def surroundings(
         targets=standing(place, times),
         called="slot",
         leader=np.zeros((2, times.size)),
-        leader_heading=np.full(times.size, np.pi / 2),  # Up the page.
     )

@@ -59,5 +59,4 @@ def surroundings(
         targets=slots[:, :, None] + leader,
         called="slot",
         leader=leader,
-        leader_heading=np.full(times.size, psi),
     )

@@ -51,7 +51,6 @@ from swarmstart.ocp import InvalidProblemError, Model
 
 STATES = ("x_ft", "y_ft", "heading_rad", "speed_ft_s", "z_ft", "climb_rate_ft_s")
 CONTROLS = ("speed_command_ft_s", "heading_command_rad", "height_command_ft")
-PARAMETERS = ("leader_speed_ft_s", "leader_heading_rad", "leader_height_ft")
 POSITION = (0, 1, 4)
 """Rows of the states that are the relative position (x, y, z)."""
 
