@@ -31,9 +31,9 @@ as in Turpin, Michael and Kumar (2014), CAPT.
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
@@ -207,6 +207,20 @@ def by_uav(stacked: Array, uavs: int) -> Array:
     return stacked.reshape(uavs, -1, stacked.shape[1])
 
 
+def rooms_of(tracks: Array, discs: Iterable[Any]) -> list[Array]:
+    """Return each UAV's distance to each disc's edge, (uavs, T) each [m].
+
+    Args:
+        tracks: States of the UAVs, shape (uavs, 4, T).
+        discs: Discs with x_m, y_m and radius_m; inside, the distance is negative.
+    """
+    places = tracks[:, list(POSITION)]
+    return [
+        np.linalg.norm(places - np.array([[o.x_m], [o.y_m]]), axis=1) - o.radius_m
+        for o in discs
+    ]
+
+
 def pair_distances(stacked: Array, uavs: int) -> Array:
     """Return the distance of each pair of UAVs, shape (pairs, T) [m].
 
@@ -278,14 +292,24 @@ def smallest_range(positions: Array, point: Point) -> float:
 
 def unicycle() -> Model:
     """Return the model (5.1), nx = 4, nu = 2."""
-    v, psi, x, y = (ca.SX.sym(name) for name in ("v", "psi", "x", "y"))
     u, omega = ca.SX.sym("u"), ca.SX.sym("omega")
+    names = "acceleration_m_s2", "turn_rate_rad_s"
+    return _planar([u, omega], names, lambda v: (u, omega))
+
+
+def _planar(
+    controls: Sequence[ca.SX],
+    control_names: tuple[str, str],
+    rates: Callable[[ca.SX], tuple[ca.SX | float, ca.SX]],
+) -> Model:
+    """Return a model whose speed and heading change by the rates, given the speed."""
+    v, psi, x, y = (ca.SX.sym(name) for name in ("v", "psi", "x", "y"))
     return Model(
         states=ca.vertcat(v, psi, x, y),
-        controls=ca.vertcat(u, omega),
-        ode=ca.vertcat(u, omega, v * ca.cos(psi), v * ca.sin(psi)),
+        controls=ca.vertcat(*controls),
+        ode=ca.vertcat(*rates(v), v * ca.cos(psi), v * ca.sin(psi)),
         state_names=STATES,
-        control_names=("acceleration_m_s2", "turn_rate_rad_s"),
+        control_names=control_names,
     )
 
 
@@ -322,22 +346,11 @@ def bank_to_turn(*, turn: Turn, thrust: Thrust | None = None) -> Model:
     """
     if turn not in TURNS:
         raise InvalidProblemError(f"turn must be sin or tan, got {turn!r}")
-    v, psi, x, y = (ca.SX.sym(name) for name in ("v", "psi", "x", "y"))
     push, phi = ca.SX.sym("push"), ca.SX.sym("phi")
-    return Model(
-        states=ca.vertcat(v, psi, x, y),
-        controls=ca.vertcat(push, phi),
-        ode=ca.vertcat(
-            push if thrust is None else thrust.acceleration(push),
-            GRAVITY_M_S2 * TURNS[turn](phi) / v,
-            v * ca.cos(psi),
-            v * ca.sin(psi),
-        ),
-        state_names=STATES,
-        control_names=(
-            "acceleration_m_s2" if thrust is None else "thrust_n",
-            "bank_rad",
-        ),
+    gain = push if thrust is None else thrust.acceleration(push)
+    names = "acceleration_m_s2" if thrust is None else "thrust_n", "bank_rad"
+    return _planar(
+        [push, phi], names, lambda v: (gain, GRAVITY_M_S2 * TURNS[turn](phi) / v)
     )
 
 

@@ -102,16 +102,11 @@ def run_memetic(
     running = Running(search, objective, budget, None, chunk=GENERATIONS)
     members = _Members(search, local)
 
-    def turn(watch: Stopwatch) -> StopReason | None:
+    def advance(watch: Stopwatch) -> StopReason | None:
         suggested = members.improved(running, budget)
-        stopped = running(watch.seconds, suggested) or running.ended(watch.seconds)
-        if on_advance is not None:
-            on_advance(search.evaluations + running.spent)
-        if on_best is not None:
-            on_best(search.evaluations + running.spent, lambda: search.best)
-        return stopped
+        return running(watch.seconds, suggested)
 
-    return until_stopped(search, turn, running.result)
+    return until_stopped(search, running, advance, on_advance, on_best)
 
 
 @dataclass(kw_only=True, slots=True)

@@ -188,30 +188,29 @@ def run(
     budget = budget_of(budget)
     _require_callable(objective)
     require_one_generation(search, budget)
-    advance = Running(search, objective, budget, on_generation)
+    running = Running(search, objective, budget, on_generation)
 
-    def turn(watch: Stopwatch) -> StopReason | None:
-        stopped = advance(watch.seconds) or advance.ended(watch.seconds)
-        if on_advance is not None:
-            on_advance(search.evaluations)
-        if on_best is not None:
-            on_best(search.evaluations, lambda: search.best)
-        return stopped
+    def advance(watch: Stopwatch) -> StopReason | None:
+        return running(watch.seconds)
 
-    return until_stopped(search, turn, advance.result)
+    return until_stopped(search, running, advance, on_advance, on_best)
 
 
 def until_stopped(
     search: Search,
-    turn: Callable[[Stopwatch], StopReason | None],
-    result: Callable[[StopReason, Stopwatch], SearchResult],
+    running: Running,
+    advance: Callable[[Stopwatch], StopReason | None],
+    on_advance: Callable[[int], None] | None,
+    on_best: Callable[[int, Callable[[], Individual]], None] | None,
 ) -> SearchResult:
-    """Repeat a turn of a search until it stops, and return the result.
+    """Advance a search until it stops, and return the result.
 
     Args:
         search: The search.
-        turn: Stopwatch -> the reason to stop; None to go on.
-        result: (reason to stop, stopwatch) -> the result.
+        running: Its history.
+        advance: Stopwatch -> the reason to stop; None to go on.
+        on_advance: As in `minimize`.
+        on_best: As in `minimize`.
 
     Raises:
         SearchInterrupted: On Ctrl-C, once a generation is finished.
@@ -220,15 +219,20 @@ def until_stopped(
         stopped = None
         try:
             while stopped is None:
-                stopped = turn(watch)
+                stopped = advance(watch) or running.ended(watch.seconds)
+                spent = search.evaluations + running.spent
+                if on_advance is not None:
+                    on_advance(spent)
+                if on_best is not None:
+                    on_best(spent, lambda: search.best)
         except KeyboardInterrupt as interrupt:
             search.abandon()
             if not search.generations:  # There is no result to keep.
                 raise
             raise SearchInterrupted(
-                result(StopReason.INTERRUPTED, watch)
+                running.result(StopReason.INTERRUPTED, watch)
             ) from interrupt
-        return result(stopped, watch)
+        return running.result(stopped, watch)
 
 
 class Running:

@@ -13,17 +13,13 @@ from __future__ import annotations
 
 import hashlib
 import importlib
-import json
 from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
 from swarmstart.cases.format.registry import KINDS, SEARCHES, words_of
-from swarmstart.cases.record.record import versions
+from swarmstart.cases.record.record import hash_of, versions
 from swarmstart.machine_code import sources
-
-# 64 bits: two of a million cells share a key with a chance of 3e-8.
-DIGITS = 16
 
 
 def key_of(work: str, job: Mapping[str, Any]) -> str:
@@ -42,11 +38,7 @@ def key_of(work: str, job: Mapping[str, Any]) -> str:
     }
     if "settings" not in job:  # The work can read shipped scenarios.
         determines["scenarios"] = _shipped_scenarios()
-    # Sorted and without spaces, so that equal data are one text.
-    text = json.dumps(
-        determines, sort_keys=True, separators=(",", ":"), allow_nan=False
-    )
-    return hashlib.sha256(text.encode()).hexdigest()[:DIGITS]
+    return hash_of(determines)
 
 
 def modules_of_settings(settings: Mapping[str, Any]) -> tuple[str, ...]:

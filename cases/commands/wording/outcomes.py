@@ -19,7 +19,7 @@ from swarmstart.cases.drawing.report.pages.broken_limits import kept_distance
 from swarmstart.cases.drawing.wording import KEPT, is_number, number_of, quantity
 from swarmstart.cases.format.document import printable
 from swarmstart.cases.format.registry import words_of
-from swarmstart.cases.kinds.planar import POSITION, STATES, by_uav, pair_distances
+from swarmstart.cases.kinds.planar import STATES, by_uav, pair_distances, rooms_of
 from swarmstart.ocp import Mode, SolutionStatus, Trajectory
 
 _SETTLING = "settling("
@@ -325,12 +325,7 @@ def _clearances(finished: Run) -> Array:
     """Return the distance of each UAV to the nearest obstacle's edge, (uavs, T) [m]."""
     scenario: Any = finished.resolved.scenario
     states = finished.trajectory.dense_states
-    positions = by_uav(states, _uavs(finished))[:, list(POSITION)]
-    # Less the radius: negative inside the obstacle.
-    rooms = [
-        np.linalg.norm(positions - np.array([[o.x_m], [o.y_m]]), axis=1) - o.radius_m
-        for o in scenario.obstacles
-    ]
+    rooms = rooms_of(by_uav(states, _uavs(finished)), scenario.obstacles)
     return np.asarray(np.min(rooms, axis=0))
 
 

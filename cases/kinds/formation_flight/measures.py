@@ -19,6 +19,7 @@ from swarmstart.cases.kinds.planar import (
     by_uav,
     flown_positions,
     pair_distances,
+    rooms_of,
     smallest,
     smallest_pair_distance,
     smallest_range,
@@ -85,12 +86,8 @@ def clearances(
     scenario: FormationScenario, flight: FormationFlight, states: Array
 ) -> Array:
     """Return each UAV's distance to each obstacle's edge, (uavs * obstacles, T) [m]."""
-    positions = by_uav(states, flight.agents)[:, list(POSITION)]
-    rows = [
-        np.linalg.norm(positions - np.array([[o.x_m], [o.y_m]]), axis=1) - o.radius_m
-        for o in scenario.obstacles
-    ]
-    return np.concatenate([np.empty((0, states.shape[1])), *rows])
+    rooms = rooms_of(by_uav(states, flight.agents), scenario.obstacles)
+    return np.concatenate([np.empty((0, states.shape[1])), *rooms])
 
 
 def lyapunov(posed: PosedFormation, trajectory: Trajectory) -> Array:
