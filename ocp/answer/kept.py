@@ -41,11 +41,11 @@ class _Kept(NamedTuple):
 def kept_planner(
     problem: OptimalControlProblem,
     *,
-    search: SearchSettings | None,
+    search: SearchSettings | None = None,
     polish: PolishOptions | None,
-    backend: str | None,
-    lanes: int,
-    threads: int | None,
+    backend: str | None = None,
+    lanes: int = 0,
+    threads: int | None = 1,
 ) -> Iterator[Planner]:
     """Lend a planner, which an earlier call with the same settings may have made.
 

@@ -255,10 +255,7 @@ class Solutions(Presenting):
             near = not kept.by_interval[place]
             if not near:  # A roll-out of its controls would explode.
                 start = start._replace(states=kept.states[:, :, place])
-        with kept_planner(
-            self._near, search=None, polish=self.how.polish, backend=None, lanes=0,
-            threads=1,
-        ) as planner:  # fmt: skip
+        with kept_planner(self._near, polish=self.how.polish) as planner:
             x0, known, _ = planner.posed(self.data.x0[:, place], self.data.known(place))
             each = OneByOne(
                 planner, seed=self.how.seed, repair=self.how.repair, threads=1
@@ -314,10 +311,7 @@ class Solutions(Presenting):
         }
         numbers = np.flatnonzero(confirmed).tolist()
         kept = self.core_answers
-        with kept_planner(
-            self._near, search=None, polish=self.how.polish, backend=None, lanes=0,
-            threads=1,
-        ) as planner:  # fmt: skip
+        with kept_planner(self._near, polish=self.how.polish) as planner:
             answers = [
                 Answered(
                     kept.controls[..., i],

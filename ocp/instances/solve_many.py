@@ -163,14 +163,7 @@ def solve_many(  # noqa: PLR0913 - the whole way in one call
     with shown(progress, title, "compiling", of="instance", total=M) as told:
         with (
             stopwatch() as watch,
-            kept_planner(
-                counted_near(problem, data),
-                search=None,
-                polish=how.polish,
-                backend=None,
-                lanes=0,
-                threads=1,
-            ) as planner,
+            kept_planner(counted_near(problem, data), polish=how.polish) as planner,
         ):
             posed = posed_instances(planner, data)
             if strict and posed.invalid:

@@ -19,7 +19,7 @@ from swarmstart.cases.campaign.judging.judgement import (
     NOT_COMPARED,
     SECONDS_SHARE,
 )
-from swarmstart.cases.campaign.judging.report import listed
+from swarmstart.cases.campaign.judging.report import listed, near_words
 from swarmstart.cases.campaign.judging.statistics import LEVEL, holm_of_those_that_can
 from swarmstart.cases.campaign.trials.solver_names import NULL_HYPOTHESIS
 from swarmstart.cases.format.document import counted
@@ -97,7 +97,7 @@ def _alone(content: Content) -> str:
         return (
             f"{name} has a feasible answer on {scenarios[0]['name']} in "
             f"{row['feasible']} of {counted(row['runs'], 'run')}, {row['near'][0]} of "
-            f"them within {_near(content)} of the best known{low}; one solver, so "
+            f"them within {near_words(content)} of the best known{low}; one solver, so "
             "nothing is compared"
         )
     always = [s for s in scenarios if s["rows"][0]["feasible"] == s["rows"][0]["runs"]]
@@ -110,10 +110,6 @@ def _alone(content: Content) -> str:
 def _interval_words(row: Content) -> str:
     low, high = row["near_intervals"][0]
     return f" (95 % interval of the rate {low:.2f} to {high:.2f})"
-
-
-def _near(content: Content) -> str:
-    return f"{100 * content['near'][0]:g} %"
 
 
 def _too_few(content: Content) -> str:
@@ -189,7 +185,7 @@ def _gain(content: Content, null: str) -> str:
     best = max(
         every, key=lambda one: (one.merit[0], _successes(content, one), one.merit)
     )
-    near = f"within {_near(content)} of the best known"
+    near = f"within {near_words(content)} of the best known"
     if best.more:
         lost = f", and in fewer on {len(best.fewer)}" if best.fewer else ""
         return (
@@ -281,7 +277,7 @@ def _nothing_gained(content: Content, null: str) -> str:
     scenarios, parts = content["scenarios"], []
     if plain:
         same = all(row["near"][1] for _, row in plain)
-        near = f"comes within {_near(content)} of the best known"
+        near = f"comes within {near_words(content)} of the best known"
         does = "finds the same cost" if same else near
         spent = _spent(content, plain[0][1]) if len(plain) == 1 else ""
         where = _every(_on([s for s, _ in plain], scenarios))
@@ -296,8 +292,8 @@ def _nothing_gained(content: Content, null: str) -> str:
     if often:
         where = _every(_on(often, scenarios))
         parts.append(
-            f"on {where} nothing is gained: {null} comes within {_near(content)} of "
-            "the best known in every run"
+            f"on {where} nothing is gained: {null} comes within {near_words(content)} "
+            "of the best known in every run"
         )
     return "; ".join(parts)
 

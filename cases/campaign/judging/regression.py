@@ -19,7 +19,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -49,7 +50,7 @@ class InvalidMarginError(SwarmstartError, ValueError):
     """A margin of a regression test is not between 0 and 1."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
+@dataclass(frozen=True, slots=True)
 class Change:
     """Change of one quantity.
 
@@ -89,15 +90,7 @@ def regression(
     """
     require_margin(margin)
     rows = [
-        {
-            "scenario": scenario,
-            "solver": solver,
-            "quantity": change.quantity,
-            "before": change.before,
-            "now": change.now,
-            "verdict": change.verdict,
-            "words": change.words,
-        }
+        {"scenario": scenario, "solver": solver, **asdict(change)}
         for scenario, solver, changes in _changes(old, new, margin)
         for change in changes
     ]
@@ -216,11 +209,11 @@ def _unknown(row: Content, later: Content | None, reason: str) -> list[Change]:
     )
     return [
         Change(
-            quantity=quantity,
-            before=value(row),
-            now=None if later is None else value(later),
-            verdict=UNKNOWN,
-            words=f"not compared: {reason}",
+            quantity,
+            value(row),
+            None if later is None else value(later),
+            UNKNOWN,
+            f"not compared: {reason}",
         )
         for quantity, value in quantities
     ]
@@ -286,32 +279,22 @@ def _pairs(seeds: Sequence[Sequence[int]], counts: Sequence[int]) -> Any:
 
 def _success_change(both: _Both, margin: float) -> Change:
     before, now = (float(each.mean()) for each in both.success)
+    change = partial(Change, SUCCESS, before, now)
     if both.is_reproduced:
-        return Change(
-            quantity=SUCCESS,
-            before=before,
-            now=now,
-            verdict=AS_BEFORE,
-            words=_reproduced(both),
-        )
+        return change(AS_BEFORE, _reproduced(both))
     if both.is_certain:
         # One run without chance in each: the change itself.
         low = high = now - before
     elif both.count < FEWEST:
-        return Change(
-            quantity=SUCCESS, before=before, now=now, verdict=UNKNOWN, words=_few(both)
-        )
+        return change(UNKNOWN, _few(both))
     else:
         gained = int((both.success[1] & ~both.success[0]).sum())
         lost = int((both.success[0] & ~both.success[1]).sum())
         low, high = share_interval(gained, lost, both.count)
     # A higher rate is better, a higher cost worse.
-    return Change(
-        quantity=SUCCESS,
-        before=before,
-        now=now,
-        verdict=_verdict(-high, -low, margin, margin),
-        words=_interval_words(low, high, "points", both),
+    return change(
+        _verdict(-high, -low, margin, margin),
+        _interval_words(low, high, "points", both),
     )
 
 
@@ -333,12 +316,7 @@ def _verdict(low: float, high: float, margin: float, less: float) -> str:
 
 def _cost_change(both: _Both, margin: float) -> Change:
     before, now = (median(each) for each in both.costs)
-
-    def change(verdict: str, words: str) -> Change:
-        return Change(
-            quantity=COST, before=before, now=now, verdict=verdict, words=words
-        )
-
+    change = partial(Change, COST, before, now)
     if both.is_reproduced:
         return change(AS_BEFORE, _reproduced(both))
     if not np.isfinite(both.costs).any():
@@ -380,12 +358,7 @@ def _relative(costs: Array) -> Array | None:
 
 def _seconds_change(both: _Both, margin: float, reason: str) -> Change:
     before, now = (row["seconds_p50"] for row in both.rows)
-
-    def change(verdict: str, words: str) -> Change:
-        return Change(
-            quantity=SECONDS, before=before, now=now, verdict=verdict, words=words
-        )
-
+    change = partial(Change, SECONDS, before, now)
     if reason:
         return change(UNKNOWN, f"not compared: {reason}")
     if both.count < FEWEST:

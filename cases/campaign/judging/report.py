@@ -125,8 +125,8 @@ def _not_reached(content: Content) -> str:
     if not missed:
         return ""
     return (
-        f"No solver comes within {_percent(content)} of the cost known from elsewhere: "
-        f"{listed(missed)}."
+        f"No solver comes within {near_words(content)} of the cost known from "
+        f"elsewhere: {listed(missed)}."
     )
 
 
@@ -220,7 +220,8 @@ def _problems(content: Content) -> str:
     )
 
 
-def _percent(content: Content) -> str:
+def near_words(content: Content) -> str:
+    """Return the distance within which a cost is near the best known one."""
     return f"{100 * content['near'][0]:g} %"
 
 

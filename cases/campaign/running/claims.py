@@ -125,14 +125,9 @@ def _judged(
             reason = f"a run in which {claim.measure} is a number"
             reason += f"; here {why}" if why else ""
     return {
-        "id": claim.id,
-        "text": claim.text,
-        "source": claim.source,
-        "measure": claim.measure,
+        **{name: getattr(claim, name) for name in ("id", "text", "source", "measure")},
         "measured": measured,
-        "relation": claim.relation,
-        "bound": claim.bound,
-        "width": claim.width,
+        **{name: getattr(claim, name) for name in ("relation", "bound", "width")},
         "holds": verdict,
         "gate": claim.gate,
         "note": claim.note,

@@ -114,21 +114,15 @@ def _band(
     tracks: Sequence[Mapping[str, Any]], name: str, time: np.ndarray[Any, Any]
 ) -> dict[str, list[float | None]]:
     # A state that is not defined is NaN, and so is the band there.
-    rows = np.array(
-        [
-            np.interp(time, track["time"], _numbers(track["states"][name]))
-            for track in tracks
-        ]
-    )
+    rows = [
+        np.interp(time, track["time"], np.array(track["states"][name], dtype=float))
+        for track in tracks
+    ]
     low, median, high = np.quantile(rows, [OUTER[0], 0.5, OUTER[1]], axis=0)
     return {
         side: [float(v) if np.isfinite(v) else None for v in values]
         for side, values in (("low", low), ("median", median), ("high", high))
     }
-
-
-def _numbers(values: Sequence[float | None]) -> list[float]:
-    return [np.nan if value is None else value for value in values]
 
 
 def spread_of(values: Sequence[Any]) -> tuple[str, ...]:

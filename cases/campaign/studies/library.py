@@ -72,7 +72,7 @@ from swarmstart.cases.format.scenario import Resolved, read_document, resolve
 from swarmstart.cases.kinds.flight import first_problem
 from swarmstart.cases.record.files import to_json
 from swarmstart.cases.record.record import PNG, Recording
-from swarmstart.errors import SwarmstartError
+from swarmstart.errors import InvalidArgumentError, SwarmstartError
 from swarmstart.heuristics import Budget, is_algorithm
 from swarmstart.ocp import IpoptOptions, Known, OptimalControlProblem
 from swarmstart.ocp.common import PROGRESS, ProgressGiven, shown
@@ -87,7 +87,20 @@ NEVER_S = 10**9
 NO_SETTINGS: Mapping[str, Any] = MappingProxyType({})
 
 
-_SCENARIO = of_kind((str, Path), "a name or a path")
+OF_RUNS = {
+    "scenario": of_kind((str, Path), "a name or a path"),
+    "out": optional(PATH),
+    "variant": optional(text()),
+    "polish": optional(text()),
+    "figures": FLAG,
+    "figure_formats": NAMES,
+    "force": FLAG,
+    "allow_python": FLAG,
+    "threads": optional(a_count(least=1)),
+    "settings": mapping(text(), words="a mapping from keys to values"),
+    "progress": PROGRESS,
+}
+"""Checks of the arguments that `run` and `sweep` share."""
 
 
 def _is_compared(given: object) -> bool:
@@ -178,19 +191,10 @@ class Row:
 
 
 @checked(
-    scenario=_SCENARIO,
+    InvalidArgumentError,
     seed=a_count(most=math.inf),
-    out=optional(PATH),
-    variant=optional(text()),
     search=optional(text()),
-    polish=optional(text()),
-    figures=FLAG,
-    figure_formats=NAMES,
-    force=FLAG,
-    allow_python=FLAG,
-    threads=optional(a_count(least=1)),
-    settings=mapping(text(), words="a mapping from keys to values"),
-    progress=PROGRESS,
+    **OF_RUNS,
 )
 def run(  # noqa: PLR0913 - the options of a command
     scenario: Scenario,
@@ -281,7 +285,7 @@ def run(  # noqa: PLR0913 - the options of a command
     budget=of_kind((int, str), "a number of evaluations, or text"),
     repair=FLAG,
     allow_python=FLAG,
-    settings=mapping(text(), words="a mapping from keys to values"),
+    settings=OF_RUNS["settings"],
     progress=PROGRESS,
 )
 def compare(  # noqa: PLR0913 - the options of a command

@@ -292,18 +292,9 @@ def _command(name: str, variant: str | None, assignments: Sequence[str]) -> str:
 
 def _own_claim(part: PartOfClaim) -> Claim:
     """Return the claim of a part that names no claim of a scenario."""
-    return Claim(
-        id="-",
-        text=part.text,
-        source="",
-        measure=part.measure,
-        relation=part.relation,
-        bound=part.bound,
-        width=part.width,
-        when=part.when,
-        against=part.against,
-        share=part.share,
-    )
+    names = "text", "measure", "relation", "bound", "width", "when", "against", "share"
+    own = {name: getattr(part, name) for name in names}
+    return Claim(id="-", source="", **own)
 
 
 @cache

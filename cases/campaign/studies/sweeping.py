@@ -24,18 +24,13 @@ import yaml
 
 from swarmstart.arguments import (
     FLAG,
-    NAMES,
-    PATH,
     a_count,
     checked,
-    mapping,
-    of_kind,
-    optional,
-    text,
 )
 from swarmstart.cases.campaign.running.finished_run import backend_of, determining
 from swarmstart.cases.campaign.studies.library import (
     NO_SETTINGS,
+    OF_RUNS,
     recording_in,
     resolved_with,
 )
@@ -56,7 +51,7 @@ from swarmstart.cases.record.record import (
     versions,
     withdraw,
 )
-from swarmstart.errors import Sendable, SwarmstartError
+from swarmstart.errors import InvalidArgumentError, Sendable, SwarmstartError
 from swarmstart.ocp import (
     InvalidProblemError,
     Solutions,
@@ -64,7 +59,7 @@ from swarmstart.ocp import (
     Start,
     solve_many,
 )
-from swarmstart.ocp.common import PROGRESS, ProgressGiven
+from swarmstart.ocp.common import ProgressGiven
 from swarmstart.ocp.instances import varied_names
 
 TABLE, ANSWERS = "instances.csv", "solutions.npz"
@@ -321,21 +316,7 @@ def _table(solutions: Solutions) -> str:
     return written.getvalue()
 
 
-@checked(
-    scenario=of_kind((str, Path), "a name or a path"),
-    seed=a_count(),
-    out=optional(PATH),
-    variant=optional(text()),
-    polish=optional(text()),
-    strict=FLAG,
-    figures=FLAG,
-    figure_formats=NAMES,
-    force=FLAG,
-    allow_python=FLAG,
-    threads=optional(a_count(least=1)),
-    settings=mapping(text(), words="a mapping from keys to values"),
-    progress=PROGRESS,
-)
+@checked(InvalidArgumentError, seed=a_count(), strict=FLAG, **OF_RUNS)
 def sweep(  # noqa: PLR0913 - the options of a command
     scenario: str | Path,
     *,

@@ -63,7 +63,7 @@ def convergence(
         curves, numbers, across="evaluations", points=points,
         targets=near if is_gap else (), scale="log" if is_gap else "linear",
         label="gap to the best known cost (relative)" if is_gap else _word(sense),
-        identity=identity, title=f"Convergence: {_title(scenario)}", caption=caption,
+        identity=identity, title=f"Convergence: {title_of(scenario)}", caption=caption,
     )  # fmt: skip
 
 
@@ -92,7 +92,7 @@ def reached(
     return _curves(
         curves, numbers, label="share of targets reached", across="evaluations",
         points=points, identity=identity,
-        title=f"Targets reached: {_title(scenario)}",
+        title=f"Targets reached: {title_of(scenario)}",
         caption="Share of pairs of a seed and a target (51 costs, spaced "
         "logarithmically towards the best known one) reached after so many "
         "evaluations, with a band from resampling the seeds (bootstrap). "
@@ -287,5 +287,6 @@ def _word(sense: object) -> str:
     return "value (the more, the better)" if sense == -1 else "cost"
 
 
-def _title(scenario: Mapping[str, Any]) -> str:
+def title_of(scenario: Mapping[str, Any]) -> str:
+    """Return a scenario's name, at most 60 letters long."""
     return shortened(scenario["name"], 60)

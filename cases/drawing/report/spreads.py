@@ -7,7 +7,7 @@ import numpy as np
 
 from swarmstart.cases.drawing import palette
 from swarmstart.cases.drawing.report import svg
-from swarmstart.cases.drawing.report.curves import FLOOR
+from swarmstart.cases.drawing.report.curves import FLOOR, title_of
 from swarmstart.cases.drawing.report.figure import Figure
 from swarmstart.cases.drawing.wording import (
     NOT_FEASIBLE,
@@ -52,7 +52,7 @@ def costs(
     target = None if is_far else best
     x, drawn = _strips(names, numbers, placed, target, is_log=is_far)
     return Figure(
-        identity=identity, title=f"Spread over seeds: {_title(scenario)}",
+        identity=identity, title=f"Spread over seeds: {title_of(scenario)}",
         caption=f"Verified {'value' if sense == -1 else 'cost'} of each feasible run "
         "(dots, one a seed; their height within a row means nothing), middle half "
         f"(box) and median (bar); right: feasible runs of all. Budget {budget}. "
@@ -100,7 +100,7 @@ def seconds_and_success(
         else ""
     )
     return Figure(
-        identity=identity, title=f"Seconds and success: {_title(scenario)}",
+        identity=identity, title=f"Seconds and success: {title_of(scenario)}",
         caption=f"Share of runs that are feasible and within "
         f"{percent(content['near'][0])} of the best known cost, with Wilson's 95 % "
         "interval, over the solver's own seconds (without building and compiling). "
@@ -326,7 +326,3 @@ def _summary(name: str, part: Sequence[float | None]) -> list[str]:
 def _away(value: float, best: float | None) -> float:
     """Return the gap of a cost or value, at least the smallest one drawn."""
     return max(abs(value - best) / abs(best), FLOOR) if best else 0.0
-
-
-def _title(scenario: Mapping[str, Any]) -> str:
-    return shortened(scenario["name"], 60)

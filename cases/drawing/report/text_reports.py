@@ -7,7 +7,7 @@ are in the style of booktabs.
 
 import re
 import unicodedata
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from swarmstart.cases.drawing.page import cleaned
@@ -84,25 +84,22 @@ def latex_table(heads: Sequence[str], cells: Rows, *, columns: str, title: str) 
         columns: LaTeX's own word for the columns, such as "lrp{8cm}".
         title: The caption.
     """
-    head = " & ".join(map(latex_text, heads)) + r" \\"
-    body = [" & ".join(map(latex_text, row)) + r" \\" for row in cells]
-    return "\n".join(
-        [
-            rf"\begin{{longtable}}{{{columns}}}",
-            rf"\caption{{{latex_text(title)}}} \\",
-            r"\toprule",
-            head,
-            r"\midrule",
-            r"\endhead",
-            *body,
-            r"\bottomrule",
-            r"\end{longtable}",
-        ]
+    caption = rf"\caption{{{latex_text(title)}}} \\"
+    return _longtable(
+        columns, caption, [map(latex_text, row) for row in (heads, *cells)]
     )
 
 
-def _one_line(text: str) -> str:
-    return " ".join(cleaned(text).split())
+def _longtable(columns: str, caption: str, table: Sequence[Iterable[str]]) -> str:
+    """Return a table in LaTeX from its caption and its rows, the headings first."""
+    head, *body = (" & ".join(row) + r" \\" for row in table)
+    begin = [rf"\begin{{longtable}}{{{columns}}}", caption, r"\toprule", head]
+    end = [r"\bottomrule", r"\end{longtable}"]
+    return "\n".join([*begin, r"\midrule", r"\endhead", *body, *end])
+
+
+def _one_line(text: object) -> str:
+    return " ".join(cleaned(str(text)).split())
 
 
 def comparison_latex(content: Mapping[str, Any]) -> str:
@@ -149,7 +146,7 @@ def ascii_latex(text: object) -> str:
         >>> ascii_latex("50 %_a")
         '50 \\%\\_a'
     """
-    flat = " ".join(cleaned(str(text)).split())
+    flat = _one_line(text)
     return "".join(_ASCII_LATEX.get(letter) or _ascii(letter) for letter in flat)
 
 
@@ -171,23 +168,9 @@ def _ascii_table(
 ) -> str:
     first = cells[0] if cells else [Cell("")] * len(headings)
     columns = "".join("r" if cell.kind == "number" else "l" for cell in first)
-    body = [
-        " & ".join(ascii_latex(cell.words) for cell in row) + r" \\" for row in cells
-    ]
-    return "\n".join(
-        [
-            rf"\begin{{longtable}}{{{columns}}}",
-            rf"\caption{{{ascii_latex(caption)}}}\label{{{label}}}\\",
-            r"\toprule",
-            " & ".join(ascii_latex(words) for words in headings) + r" \\",
-            r"\midrule",
-            r"\endhead",
-            *body,
-            r"\bottomrule",
-            r"\end{longtable}",
-            "",
-        ]
-    )
+    said = rf"\caption{{{ascii_latex(caption)}}}\label{{{label}}}\\"
+    table = [headings, *([cell.words for cell in row] for row in cells)]
+    return _longtable(columns, said, [map(ascii_latex, row) for row in table]) + "\n"
 
 
 def comparison_markdown(content: Mapping[str, Any]) -> str:
@@ -243,8 +226,7 @@ def github_text(text: object) -> str:
         >>> github_text("a|b_c")
         'a\\|b\\_c'
     """
-    flat = " ".join(cleaned(str(text)).split())
-    told = _GITHUB_SPECIAL.sub(r"\\\1", flat)
+    told = _GITHUB_SPECIAL.sub(r"\\\1", _one_line(text))
     # At a line's beginning a hyphen or "1." would begin a list, "=" a heading.
     return re.sub(r"^(\d*)([-.=])", r"\1\\\2", told)
 

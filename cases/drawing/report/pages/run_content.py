@@ -4,7 +4,6 @@ Read are run.json, trajectory.npz, scenario.yaml and figures; nothing is run. A 
 is a user's file: what does not fit is one message, a RecordError.
 """
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ from swarmstart.cases.drawing.report.pages.broken_limits import broken_words
 from swarmstart.cases.drawing.report.tracks import Tracks, tracks_of
 from swarmstart.cases.drawing.wording import (
     is_number,
+    number_of,
     percent,
     shortened,
     shown,
@@ -293,8 +293,9 @@ def _facts(
         ("evaluations", shown(summary.get("evaluations"))),
         (
             "wall time",
-            f"{typeset_duration(_float(summary.get('wall_s')))}, without "
-            f"{typeset_duration(_float(summary.get('compile_seconds')))} of compiling",
+            f"{typeset_duration(number_of(summary.get('wall_s')))}, without "
+            f"{typeset_duration(number_of(summary.get('compile_seconds')))} of "
+            "compiling",
         ),
         ("backend", str(summary.get("backend") or "")),
     ]
@@ -307,7 +308,7 @@ def _bound_words(bound: Mapping[str, Any]) -> str:
         return ""
     told = str(bound["words"])
     if bound["set"]:
-        taken = typeset_duration(_float(bound["seconds"]))
+        taken = typeset_duration(number_of(bound["seconds"]))
         told += (
             f" (polynomials of degree {shown(bound['degree'])} on {bound['set']}, "
             f"{shown(bound['boxes'])} boxes, {taken})"
@@ -371,7 +372,7 @@ def _limits(
     outside = measures.get("steps_starting_outside")
     resumed = summary.get("resumed_steps")
     lanes = _mapping(summary.get("starts") or {}).get("lanes") or {}
-    unseen = (_mapping(lanes).get("unseen") or {}).get("most")
+    unseen = number_of((_mapping(lanes).get("unseen") or {}).get("most"))
     claims = summary["claims"]
     unjudged = sum(claim["holds"] is None for claim in claims)
     said = {
@@ -387,10 +388,8 @@ def _limits(
         "The finer integration does not confirm the plan.": measures.get("confirmed")
         == 0,
         f"At most {percent(unseen)} of random starts would end in optima that were not "
-        "seen (95 % interval); a better one may be among them.": _float(unseen) < 1,
-        "No random start ended in an optimum: how many there are is not known.": _float(
-            unseen
-        )
+        "seen (95 % interval); a better one may be among them.": unseen < 1,
+        "No random start ended in an optimum: how many there are is not known.": unseen
         >= 1,
         f"{shown(resumed)} step{'s are' if resumed != 1 else ' is'} from a run that "
         "was interrupted.": is_number(resumed) and resumed,
@@ -437,7 +436,3 @@ def _command(summary: Mapping[str, Any]) -> str:
 def _words(text: object) -> str:
     """Return a text, cut if no reader would read it to its end."""
     return shortened(text, MOST_CHARACTERS)
-
-
-def _float(value: Any) -> float:
-    return float(value) if is_number(value) else math.nan  # "an unknown time"
