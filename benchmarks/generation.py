@@ -26,10 +26,11 @@ from swarmstart.heuristics import (
     SelfAdaptiveDE,
 )
 from swarmstart.heuristics.running.budget import UNLIMITED, Limits
-from swarmstart.heuristics.running.compiled_loop import Work, call_kernel, new_work
+from swarmstart.heuristics.running.compiled_loop import Work, new_work
 from swarmstart.heuristics.running.search import Search
 from swarmstart.heuristics.searches.jde import TAU_1, TAU_2
 from swarmstart.heuristics.searches.trials import FIRST_MEMORY, SPREAD
+from swarmstart.machine_code import call_code
 from swarmstart.machine_code.numba_kernels import kernel
 
 carray = numba.carray  # type: ignore[attr-defined]
@@ -206,7 +207,7 @@ def draw(
 def evaluate(pointers: Pointers, size: int, generations: int) -> None:
     """Evaluate some generations, with nothing in between."""
     for _ in range(generations):
-        call_kernel(pointers.function, pointers.inputs, pointers.outputs, size)
+        call_code(pointers.function, pointers.inputs, pointers.outputs, (size,))
 
 
 class Row(NamedTuple):

@@ -37,9 +37,9 @@ if TYPE_CHECKING:  # Loaded when first used: kernels need NumPy, the clock does 
         Pointers as Pointers,
         address_of as address_of,
         call_at as call_at,
+        call_code as call_code,
         free_kernel as free_kernel,
         ieee_kernel as ieee_kernel,
-        intrinsic as intrinsic,
         is_kept as is_kept,
         kernel as kernel,
         prepare as prepare,
@@ -54,7 +54,7 @@ _NAMES = {
     """,
     "fingerprints": "source sources",
     "kernels": """
-        Count Pointers address_of call_at free_kernel ieee_kernel intrinsic is_kept
+        Count Pointers address_of call_at call_code free_kernel ieee_kernel is_kept
         kernel prepare
     """,
 }

@@ -6,6 +6,7 @@ its kernel, which `numba_kernels` makes when it is first called or asked for any
 Numba finds it by a protocol of its own, `_numba_type_`, if another kernel calls it.
 """
 
+import ctypes
 from collections.abc import Callable
 from functools import cached_property, update_wrapper
 from typing import Any, NamedTuple, TypeVar, cast
@@ -87,23 +88,6 @@ def free_kernel(function: Function) -> Function:
     return cast(Function, Deferred(function, lambda maker: maker.free_kernel(function)))
 
 
-def intrinsic(
-    define: Callable[..., object], *, plain: Callable[..., Any] | None = None
-) -> Callable[..., Any]:
-    """Make a function for kernels from its definition, as `numba.extending` does.
-
-    Args:
-        define: The definition, as Numba calls it.
-        plain: The function with NUMBA_DISABLE_JIT=1; None if there is none.
-    """
-
-    def make(maker: Any) -> Any:
-        in_python = plain is not None and maker.numba.config.DISABLE_JIT
-        return plain if in_python else maker.intrinsic(define)
-
-    return Deferred(define, make)
-
-
 def prepare(function: Callable[..., object], *arguments: object) -> None:
     """Load or compile a kernel for arguments of these types, without calling it.
 
@@ -158,3 +142,26 @@ def _call_at(address: int, arguments: tuple[object, ...]) -> None:
 
 
 call_at = Deferred(_call_at, lambda maker: maker.call_at)
+
+
+def _call_code(
+    function: int, inputs: int, outputs: int, numbers: tuple[int, ...]
+) -> None:
+    """Call void f(double **in, double **out, int64...) at its address.
+
+    Args:
+        function: Its address.
+        inputs: Address of the table of its arguments.
+        outputs: Address of the table of its outputs.
+        numbers: Its numbers.
+    """
+    tables, integers = [ctypes.c_void_p] * 2, [ctypes.c_int64] * len(numbers)
+    code = ctypes.CFUNCTYPE(None, *tables, *integers)(int(function))
+    code(int(inputs), int(outputs), *map(int, numbers))
+
+
+# Without compilation the loops are plain Python, which knows no intrinsics.
+call_code = Deferred(
+    _call_code,
+    lambda maker: _call_code if maker.numba.config.DISABLE_JIT else maker.call_code,
+)

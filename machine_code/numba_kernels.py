@@ -24,6 +24,7 @@ from typing import Any, TypeVar, cast
 import llvmlite
 import numba
 import numpy as np
+from llvmlite import ir
 from numba.core import cgutils
 from numba.core import types as numba_types
 from numba.core.caching import _Cache
@@ -307,3 +308,27 @@ def _call_at(
 
 call_at = cast(Callable[[int, tuple[object, ...]], None], intrinsic(_call_at))
 """The intrinsic of `kernels.call_at`."""
+
+
+def _call_code(
+    typing_context: Any, function: Any, inputs: Any, outputs: Any, numbers: Any
+) -> tuple[Any, Callable[..., Any]]:
+    """Call void f(double **in, double **out, int64...) at an address."""
+    integer = numba_types.int64
+
+    def generate(context: Any, builder: Any, _: Any, arguments: Any) -> Any:
+        address, *tables, given = arguments
+        pointer = ir.IntType(8).as_pointer()
+        counts = cgutils.unpack_tuple(builder, given, len(numbers))
+        kinds = [pointer, pointer, *[ir.IntType(64)] * len(counts)]
+        kind = ir.FunctionType(ir.VoidType(), kinds)
+        called = builder.inttoptr(address, kind.as_pointer())
+        found = [builder.inttoptr(table, pointer) for table in tables]
+        builder.call(called, [*found, *counts])
+        return context.get_dummy_value()
+
+    return numba_types.void(integer, integer, integer, numbers), generate
+
+
+call_code = intrinsic(_call_code)
+"""The intrinsic of `kernels.call_code`."""

@@ -148,12 +148,11 @@ def table_lines(rows: Sequence[tuple[str, ...]]) -> list[str]:
     ]
 
 
-def wrapped_table(rows: Sequence[tuple[str, ...]], *, width: int = WIDTH) -> list[str]:
+def wrapped_table(rows: Sequence[tuple[str, ...]]) -> list[str]:
     """Return rows as aligned lines whose last column is wrapped.
 
     Args:
         rows: The cells, of each row as many.
-        width: Characters of a line; more if the other columns leave too few.
     """
     if not rows:
         return []
@@ -166,7 +165,7 @@ def wrapped_table(rows: Sequence[tuple[str, ...]], *, width: int = WIDTH) -> lis
         lines += textwrap.wrap(
             row[-1] or "-",
             # A table with long names is wider, since its last column must be readable.
-            max(width, len(begin) + LEAST),
+            max(WIDTH, len(begin) + LEAST),
             initial_indent=begin,
             subsequent_indent=" " * len(begin),
             break_on_hyphens=False,

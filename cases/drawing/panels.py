@@ -54,7 +54,7 @@ class Labels:
             interval, and the one after its last.
     """
 
-    states: Sequence[str]
+    states: Sequence[str] = ()
     controls: Sequence[str]
     units: Mapping[str, str] = field(default_factory=dict)
     vehicles: Sequence[str] = ("",)

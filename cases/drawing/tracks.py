@@ -94,13 +94,12 @@ class Scene:
         return len(self.names) <= MOST_NAMED
 
 
-def draw_tracks(axes: "Axes", scene: Scene, *, fixed: bool = False) -> None:
+def draw_tracks(axes: "Axes", scene: Scene) -> None:
     """Draw tracks to scale: a ring at the start, a dot each few seconds, an arrowhead.
 
     Args:
         axes: The panel.
         scene: The vehicles, and what they move among.
-        fixed: Whether limits of the axes that are set stay.
     """
     _draw_discs(axes, scene)
     for path in scene.plans:
@@ -131,7 +130,7 @@ def draw_tracks(axes: "Axes", scene: Scene, *, fixed: bool = False) -> None:
         axes.plot([], [], ".", color="0.2", ls="none", label=name)
     axes.set(xlabel=scene.axes[0], ylabel=scene.axes[1])
     axes.margins(0.08)
-    axes.set_aspect("equal", adjustable="box" if fixed else "datalim")
+    axes.set_aspect("equal", adjustable="datalim")
     axes.grid(alpha=0.3)
     if scene.is_few:
         _label_marks(axes, scene, marks, at)

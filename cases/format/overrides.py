@@ -53,7 +53,7 @@ def overlay(document: Document, path: Path) -> Document:
     return replace(document, root=_overlaid(document.root, node))
 
 
-def split_assignment(text: str, *, name: str = "--set") -> tuple[str, str]:
+def split_assignment(text: str) -> tuple[str, str]:
     """Split "key.path=value" at its first "=", for `assign`.
 
     Returns:
@@ -66,7 +66,7 @@ def split_assignment(text: str, *, name: str = "--set") -> tuple[str, str]:
     dotted_key, equals, value = text.partition("=")
     if not equals or not dotted_key.strip():
         what = f"expected key.path=value, found {shown(text)}"
-        raise YamlError(what, Place(name, 1, 1))
+        raise YamlError(what, Place("--set", 1, 1))
     return dotted_key.strip(), value
 
 

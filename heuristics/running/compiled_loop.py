@@ -9,7 +9,7 @@ compiled only once for both loops.
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple, Protocol, cast
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from swarmstart.heuristics.running.budget import (
     finished,
     progress_of,
 )
-from swarmstart.machine_code import Count, call_at, intrinsic, kernel
+from swarmstart.machine_code import Count, call_at, call_code, kernel
 from swarmstart.machine_code import Pointers as Pointers  # noqa: PLC0414 - public here
 
 CHUNK = 1
@@ -176,7 +176,7 @@ def loop(  # noqa: PLR0913, PLR0917 - compiled code takes no keywords
         asked = memory[: dim * n].reshape((dim, n))
         cost, violation = work.cost[:n], work.violation[:n]
         call_at(entries.propose, (rng, settings, state, asked))
-        call_kernel(pointers.function, pointers.inputs, pointers.outputs, n)
+        call_code(pointers.function, pointers.inputs, pointers.outputs, (n,))
         call_at(entries.accept, (settings, state, asked, cost, violation))
         told = settings.order, archive, asked, cost, violation
         call_at(entries.collect, told)
@@ -187,28 +187,3 @@ def loop(  # noqa: PLR0913, PLR0917 - compiled code takes no keywords
         work.done[1] = finished(settings.order, state, limits)
         if work.done[1] != GOES_ON:
             break
-
-
-def _call_kernel(
-    typing_context: Any, function: Any, inputs: Any, outputs: Any, size: Any
-) -> tuple[Any, Callable[..., Any]]:
-    """Call void f(double **in, double **out, int64 size) at an address."""
-    import numba
-    from llvmlite import ir
-
-    integer = numba.types.int64
-    signature = numba.types.void(integer, integer, integer, integer)
-
-    def generate(context: Any, builder: Any, _: Any, arguments: Any) -> Any:
-        address, first, second, count = arguments
-        pointer = ir.IntType(8).as_pointer()
-        kind = ir.FunctionType(ir.VoidType(), [pointer, pointer, ir.IntType(64)])
-        called = builder.inttoptr(address, kind.as_pointer())
-        given = [builder.inttoptr(a, pointer) for a in (first, second)]
-        builder.call(called, [*given, count])
-        return context.get_dummy_value()
-
-    return signature, generate
-
-
-call_kernel = cast(Callable[[int, int, int, int], None], intrinsic(_call_kernel))

@@ -138,7 +138,6 @@ class Unseen:
 def distinct_optima(
     answers: LaneAnswers,
     *,
-    apart: float = APART,
     stand_for: NDArray[np.int64] | None = None,
     shown: bool = False,
 ) -> list[Optimum]:
@@ -148,13 +147,12 @@ def distinct_optima(
 
     Args:
         answers: Answers of lanes.
-        apart: Root mean square distance above which two are distinct.
         stand_for: Number of answers that each one represents, shape (n,), if only the
             best of earlier ones was kept; None means one each.
         shown: Whether an optimum counts only with an answer that is shown to be one.
     """
     each = np.ones(answers.cost.size, np.int64) if stand_for is None else stand_for
-    number = optimum_of(answers, apart=apart)
+    number = optimum_of(answers)
     optima = []
     for one in range(int(number.max(initial=-1)) + 1):  # Numbers rise with the cost.
         lanes = np.flatnonzero(number == one)
@@ -175,7 +173,7 @@ def distinct_optima(
     return optima
 
 
-def optimum_of(answers: LaneAnswers, *, apart: float = APART) -> NDArray[np.int64]:
+def optimum_of(answers: LaneAnswers) -> NDArray[np.int64]:
     """Return the number of each answer's optimum, -1 if it is infeasible.
 
     The cheapest answer is an optimum, and so is each answer that is apart from all
@@ -183,7 +181,6 @@ def optimum_of(answers: LaneAnswers, *, apart: float = APART) -> NDArray[np.int6
 
     Args:
         answers: Answers of lanes.
-        apart: Root mean square distance above which two are distinct.
     """
     feasible = np.flatnonzero(reached(answers))
     # Stable, so that answers of equal cost give the same optima in every run.
@@ -195,7 +192,7 @@ def optimum_of(answers: LaneAnswers, *, apart: float = APART) -> NDArray[np.int6
     first: list[int] = []
     for lane in order.tolist():
         away = np.sqrt(np.mean((points[first] - points[lane]) ** 2, axis=1))
-        if first and away.min() <= apart:
+        if first and away.min() <= APART:
             number[lane] = away.argmin()
         else:
             number[lane] = len(first)

@@ -6,56 +6,15 @@ and the last lane takes its place, so that working lanes are always the first on
 further starts begin.
 """
 
-import ctypes
-from collections.abc import Callable
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple
 
 from swarmstart.arrays import Array
-from swarmstart.machine_code import Count, free_kernel, intrinsic, kernel
-from swarmstart.ocp.compiled.engine import PART
-
-Call = Callable[[int, int, int, int, int], None]
+from swarmstart.machine_code import Count, call_code, free_kernel, kernel
 
 _MOST = 0.75
 """Fraction of the lanes that must wait for a sweep before it is done."""
 _SWEEP, _TRIAL = 5, 3
 """Number of kernels of a sweep, and of a trial before `keep`."""
-
-
-def _call_part(
-    typing_context: Any, function: Any, inputs: Any, outputs: Any, size: Any, last: Any
-) -> tuple[Any, Callable[..., Any]]:
-    """Call void part(double **in, double **out, int64 n, int64 first, int64 last)."""
-    import numba
-    from llvmlite import ir
-
-    integer = numba.types.int64
-    signature = numba.types.void(integer, integer, integer, integer, integer)
-
-    def generate(context: Any, builder: Any, _: Any, arguments: Any) -> Any:
-        address, first, second, count, end = arguments
-        pointer, number = ir.IntType(8).as_pointer(), ir.IntType(64)
-        kind = ir.FunctionType(
-            ir.VoidType(), [pointer, pointer, number, number, number]
-        )
-        called = builder.inttoptr(address, kind.as_pointer())
-        given = [builder.inttoptr(a, pointer) for a in (first, second)]
-        builder.call(called, [*given, count, number(0), end])
-        return context.get_dummy_value()
-
-    return signature, generate
-
-
-def _in_python(function: int, inputs: int, outputs: int, size: int, last: int) -> None:
-    """Call it from plain Python."""
-    tables = ctypes.c_void_p(int(inputs)), ctypes.c_void_p(int(outputs))
-    PART(int(function))(*tables, size, 0, int(last))
-
-
-# Without compilation the loop is plain Python, which knows no intrinsics.
-call_part = cast(Call, intrinsic(_call_part, plain=_in_python))
-"""Evaluate the first individuals: (address of `part`, addresses of the tables of its
-arguments and outputs, individuals in a row, number of individuals to evaluate)."""
 
 
 class Rows(NamedTuple):
@@ -215,15 +174,16 @@ def take_turns(  # noqa: PLR0913, PLR0917 - compiled code takes no keywords
         lanes = work[0]
         if lanes == 0:
             return
+        part = width, 0, lanes  # Of each row only the lanes at work.
         for i in range(_SWEEP, _SWEEP + _TRIAL):
-            call_part(calls[i, 0], calls[i, 1], calls[i, 2], width, lanes)
+            call_code(calls[i, 0], calls[i, 1], calls[i, 2], part)
         _take_over(memory, rows, lanes)
         # Intervals are changed last: waiting lanes are not `taken`.
         keep = _SWEEP + _TRIAL
-        call_part(calls[keep, 0], calls[keep, 1], calls[keep, 2], width, lanes)
+        call_code(calls[keep, 0], calls[keep, 1], calls[keep, 2], part)
         # After the trial: a lane that has just begun needs a step of zeros for its
         # first trial, and a sweep writes steps in all lanes, perhaps infinite ones.
         if _must_sweep(memory, rows, lanes):
             for i in range(_SWEEP):
-                call_part(calls[i, 0], calls[i, 1], calls[i, 2], width, lanes)
+                call_code(calls[i, 0], calls[i, 1], calls[i, 2], part)
             _aim(memory, rows, lanes)

@@ -158,12 +158,7 @@ class Shooting(Rebuilt):
         decided = ca.vertcat(ca.SX(0, 1), *[
             problem.model.states[i] for one in problem.free_starts for i in one.states
         ])  # fmt: skip
-        return tuple(
-            [row for row in rows_depending(c, decided) if row not in controlled]
-            for c, controlled in zip(
-                problem.path_constraints, self.rows_with_controls, strict=True
-            )
-        )
+        return self._without_controls(decided)
 
     @cached_property
     def rows_that_jump(self) -> tuple[list[int], ...]:
@@ -172,8 +167,12 @@ class Shooting(Rebuilt):
         They depend on a state that jumps, and on no control.
         """
         jumping = self.problem.model.jumping
+        return self._without_controls(jumping)
+
+    def _without_controls(self, symbols: ca.SX) -> tuple[list[int], ...]:
+        """Rows of each path constraint that depend on symbols, and on no control."""
         return tuple(
-            [row for row in rows_depending(c, jumping) if row not in controlled]
+            [row for row in rows_depending(c, symbols) if row not in controlled]
             for c, controlled in zip(
                 self.problem.path_constraints, self.rows_with_controls, strict=True
             )

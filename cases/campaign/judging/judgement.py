@@ -96,9 +96,9 @@ class Finding:
     """
 
     verdict: str
-    p: float | None
-    p_alone: float | None
-    pairs: int
+    p: float | None = None
+    p_alone: float | None = None
+    pairs: int = 0
     words: str
 
 
@@ -193,7 +193,7 @@ Three = tuple[Finding, Finding, Finding | None]
 
 
 def _not_tested(results: Results, words: str) -> Three:
-    none = Finding(verdict=NOT_COMPARED, p=None, p_alone=None, pairs=0, words=words)
+    none = Finding(verdict=NOT_COMPARED, words=words)
     return none, none, None if results.seconds is None else none
 
 
@@ -208,17 +208,11 @@ def _certain(results: Results, i: int, j: int) -> Three:
         word = "both are not feasible"
     cost = Finding(
         verdict=verdict,
-        p=None,
-        p_alone=None,
-        pairs=0,
         words=f"{word} (both deterministic, one run each)",
     )
     more = int(results.near[i, 0]) - int(results.near[j, 0])
     success = Finding(
         verdict={0: SHOWN_NONE, 1: "more", -1: "fewer"}[more],
-        p=None,
-        p_alone=None,
-        pairs=0,
         words="both deterministic, one run each",
     )
     return cost, success, None

@@ -159,12 +159,12 @@ def targets_between(best: float, worst: float, nearest: float) -> Array:
     return best + np.geomspace(nearest, farthest, TARGETS)
 
 
-def marks_up_to(end: float, start: float = 1.0) -> Array:
-    """Return marks in equal ratios, ten a decade, from `start` to the end."""
-    if not end > start:
+def marks_up_to(end: float) -> Array:
+    """Return marks in equal ratios, ten a decade, from 1 to the end."""
+    if not end > 1.0:
         return np.array([end])
-    steps = int(np.ceil(A_DECADE * np.log10(end / start)))
-    return np.append(start * 10.0 ** (np.arange(steps) / A_DECADE), end)
+    steps = int(np.ceil(A_DECADE * np.log10(end)))
+    return np.append(10.0 ** (np.arange(steps) / A_DECADE), end)
 
 
 def shares_reached(spent: Array, marks: Array) -> Array:

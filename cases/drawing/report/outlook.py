@@ -108,7 +108,7 @@ def _paths(posed: Posed, flight: Trajectory, vehicles: int) -> Paths:
     flown = Flown(
         problems=problems,
         trajectory=flight,
-        labels=Labels(states=(), controls=()),
+        labels=Labels(controls=()),
         known=known,
     )
     by_time: dict[float, list[Array | None]] = {}

@@ -56,12 +56,11 @@ _FOLLOWED = 3.0
 """Times the extent of the vehicles from which on of the whole way they are followed."""
 
 
-def player(tracks: Tracks, *, name: str = "flight") -> "Markup":
+def player(tracks: Tracks) -> "Markup":
     """Return a flight as an animation; the page needs its style and its script once.
 
     Args:
         tracks: The flight.
-        name: A word that no other player of the page has, for ids.
     """
     from markupsafe import Markup
 
@@ -87,7 +86,7 @@ def player(tracks: Tracks, *, name: str = "flight") -> "Markup":
         rendered(
             "player.html.j2",
             {
-                "id": name,
+                "id": "flight",
                 "title": tracks.title,
                 "payload": payload,
                 "world": None if world is None else world.drawn(tracks),

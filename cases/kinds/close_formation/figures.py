@@ -111,7 +111,7 @@ def sheet_figure(
     exact: Trajectory | None,
 ) -> "Figure":
     """Return (a): place, errors, commands, and planning."""
-    labels = Labels(states=(), controls=COMMANDS, units=UNITS)
+    labels = Labels(controls=COMMANDS, units=UNITS)
     scale = np.array([1.0, np.degrees(1.0), 1.0])  # The heading command in degrees.
     _, (lower, upper) = stacked_limits([flight.posed.agents[0].problem])
     commands = panels_of(

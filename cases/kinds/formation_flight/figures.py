@@ -185,7 +185,6 @@ def _horizon(scenario: FormationScenario) -> float:
 
 def _labels(scenario: FormationScenario, flight: FormationFlight) -> Labels:
     return Labels(
-        states=(),
         controls=CONTROLS,
         units=UNITS,
         vehicles=flight.posed.names,

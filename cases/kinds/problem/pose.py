@@ -14,7 +14,7 @@ from swarmstart.cases.kinds.problem.checks.uncertain import (
 from swarmstart.cases.kinds.problem.stated.members import (
     Member,
     ProblemPosed,
-    candidate_scopes,
+    held_candidates,
     members_of,
     shared_of,
 )
@@ -35,10 +35,10 @@ from swarmstart.cases.kinds.problem.stated.symbols import (
     known_parameters,
     number,
     over_time,
+    rows_at,
     rows_over_time,
     stacked,
 )
-from swarmstart.cases.kinds.problem.stated.values import OverTime
 from swarmstart.ocp import (
     Free,
     OptimalControlProblem,
@@ -109,7 +109,7 @@ def _agent(
         problem=problem,
         reference=rows_over_time(scenario.signals, constants),
         parameters=None if parameters is None else _at(parameters),
-        candidates=_candidates(scenario, group, problem, constants),
+        candidates=held_candidates(scenario, group, problem.intervals, constants),
         append=feedback.append,
         shift=feedback.last_plan == "shifted",
         first=_guessed(scenario, group, problem, constants),
@@ -124,29 +124,6 @@ def _agent(
 def _at(rows: Signal) -> Callable[[float], Array]:
     """Return time [s] -> one column, of times (n,) -> columns."""
     return lambda time: rows(np.array([time]))[:, 0]
-
-
-def _candidates(
-    scenario: ProblemScenario,
-    group: Sequence[Member],
-    problem: OptimalControlProblem,
-    constants: Mapping[str, float],
-) -> Callable[[float], Array] | None:
-    """Return additional controls for a search, held over the horizon."""
-    if not scenario.candidates:
-        return None
-
-    def candidates(time: float) -> Array:
-        scopes = candidate_scopes(scenario, group, constants, time)
-        columns = [
-            [scope.number(one[name]) for scope in scopes for name in scenario.controls]
-            for one in scenario.candidates
-        ]
-        # (nu, 1, candidates): the middle axis is repeated for the intervals.
-        held = np.array(columns).T[:, None, :]
-        return np.repeat(held, problem.intervals, axis=1)
-
-    return candidates
 
 
 def _guessed(
@@ -164,33 +141,16 @@ def _guessed(
     knots = times[:: problem.checks]
     # Each interval has one value at its begin; linear controls need the end, too.
     begins = knots if problem.has_knots else knots[:-1]
-    controls = _rows(guess.controls, scenario.controls, group, begins, constants)
-    states = _rows(guess.states, scenario.states, group, times, constants)
-    if states is None:
+    known = [{**constants, **member.constants} for member in group]
+    controls = None
+    if guess.controls:
+        controls = rows_at(guess.controls, scenario.controls, begins, known)
+    if not guess.states:
         return controls
+    states = rows_at(guess.states, scenario.states, times, known)
     if problem.risk is not None:  # All members have the same guess.
         states = np.tile(states, (problem.risk.members, 1))
     return Start(zero_controls(problem) if controls is None else controls, states)
-
-
-def _rows(
-    given: Mapping[str, OverTime],
-    names: Mapping[str, object],
-    group: Sequence[Member],
-    times: Array,
-    constants: Mapping[str, float],
-) -> Array | None:
-    """Return a row for each name of each member, 0 if nothing is given."""
-    if not given:
-        return None
-    rows = [
-        over_time(given[name], {**constants, **member.constants})(times)
-        if name in given
-        else np.zeros_like(times)
-        for member in group
-        for name in names
-    ]
-    return np.stack(rows)
 
 
 def _plant(

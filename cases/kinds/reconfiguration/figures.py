@@ -125,7 +125,6 @@ def scene_of(
 def _labels(flight: ReconfigurationFlight) -> Labels:
     uavs = len(flight.posed.slots)
     return Labels(
-        states=(),
         controls=CONTROLS,
         units=UNITS,
         vehicles=tuple(f"UAV {number}" for number in range(1, uavs + 1)),

@@ -80,7 +80,6 @@ def scene_of(flight: TransferFlight, trajectory: Trajectory) -> Scene:
 
 def _labels(uavs: int) -> Labels:
     return Labels(
-        states=(),
         controls=CONTROLS,
         units=UNITS,
         vehicles=tuple(f"UAV {number}" for number in range(1, uavs + 1)),

@@ -1,23 +1,31 @@
 """Machine code called at its address, by compiled code and by plain Python."""
 
+from collections.abc import Callable
+
 import casadi as ca
 import numba
 import numpy as np
 import pytest
 
+from swarmstart.machine_code import call_code, kernels
 from swarmstart.ocp.compiled.simd import compile_flat
-from swarmstart.ocp.lanes import turns as calls
 
 pytestmark = pytest.mark.usefixtures("compiler")
 
 
 @numba.njit
 def _called(address: int, inputs: int, outputs: int, size: int, last: int) -> None:
-    calls.call_part(address, inputs, outputs, size, last)
+    call_code(address, inputs, outputs, (size, 0, last))
 
 
-@pytest.mark.parametrize("call", [_called, calls._in_python])
-def test_only_the_first_individuals_are_evaluated(call: calls.Call) -> None:
+def _in_python(address: int, inputs: int, outputs: int, size: int, last: int) -> None:
+    kernels._call_code(address, inputs, outputs, (size, 0, last))
+
+
+@pytest.mark.parametrize("call", [_called, _in_python])
+def test_only_the_first_individuals_are_evaluated(
+    call: Callable[[int, int, int, int, int], None],
+) -> None:
     """Up to the end of the block that the last one is in."""
     x = ca.SX.sym("x")
     batch = compile_flat(ca.Function("f", [x], [2 * x]), (True,))

@@ -4,7 +4,7 @@ Without `vehicles` there is one vehicle, without a name. All share parameters an
 signals. A posed problem carries its vehicles for its measures and figures.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -134,6 +134,28 @@ def candidate_scopes(
         )
         for m in members
     ]
+
+
+def held_candidates(
+    scenario: ProblemScenario,
+    members: Sequence[Member],
+    intervals: int,
+    constants: Mapping[str, float],
+) -> Callable[[float], Array] | None:
+    """Return additional controls for a search, held over the horizon."""
+    if not scenario.candidates:
+        return None
+
+    def candidates(time: float) -> Array:
+        scopes = candidate_scopes(scenario, members, constants, time)
+        columns = [
+            [scope.number(one[name]) for scope in scopes for name in scenario.controls]
+            for one in scenario.candidates
+        ]
+        # (nu, 1, candidates): the middle axis is repeated for the intervals.
+        return np.repeat(np.array(columns).T[:, None, :], intervals, axis=1)
+
+    return candidates
 
 
 def column_of(entries: Any) -> ca.SX:

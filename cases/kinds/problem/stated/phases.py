@@ -10,7 +10,7 @@ phases keep. A control that a phase does not have is constant there.
 """
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, TypeVar
 
 import casadi as ca
@@ -22,7 +22,7 @@ from swarmstart.cases.format.kind import PosedAgent, PosedPlant
 from swarmstart.cases.kinds.problem.stated.members import (
     Member,
     ProblemPosed,
-    candidate_scopes,
+    held_candidates,
     members_of,
     shared_of,
 )
@@ -33,9 +33,9 @@ from swarmstart.cases.kinds.problem.stated.symbols import (
     constants_of,
     known_parameters,
     over_time,
+    rows_at,
     rows_over_time,
 )
-from swarmstart.cases.kinds.problem.stated.values import OverTime
 from swarmstart.ocp import Free, OptimalControlProblem, Start, phases, zero_controls
 from swarmstart.ocp.statement import CLOCK, COUNTER, Phases
 
@@ -202,7 +202,9 @@ def pose_phases(scenario: ProblemScenario) -> ProblemPosed:
     given, feedback = known_parameters(scenario), scenario.feedback
     over = {**given, **scenario.plant.parameters}
     truly = {name: over[name] for name in scenario.parameters if name in over}
-    planned = rows_over_time(given, fixed)
+    planned, whole = rows_over_time(given, fixed), whole_scenario(scenario)
+    # Candidates are of all phases.
+    group = members_of(whole, shared_of(whole)) if scenario.candidates else ()
     return ProblemPosed(
         agents=(
             PosedAgent(
@@ -210,7 +212,7 @@ def pose_phases(scenario: ProblemScenario) -> ProblemPosed:
                 parameters=None
                 if planned is None
                 else lambda time: planned(np.array([time]))[:, 0],
-                candidates=_candidates(scenario, problem),
+                candidates=held_candidates(whole, group, problem.intervals, fixed),
                 append=feedback.append,
                 shift=feedback.last_plan == "shifted",
                 first=_guessed(scenario, problem),
@@ -235,26 +237,6 @@ def pose_phases(scenario: ProblemScenario) -> ProblemPosed:
     )
 
 
-def _candidates(
-    scenario: ProblemScenario, problem: OptimalControlProblem
-) -> Callable[[float], Array] | None:
-    """Return additional controls of all phases for a search, held over the horizon."""
-    if not scenario.candidates:
-        return None
-    whole, fixed = whole_scenario(scenario), constants_of(scenario)
-    members = members_of(whole, shared_of(whole))
-
-    def candidates(time: float) -> Array:
-        (scope,) = candidate_scopes(whole, members, fixed, time)
-        columns = [
-            [scope.number(one[name]) for name in whole.controls]
-            for one in scenario.candidates
-        ]
-        return np.repeat(np.array(columns).T[:, None, :], problem.intervals, axis=1)
-
-    return candidates
-
-
 def _guessed(
     scenario: ProblemScenario, problem: OptimalControlProblem
 ) -> Array | Start | None:
@@ -265,23 +247,14 @@ def _guessed(
     whole, fixed = whole_scenario(scenario), constants_of(scenario)
     times = _node_times(scenario, problem)
 
-    def rows(
-        given: Mapping[str, OverTime], names: Mapping[str, object], at: Array
-    ) -> Array:
-        found = [
-            over_time(given[name], fixed)(at) if name in given else np.zeros_like(at)
-            for name in names
-        ]
-        return np.stack(found)
-
     controls = zero_controls(problem)
     if guess.controls:
-        controls = rows(guess.controls, whole.controls, times[:-1:checks])
+        controls = rows_at(guess.controls, whole.controls, times[:-1:checks], [fixed])
     if not guess.states:
         return controls
     states = np.zeros((problem.model.nx, problem.nodes))
     # Below them are the time and the interval's number, and values that phases keep.
-    states[: len(whole.states)] = rows(guess.states, whole.states, times)
+    states[: len(whole.states)] = rows_at(guess.states, whole.states, times, [fixed])
     names = problem.model.state_names
     states[names.index(CLOCK)] = times
     states[names.index(COUNTER)] = np.arange(problem.nodes) // checks

@@ -270,6 +270,28 @@ def rows_over_time(
     return stacked([over_time(one, constants) for one in given.values()])
 
 
+def rows_at(
+    given: Mapping[str, OverTime],
+    names: Mapping[str, object],
+    times: Array,
+    constants: Sequence[Mapping[str, float]],
+) -> Array:
+    """Return a row for each name of each member, 0 if nothing is given.
+
+    Args:
+        given: Names -> values over time.
+        names: All names, in order.
+        times: Times (n,) [s].
+        constants: The constants of each member.
+    """
+    rows = [
+        over_time(given[name], own)(times) if name in given else np.zeros_like(times)
+        for own in constants
+        for name in names
+    ]
+    return np.stack(rows)
+
+
 def stacked(rows: Sequence[Signal]) -> Signal | None:
     """Return times (n,) [s] -> all rows together, shape (rows, n); None without any."""
     return (lambda times: np.stack([row(times) for row in rows])) if rows else None
