@@ -142,13 +142,13 @@ def pygmo_cmaes(task: PeerTask) -> None:
     _evolve(task, "cmaes", force_bounds=True, **given)
 
 
-class _Posed:
+class PagmoProblem:
     """The problem for pagmo; a copy is the same object, since it counts evaluations."""
 
     def __init__(self, task: PeerTask) -> None:
         self._task = task
 
-    def __deepcopy__(self, memo: object) -> _Posed:
+    def __deepcopy__(self, memo: object) -> PagmoProblem:
         return self
 
     def fitness(self, x: Array) -> list[float]:
@@ -164,7 +164,7 @@ def _evolve(task: PeerTask, name: str, **options: Any) -> None:
 
     kind = getattr(pygmo, name)
     algorithm = pygmo.algorithm(kind(gen=_ENDLESS, seed=task.seed, **options))
-    posed = pygmo.problem(_Posed(task))
+    posed = pygmo.problem(PagmoProblem(task))
     size = task.options.get("size", 20)
     population = pygmo.population(posed, size=size, seed=task.seed)
     algorithm.evolve(population)

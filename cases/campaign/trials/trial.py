@@ -105,13 +105,20 @@ def answered(
     return answer_of(built(posed, trial), trial, folder)
 
 
-def answer_of(made: Built, trial: Trial, folder: Path | None = None) -> PlanResult:
+def answer_of(
+    made: Built,
+    trial: Trial,
+    folder: Path | None = None,
+    *,
+    route: Route | None = None,
+) -> PlanResult:
     """Return the answer of a trial with its verification and its effort.
 
     Args:
         made: The common parts of the trials of the same solver.
         trial: The trial.
         folder: Folder of the checkpoints; None means no checkpoints.
+        route: Function that runs the solver; None means that of its family.
 
     Raises:
         SwarmstartError: If the solver cannot solve problems of this form.
@@ -135,7 +142,7 @@ def answer_of(made: Built, trial: Trial, folder: Path | None = None) -> PlanResu
             kept=None if folder is None or limit is None else _keeper(made, folder),
         )
         with made.relay.to(meter):
-            found = ROUTES[trial.solver.family](made, trial, meter, rng)
+            found = (route or ROUTES[trial.solver.family])(made, trial, meter, rng)
         seconds = watch.seconds
     if folder is not None:
         (folder / CHECKPOINT).unlink(missing_ok=True)
@@ -331,7 +338,35 @@ def _solved(made: Built, trial: Trial, meter: Meter, rng: np.random.Generator) -
 
 
 def _peered(made: Built, trial: Trial, meter: Meter, rng: np.random.Generator) -> Found:
-    """Return the best point that a peer has evaluated, polished if asked for."""
+    """Return the answer of a search that is known by name."""
+    peer = PEERS[trial.solver.peer]
+    search = resolve_name(peer.minimize)
+    return searched_by(search, made, trial, meter, rng, options=peer.options)
+
+
+def searched_by(
+    search: Callable[[PeerTask], None],
+    made: Built,
+    trial: Trial,
+    meter: Meter,
+    rng: np.random.Generator,
+    *,
+    options: Mapping[str, Any],
+) -> Found:
+    """Return the best point that a search has evaluated, polished if asked for.
+
+    Args:
+        search: Function that minimises the objective of its task until the budget ends
+            it, or it ends by itself.
+        made: The common parts of the trials of the same solver, with a search space.
+        trial: The trial.
+        meter: Its counter.
+        rng: Source of the randomness of the polish; the search has the trial's seed.
+        options: Options of the search, which those of the solver replace.
+
+    Raises:
+        NotSolvedError: If no point was a number.
+    """
     planner, space, solver = made.planner, made.space, trial.solver
     if space is None:
         raise TypeError("expected a space")
@@ -348,11 +383,11 @@ def _peered(made: Built, trial: Trial, meter: Meter, rng: np.random.Generator) -
         objective=lambda population: penalised(*counted(population), weight),
         box=space.box,
         seed=trial.seed,
-        options={**PEERS[solver.peer].options, **dict(solver.options)},
+        options={**options, **dict(solver.options)},
     )
-    ended = peers_best(resolve_name(PEERS[solver.peer].minimize), task, solver.peer)
+    ended = peers_best(search, task, solver.name)
     if meter.best is None:
-        raise NotSolvedError(f"{solver.peer} met no point that is a number")
+        raise NotSolvedError(f"{solver.name} met no point that is a number")
     controls, start = meter.best
     spent = round(meter.evaluations)
     if planner.polisher is None:
@@ -417,7 +452,8 @@ def _controlled(
     return Found(plan, has_ended=ended)
 
 
-ROUTES: Mapping[str, Callable[..., Found]] = {
+Route = Callable[[Built, Trial, Meter, np.random.Generator], Found]
+ROUTES: Mapping[str, Route] = {
     "search": _searched,
     "nlp": _searched,
     "repeated": _many_starts,

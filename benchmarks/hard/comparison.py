@@ -1,0 +1,417 @@
+"""Methods on hard problems with equal CPU time: the page docs/hard.md.
+
+    python benchmarks/hard/comparison.py --write docs/hard.md --plot docs/hard.png
+        [--problems hard/walls_2 ...] [--methods solve ipopt ...] [--seeds 30]
+        [--seconds 10] [--workers 1] [--out results/hard] [--kept]
+
+Each run is kept in a folder under --out, and is not repeated as long as the code that
+it uses is the same. So a measurement can be stopped and continued, and more seeds are
+added to those that are there. `--kept` makes the page of the problems whose runs are
+all there.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from swarmstart.arrays import Array
+from swarmstart.benchmarks.hard.cpu_trials import CHARGE, entries_of
+from swarmstart.benchmarks.hard.peers import PEERS
+from swarmstart.benchmarks.tables import head, illustrated, page_options, publish, row
+from swarmstart.cases.campaign.engine.cells import Outcome, carried_out, finished
+from swarmstart.cases.campaign.judging.running_time import (
+    expected_running_time,
+    reached,
+)
+from swarmstart.cases.campaign.judging.runs import Asked, Entry, Runs, runs_of
+from swarmstart.cases.campaign.judging.statistics import (
+    LEVEL,
+    sign_ps,
+    wilson_interval,
+    with_ties,
+)
+from swarmstart.cases.campaign.studies.judged_file import BETTER
+from swarmstart.cases.drawing.palette import LIGHT
+from swarmstart.cases.hard.best_known import best_known
+
+NEAR = 1e-3
+"""Relative distance from the best known cost that is a success, and between optima."""
+DEFAULT, ONCE, MANY = "solve", "ipopt", "repeated-ipopt"
+METHODS = {
+    ONCE: "IPOPT once, from zero controls",
+    MANY: "IPOPT from random starts until the budget is spent",
+    "multistart+ipopt": "local solves in lanes from random starts, then IPOPT",
+    "lshade+ipopt": "L-SHADE, then IPOPT",
+    "de+ipopt": "differential evolution, then IPOPT",
+    "cpso+ipopt": "chaotic particle swarm, then IPOPT",
+    "cma+ipopt": "covariance matrix adaptation, then IPOPT",
+    "memetic+ipopt": "L-SHADE with local solves in lanes, then IPOPT",
+    DEFAULT: "the default call, as `swarmstart run` makes it",
+    **{name: peer.title for name, peer in PEERS.items()},
+}
+"""Methods and what they are."""
+PROBLEMS = (
+    "walls_2", "currents_4", "swing_up_20", "arms_2", "crossing_4", "discs_8",
+    "reorientation_2", "gears_6",
+)  # fmt: skip
+"""One size of each family, for a measurement of an hour."""
+TEXT = "# Hard problems: a comparison\n\n"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Score:
+    """Runs of a method on a problem.
+
+    Attributes:
+        problem: Name of the problem.
+        method: Name of the method.
+        runs: Number of its runs: one of a deterministic method.
+        times: CPU time of each seed to a success, infinite without one, shape (seeds,)
+            [s].
+        costs: Confirmed minimised costs, infinite without one, shape (seeds,).
+        limit: CPU time that a failure is charged [s].
+        failure: Why a run without an answer failed; empty if all have one.
+    """
+
+    problem: str
+    method: str
+    runs: int
+    times: Array
+    costs: Array
+    limit: float
+    failure: str = ""
+
+    @property
+    def successes(self) -> int:
+        """Number of successful runs."""
+        return int(np.isfinite(self.times[: self.runs]).sum())
+
+    @property
+    def expected_s(self) -> float | None:
+        """Expected CPU time to a success with restarts; None without a success [s]."""
+        charged = np.full(len(self.times), self.limit)
+        return expected_running_time(self.times, charged)
+
+    @property
+    def optima(self) -> int:
+        """Number of distinct costs of confirmed answers."""
+        costs = with_ties(self.costs, NEAR)
+        return len(np.unique(costs[np.isfinite(costs)]))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Result:
+    """Results of all methods on a problem.
+
+    Attributes:
+        problem: Name of the problem.
+        known: Best known cost of the file, minimised; infinite if it is unknown.
+        best: The least confirmed cost, here or known; infinite if there is none.
+        scores: Results of the methods.
+    """
+
+    problem: str
+    known: float
+    best: float
+    scores: tuple[Score, ...]
+
+    @property
+    def is_better(self) -> bool:
+        """True if a run is better than the best known cost."""
+        if not np.isfinite(self.known):
+            return bool(np.isfinite(self.best))
+        return self.known - self.best > BETTER * abs(self.known)
+
+
+def result_of(
+    entries: Sequence[Entry],
+    outcomes: Mapping[str, Outcome],
+    *,
+    names: Sequence[str],
+    seeds: int,
+    seconds: float,
+) -> Result:
+    """Return the results of the methods on a problem.
+
+    Args:
+        entries: Methods with their cells.
+        outcomes: Outcomes by the cells' keys.
+        names: Names of the methods.
+        seeds: Number of seeds.
+        seconds: Budget of a run [s].
+    """
+    asked = Asked(seeds=tuple(range(seeds)), budget={"seconds": seconds})
+    every = [runs_of(entry, outcomes, asked) for entry in entries]
+    problem, costs = entries[0].scenario, [one.costs.min() for one in every]
+    sense = next((int(r["sense"]) for one in every for r in one.results if r), 1)
+    entry = best_known().get(problem)
+    cost = None if entry is None else entry.cost
+    known = np.inf if cost is None else sense * cost
+    best = min(known, *costs)
+    target = best + NEAR * abs(best) if np.isfinite(best) else -np.inf
+    return Result(
+        problem=problem,
+        known=known,
+        best=best,
+        scores=tuple(
+            _score(problem, name, one, target, seeds, CHARGE * seconds)
+            for name, one in zip(names, every, strict=True)
+        ),
+    )
+
+
+def _score(
+    problem: str, name: str, runs: Runs, target: float, seeds: int, limit: float
+) -> Score:
+    times = reached(runs.seconds, [target])[:, 0]
+    return Score(
+        problem=problem,
+        method=name,
+        runs=len(times),
+        times=runs.for_seeds(np.where(times <= limit, times, np.inf), seeds),
+        costs=runs.for_seeds(runs.costs, seeds),
+        limit=limit,
+        failure=next((one.failure for one in runs.outcomes if one.failure), ""),
+    )
+
+
+def success_of(results: Sequence[Result], method: str) -> Array:
+    """Return whether a method succeeds, for each pair of problem and seed."""
+    scores = [s for one in results for s in one.scores if s.method == method]
+    return np.isfinite(np.concatenate([score.times for score in scores]))
+
+
+def finding(results: Sequence[Result], seconds: float) -> str:
+    """Return the finding, in words: the best method, and what is shown of others.
+
+    Others are compared with it by the sign test over pairs of problem and seed, without
+    adjustment.
+    """
+    hits = {s.method: success_of(results, s.method) for s in results[0].scores}
+    counts = {method: int(one.sum()) for method, one in hits.items()}
+    best = max(counts, key=lambda method: counts[method])
+    total = len(hits[best])
+    peers = [method for method in counts if method in PEERS]
+    peer = max(peers, key=lambda method: counts[method], default=None)
+    named = [*dict.fromkeys(m for m in (MANY, DEFAULT, ONCE, peer) if m in counts)]
+    others = [method for method in named if method and method != best]
+    words, alike = [], []
+    for method in others:
+        words.append(f"{_called(method)} in {counts[method]}")
+        gained = int((hits[best] & ~hits[method]).sum())
+        lost = int((hits[method] & ~hits[best]).sum())
+        p = float(sign_ps([gained], [lost])[0])
+        if p > LEVEL:
+            alike.append(f"{_called(method)} (p = {p:.2g})")
+    said = (
+        f"In {seconds:g} s of CPU time on one thread, {_called(best)} comes within "
+        f"0.1 % of the best known cost in {counts[best]} of {total} runs on "
+        f"{len(results)} hard problems"
+    )
+    said += f"; {_joined(words)}." if words else "."
+    if alike:
+        said += f" No difference from it is shown for {_joined(alike)}."
+    return said
+
+
+def _called(method: str) -> str:
+    """Return a method in words, with its name."""
+    words = {
+        DEFAULT: "the default call",
+        ONCE: "IPOPT once",
+        MANY: "IPOPT from random starts",
+    }
+    plain = words.get(method) or METHODS.get(method, "")
+    return f"{plain} (`{method}`)" if plain else f"`{method}`"
+
+
+def _joined(words: Sequence[str]) -> str:
+    return " and ".join([", ".join(words[:-1]), words[-1]] if words[1:] else words)
+
+
+def method_table(results: Sequence[Result]) -> list[str]:
+    """Return the table of the methods over all problems."""
+    lines = head("method", "what it is", "successes", "95 % interval",
+                 "problems it solves with every seed", "least expected time")  # fmt: skip
+    scores = [score for one in results for score in one.scores]
+    least = {one.problem: _fastest(one) for one in results}
+    for method in dict.fromkeys(score.method for score in scores):
+        own = [score for score in scores if score.method == method]
+        hits = success_of(results, method)
+        low, high = wilson_interval(int(hits.sum()), len(hits))
+        always = sum(score.successes == score.runs for score in own)
+        lines.append(
+            row(
+                f"`{method}`",
+                METHODS.get(method, ""),
+                f"{int(hits.sum())} of {len(hits)}",
+                f"{low:.2f} to {high:.2f}",
+                str(always),
+                f"{sum(least[s.problem] == method for s in own)} problems",
+            )
+        )
+    return lines
+
+
+def _fastest(one: Result) -> str | None:
+    """Return the method with the least expected time; None if none succeeds."""
+    known = {s.method: s.expected_s for s in one.scores if s.expected_s is not None}
+    return min(known, key=lambda method: known[method], default=None)
+
+
+def problem_table(one: Result) -> list[str]:
+    """Return the table of the methods on a problem."""
+    lines = head("method", "successes", "95 % interval", "expected time [s]",
+                 "optima", "best cost")  # fmt: skip
+    for score in one.scores:
+        low, high = wilson_interval(score.successes, score.runs)
+        is_random = score.runs > 1
+        least = float(score.costs.min())
+        lines.append(
+            row(
+                f"`{score.method}`",
+                f"{score.successes} of {score.runs}",
+                f"{low:.2f} to {high:.2f}" if is_random else "-",
+                "-" if score.expected_s is None else f"{score.expected_s:.3g}",
+                str(score.optima),
+                f"{least:.7g}" if np.isfinite(least) else score.failure or "none",
+            )
+        )
+    return lines
+
+
+def page(results: Sequence[Result], *, seconds: float, seeds: int) -> list[str]:
+    """Return the lines of the page below its title."""
+    better = [one for one in results if one.is_better]
+    beaten = [f"`{one.problem}`: {one.best:.9g}" for one in better]
+    lines = [
+        finding(results, seconds),
+        "",
+        "Made by `python benchmarks/hard/comparison.py --write docs/hard.md --plot "
+        f"docs/hard.png --seeds {seeds} --seconds {seconds:g}`, which makes it again "
+        "with more seeds, problems (`--problems`) and time, and continues what was "
+        f"stopped. Measured here: {len(results)} of the [hard problems]"
+        f"(hard_problems.md), {seeds} seeds, {seconds:g} s.",
+        "",
+        "- **Budget.** CPU time of the process, one thread, so that other work on the "
+        "machine takes nothing from a method. Building and compiling do not count, for "
+        "any method. With a search and IPOPT, the search has 90 % of it.",
+        "- **Judge.** No method judges itself: its answer is simulated again ten times "
+        "finer, as by `swarmstart judge`. An answer that breaks a limit between the "
+        "checks is repaired by the library, whichever method found it; that time "
+        "counts, on top of the budget.",
+        "- **Success.** A confirmed cost of at most 1.001 times the best known. The "
+        "time is that of the first own value so good, and of the repair. A run of more "
+        f"than {CHARGE * seconds:g} s is a failure. IPOPT once has no random numbers: "
+        "it is run once, and counts for each seed in sums.",
+        "- **Expected time** to the first success with restarts: the time of all "
+        f"successes and {CHARGE * seconds:g} s for each failure, divided by the number "
+        "of successes.",
+        "- **Optima.** Number of confirmed costs that differ by more than 0.1 %, over "
+        "the seeds.",
+        "- **Not shown.** Nothing of a method was tuned on these problems, and a "
+        "larger budget can change the order. Best known costs were found by the "
+        "default call in longer runs, or computed exactly ([how each is known]"
+        "(hard_problems.md#best-known-values)).",
+        "",
+        "## All problems",
+        "",
+        *method_table(results),
+        "",
+        "## Best known values",
+        "",
+        f"Better than the file of best known values: {'; '.join(beaten)}."
+        if better
+        else "No run of any method is better than the file of best known values.",
+        "",
+        "## Each problem",
+        "",
+    ]
+    for one in results:
+        known = f"{one.known:.9g}" if np.isfinite(one.known) else "unknown"
+        lines += [f"### {one.problem}", "", f"Best known cost: {known}.", ""]
+        lines += [*problem_table(one), ""]
+    return lines[:-1]
+
+
+def plot(results: Sequence[Result], path: Path) -> None:
+    """Draw the share of pairs of problem and seed that each method solves in time."""
+    figure = Figure(figsize=(8, 4.5), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots()
+    scores = [score for one in results for score in one.scores]
+    methods = dict.fromkeys(score.method for score in scores)
+    for number, method in enumerate(methods):
+        own = np.concatenate([s.times for s in scores if s.method == method])
+        times = np.sort(own[np.isfinite(own)])
+        shares = np.arange(1, len(times) + 1) / len(own)
+        axes.step(
+            [*times, scores[0].limit],
+            [*shares, len(times) / len(own)],
+            where="post",
+            color=[*LIGHT, "#000000"][number % 13],
+            linestyle="--" if method in PEERS else "-",
+            label=method,
+        )
+    axes.set(xscale="log", ylim=(0, 1), xlabel="CPU time [s]")
+    axes.set_ylabel("share of problems and seeds within 0.1 %")
+    figure.legend(loc="outside right upper", fontsize="small")
+    figure.savefig(path, dpi=120)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure what is missing, print the page, and write it where asked."""
+    parser = page_options(__doc__, plots=True)
+    parser.add_argument("--problems", nargs="*", help="names such as hard/walls_2")
+    parser.add_argument("--methods", nargs="*", default=[*METHODS])
+    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--seconds", type=float, default=5.0, help="CPU time of a run")
+    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--out", type=Path, default=Path("results/hard"))
+    parser.add_argument("--kept", action="store_true", help="run nothing")
+    options = parser.parse_args(arguments)
+    problems = options.problems or [f"hard/{name}" for name in PROBLEMS]
+    budget = {"seconds": options.seconds}
+    results = []
+    for problem in problems:
+        entries = entries_of(
+            problem, options.methods, seeds=options.seeds, budget=budget
+        )
+        cells = [cell for entry in entries for cell in entry.cells]
+        if options.kept:
+            kept = [finished(cell, options.out) for cell in cells]
+            done = [one for one in kept if one is not None]
+        else:
+            done = carried_out(cells, options.out, workers=options.workers, told=_told)
+        if len(done) == len(cells):
+            found = zip([cell.key for cell in cells], done, strict=True)
+            results.append(
+                result_of(
+                    entries, dict(found), names=options.methods,
+                    seeds=options.seeds, seconds=options.seconds,
+                )
+            )  # fmt: skip
+    if not results:
+        print("expected the runs of a problem, found none", file=sys.stderr)
+        return 1
+    lines = page(results, seconds=options.seconds, seeds=options.seeds)
+    caption = "Share of problems and seeds that each method solves, over CPU time"
+    lines = illustrated(lines, options, caption, lambda path: plot(results, path))
+    publish(lines, options, TEXT)
+    return 0
+
+
+def _told(done: int, total: int, label: str) -> None:
+    print(f"{done} of {total}: {re.sub(r'\[.*?\]', '', label)}", file=sys.stderr)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
