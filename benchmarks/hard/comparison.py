@@ -12,7 +12,8 @@ all there.
 
 from __future__ import annotations
 
-import re
+import argparse
+import shlex
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -63,6 +64,30 @@ PROBLEMS = (
     "reorientation_2", "gears_6",
 )  # fmt: skip
 """One size of each family, for a measurement of an hour."""
+ENOUGH = 10
+"""Number of seeds from which the page does not say that there are few."""
+NOTES = (
+    "- **Budget.** CPU time of the process, one thread, so that other work on the "
+    "machine takes nothing from a method. Building and compiling do not count, for "
+    "any method. With a search and IPOPT, the search has 90 % of it.",
+    "- **Judge.** No method judges itself: its answer is simulated again ten times "
+    "finer, as by `swarmstart judge`. An answer that breaks a limit between the "
+    "checks is repaired by the library, whichever method found it; that time counts, "
+    "on top of the budget.",
+    "- **Success.** A confirmed cost within 0.1 % of the best known. The time is that "
+    "of the method's first value so good, and of the repair; a whole run takes longer. "
+    "A run of more than {most} s is a failure, and so is a problem to which a method "
+    "has no answer. IPOPT once has no random numbers: it is run once, and counts for "
+    "each seed in sums.",
+    "- **Expected time** to the first success with restarts: the time of all "
+    "successes and {most} s for each failure, divided by the number of successes.",
+    "- **Optima.** Number of confirmed costs that differ by more than 0.1 %, over the "
+    "seeds.",
+    "- **Limits.** Settings of peers were not tuned. The best known costs come from "
+    "the default call in longer runs, or are exact ([how each is known]"
+    "(hard_problems.md#best-known-values)). Other budgets can change the order.",
+)
+"""How it was measured; `most` is the charge of a failure [s]."""
 TEXT = "# Hard problems: a comparison\n\n"
 
 
@@ -77,8 +102,9 @@ class Score:
         times: CPU time of each seed to a success, infinite without one, shape (seeds,)
             [s].
         costs: Confirmed minimised costs, infinite without one, shape (seeds,).
+        ends: CPU time of each whole run, with the repair, shape (seeds,) [s].
         limit: CPU time that a failure is charged [s].
-        failure: Why a run without an answer failed; empty if all have one.
+        refusal: Why no run had an answer; empty if one had.
     """
 
     problem: str
@@ -86,8 +112,9 @@ class Score:
     runs: int
     times: Array
     costs: Array
+    ends: Array
     limit: float
-    failure: str = ""
+    refusal: str = ""
 
     @property
     def successes(self) -> int:
@@ -113,12 +140,14 @@ class Result:
 
     Attributes:
         problem: Name of the problem.
-        known: Best known cost of the file, minimised; infinite if it is unknown.
+        sense: -1 if the file maximises; costs here are minimised all the same.
+        known: Best known cost of the file; infinite if it is unknown.
         best: The least confirmed cost, here or known; infinite if there is none.
         scores: Results of the methods.
     """
 
     problem: str
+    sense: int
     known: float
     best: float
     scores: tuple[Score, ...]
@@ -159,6 +188,7 @@ def result_of(
     target = best + NEAR * abs(best) if np.isfinite(best) else -np.inf
     return Result(
         problem=problem,
+        sense=sense,
         known=known,
         best=best,
         scores=tuple(
@@ -172,14 +202,16 @@ def _score(
     problem: str, name: str, runs: Runs, target: float, seeds: int, limit: float
 ) -> Score:
     times = reached(runs.seconds, [target])[:, 0]
+    failures = [one.failure for one in runs.outcomes]
     return Score(
         problem=problem,
         method=name,
         runs=len(times),
         times=runs.for_seeds(np.where(times <= limit, times, np.inf), seeds),
         costs=runs.for_seeds(runs.costs, seeds),
+        ends=runs.for_seeds(runs.seconds.ends, seeds),
         limit=limit,
-        failure=next((one.failure for one in runs.outcomes if one.failure), ""),
+        refusal=failures[0] if all(failures) else "",
     )
 
 
@@ -240,22 +272,22 @@ def _joined(words: Sequence[str]) -> str:
 def method_table(results: Sequence[Result]) -> list[str]:
     """Return the table of the methods over all problems."""
     lines = head("method", "what it is", "successes", "95 % interval",
-                 "problems it solves with every seed", "least expected time")  # fmt: skip
+                 "on problems that it answers", "least expected time")  # fmt: skip
     scores = [score for one in results for score in one.scores]
-    least = {one.problem: _fastest(one) for one in results}
+    fastest = [_fastest(one) for one in results]
     for method in dict.fromkeys(score.method for score in scores):
         own = [score for score in scores if score.method == method]
         hits = success_of(results, method)
-        low, high = wilson_interval(int(hits.sum()), len(hits))
-        always = sum(score.successes == score.runs for score in own)
+        count, taken = int(hits.sum()), [one for one in own if not one.refusal]
+        low, high = wilson_interval(count, len(hits))
         lines.append(
             row(
                 f"`{method}`",
                 METHODS.get(method, ""),
-                f"{int(hits.sum())} of {len(hits)}",
-                f"{low:.2f} to {high:.2f}",
-                str(always),
-                f"{sum(least[s.problem] == method for s in own)} problems",
+                f"{count} of {len(hits)}",
+                f"{low:.2f} to {high:.2f}" if any(s.runs > 1 for s in own) else "-",
+                f"{count} of {sum(len(one.times) for one in taken)}",
+                f"{fastest.count(method)} of {len(results)}",
             )
         )
     return lines
@@ -270,57 +302,48 @@ def _fastest(one: Result) -> str | None:
 def problem_table(one: Result) -> list[str]:
     """Return the table of the methods on a problem."""
     lines = head("method", "successes", "95 % interval", "expected time [s]",
-                 "optima", "best cost")  # fmt: skip
+                 "whole run [s]", "optima", "best cost")  # fmt: skip
     for score in one.scores:
         low, high = wilson_interval(score.successes, score.runs)
-        is_random = score.runs > 1
         least = float(score.costs.min())
         lines.append(
             row(
                 f"`{score.method}`",
                 f"{score.successes} of {score.runs}",
-                f"{low:.2f} to {high:.2f}" if is_random else "-",
+                f"{low:.2f} to {high:.2f}" if score.runs > 1 else "-",
                 "-" if score.expected_s is None else f"{score.expected_s:.3g}",
+                "no answer" if score.refusal else f"{np.median(score.ends):.3g}",
                 str(score.optima),
-                f"{least:.7g}" if np.isfinite(least) else score.failure or "none",
+                f"{one.sense * least:.7g}" if np.isfinite(least) else "-",
             )
         )
-    return lines
+    said = [f"- `{s.method}`: {s.refusal}." for s in one.scores if s.refusal]
+    return [*lines, "", *said] if said else lines
 
 
-def page(results: Sequence[Result], *, seconds: float, seeds: int) -> list[str]:
-    """Return the lines of the page below its title."""
-    better = [one for one in results if one.is_better]
-    beaten = [f"`{one.problem}`: {one.best:.9g}" for one in better]
+def page(
+    results: Sequence[Result], *, seconds: float, seeds: int, command: str
+) -> list[str]:
+    """Return the lines of the page below its title.
+
+    Args:
+        results: Results of the problems.
+        seconds: Budget of a run [s].
+        seeds: Number of seeds.
+        command: Command that makes the page.
+    """
+    most = CHARGE * seconds
+    few = (
+        ": too few to tell apart methods that are alike. The same command with more "
+        "seeds continues the measurement"
+    )
     lines = [
         finding(results, seconds),
         "",
-        "Made by `python benchmarks/hard/comparison.py --write docs/hard.md --plot "
-        f"docs/hard.png --seeds {seeds} --seconds {seconds:g}`, which makes it again "
-        "with more seeds, problems (`--problems`) and time, and continues what was "
-        f"stopped. Measured here: {len(results)} of the [hard problems]"
-        f"(hard_problems.md), {seeds} seeds, {seconds:g} s.",
+        f"Made by `{command}` on {len(results)} of the [hard problems]"
+        f"(hard_problems.md) with {seeds} seeds{few if seeds < ENOUGH else ''}.",
         "",
-        "- **Budget.** CPU time of the process, one thread, so that other work on the "
-        "machine takes nothing from a method. Building and compiling do not count, for "
-        "any method. With a search and IPOPT, the search has 90 % of it.",
-        "- **Judge.** No method judges itself: its answer is simulated again ten times "
-        "finer, as by `swarmstart judge`. An answer that breaks a limit between the "
-        "checks is repaired by the library, whichever method found it; that time "
-        "counts, on top of the budget.",
-        "- **Success.** A confirmed cost of at most 1.001 times the best known. The "
-        "time is that of the first own value so good, and of the repair. A run of more "
-        f"than {CHARGE * seconds:g} s is a failure. IPOPT once has no random numbers: "
-        "it is run once, and counts for each seed in sums.",
-        "- **Expected time** to the first success with restarts: the time of all "
-        f"successes and {CHARGE * seconds:g} s for each failure, divided by the number "
-        "of successes.",
-        "- **Optima.** Number of confirmed costs that differ by more than 0.1 %, over "
-        "the seeds.",
-        "- **Not shown.** Nothing of a method was tuned on these problems, and a "
-        "larger budget can change the order. Best known costs were found by the "
-        "default call in longer runs, or computed exactly ([how each is known]"
-        "(hard_problems.md#best-known-values)).",
+        *(line.format(most=f"{most:g}") for line in NOTES),
         "",
         "## All problems",
         "",
@@ -328,18 +351,24 @@ def page(results: Sequence[Result], *, seconds: float, seeds: int) -> list[str]:
         "",
         "## Best known values",
         "",
-        f"Better than the file of best known values: {'; '.join(beaten)}."
-        if better
-        else "No run of any method is better than the file of best known values.",
+        _best_known(results),
         "",
         "## Each problem",
         "",
     ]
     for one in results:
-        known = f"{one.known:.9g}" if np.isfinite(one.known) else "unknown"
+        known = f"{one.sense * one.known:.9g}" if np.isfinite(one.known) else "unknown"
         lines += [f"### {one.problem}", "", f"Best known cost: {known}.", ""]
         lines += [*problem_table(one), ""]
     return lines[:-1]
+
+
+def _best_known(results: Sequence[Result]) -> str:
+    better = [one for one in results if one.is_better]
+    if not better:
+        return "No run of any method is better than the file of best known values."
+    said = [f"`{one.problem}` ({one.sense * one.best:.12g})" for one in better]
+    return f"Better than the file of best known values: {_joined(said)}."
 
 
 def plot(results: Sequence[Result], path: Path) -> None:
@@ -379,38 +408,49 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--kept", action="store_true", help="run nothing")
     options = parser.parse_args(arguments)
     problems = options.problems or [f"hard/{name}" for name in PROBLEMS]
-    budget = {"seconds": options.seconds}
     results = []
     for problem in problems:
         entries = entries_of(
-            problem, options.methods, seeds=options.seeds, budget=budget
+            problem,
+            options.methods,
+            seeds=options.seeds,
+            budget={"seconds": options.seconds},
         )
-        cells = [cell for entry in entries for cell in entry.cells]
-        if options.kept:
-            kept = [finished(cell, options.out) for cell in cells]
-            done = [one for one in kept if one is not None]
-        else:
-            done = carried_out(cells, options.out, workers=options.workers, told=_told)
-        if len(done) == len(cells):
-            found = zip([cell.key for cell in cells], done, strict=True)
+        outcomes = _outcomes(entries, options)
+        if outcomes is not None:
             results.append(
                 result_of(
-                    entries, dict(found), names=options.methods,
+                    entries, outcomes, names=options.methods,
                     seeds=options.seeds, seconds=options.seconds,
                 )
             )  # fmt: skip
     if not results:
         print("expected the runs of a problem, found none", file=sys.stderr)
         return 1
-    lines = page(results, seconds=options.seconds, seeds=options.seeds)
+    given = [*(sys.argv[1:] if arguments is None else arguments)]
+    command = shlex.join(["python", "benchmarks/hard/comparison.py", *given])
+    lines = page(results, seconds=options.seconds, seeds=options.seeds, command=command)
     caption = "Share of problems and seeds that each method solves, over CPU time"
     lines = illustrated(lines, options, caption, lambda path: plot(results, path))
     publish(lines, options, TEXT)
     return 0
 
 
+def _outcomes(
+    entries: Sequence[Entry], options: argparse.Namespace
+) -> dict[str, Outcome] | None:
+    """Return the outcomes of all cells by key; None if only kept ones are asked for."""
+    cells = [cell for entry in entries for cell in entry.cells]
+    if options.kept:
+        kept = {cell.key: finished(cell, options.out) for cell in cells}
+        known = {key: one for key, one in kept.items() if one is not None}
+        return known if len(known) == len(kept) else None
+    done = carried_out(cells, options.out, workers=options.workers, told=_told)
+    return dict(zip([cell.key for cell in cells], done, strict=True))
+
+
 def _told(done: int, total: int, label: str) -> None:
-    print(f"{done} of {total}: {re.sub(r'\[.*?\]', '', label)}", file=sys.stderr)
+    print(f"{done} of {total}: {label}", file=sys.stderr)
 
 
 if __name__ == "__main__":

@@ -95,13 +95,13 @@ def entries_of(
     )
     longest = CHARGE * budget.get("seconds", 600.0) + BUILDING_S
     found = []
-    for solver, entry in zip(known, contest.entries, strict=True):
+    for name, solver, entry in zip(solvers, known, contest.entries, strict=True):
         job = {**entry.cells[0].job, "solver": solver.name}
         cells = [
             Cell(
                 work="swarmstart.benchmarks.hard.cpu_trials:solved",
                 job={**job, "seed": seed, "limit": longest},
-                label=f"{problem}, {solver.name}, seed {seed}",
+                label=f"{problem}, {name}, seed {seed}",
                 timeout_s=BUSY * longest,
             )
             for seed in range(1 if solver.is_deterministic else seeds)

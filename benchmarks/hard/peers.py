@@ -39,9 +39,9 @@ from swarmstart.cases.campaign.trials.building import Built, Trial
 from swarmstart.cases.campaign.trials.history import BudgetSpent, Meter
 from swarmstart.cases.campaign.trials.peers import (
     WORTH,
-    PagmoProblem,
     PeerError,
     PeerTask,
+    pagmo_problem,
     penalised,
 )
 from swarmstart.cases.campaign.trials.trial import (
@@ -138,7 +138,7 @@ def archipelago(task: PeerTask) -> None:
     for number, kind in enumerate(kinds):
         islands.push_back(
             algo=pygmo.algorithm(kind),
-            prob=pygmo.problem(PagmoProblem(task)),
+            prob=pagmo_problem(task),
             size=ISLAND,
             seed=task.seed + number,
             udi=Here(),

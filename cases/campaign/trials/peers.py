@@ -142,13 +142,13 @@ def pygmo_cmaes(task: PeerTask) -> None:
     _evolve(task, "cmaes", force_bounds=True, **given)
 
 
-class PagmoProblem:
+class _Posed:
     """The problem for pagmo; a copy is the same object, since it counts evaluations."""
 
     def __init__(self, task: PeerTask) -> None:
         self._task = task
 
-    def __deepcopy__(self, memo: object) -> PagmoProblem:
+    def __deepcopy__(self, memo: object) -> _Posed:
         return self
 
     def fitness(self, x: Array) -> list[float]:
@@ -158,13 +158,20 @@ class PagmoProblem:
         return self._task.box.lower, self._task.box.upper
 
 
+def pagmo_problem(task: PeerTask) -> Any:
+    """Return the problem of a task for pagmo, which needs the package pygmo."""
+    import pygmo
+
+    return pygmo.problem(_Posed(task))
+
+
 def _evolve(task: PeerTask, name: str, **options: Any) -> None:
     """Run an algorithm of pagmo."""
     import pygmo
 
     kind = getattr(pygmo, name)
     algorithm = pygmo.algorithm(kind(gen=_ENDLESS, seed=task.seed, **options))
-    posed = pygmo.problem(PagmoProblem(task))
+    posed = pagmo_problem(task)
     size = task.options.get("size", 20)
     population = pygmo.population(posed, size=size, seed=task.seed)
     algorithm.evolve(population)
