@@ -22,6 +22,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from swarmstart.arrays import Array
 from swarmstart.benchmarks.hard.cpu_trials import CHARGE, entries_of
@@ -85,7 +86,9 @@ NOTES = (
     "seeds.",
     "- **Limits.** Settings of peers were not tuned. The best known costs come from "
     "the default call in longer runs, or are exact ([how each is known]"
-    "(hard_problems.md#best-known-values)). Other budgets can change the order.",
+    "(hard_problems.md#best-known-values)). Other budgets can change the order. The p "
+    "values above are those of sign tests over pairs of problem and seed, as if these "
+    "were independent.",
 )
 """How it was measured; `most` is the charge of a failure [s]."""
 TEXT = "# Hard problems: a comparison\n\n"
@@ -215,10 +218,10 @@ def _score(
     )
 
 
-def success_of(results: Sequence[Result], method: str) -> Array:
+def success_of(results: Sequence[Result], method: str) -> NDArray[np.bool_]:
     """Return whether a method succeeds, for each pair of problem and seed."""
     scores = [s for one in results for s in one.scores if s.method == method]
-    return np.isfinite(np.concatenate([score.times for score in scores]))
+    return np.asarray(np.isfinite(np.concatenate([one.times for one in scores])))
 
 
 def finding(results: Sequence[Result], seconds: float) -> str:

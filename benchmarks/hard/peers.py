@@ -29,6 +29,7 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import OptimizeResult, basinhopping
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
@@ -56,6 +57,7 @@ from swarmstart.ocp.answer import Source
 from swarmstart.ocp.search.state_guesses import straight_states
 from swarmstart.ocp.statement.guesses import middle_controls
 
+Flags = NDArray[np.bool_]
 PYGMO = "pygmo"
 HOP, TEMPERATURE = 0.2, 0.1
 """Largest hop of a control, part of its bounds; temperature, natural sizes of the cost.
@@ -196,7 +198,7 @@ def roadmap(made: Built, trial: Trial, meter: Meter, rng: np.random.Generator) -
 
 
 def shortest_path(
-    points: Array, free: Callable[[Array], Array], *, neighbours: int = NEIGHBOURS
+    points: Array, free: Callable[[Array], Flags], *, neighbours: int = NEIGHBOURS
 ) -> Array | None:
     """Return the shortest path from the first to the second point in a roadmap.
 
@@ -242,7 +244,7 @@ def _free(problem: OptimalControlProblem, line: Array, known: Any) -> Any:
     worst = ca.Function("worst", symbols, [ca.mmax(ca.vertcat(*excess))])
     u = np.zeros(problem.model.nu)
 
-    def free(rows: list[int], points: Array) -> Array:
+    def free(rows: list[int], points: Array) -> Flags:
         if not len(points):
             return np.zeros(0, dtype=bool)
         states = np.repeat(line[:, :1], len(points), axis=1)
@@ -251,7 +253,7 @@ def _free(problem: OptimalControlProblem, line: Array, known: Any) -> Any:
         found = worst.map(len(points))(
             states, *(np.tile(np.reshape(v, (-1, 1)), len(points)) for v in (u, p, s))
         )
-        return np.ravel(found.full()) <= 0.0
+        return np.asarray(np.ravel(found.full()) <= 0.0)
 
     return free
 

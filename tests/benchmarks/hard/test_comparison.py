@@ -5,12 +5,12 @@ from __future__ import annotations
 import itertools
 import math
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from swarmstart.benchmarks.hard import cpu_trials
 from swarmstart.benchmarks.hard.comparison import (
     METHODS,
     Result,
@@ -18,6 +18,7 @@ from swarmstart.benchmarks.hard.comparison import (
     finding,
     page,
     plot,
+    problem_table,
     result_of,
 )
 from swarmstart.benchmarks.hard.cpu_trials import (
@@ -26,10 +27,12 @@ from swarmstart.benchmarks.hard.cpu_trials import (
     cpu_limit,
     entries_of,
     solved,
+    solver_named,
     with_repair,
 )
+from swarmstart.benchmarks.hard.peers import PEERS
 from swarmstart.cases.campaign.engine.cells import Outcome
-from swarmstart.errors import MissingPackageError
+from swarmstart.errors import MissingPackageError, SwarmstartError
 from swarmstart.heuristics import Box, Budget, DifferentialEvolution, minimize
 
 NAMES = ["ipopt", "basin-hopping"]
@@ -91,7 +94,7 @@ def test_budgets_of_seconds_count_by_the_clock_that_is_given() -> None:
     before, counts = time.perf_counter, []
     for step in (1e-3, 1e-2):
         ticks = itertools.count(step=step)
-        with counted_by(lambda ticks=ticks: next(ticks)):
+        with counted_by(partial(next, ticks)):
             found = minimize(
                 lambda x: ((x**2).sum(axis=0), np.zeros(x.shape[1])), box,
                 algorithm=DifferentialEvolution(), budget=Budget(seconds=1.0), seed=0,
@@ -123,10 +126,10 @@ def test_repair_counts_in_all_times() -> None:
 def test_missing_package_of_a_peer_is_one_sentence(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    absent = cpu_trials.PEERS["archipelago+ipopt"]._replace(package="no_such_package")
-    monkeypatch.setitem(cpu_trials.PEERS, "archipelago+ipopt", absent)
+    absent = PEERS["archipelago+ipopt"]._replace(package="no_such_package")
+    monkeypatch.setitem(PEERS, "archipelago+ipopt", absent)
     with pytest.raises(MissingPackageError, match="needs no_such_package"):
-        cpu_trials.solver_named("archipelago+ipopt")
+        solver_named("archipelago+ipopt")
 
 
 def test_every_method_has_a_cell_for_each_seed() -> None:
@@ -135,6 +138,38 @@ def test_every_method_has_a_cell_for_each_seed() -> None:
     assert [len(one.cells) for one in entries] == [1, *[2] * (len(METHODS) - 1)]
     keys = {cell.key for one in entries for cell in one.cells}
     assert len(keys) == 2 * len(METHODS) - 1
+
+
+def test_success_needs_a_confirmed_cost_near_the_best_known_in_time() -> None:
+    names, best = ["de+ipopt"], -14.698883604
+    (entry,) = entries_of("hard/gears_6", names, seeds=5, budget={"seconds": 1.0})
+    runs = [  # Cost, whether it is confirmed, time of the first mark, and of the run.
+        (0.9995 * best, True, 0.25, 1.0),
+        (0.998 * best, True, 0.25, 1.0),
+        (1.5 * best, False, 0.25, 1.0),
+        (best, True, 3.5, 3.5),
+        (best, True, 1.5, 2.0),
+    ]
+    outcomes = {}
+    for cell, (cost, confirmed, mark, seconds) in zip(entry.cells, runs, strict=True):
+        history = {
+            "seconds": [mark], "evaluations": [1], "cost": [cost], "violation": [0.0]
+        }  # fmt: skip
+        told = {
+            "sense": -1, "feasible": confirmed, "verified_cost": cost,
+            "seconds": seconds, "evaluations": 1, "history": history,
+        }  # fmt: skip
+        outcomes[cell.key] = Outcome(
+            result=told, failure="", seconds=seconds, folder=Path()
+        )
+    found = result_of([entry], outcomes, names=names, seeds=5, seconds=1.0)
+    (one,) = found.scores
+    assert one.times.tolist() == [0.25, math.inf, math.inf, math.inf, 1.5]
+    # Three failures of three seconds each.
+    assert one.expected_s == pytest.approx((0.25 + 1.5 + 3 * 3.0) / 2)
+    assert one.optima == 2
+    assert not found.is_better
+    assert any("14.69888" in line for line in problem_table(found))
 
 
 def test_short_form_never_beats_the_best_known_values(
@@ -150,7 +185,7 @@ def test_short_form_never_beats_the_best_known_values(
             (cell,) = entry.cells
             try:
                 found, failure = solved(cell.job, tmp_path), ""
-            except cpu_trials.SwarmstartError as error:
+            except SwarmstartError as error:
                 found, failure = {}, str(error)
             outcomes[cell.key] = Outcome(
                 result=found or None, failure=failure, seconds=0.0, folder=tmp_path

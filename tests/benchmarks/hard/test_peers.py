@@ -9,6 +9,7 @@ import pytest
 
 from swarmstart.arrays import Array
 from swarmstart.benchmarks.hard.peers import (
+    Flags,
     archipelago,
     cross_entropy,
     shortest_path,
@@ -33,7 +34,7 @@ def length(path: Array) -> float:
 
 
 def test_path_goes_around_a_disc_and_is_little_longer_than_the_taut_string() -> None:
-    def free(points: Array) -> Array:
+    def free(points: Array) -> Flags:
         return np.asarray(np.hypot(points[:, 0] - 2.0, points[:, 1]) >= 1.0)
 
     path = shortest_path(drawn(), free)
