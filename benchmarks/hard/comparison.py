@@ -90,7 +90,7 @@ NOTES = (
     "values above are those of sign tests over pairs of problem and seed, as if these "
     "were independent.",
 )
-"""How it was measured; `most` is the charge of a failure [s]."""
+"""Notes on the measurement; `most` is the charge of a failure [s]."""
 TEXT = "# Hard problems: a comparison\n\n"
 
 
@@ -430,7 +430,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if not results:
         print("expected the runs of a problem, found none", file=sys.stderr)
         return 1
-    given = [*(sys.argv[1:] if arguments is None else arguments)]
+    given = sys.argv[1:] if arguments is None else arguments
+    given = [one for one in given if one != "--kept"]  # The page needs the runs.
     command = shlex.join(["python", "benchmarks/hard/comparison.py", *given])
     lines = page(results, seconds=options.seconds, seeds=options.seeds, command=command)
     caption = "Share of problems and seeds that each method solves, over CPU time"
