@@ -41,6 +41,7 @@ from swarmstart.cases.campaign.judging.statistics import (
     with_ties,
 )
 from swarmstart.cases.campaign.studies.judged_file import BETTER
+from swarmstart.cases.campaign.trials.trial import LATE, MOMENT_S
 from swarmstart.cases.drawing.palette import LIGHT
 from swarmstart.cases.hard.best_known import best_known
 
@@ -77,9 +78,10 @@ NOTES = (
     "on top of the budget.",
     "- **Success.** A confirmed cost within 0.1 % of the best known. The time is that "
     "of the method's first value so good, and of the repair; a whole run takes longer. "
-    "A run of more than {most} s is a failure, and so is a problem to which a method "
-    "has no answer. IPOPT once has no random numbers: it is run once, and counts for "
-    "each seed in sums.",
+    "A value found more than a tenth after the end of the budget, a run of more than "
+    "{most} s with its repair, and a problem to which a method has no answer are "
+    "failures. IPOPT once has no random numbers: it is run once, and counts for each "
+    "seed in sums.",
     "- **Expected time** to the first success with restarts: the time of all "
     "successes and {most} s for each failure, divided by the number of successes.",
     "- **Optima.** Number of confirmed costs that differ by more than 0.1 %, over the "
@@ -195,22 +197,28 @@ def result_of(
         known=known,
         best=best,
         scores=tuple(
-            _score(problem, name, one, target, seeds, CHARGE * seconds)
+            _score(name, one, target, seeds=seeds, seconds=seconds)
             for name, one in zip(names, every, strict=True)
         ),
     )
 
 
 def _score(
-    problem: str, name: str, runs: Runs, target: float, seeds: int, limit: float
+    name: str, runs: Runs, target: float, *, seeds: int, seconds: float
 ) -> Score:
-    times = reached(runs.seconds, [target])[:, 0]
+    """Return the results of a method, whose successes reach the target in time."""
+    times, limit = reached(runs.seconds, [target])[:, 0], CHARGE * seconds
+    repairs = np.array(
+        [one["seconds_repair"] if one.get("repaired") else 0.0 for one in runs.results]
+    )
+    # As in `compare`, whose hard limit would have ended the run.
+    in_time = (times - repairs <= LATE * seconds + MOMENT_S) & (times <= limit)
     failures = [one.failure for one in runs.outcomes]
     return Score(
-        problem=problem,
+        problem=runs.entry.scenario,
         method=name,
         runs=len(times),
-        times=runs.for_seeds(np.where(times <= limit, times, np.inf), seeds),
+        times=runs.for_seeds(np.where(in_time, times, np.inf), seeds),
         costs=runs.for_seeds(runs.costs, seeds),
         ends=runs.for_seeds(runs.seconds.ends, seeds),
         limit=limit,

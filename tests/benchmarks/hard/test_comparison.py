@@ -142,31 +142,34 @@ def test_every_method_has_a_cell_for_each_seed() -> None:
 
 def test_success_needs_a_confirmed_cost_near_the_best_known_in_time() -> None:
     names, best = ["de+ipopt"], -14.698883604
-    (entry,) = entries_of("hard/gears_6", names, seeds=5, budget={"seconds": 1.0})
-    runs = [  # Cost, whether it is confirmed, time of the first mark, and of the run.
-        (0.9995 * best, True, 0.25, 1.0),
-        (0.998 * best, True, 0.25, 1.0),
-        (1.5 * best, False, 0.25, 1.0),
-        (best, True, 3.5, 3.5),
-        (best, True, 1.5, 2.0),
+    (entry,) = entries_of("hard/gears_6", names, seeds=6, budget={"seconds": 1.0})
+    runs = [  # Cost, whether it is confirmed, first mark, whole run, and repair.
+        (0.9995 * best, True, 0.25, 1.0, 0.0),
+        (0.998 * best, True, 0.25, 1.0, 0.0),
+        (1.5 * best, False, 0.25, 1.0, 0.0),
+        (best, True, 3.25, 3.5, 2.5),
+        (best, True, 2.25, 2.5, 1.5),
+        (best, True, 1.5, 2.0, 0.0),
     ]
     outcomes = {}
-    for cell, (cost, confirmed, mark, seconds) in zip(entry.cells, runs, strict=True):
+    for cell, run in zip(entry.cells, runs, strict=True):
+        cost, confirmed, mark, seconds, repair = run
         history = {
             "seconds": [mark], "evaluations": [1], "cost": [cost], "violation": [0.0]
         }  # fmt: skip
         told = {
             "sense": -1, "feasible": confirmed, "verified_cost": cost,
             "seconds": seconds, "evaluations": 1, "history": history,
+            "repaired": repair > 0.0, "seconds_repair": repair,
         }  # fmt: skip
         outcomes[cell.key] = Outcome(
             result=told, failure="", seconds=seconds, folder=Path()
         )
-    found = result_of([entry], outcomes, names=names, seeds=5, seconds=1.0)
+    found = result_of([entry], outcomes, names=names, seeds=6, seconds=1.0)
     (one,) = found.scores
-    assert one.times.tolist() == [0.25, math.inf, math.inf, math.inf, 1.5]
-    # Three failures of three seconds each.
-    assert one.expected_s == pytest.approx((0.25 + 1.5 + 3 * 3.0) / 2)
+    assert one.times.tolist() == [0.25, *[math.inf] * 3, 2.25, math.inf]
+    # Four failures of three seconds each.
+    assert one.expected_s == pytest.approx((0.25 + 2.25 + 4 * 3.0) / 2)
     assert one.optima == 2
     assert not found.is_better
     assert any("14.69888" in line for line in problem_table(found))
