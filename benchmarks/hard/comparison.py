@@ -240,10 +240,10 @@ def finding(results: Sequence[Result], seconds: float) -> str:
     """
     hits = {s.method: success_of(results, s.method) for s in results[0].scores}
     counts = {method: int(one.sum()) for method, one in hits.items()}
-    best = max(counts, key=lambda method: counts[method])
-    total = len(hits[best])
-    peers = [method for method in counts if method in PEERS]
-    peer = max(peers, key=lambda method: counts[method], default=None)
+    spent = {method: _charged(results, method) for method in hits}
+    ranked = sorted(hits, key=lambda method: (-counts[method], spent[method]))
+    best, total = ranked[0], len(hits[ranked[0]])
+    peer = next((method for method in ranked if method in PEERS), None)
     named = [*dict.fromkeys(m for m in (MANY, DEFAULT, ONCE, peer) if m in counts)]
     others = [method for method in named if method and method != best]
     words, alike = [], []
@@ -263,6 +263,12 @@ def finding(results: Sequence[Result], seconds: float) -> str:
     if alike:
         said += f" No difference from it is shown for {_joined(alike)}."
     return said
+
+
+def _charged(results: Sequence[Result], method: str) -> float:
+    """Return the time of all successes of a method, and that of its failures [s]."""
+    scores = [s for one in results for s in one.scores if s.method == method]
+    return float(sum(np.minimum(s.times, s.limit).sum() for s in scores))
 
 
 def _called(method: str) -> str:

@@ -80,6 +80,12 @@ def test_finding_names_the_plain_method_if_it_is_as_good() -> None:
     assert "`ipopt`" not in alike
 
 
+def test_of_methods_with_equal_successes_the_faster_is_named() -> None:
+    times = {"de+ipopt": [2.0, 2.0], "roadmap": [1.0, 2.0], "basin-hopping": [3.0, 3.0]}
+    one = result(*(score(name, each, [1.0, 1.0]) for name, each in times.items()))
+    assert "(`roadmap`) comes within" in finding([one], 10.0)
+
+
 def test_a_better_cost_than_the_best_known_is_reported() -> None:
     assert result(known=1.0, best=0.9).is_better
     assert result(known=math.inf, best=5.0).is_better
