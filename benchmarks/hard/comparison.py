@@ -400,8 +400,8 @@ def plot(results: Sequence[Result], path: Path) -> None:
         times = np.sort(own[np.isfinite(own)])
         shares = np.arange(1, len(times) + 1) / len(own)
         axes.step(
-            [*times, scores[0].limit],
-            [*shares, len(times) / len(own)],
+            [*times[:1], *times, scores[0].limit],
+            [*np.zeros(len(times[:1])), *shares, len(times) / len(own)],
             where="post",
             color=[*LIGHT, "#000000"][number % 13],
             linestyle="--" if method in PEERS else "-",
