@@ -13,6 +13,7 @@ all there.
 from __future__ import annotations
 
 import argparse
+import os
 import shlex
 import sys
 from collections.abc import Mapping, Sequence
@@ -358,7 +359,8 @@ def page(
         finding(results, seconds),
         "",
         f"Made by `{command}` on {len(results)} of the [hard problems]"
-        f"(hard_problems.md) with {seeds} seeds{few if seeds < ENOUGH else ''}.",
+        f"(hard_problems.md) with {seeds} seeds, on one of {os.cpu_count()} cores"
+        f"{few if seeds < ENOUGH else ''}.",
         "",
         *(line.format(most=f"{most:g}") for line in NOTES),
         "",
