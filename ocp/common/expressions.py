@@ -292,12 +292,7 @@ def require_scalar_operations(role: str, expression: ca.SX) -> None:
 def _called(expression: ca.SX) -> Iterator[ca.Function]:
     """Yield the functions that an SX expression calls, outermost calls first."""
     whole = ca.Function("whole", ca.symvar(expression), [expression])
-    calls = (
-        k
-        for k in range(whole.n_instructions())
-        if whole.instruction_id(k) == ca.OP_CALL
-    )
-    if next(calls, None) is None:  # the usual case, and a quick one
+    if not whole.find_functions(0):  # The usual case, and a quick one.
         return
     waiting = list(ca.vertsplit(ca.vec(ca.densify(expression))))
     seen = set()

@@ -40,7 +40,7 @@ def without_interpolants(function: ca.Function) -> ca.Function:
         function: An SX function. It is returned unchanged if it has no calls, or if a
             call is not an interpolant with one or two inputs.
     """
-    if not _has_calls(function):
+    if not function.find_functions(0):
         return function
     symbols = function.sx_in()
     replaced = _Replaced()
@@ -51,17 +51,6 @@ def without_interpolants(function: ca.Function) -> ca.Function:
     return ca.Function(
         function.name(), symbols, outputs, function.name_in(), function.name_out()
     )
-
-
-def _has_calls(function: ca.Function) -> bool:
-    calls = getattr(ca, "OP_CALL", _OP_CALL)
-    return any(
-        function.instruction_id(k) == calls for k in range(function.n_instructions())
-    )
-
-
-_OP_CALL = 48
-"""CasADi 3.8.2's number of a call, which the Python interface does not name."""
 
 
 class _UnreadableError(Exception):
