@@ -31,7 +31,7 @@ def test_discs_of_an_arm_are_those_of_its_file() -> None:
 def test_blocked_places_are_those_inside_the_discs() -> None:
     resolved = resolve(read_document("hard/discs_8"))
     problem = first_problem(resolved.posed()).problem
-    points = np.random.default_rng(0).uniform(-2, 8, (2, 500))
+    points = np.random.default_rng(0).uniform(-1, [[6.1], [2.5]], (2, 500))
     inside = np.zeros(500, dtype=bool)
     for one in resolved.settings["path"]:
         x, y = (-float(part.replace(" ", "")[1:]) for part in one["distance"])
