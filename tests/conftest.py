@@ -1,5 +1,6 @@
 """An empty cache of machine code, and the mark of tests that take long."""
 
+import signal
 from pathlib import Path
 
 import pytest
@@ -19,6 +20,12 @@ def long_tests() -> list[str]:
     """Return the names of the tests that `make test` leaves out."""
     lines = LONG.read_text(encoding="utf-8").splitlines()
     return [line for line in lines if line and not line.startswith("#")]
+
+
+def pytest_configure() -> None:
+    """Let Ctrl-C interrupt, which a shell has its background jobs ignore."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
