@@ -116,11 +116,15 @@ class Lanes:
         if self.unseen is None or not self.optima:
             return said
         most = f"{self.unseen.most:.0%}"
-        said += f"; at most {most} of such starts end in others (95% interval)"
-        if len(self.optima) > 1 and self.optima[0].count == 1:
-            more = _FURTHER * (self.starts - self.varied)
-            said += f"; the cheapest was found once: try more, such as lanes={more}"
-        return said
+        return f"{said}; at most {most} of such starts end in others (95% interval)"
+
+    @property
+    def advice(self) -> str:
+        """Advice to try more starts if one alone found the best of several optima."""
+        if len(self.optima) < 2 or self.optima[0].count > 1:  # noqa: PLR2004
+            return ""
+        more = _FURTHER * (self.starts - self.varied)
+        return f"; the best was found once: try more, such as lanes={more}"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -290,7 +294,8 @@ class StartsAccount:
                 gave.append(f"{origin} {cost}")
         lanes = f"none: {self.without_lanes}"
         if self.lanes is not None:
-            lanes = self.lanes.line(sense)
+            # Of a search that uses lanes, the budget gives their number.
+            lanes = self.lanes.line(sense) + self.lanes.advice
         return [
             f"  won         {self.origin}; {self._seconds()}",
             f"  polished    {'; '.join(gave) or 'nothing'}",

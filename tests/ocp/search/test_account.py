@@ -11,7 +11,7 @@ import pytest
 
 import swarmstart as ss
 from swarmstart.ocp.lanes.answers import Optimum, unseen_share
-from swarmstart.ocp.search.account import Lanes
+from swarmstart.ocp.search.account import Lanes, StartsAccount, Tried
 
 NONE = np.empty((0, 0))
 
@@ -45,12 +45,20 @@ def test_starts_that_reach_nothing_are_counted_and_claim_nothing() -> None:
 
 
 def test_more_starts_are_advised_if_one_alone_found_the_cheapest() -> None:
-    advice = "; the cheapest was found once: try more, such as lanes="
-    assert lanes(1, 20, 9).line().endswith(f"{advice}120")
+    advice = "; the best was found once: try more, such as lanes="
+    assert lanes(1, 20, 9).advice == f"{advice}120"
     varied = replace(lanes(1, 99), varied=36)
-    assert varied.line().endswith(f"{advice}256")
+    assert varied.advice == f"{advice}256"
     for enough in (lanes(2, 20), lanes(20, 1), lanes(1), lanes(infeasible=4)):
-        assert "try more" not in enough.line()
+        assert not enough.advice
+    tried = Tried(
+        origin="the lanes", cost=1.5, violation=0.0, feasible=True, iterations=1,
+        evaluations=1, seconds=0.1,
+    )  # fmt: skip
+    account = StartsAccount(won="the lanes", tried=(tried,), lanes=varied)
+    assert account.lines()[-1].endswith(f"(95% interval){advice}256")
+    # In a search the budget gives the number of lanes, and `lanes=` would do nothing.
+    assert "try more" not in varied.line()
 
 
 @pytest.mark.parametrize("search", ["default", ss.Multistart(), ss.Memetic()])
