@@ -11,7 +11,7 @@ from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.lanes.answers import LaneAnswers, Optimum, distinct_optima, reached
 from swarmstart.ocp.lanes.interior import MOST, InteriorLanes
 from swarmstart.ocp.lanes.posed import NoLanesError
-from swarmstart.ocp.lanes.steps import is_divisible, stepwise
+from swarmstart.ocp.lanes.steps import are_short, is_divisible, stepwise
 from swarmstart.ocp.nlp.transcription import NonlinearProgram
 from swarmstart.ocp.rollout.fitness import NOTHING, Known
 from swarmstart.ocp.rollout.shooting import Shooting, shooting_of
@@ -60,17 +60,16 @@ class LaneSolver:
         """
         shooting = shooting_of(problem)
         self.problem, self._steps = shooting.problem, None
+        made = partial(InteriorLanes, most=most, longest=_LONGEST)
         try:
-            self._lanes = InteriorLanes(
-                shooting, program=program, most=most, longest=_LONGEST
-            )
+            self._lanes = made(shooting, program=program)
             self._kernels = self._lanes.kernels()
         except NoLanesError:
-            if not is_divisible(self.problem):
+            if not (is_divisible(self.problem) and are_short(shooting, _LONGEST)):
                 raise
             self._steps = stepwise(self.problem)
             shooting = shooting_of(self._steps.problem)
-            self._lanes = InteriorLanes(shooting, most=most, longest=_LONGEST)
+            self._lanes = made(shooting)
             self._kernels = self._lanes.kernels()
         self._threads, self._most = threads, most
         self._rollout_instructions = shooting.stage_without_path.n_instructions()

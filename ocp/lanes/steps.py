@@ -21,6 +21,7 @@ from swarmstart.arrays import Array
 from swarmstart.ocp.lanes.answers import LaneAnswers
 from swarmstart.ocp.lanes.posed import refused_by_lanes
 from swarmstart.ocp.rollout.fitness import Known
+from swarmstart.ocp.rollout.shooting import Shooting
 from swarmstart.ocp.statement.decisions import Free
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 from swarmstart.ocp.statement.rewrites.changed import (
@@ -30,6 +31,26 @@ from swarmstart.ocp.statement.rewrites.changed import (
     replaced,
     with_states,
 )
+
+_SWEPT = 12
+"""Least ratio of instructions, those of a sweep over a step by those of the step (14 to
+174 were seen). What must be too long is so refused before it is built."""
+_MOST_STATES = 24
+"""Largest number of states and of what is held; a sweep of 32 has 71,000 instructions,
+whatever the model."""
+
+
+def are_short(shooting: Shooting, longest: int) -> bool:
+    """Return whether the sweep over a step may be short enough for machine code.
+
+    Args:
+        shooting: Functions of the core.
+        longest: Largest number of instructions of the sweep.
+    """
+    problem = shooting.problem
+    each = problem.checks * problem.substeps
+    least = _SWEPT * shooting.stage_without_path.n_instructions() / each
+    return problem.model.nx + problem.model.nu <= _MOST_STATES and least <= longest
 
 
 def is_divisible(problem: OptimalControlProblem) -> bool:

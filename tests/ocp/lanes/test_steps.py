@@ -21,8 +21,9 @@ from swarmstart.ocp.lanes import solver as module
 from swarmstart.ocp.lanes.answers import LaneAnswers, reached
 from swarmstart.ocp.lanes.posed import NoLanesError
 from swarmstart.ocp.lanes.solver import LaneSolver, random_starts
-from swarmstart.ocp.lanes.steps import Steps, is_divisible, stepwise
+from swarmstart.ocp.lanes.steps import Steps, are_short, is_divisible, stepwise
 from swarmstart.ocp.rollout.fitness import Known, replay
+from swarmstart.ocp.rollout.shooting import shooting_of
 
 X0 = [0.3, -0.2]
 
@@ -172,6 +173,25 @@ def test_a_step_that_is_too_long_itself_has_no_lanes(
     monkeypatch.setattr(module, "_LONGEST", 500)
     with pytest.raises(NoLanesError, match="too long: expected at most"):
         LaneSolver(Planner(tracking(), search=None).problem)
+
+
+def test_steps_that_must_be_too_long_are_refused_before_they_are_built() -> None:
+    shooting = shooting_of(Planner(tracking(), search=None).problem)
+    assert are_short(shooting, 30_000)
+    assert not are_short(shooting, 100)
+    # A step of six is refused as soon as it alone is, and no interval that is short.
+    step = shooting.stage_without_path.n_instructions() / 6
+    assert are_short(shooting, int(14 * step))
+    assert not are_short(shooting, int(step))
+    # The model of 20 states is short, but with its 5 controls the sweep is not.
+    x, u = ca.SX.sym("x", 20), ca.SX.sym("u", 5)
+    wide = OptimalControlProblem(
+        Model(states=x, controls=u, ode=ca.vertcat(u, x[:15])), horizon=1.0,
+        intervals=2, checks=2, stage_cost=ca.sumsqr(u),
+        bounds=Bounds(controls=(-1, 1)),
+    )  # fmt: skip
+    assert is_divisible(wide)
+    assert not are_short(shooting_of(wide), 30_000)
 
 
 @pytest.mark.parametrize(
