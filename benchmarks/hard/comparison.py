@@ -397,6 +397,7 @@ def plot(results: Sequence[Result], path: Path) -> None:
     axes = figure.subplots()
     scores = [score for one in results for score in one.scores]
     methods = dict.fromkeys(score.method for score in scores)
+    colours = [*LIGHT, "#000000"]
     for number, method in enumerate(methods):
         own = np.concatenate([s.times for s in scores if s.method == method])
         times = np.sort(own[np.isfinite(own)])
@@ -405,7 +406,7 @@ def plot(results: Sequence[Result], path: Path) -> None:
             [*times[:1], *times, scores[0].limit],
             [*np.zeros(len(times[:1])), *shares, len(times) / len(own)],
             where="post",
-            color=[*LIGHT, "#000000"][number % 13],
+            color=colours[number % len(colours)],
             linestyle="--" if method in PEERS else "-",
             label=method,
         )

@@ -234,6 +234,23 @@ def shortest_path(
 
 def _free(problem: OptimalControlProblem, line: Array, known: Any) -> Any:
     """Return (rows of the states, points (m, 2)) -> whether the path rows hold."""
+    worst = largest_excess(problem)
+
+    def free(rows: list[int], points: Array) -> Flags:
+        if not len(points):
+            return np.zeros(0, dtype=bool)
+        states = np.repeat(line[:, :1], len(points), axis=1)
+        states[rows] = points.T
+        return np.asarray(worst(states, known.parameters) <= 0.0)
+
+    return free
+
+
+def largest_excess(problem: OptimalControlProblem) -> Callable[[Array, Any], Array]:
+    """Return (states (nx, m), parameters) -> the largest excess of the path rows, (m,).
+
+    Controls and signals are zero. Without path rows it is -infinity.
+    """
     symbols = [*problem.symbols().values()]
     excess = [ca.SX(-np.inf)]
     for constraint in problem.path_constraints:
@@ -242,20 +259,15 @@ def _free(problem: OptimalControlProblem, line: Array, known: Any) -> Any:
         for value, low, high in zip(values, rows.lower, rows.upper, strict=True):
             excess += [low - value, value - high]
     worst = ca.Function("worst", symbols, [ca.mmax(ca.vertcat(*excess))])
-    u = np.zeros(problem.model.nu)
+    u, s = np.zeros(problem.model.nu), np.zeros(problem.ns)
 
-    def free(rows: list[int], points: Array) -> Flags:
-        if not len(points):
-            return np.zeros(0, dtype=bool)
-        states = np.repeat(line[:, :1], len(points), axis=1)
-        states[rows] = points.T
-        p, s = known.parameters, np.zeros(problem.ns)
-        found = worst.map(len(points))(
-            states, *(np.tile(np.reshape(v, (-1, 1)), len(points)) for v in (u, p, s))
-        )
-        return np.asarray(np.ravel(found.full()) <= 0.0)
+    def found(states: Array, parameters: Any) -> Array:
+        others = (np.reshape(one, (-1, 1)) for one in (u, parameters, s))
+        m = states.shape[1]
+        values = worst.map(m)(states, *(np.tile(one, m) for one in others))
+        return np.asarray(np.ravel(values.full()))
 
-    return free
+    return found
 
 
 def _along(path: Array, nodes: int) -> Array:

@@ -22,6 +22,7 @@ from matplotlib.figure import Figure
 
 import swarmstart as ss
 from swarmstart.arrays import Array
+from swarmstart.benchmarks.hard.peers import largest_excess
 from swarmstart.benchmarks.tables import page_options, publish
 from swarmstart.cases.drawing.palette import LIGHT
 from swarmstart.cases.format.scenario import read_document, resolve
@@ -140,29 +141,12 @@ def draw_ground(axes: Any, problem: OptimalControlProblem) -> None:
     limits = axes.get_xlim(), axes.get_ylim()
     sides = [np.linspace(low, high, GRID) for low, high in limits]
     points = np.stack(np.meshgrid(*sides))
-    blocked = excess(problem, points.reshape(2, -1)).reshape(points.shape[1:])
+    worst = largest_excess(problem)(points.reshape(2, -1), ())
+    blocked = worst.reshape(points.shape[1:])
     if (blocked > 0).any():
         axes.contourf(*points, blocked, levels=[0, np.inf], colors=["0.75"], zorder=0)
     flow(axes, problem, sides)
     axes.set(xlim=limits[0], ylim=limits[1])
-
-
-def excess(problem: OptimalControlProblem, points: Array) -> Array:
-    """Return the largest excess of the path rows at positions (2, n), -1 without."""
-    symbols = [*problem.symbols().values()]
-    rows = [ca.SX(-1.0)]
-    for constraint in problem.path_constraints:
-        smooth = constraint.smooth(constraint.expression)
-        for value, low, high in zip(
-            ca.vertsplit(smooth.values), smooth.lower, smooth.upper, strict=True
-        ):
-            rows += [low - value, value - high]
-    worst = ca.Function("worst", symbols, [ca.mmax(ca.vertcat(*rows))])
-    others = [np.zeros((one.numel(), 1)) for one in symbols[1:]]
-    found = worst.map(points.shape[1])(
-        points, *(np.tile(one, points.shape[1]) for one in others)
-    )
-    return np.asarray(found.full().ravel())
 
 
 def flow(axes: Any, problem: OptimalControlProblem, sides: Sequence[Array]) -> None:

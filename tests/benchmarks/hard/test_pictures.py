@@ -7,11 +7,11 @@ import casadi as ca
 import numpy as np
 
 import swarmstart as ss
+from swarmstart.benchmarks.hard.peers import largest_excess
 from swarmstart.benchmarks.hard.pictures import (
     Drawn,
     are_same,
     discs_of,
-    excess,
     panel_of,
     picture,
     section,
@@ -37,7 +37,8 @@ def test_blocked_places_are_those_inside_the_discs() -> None:
         x, y = (-float(part.replace(" ", "")[1:]) for part in one["distance"])
         inside |= np.hypot(points[0] - x, points[1] - y) < float(one["at_least"])
     assert 0 < inside.sum() < 500
-    np.testing.assert_array_equal(excess(problem, points) > 0, inside)
+    blocked = largest_excess(problem)(points, ()) > 0
+    np.testing.assert_array_equal(blocked, inside)
 
 
 def test_a_mirror_image_of_the_same_cost_is_another_optimum() -> None:
