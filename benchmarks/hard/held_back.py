@@ -21,6 +21,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swarmstart.arrays import Array
 from swarmstart.benchmarks.hard.comparison import MANY, NEAR
@@ -84,7 +85,7 @@ class Held:
         """True if the claim is about a draw of this size: the call is short enough."""
         return float(np.median(self.seconds[DEFAULT])) <= LONGEST_S
 
-    def hits(self, method: str) -> Array:
+    def hits(self, method: str) -> NDArray[np.bool_]:
         """Return whether each run of a method came near the best known cost."""
         target = self.best + NEAR * abs(self.best)
         return np.isfinite(self.costs[method]) & (self.costs[method] <= target)

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from swarmstart.benchmarks.hard.comparison import MANY
 from swarmstart.benchmarks.hard.held_back import (
     DEFAULT,
     FIRST_SEED,
     LONGEST_S,
-    MANY,
     Held,
     drawn,
     finding,

@@ -1,0 +1,118 @@
+"""Committed plans of vehicles, and whether two of them may ever come too near.
+
+All vehicles share a grid of times t_k = k h. A plan passes through a sample p_k at each
+of them; between two samples it keeps to the chord within its bulge b_k,
+
+    |p(t) - (1 - s) p_k - s p_{k+1}| <= b_k,    s = (t - t_k) / h.
+
+A held acceleration a gives b = |a| h^2 / 8. The last sample is the centre of a ball,
+the plan's rest, in which it stays for ever: the vehicle hovers, loiters or is held by a
+terminal set. (The last bulge holds for the chord to the centre, then.)
+
+Two plans are clear of each other from a step on if at each later time the chords are
+farther apart than the radius and both bulges; at last, the rests. Chords are straight
+and run at constant speed, so the least distance of two is that of a segment from the
+origin. Whatever is not a number is not clear.
+
+Positions are scaled beforehand such that what must not be entered is a ball; the radius
+contains the error by which the vehicles may be off their plans.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmstart.arrays import Array
+from swarmstart.machine_code import Count, kernel
+
+GONE = -2
+"""Number of the plan of a vehicle that has left: it is clear of every plan."""
+
+
+class Plans(NamedTuple):
+    """Plans, numbered by their rows; a row never changes its plan.
+
+    Attributes:
+        first: Steps of the first samples, shape (rows,).
+        samples: Scaled positions [m], shape (rows, pieces + 1, 3).
+        bulges: Of the pieces and, at last, the radius of the rest [m], shape
+            (rows, pieces + 1).
+    """
+
+    first: Count
+    samples: Array
+    bulges: Array
+
+
+def no_plans(rows: int, pieces: int) -> Plans:
+    """Return room for plans; each row is clear of none until it is written."""
+    return Plans(
+        first=np.zeros(rows, np.int64),
+        samples=np.full((rows, pieces + 1, 3), np.nan),
+        bulges=np.full((rows, pieces + 1), np.nan),
+    )
+
+
+@kernel
+def position(plan: int, step: int, plans: Plans, point: NDArray[np.float64]) -> float:
+    """Write where a plan is at a step, and return its bulge until the next.
+
+    Args:
+        plan: Its row.
+        step: Number of the time; before the plan's first sample the bulge is NaN.
+        plans: The plans.
+        point: Gets the position [m], shape (3,).
+    """
+    index = step - plans.first[plan]
+    held = min(max(index, 0), plans.bulges.shape[1] - 1)
+    for axis in range(3):
+        point[axis] = plans.samples[plan, held, axis]
+    return plans.bulges[plan, held] if index >= 0 else math.nan
+
+
+@kernel
+def may_meet(one: int, other: int, step: int, radius: float, plans: Plans) -> bool:
+    """Return whether two plans may come within a radius at a step or later.
+
+    Args:
+        one: Row of a plan, or GONE.
+        other: Row of another.
+        step: Number of the time from which on they matter.
+        radius: Least distance of the two [m], scaled.
+        plans: The plans.
+    """
+    if GONE in (one, other):
+        return False
+    last = max(plans.first[one], plans.first[other]) + plans.bulges.shape[1] - 1
+    point, its = np.empty(3), np.empty(3)
+    before, now = np.empty(3), np.empty(3)
+    bulge = position(one, step, plans, point) + position(other, step, plans, its)
+    for axis in range(3):
+        before[axis] = point[axis] - its[axis]
+    for k in range(step + 1, last + 1):
+        following = position(one, k, plans, point) + position(other, k, plans, its)
+        for axis in range(3):
+            now[axis] = point[axis] - its[axis]
+        if not _distance(before, now) >= radius + bulge:
+            return True
+        bulge = following
+        before[:] = now
+    return not _distance(before, before) >= radius + bulge
+
+
+@kernel
+def _distance(start: NDArray[np.float64], end: NDArray[np.float64]) -> float:
+    """Return the distance of a segment from the origin; NaN if an end is NaN."""
+    length, along = 0.0, 0.0
+    for axis in range(3):
+        part = end[axis] - start[axis]
+        length += part * part
+        along -= start[axis] * part
+    share = min(1.0, max(0.0, along / length)) if length > 0 else 0.0
+    squared = 0.0
+    for axis in range(3):
+        # Of both ends, so that a NaN in either of them is not lost.
+        squared += ((1.0 - share) * start[axis] + share * end[axis]) ** 2
+    return math.sqrt(squared)

@@ -1,0 +1,170 @@
+"""Rule by which vehicles replace plans that they have committed to, and never collide.
+
+Vehicle i has a committed plan P_i and at most one candidate C_i. It broadcasts both,
+and which candidates of others it accepts; messages may be late, lost, doubled, or out
+of order.
+
+    (a) i proposes C_i if it is clear of what it has heard from the others last.
+    (b) j accepts C_i if it is clear of P_j and C_j now. If C_j alone is in the way and
+        gives way, j withdraws it for good first.
+    (c) i commits to C_i (P_i := C_i) when every j has accepted it, or withdraws it for
+        good; it must have done so before C_i parts from P_i.
+
+Claim: committed plans are clear of each other at all times.
+
+Proof. Let i commit to C_i at t, accepted by j at s <= t. Then P_j(t) is one of three:
+P_j(s), or C_j(s) if j kept it; both are clear of C_i by (b). Or j proposed it after s
+and committed to it by t. So i accepted it at some s' in (s, t], while C_i, which j had
+accepted before, was a candidate of i (it became P_i at t only): clear by (b) at i.
+
+So (a) and what is heard decide how often vehicles agree, never whether they collide;
+the same holds for the order in which candidates give way, which may change at will. A
+vehicle may lose all but its committed plan and the number of its next candidate, since
+candidates may always be withdrawn, or be silent for ever: the others then keep what
+they have. A vehicle that leaves is clear of all. What is needed: all vehicles are
+known, they agree on the time, no number of a candidate is used twice, and a message is
+what its sender sent.
+
+Source of the parts: Tordesillas and How (2022), MADER, IEEE Transactions on Robotics
+38, and Kondo et al. (2023), Robust MADER, ICRA (checks against committed plans and
+candidates, with a bound on delays, which this rule does not need).
+"""
+
+from typing import NamedTuple
+
+from swarmstart.machine_code import Count, kernel
+from swarmstart.ocp.swarm.plans import GONE, Plans, may_meet
+
+NONE = -1
+"""Number of a candidate that does not exist."""
+
+WAITING, COMMITTED, WITHDRAWN = range(3)
+"""Results of `settle`."""
+
+
+class Members(NamedTuple):
+    """Memories of n vehicles; each reads and writes its own row only.
+
+    Attributes:
+        committed: Rows of their committed plans, shape (n,).
+        candidate: Rows of their candidates, or NONE, shape (n,).
+        accepted: [j, i]: candidate of i that j accepts, or NONE, shape (n, n).
+        number: [j, i]: number of i's newest message that j has, shape (n, n); -1: none.
+        heard_committed: [j, i]: committed plan of i in it, shape (n, n).
+        heard_candidate: [j, i]: candidate of i in it, shape (n, n).
+        heard_accepted: [j, i]: candidate of j that i accepts in it, shape (n, n).
+    """
+
+    committed: Count
+    candidate: Count
+    accepted: Count
+    number: Count
+    heard_committed: Count
+    heard_candidate: Count
+    heard_accepted: Count
+
+
+@kernel
+def hear(j: int, i: int, number: int, message: Count, members: Members) -> None:
+    """Let vehicle j keep a message of i if it is newer than what it has of i.
+
+    Args:
+        j: The receiver.
+        i: The sender.
+        number: How many messages i sent before.
+        message: i's committed plan, its candidate, and the candidate of j that i
+            accepts, shape (3,).
+        members: The vehicles; row j is written.
+    """
+    if number > members.number[j, i]:
+        members.number[j, i] = number
+        members.heard_committed[j, i] = message[0]
+        members.heard_candidate[j, i] = message[1]
+        members.heard_accepted[j, i] = message[2]
+
+
+@kernel
+def answer(
+    j: int, step: int, radius: float, rank: Count, members: Members, plans: Plans
+) -> bool:
+    """Let vehicle j accept what it has heard, by (b); return whether it withdrew C_j.
+
+    Args:
+        j: The vehicle.
+        step: Number of the present time.
+        radius: Least distance of two plans [m], scaled.
+        rank: C_j gives way to C_i if rank[i] < rank[j], shape (n,).
+        members: The vehicles; row j is written.
+        plans: All plans.
+    """
+    withdrew = False
+    for i in range(members.committed.size):
+        heard = members.heard_candidate[j, i]
+        if i == j or heard in (NONE, members.accepted[j, i]):
+            continue
+        if may_meet(heard, members.committed[j], step, radius, plans):
+            continue
+        own = members.candidate[j]
+        if own != NONE and may_meet(heard, own, step, radius, plans):
+            if not rank[i] < rank[j]:
+                continue
+            members.candidate[j] = NONE
+            withdrew = True
+        members.accepted[j, i] = heard
+    return withdrew
+
+
+@kernel
+def is_clear(
+    i: int, plan: int, step: int, radius: float, members: Members, plans: Plans
+) -> bool:
+    """Return whether i may propose a plan, by (a); nothing is written.
+
+    Args:
+        i: The vehicle.
+        plan: Row of the plan.
+        step: Number of the present time.
+        radius: Least distance of two plans [m], scaled.
+        members: The vehicles.
+        plans: All plans.
+    """
+    for j in range(members.committed.size):
+        if j == i:
+            continue
+        if members.number[i, j] < 0:  # Nothing is known of it.
+            return False
+        if may_meet(plan, members.heard_committed[i, j], step, radius, plans):
+            return False
+        heard = members.heard_candidate[i, j]
+        if heard != NONE and may_meet(plan, heard, step, radius, plans):
+            return False
+    return True
+
+
+@kernel
+def settle(i: int, is_parting: bool, members: Members) -> int:
+    """Commit vehicle i to its candidate or withdraw it, by (c); return what was done.
+
+    Args:
+        i: The vehicle.
+        is_parting: Whether this is the last time before its candidate parts from its
+            committed plan.
+        members: The vehicles; row i is written.
+    """
+    candidate = members.candidate[i]
+    if candidate == NONE:
+        return WITHDRAWN
+    agreed = True
+    for j in range(members.committed.size):
+        agreed &= (
+            j == i
+            or members.heard_accepted[i, j] == candidate
+            or members.heard_committed[i, j] == GONE
+        )
+    if agreed:
+        members.committed[i] = candidate
+    if agreed or is_parting:
+        members.candidate[i] = NONE
+    if agreed:
+        return COMMITTED
+    return WITHDRAWN if is_parting else WAITING
