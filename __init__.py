@@ -111,6 +111,7 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         InvalidSystemError as InvalidSystemError,
         IpoptOptions as IpoptOptions,
         Known as Known,
+        Links as Links,
         LocalAgent as LocalAgent,
         LocalTeam as LocalTeam,
         LowerBound as LowerBound,
@@ -119,8 +120,9 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         Model as Model,
         Multistart as Multistart,
         NlpOptions as NlpOptions,
-        NonMinimalWarning as NonMinimalWarning,
         NoSensitivityError as NoSensitivityError,
+        NonMinimalWarning as NonMinimalWarning,
+        Obstacle as Obstacle,
         OpenLoop as OpenLoop,
         OptimalControlProblem as OptimalControlProblem,
         OptimalityGap as OptimalityGap,
@@ -148,6 +150,8 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         StartOutcome as StartOutcome,
         Step as Step,
         SteppedPlant as SteppedPlant,
+        Swarm as Swarm,
+        SwarmFlight as SwarmFlight,
         Table as Table,
         Team as Team,
         TerminalConstraint as TerminalConstraint,
@@ -155,8 +159,8 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         TrajectoryFamily as TrajectoryFamily,
         TransportDelay as TransportDelay,
         UncertifiedSetError as UncertifiedSetError,
-        WarmStartedSolver as WarmStartedSolver,
         WarmStartReport as WarmStartReport,
+        WarmStartedSolver as WarmStartedSolver,
         compile_batch as compile_batch,
         disc as disc,
         ensemble as ensemble,
@@ -166,6 +170,7 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         phased_horizon as phased_horizon,
         phases as phases,
         simulate as simulate,
+        simulate_swarm as simulate_swarm,
         solve as solve,
         solve_many as solve_many,
         stack_models as stack_models,
@@ -243,21 +248,18 @@ _NAMES = {
     """,
     "swarmstart.ocp": """
         Agent AlgebraicEquations BackendWarning BoundKind Bounds Connection CountedFrom
-        Decision DivergedError DualMode Fitness Free
-        InvalidProblemError InvalidSystemError IpoptOptions Known LocalAgent LocalTeam
-        LowerBound Memetic Mode Model Multistart NlpOptions NoSensitivityError
-        NonMinimalWarning OpenLoop OptimalControlProblem OptimalityGap
-        PathConstraint PhasedHorizon Phases
-        Plan Planner PlanningInterrupted Plant PolishStatus Radau RecedingHorizon
-        SearchReport
-        SearchSettings Separation Solution SolutionStatus Solutions SolveError
-        SolveInterrupted SolveManyInterrupted Source Start StartOutcome Step
-        SteppedPlant Table Team
-        TerminalConstraint Trajectory TrajectoryFamily TransportDelay
-        UncertifiedSetError
-        WarmStartReport WarmStartedSolver compile_batch disc ensemble fly interpolate
-        multistart phased_horizon phases simulate solve solve_many stack_models table
-        terminal_set_of warm_start
+        Decision DivergedError DualMode Fitness Free InvalidProblemError
+        InvalidSystemError IpoptOptions Known Links LocalAgent LocalTeam LowerBound
+        Memetic Mode Model Multistart NlpOptions NoSensitivityError NonMinimalWarning
+        Obstacle OpenLoop OptimalControlProblem OptimalityGap PathConstraint
+        PhasedHorizon Phases Plan Planner PlanningInterrupted Plant PolishStatus Radau
+        RecedingHorizon SearchReport SearchSettings Separation Solution SolutionStatus
+        Solutions SolveError SolveInterrupted SolveManyInterrupted Source Start
+        StartOutcome Step SteppedPlant Swarm SwarmFlight Table Team TerminalConstraint
+        Trajectory TrajectoryFamily TransportDelay UncertifiedSetError WarmStartReport
+        WarmStartedSolver compile_batch disc ensemble fly interpolate multistart
+        phased_horizon phases simulate simulate_swarm solve solve_many stack_models
+        table terminal_set_of warm_start
     """,
     "swarmstart.ocp.lower_bound.bounding": "lower_bound",
     "swarmstart.terminal_set": """

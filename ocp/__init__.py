@@ -181,6 +181,15 @@ if TYPE_CHECKING:  # Loaded when first used: few commands need all of these.
     from swarmstart.ocp.statement.rewrites.delay import (
         TransportDelay as TransportDelay,
     )
+    from swarmstart.ocp.swarm.flight import (
+        SwarmFlight as SwarmFlight,
+        simulate_swarm as simulate_swarm,
+    )
+    from swarmstart.ocp.swarm.swarm import (
+        Links as Links,
+        Obstacle as Obstacle,
+        Swarm as Swarm,
+    )
     from swarmstart.ocp.system.algebraic import (
         AlgebraicEquations as AlgebraicEquations,
     )
@@ -255,6 +264,8 @@ _NAMES = {
     "statement.problem": "OptimalControlProblem",
     "statement.rewrites.counted_from": "CountedFrom",
     "statement.rewrites.delay": "TransportDelay",
+    "swarm.flight": "SwarmFlight simulate_swarm",
+    "swarm.swarm": "Links Obstacle Swarm",
     "system.algebraic": "AlgebraicEquations",
     "system.constraints": "Bounds Constraint PathConstraint Rows TerminalConstraint",
     "system.control_systems": "InvalidSystemError NonMinimalWarning",

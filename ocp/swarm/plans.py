@@ -55,6 +55,12 @@ def no_plans(rows: int, pieces: int) -> Plans:
     )
 
 
+def grown(plans: Plans, rows: int) -> Plans:
+    """Return plans with room for more rows; those that are there keep their numbers."""
+    more = no_plans(rows, plans.bulges.shape[1] - 1)
+    return Plans(*(np.concatenate(pair) for pair in zip(plans, more, strict=True)))
+
+
 @kernel
 def position(plan: int, step: int, plans: Plans, point: NDArray[np.float64]) -> float:
     """Write where a plan is at a step, and return its bulge until the next.
@@ -116,3 +122,27 @@ def _distance(start: NDArray[np.float64], end: NDArray[np.float64]) -> float:
         # Of both ends, so that a NaN in either of them is not lost.
         squared += ((1.0 - share) * start[axis] + share * end[axis]) ** 2
     return math.sqrt(squared)
+
+
+@kernel
+def least_gap(rows: Count, step: int, plans: Plans) -> float:
+    """Return a distance that no two of several plans fall below until the next step.
+
+    Args:
+        rows: The plans, shape (n,).
+        step: Number of the time.
+        plans: All plans.
+    """
+    least = math.inf
+    point, its = np.empty(3), np.empty(3)
+    before, now = np.empty(3), np.empty(3)
+    for place in range(1, rows.size):
+        for other in range(place):
+            bulge = position(rows[place], step, plans, point)
+            bulge += position(rows[other], step, plans, its)
+            before[:] = point - its
+            position(rows[place], step + 1, plans, point)
+            position(rows[other], step + 1, plans, its)
+            now[:] = point - its
+            least = min(least, _distance(before, now) - bulge)
+    return least

@@ -32,6 +32,8 @@ candidates, with a bound on delays, which this rule does not need).
 
 from typing import NamedTuple
 
+import numpy as np
+
 from swarmstart.machine_code import Count, kernel
 from swarmstart.ocp.swarm.plans import GONE, Plans, may_meet
 
@@ -62,6 +64,25 @@ class Members(NamedTuple):
     heard_committed: Count
     heard_candidate: Count
     heard_accepted: Count
+
+
+def members_at(rows: Count) -> Members:
+    """Return vehicles with committed plans that have heard nothing yet.
+
+    Args:
+        rows: Rows of their plans, shape (n,).
+    """
+    n = rows.size
+    none = np.full((n, n), NONE, np.int64)
+    return Members(
+        committed=np.array(rows, np.int64),
+        candidate=np.full(n, NONE, np.int64),
+        accepted=none,
+        number=none.copy(),
+        heard_committed=none.copy(),
+        heard_candidate=none.copy(),
+        heard_accepted=none.copy(),
+    )
 
 
 @kernel

@@ -94,6 +94,8 @@ def options() -> list[Any]:
         made.solution().multipliers, _polished(),
         made.search().best, made.box(),
         made.certified().certificate, made.certified().ellipsoid, made.change(),
+        made.obstacle(), made.swarm(), ss.Links(loss=0.1),
+        ss.simulate_swarm(made.swarm(), seconds=0.5, seed=0),
         *proofs(), heuristics.SEARCHES["lshade"],
     ]  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""Whether two plans may meet: never missed, and seldom a false alarm."""
+"""Meetings of two plans: none is missed, and few alarms are false."""
 
 import numpy as np
 import pytest

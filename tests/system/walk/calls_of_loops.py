@@ -103,10 +103,26 @@ def _teams() -> Calls:
             order=(0,),
             **made.local_parts(),
         ),
+        **_swarms(),
         "LocalTeam.decide": _decide(local),
         "LocalTeam.within_range": Call(
             local.within_range,
             {"shown": {}, "states": np.zeros((1, 2)), "number": 0},
+        ),
+    }
+
+
+def _swarms() -> Calls:
+    obstacle, places = made.obstacle(), {"starts": np.eye(2, 3), "goals": np.eye(2, 3)}
+    return {
+        "Obstacle": with_defaults(ss.Obstacle, radius=0.5, path=np.ones((1, 3))),
+        "Obstacle.position": Call(obstacle.position, {"times": np.zeros(3)}),
+        "Obstacle.bulge": Call(obstacle.bulge, {"times": np.arange(3.0)}),
+        "Swarm": with_defaults(ss.Swarm, **places, distance=0.3),
+        "Links": with_defaults(ss.Links),
+        "SwarmFlight": record(ss.simulate_swarm(made.swarm(), seconds=0.5, seed=0)),
+        "simulate_swarm": with_defaults(
+            ss.simulate_swarm, swarm=made.swarm(), seconds=0.5, seed=0
         ),
     }
 

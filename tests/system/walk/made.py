@@ -155,6 +155,14 @@ def local_team() -> ss.LocalTeam:
     return ss.LocalTeam([local_agent()], **local_parts(), order=(0,))
 
 
+def swarm() -> ss.Swarm:
+    return ss.Swarm(starts=np.eye(2, 3), goals=-np.eye(2, 3), distance=0.3)
+
+
+def obstacle() -> ss.Obstacle:
+    return ss.Obstacle(radius=0.5, path=np.eye(2, 3), times=(0.0, 1.0))
+
+
 def local_agent() -> ss.LocalAgent:
     return ss.LocalAgent(parameters=[0], reference=lambda t: np.zeros((2, t.size)))
 

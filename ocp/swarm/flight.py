@@ -1,0 +1,499 @@
+"""Flight of a swarm to its goals, by a rule of committed plans.
+
+Each vehicle looks for a whole flight to its goal that is clear of what it has heard
+(`seeking.py`), proposes it, and follows it when the rule lets it commit to it. Until
+then it stays in place. If it finds none twice, it may look for a place nearby that is
+in no other's way, so that two that stand on each other's goals can part.
+
+Rules, which say when a vehicle commits to a candidate:
+
+    acknowledged  when all others have accepted it (`rule.py`): safe with any delays
+    waiting       if nothing in its way is heard until it parts from the old plan: safe
+                  if each message arrives before that
+    hearsay       at once, if it is clear of what was heard last: not safe
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from swarmstart.arguments import (
+    RNG,
+    SEED,
+    a_count,
+    a_number,
+    checked,
+    choice,
+    of_kind,
+    optional,
+)
+from swarmstart.arrays import Array
+from swarmstart.heuristics import generator_of
+from swarmstart.machine_code import Count, kernel
+from swarmstart.ocp.common.errors import InvalidProblemError, refused
+from swarmstart.ocp.swarm.channel import (
+    LOST,
+    broadcast,
+    deliver,
+    drawn_delays,
+    empty_channel,
+)
+from swarmstart.ocp.swarm.legs import PointMass, State
+from swarmstart.ocp.swarm.plans import Plans, grown, least_gap, no_plans
+from swarmstart.ocp.swarm.rule import (
+    COMMITTED,
+    NONE,
+    WAITING,
+    WITHDRAWN,
+    Members,
+    answer,
+    is_clear,
+    members_at,
+    settle,
+)
+from swarmstart.ocp.swarm.seeking import PARTS, Task, seek
+from swarmstart.ocp.swarm.swarm import Links, Swarm
+
+RULES = {"acknowledged": 0, "waiting": 1, "hearsay": 2}
+"""Rule -> its number in kernels."""
+ACKNOWLEDGED, BY_WAITING, HEARSAY = RULES.values()
+NOTHING = -1
+"""Result of a vehicle without a candidate."""
+ASIDE_AFTER, ASIDE_SHARE = 2, 0.5
+"""Failed searches after which a vehicle may step aside, and the probability of it."""
+PATIENCE, DOUBT = 8, 12
+"""Most ticks until a vehicle proposes again after a withdrawal, or looks again."""
+TURN = 10
+"""Steps after which the order of right of way changes."""
+ROOM = 1.01
+"""Distance to others' goals and rests of a place to step aside to, in distances."""
+GROWTH = 8
+"""Rows of plans for each vehicle that are added when there is no room."""
+
+
+@kernel
+def decide(
+    now: tuple[int, int, float], rank: Count, parting: Count, members: Members,
+    plans: Plans, results: Count,
+) -> None:  # fmt: skip
+    """Let all vehicles accept, commit to and withdraw candidates.
+
+    Args:
+        now: Rule, step, least distance.
+        rank: Order in which candidates give way, shape (n,).
+        parting: Step at which each plan parts from the one before, shape (rows,).
+        members: The vehicles.
+        plans: All plans.
+        results: Gets WAITING, COMMITTED, WITHDRAWN or NOTHING, shape (n,).
+    """
+    rule, step, distance = now
+    for i in range(results.size):
+        results[i] = NOTHING
+        if rule == ACKNOWLEDGED and answer(i, step, distance, rank, members, plans):
+            results[i] = WITHDRAWN
+        candidate = members.candidate[i]
+        if candidate == NONE:
+            continue
+        is_parting = step >= parting[candidate] - 1
+        if rule == ACKNOWLEDGED:
+            results[i] = settle(i, is_parting, members)
+        elif not is_clear(i, candidate, step, distance, members, plans):
+            members.candidate[i] = NONE
+            results[i] = WITHDRAWN
+        elif is_parting or rule == HEARSAY:
+            members.committed[i] = candidate
+            members.candidate[i] = NONE
+            results[i] = COMMITTED
+        else:
+            results[i] = WAITING
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class SwarmFlight:
+    """Flight of a swarm.
+
+    Attributes:
+        swarm: The swarm.
+        rule: Name of the rule.
+        step_s: Step of the grid of times [s].
+        positions: Positions, shape (n, 3, steps + 1) [m].
+        arrival_s: Time from which on each vehicle is at its goal for ever; infinite if
+            it does not arrive, shape (n,) [s].
+        apart: Scaled distance of the nearest two vehicles between each two times: at
+            least this, shape (steps,) [m].
+        commitments: Number of plans that were committed to.
+        searches: Number of searches for a plan.
+
+    Example:
+        >>> import numpy as np
+        >>> import swarmstart as ss
+        >>> swarm = ss.Swarm(starts=np.zeros((1, 3)), goals=np.eye(1, 3), distance=0.3)
+        >>> flight = ss.simulate_swarm(swarm, seed=0)
+        >>> flight.arrival_s, flight.path_ratio
+        (array([2.3]), array([1.]))
+    """
+
+    swarm: Swarm
+    rule: str
+    step_s: float
+    positions: Array
+    arrival_s: Array
+    apart: Array
+    commitments: int
+    searches: int
+
+    @property
+    def arrived_share(self) -> float:
+        """Share of the vehicles that arrive."""
+        return float(np.isfinite(self.arrival_s).mean())
+
+    @property
+    def min_distance_m(self) -> float:
+        """Least scaled distance of two vehicles during the flight [m]."""
+        return float(self.apart.min(initial=np.inf))
+
+    @property
+    def is_safe(self) -> bool:
+        """True if no two vehicles come nearer than the distance of the swarm."""
+        return self.min_distance_m >= self.swarm.distance
+
+    @property
+    def path_ratio(self) -> Array:
+        """Length of each path by that of the straight one, shape (n,); 1 if it stays.
+
+        A vehicle that does not arrive has infinity.
+        """
+        ways = np.linalg.norm(np.diff(self.positions, axis=2), axis=1).sum(axis=1)
+        straight = np.linalg.norm(self.swarm.goals - self.swarm.starts, axis=1)
+        ratio = np.where(straight > 0, ways / np.where(straight > 0, straight, 1.0), 1)
+        return np.where(np.isfinite(self.arrival_s), ratio, np.inf)
+
+
+@checked(
+    refused,
+    swarm=of_kind(Swarm, "a Swarm"),
+    links=of_kind(Links, "Links"),
+    rule=choice(RULES),
+    seconds=a_number(above=0, most=1e5),
+    step_s=a_number(above=0),
+    longest_s=a_number(above=0, most=1e5),
+    tries=a_count(least=1),
+    lead_s=optional(a_number(least=0, most=1e5)),
+    rng=optional(RNG),
+    seed=optional(SEED),
+)
+def simulate_swarm(  # noqa: PLR0913 - the swarm, its links, and how it is simulated
+    swarm: Swarm,
+    *,
+    links: Links = Links(),  # noqa: B008 - frozen
+    rule: str = "acknowledged",
+    seconds: float = 60.0,
+    step_s: float = 0.1,
+    longest_s: float = 30.0,
+    tries: int = 600,
+    lead_s: float | None = None,
+    rng: np.random.Generator | None = None,
+    seed: int | None = None,
+) -> SwarmFlight:
+    """Simulate a swarm until all have arrived, or the time is over.
+
+    Args:
+        swarm: The swarm.
+        links: Its links.
+        rule: "acknowledged", "waiting" or "hearsay"; see the module.
+        seconds: Longest time of the flight [s].
+        step_s: Step of the grid of the plans [s].
+        longest_s: Longest time of a plan [s].
+        tries: Number of flights that a search tries.
+        lead_s: Time from a proposal to its parting from the committed plan [s]; None:
+            a round trip to all others, as the links are.
+        rng: Random number generator of delays, losses and searches.
+        seed: Seed of a new one, in place of it.
+
+    Raises:
+        InvalidProblemError: If an argument is invalid, or a silent vehicle is unknown.
+
+    Example:
+        >>> import swarmstart as ss
+        >>> swarm = ss.Swarm(
+        ...     starts=[[0, 0, 1], [2, 0, 1]], goals=[[2, 0, 1], [0, 0, 1]],
+        ...     distance=0.35,
+        ... )
+        >>> flight = ss.simulate_swarm(
+        ...     swarm, links=ss.Links(most_delay=3, loss=0.3), seed=0
+        ... )
+        >>> flight.is_safe, flight.arrived_share
+        (True, 1.0)
+    """
+    unknown = sorted(set(links.silences) - set(range(swarm.size)))
+    if unknown:
+        raise InvalidProblemError(
+            f"silences must name vehicles 0 to {swarm.size - 1}, got {unknown}"
+        )
+    lead = _lead(swarm.size, links)
+    if lead_s is not None:
+        lead = max(1, round(lead_s / step_s))
+    pieces = round(longest_s / step_s)
+    if pieces <= lead:
+        raise InvalidProblemError(
+            f"longest_s must be above the lead of {lead * step_s:g} s, got {longest_s}"
+        )
+    team = _Team(
+        swarm, links, RULES[rule], step_s=step_s, sizes=(pieces, lead, tries),
+        rng=generator_of(rng, seed),
+    )  # fmt: skip
+    team.fly(steps=int(np.ceil(seconds / step_s)))
+    return team.flight(rule)
+
+
+class _Team:
+    """Vehicles in flight, with all plans that were ever proposed."""
+
+    def __init__(
+        self,
+        swarm: Swarm,
+        links: Links,
+        rule: int,
+        *,
+        step_s: float,
+        sizes: tuple[int, int, int],
+        rng: np.random.Generator,
+    ) -> None:
+        """Let all vehicles stand at their starts.
+
+        Args:
+            swarm: The swarm.
+            links: Its links.
+            rule: Number of the rule.
+            step_s: Step of the grid of the plans [s].
+            sizes: Pieces of a plan, steps from a proposal to its parting, and flights
+                that a search tries.
+            rng: Random number generator.
+        """
+        n = swarm.size
+        pieces, self._lead, self._tries = sizes
+        self._swarm, self._links, self._rule = swarm, links, rule
+        self._rng, self._step_s = rng, step_s
+        self._body = PointMass(
+            np.multiply(swarm.acceleration, swarm.scale),
+            np.multiply(swarm.speed, swarm.scale),
+            step_s,
+        )
+        self._starts, self._goals = (
+            places * swarm.scale for places in (swarm.starts, swarm.goals)
+        )
+        self._obstacles = np.arange(n, n + len(swarm.obstacles))
+        self._used = n + len(swarm.obstacles)
+        self._plans = no_plans(self._used + GROWTH * n, pieces)
+        self._plans.samples[:n] = self._starts[:, None]
+        self._plans.bulges[:n] = 0.0
+        self._parting = np.zeros(len(self._plans.first), np.int64)
+        self._is_final = np.zeros(len(self._plans.first), np.bool_)
+        self._is_final[:n] = (self._starts == self._goals).all(axis=1)
+        self._members = members_at(np.arange(n))
+        self._channel = empty_channel(n, links.most_delay)
+        self._not_before = np.zeros(n, np.int64)
+        self._failures = np.zeros(n, np.int64)
+        self._searches, self._commitments = 0, 0
+        self._rows = list[Count]()
+
+    def fly(self, *, steps: int) -> None:
+        """Fly until all are at their goals, or for so many steps."""
+        period = self._links.period
+        for step in range(steps):
+            self._write_obstacles(step)
+            for tick in range(step * period, (step + 1) * period):
+                self._exchange(tick, step)
+                if tick % period == 0:
+                    for i in self._rng.permutation(self._planning(tick)).tolist():
+                        self._search(i, tick, step)
+                delays = self._delays(tick)
+                broadcast(tick, delays, self._members, self._channel)
+            self._rows.append(self._members.committed.copy())
+            if self._have_arrived(step):
+                break
+
+    def _exchange(self, tick: int, step: int) -> None:
+        """Let all hear, accept, commit and withdraw."""
+        n = self._swarm.size
+        deliver(tick, self._members, self._channel)
+        # Any order is safe; one that changes lets no vehicle wait for ever.
+        rank = (np.arange(n) + step // TURN) % n
+        results = np.empty(n, np.int64)
+        decide(
+            (self._rule, step, self._swarm.distance), rank, self._parting,
+            self._members, self._plans, results,
+        )  # fmt: skip
+        committed, withdrawn = results == COMMITTED, results == WITHDRAWN
+        self._commitments += int(committed.sum())
+        self._failures[committed] = 0
+        pauses = self._rng.integers(0, PATIENCE, size=n)
+        self._not_before[withdrawn] = tick + pauses[withdrawn]
+
+    def _planning(self, tick: int) -> Count:
+        """Return the vehicles that look for a plan at a tick."""
+        members = self._members
+        heard = members.number >= 0
+        np.fill_diagonal(heard, True)
+        return np.flatnonzero(
+            (members.candidate == NONE)
+            & (self._not_before <= tick)
+            & ~self._is_final[members.committed]
+            & heard.all(axis=1)
+        )
+
+    def _search(self, i: int, tick: int, step: int) -> None:
+        """Let a vehicle propose the best plan that it finds, if it is to be at rest."""
+        members, plans = self._members, self._plans
+        committed, row, index = int(members.committed[i]), self._used, self._lead
+        if row == len(plans.first):
+            self._make_room()
+            plans = self._plans
+        state = branch(row, committed, (step, index), plans)
+        if state.velocity.any():
+            return
+        is_aside = self._failures[i] >= ASIDE_AFTER and self._rng.random() < ASIDE_SHARE
+        goal = self._aside(i, state.position) if is_aside else self._goals[i].copy()
+        if goal is None:
+            return
+        known = np.concatenate(
+            [members.heard_committed[i], members.heard_candidate[i], self._obstacles]
+        )
+        known = np.unique(known[known >= 0])
+        task = Task(step, index, state, goal, known, self._swarm.distance)
+        draws = self._rng.standard_normal((self._tries, PARTS))
+        self._searches += 1
+        if np.isfinite(seek(row, task, draws, self._body, plans)):
+            members.candidate[i] = row
+            self._parting[row] = step + index
+            self._is_final[row] = not is_aside
+            self._used += 1
+        else:
+            self._failures[i] += 1
+            self._not_before[i] = tick + self._rng.integers(2, DOUBT)
+
+    def _aside(self, i: int, place: Array) -> Array | None:
+        """Return a place nearby on which no goal lies and no known plan ends."""
+        spread = self._swarm.distance * (2.0 + 0.4 * self._failures[i])
+        found = place + spread * self._rng.standard_normal(3)
+        heard = self._members.heard_committed[i]
+        ends = self._plans.samples[heard[heard >= 0], -1]
+        others = np.concatenate([np.delete(self._goals, i, axis=0), ends])
+        apart = np.linalg.norm(others - found, axis=1)
+        return found if (apart >= ROOM * self._swarm.distance).all() else None
+
+    def _make_room(self) -> None:
+        """Add rows for further plans."""
+        more = GROWTH * self._swarm.size
+        self._plans = grown(self._plans, more)
+        self._parting = np.append(self._parting, np.zeros(more, np.int64))
+        self._is_final = np.append(self._is_final, np.zeros(more, np.bool_))
+
+    def _write_obstacles(self, step: int) -> None:
+        """Write the obstacles as plans from a step on; a vehicle keeps half away."""
+        swarm, plans = self._swarm, self._plans
+        if step and all(len(one.path) == 1 for one in swarm.obstacles):
+            return
+        times = (step + np.arange(plans.bulges.shape[1])) * self._step_s
+        for row, one in zip(self._obstacles, swarm.obstacles, strict=True):
+            plans.first[row] = step
+            plans.samples[row] = one.position(times) * swarm.scale
+            size = max(swarm.scale) * one.radius - swarm.distance / 2
+            plans.bulges[row] = size
+            plans.bulges[row, :-1] += max(swarm.scale) * one.bulge(times)
+
+    def _delays(self, tick: int) -> Count:
+        """Return the delays of all messages of a tick."""
+        links = self._links
+        delays = drawn_delays(self._swarm.size, links.most_delay, links.loss, self._rng)
+        now = tick * self._step_s / links.period
+        for i, (begins, ends) in links.silences.items():
+            if begins <= now < ends:
+                delays[i, :] = delays[:, i] = LOST
+        return delays
+
+    def _have_arrived(self, step: int) -> bool:
+        """Return whether all are at rest at their goals after a step."""
+        rows = self._members.committed
+        if not self._is_final[rows].all():
+            return False
+        return bool((self._arrival_steps(rows) <= step).all())
+
+    def _arrival_steps(self, rows: Count) -> Count:
+        """Return the step from which on each plan is at its end for ever."""
+        samples = self._plans.samples[rows]
+        moving = (samples != samples[:, -1:]).any(axis=2)
+        # After the last sample that is elsewhere.
+        last = moving.shape[1] - moving[:, ::-1].argmax(axis=1)
+        return self._plans.first[rows] + np.where(moving.any(axis=1), last, 0)
+
+    def flight(self, rule: str) -> SwarmFlight:
+        """Return the flight so far."""
+        plans, rows = self._plans, np.array(self._rows)
+        steps = np.arange(len(rows))[:, None]
+        last = plans.bulges.shape[1] - 1
+        index = np.clip(np.append(steps, [[len(rows)]], axis=0), 0, None)
+        held = np.append(rows, rows[-1:], axis=0)
+        samples = plans.samples[held, np.minimum(index - plans.first[held], last)]
+        final = self._is_final[rows[-1]]
+        arrival = np.where(final, self._arrival_steps(rows[-1]), np.inf)
+        return SwarmFlight(
+            swarm=self._swarm,
+            rule=rule,
+            step_s=self._step_s,
+            positions=np.moveaxis(samples / self._swarm.scale, 0, 2),
+            arrival_s=np.where(arrival <= len(rows), arrival, np.inf) * self._step_s,
+            apart=np.array(
+                [least_gap(each, step, plans) for step, each in enumerate(rows)]
+            ),
+            commitments=self._commitments,
+            searches=self._searches,
+        )
+
+
+def _lead(n: int, links: Links) -> int:
+    """Return the steps from a proposal to its parting: a round trip to all, mostly.
+
+    Each message is repeated at every tick; so many repetitions reach all others with a
+    probability of 0.98.
+    """
+    if links.loss:
+        tries = int(np.ceil(np.log(0.02 / n) / np.log(links.loss)))
+    else:
+        tries = 1
+    ticks = 2 * (links.most_delay + max(tries, 1)) + 1
+    return int(np.ceil(ticks / links.period)) + 1
+
+
+@kernel
+def branch(plan: int, committed: int, when: tuple[int, int], plans: Plans) -> State:
+    """Begin a plan with what is committed to, and return the state at the parting.
+
+    Args:
+        plan: Row of the new plan.
+        committed: Row of the committed one.
+        when: Step of the present, and number of steps until they part.
+        plans: All plans.
+
+    Returns:
+        Position, and the way from there to the end of the committed plan: zero if it
+        is at rest.
+    """
+    step, index = when
+    plans.first[plan] = step
+    last = plans.bulges.shape[1] - 1
+    state = State(np.empty(3), np.empty(3))
+    for k in range(index + 1):
+        held = min(step + k - plans.first[committed], last)
+        plans.bulges[plan, k] = plans.bulges[committed, held]
+        for axis in range(3):
+            plans.samples[plan, k, axis] = plans.samples[committed, held, axis]
+    for axis in range(3):
+        state.position[axis] = plans.samples[plan, index, axis]
+        # At rest if all that follows is here.
+        state.velocity[axis] = (
+            plans.samples[committed, last, axis] - (state.position[axis])
+        )
+    return state

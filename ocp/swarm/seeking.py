@@ -1,0 +1,194 @@
+"""Search of a clear plan to a goal, by random flights past a via point.
+
+A flight has a wait (if it begins at rest), a leg to a via point with a velocity there,
+and a leg to the goal, at which it rests for ever. Its cost is
+
+    J = arrival time + w * length of the path,
+
+and only a flight that would be cheaper than the best so far is compared with the plans
+of others, first with those that were in the way before.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from swarmstart.arrays import Array
+from swarmstart.machine_code import Count, kernel
+from swarmstart.ocp.swarm.legs import (
+    LONGEST,
+    PointMass,
+    State,
+    least_steps,
+    rest,
+    write_leg,
+)
+from swarmstart.ocp.swarm.plans import Plans, may_meet
+
+PARTS = 6
+"""Parts of a flight: wait, via point (3), speed there, its place along the way."""
+WAIT, SPEED, PLACE = 0, 4, 5
+"""Indices of parts; the via point has 1 to 3."""
+WEIGHT = 1.0
+"""Weight w of the length [s/m]."""
+WAIT_S = 3.0
+"""Wait for a normal number of 1.5 [s]; below 0.5 there is none."""
+ASIDE = 2.0
+"""Spread of via points, in least distances."""
+SHARE = 0.3
+"""Spread of its place along the way, around the middle."""
+SLOWER = 0.5
+"""Spread of speeds at a via point, below the largest."""
+SHORT = 1e-9
+"""Length of a way that has no direction [m]."""
+AT_LARGE = 0.5
+"""Share of the tries at large; the others are near the best one, if there is one."""
+NEAR = 0.6
+"""Spread of draws near the best one, in draws at large; it falls to zero."""
+
+
+class Task(NamedTuple):
+    """A search.
+
+    Attributes:
+        step: Number of the present time.
+        parting: Index of the sample at which the plan parts from the committed one; all
+            samples up to it are written already.
+        state: State there.
+        goal: Scaled position [m], shape (3,).
+        others: Rows of plans to keep clear of, shape (k,); their order changes.
+        radius: Least distance [m], scaled.
+    """
+
+    step: int
+    parting: int
+    state: State
+    goal: Array
+    others: Count
+    radius: float
+
+
+@kernel
+def seek(plan: int, task: Task, draws: Array, body: PointMass, plans: Plans) -> float:
+    """Write the cheapest clear flight that is found into a plan; return its cost.
+
+    Args:
+        plan: Row of the plan; it is spoilt if nothing is found.
+        task: The search.
+        draws: Normal numbers, shape (tries, PARTS); the first row is not used, as the
+            first flight is the direct one, without a wait.
+        body: The point mass.
+        plans: The plans.
+
+    Returns:
+        The cost; infinite if nothing is found.
+    """
+    best = math.inf
+    known, trial = np.zeros(PARTS), np.zeros(PARTS)
+    found = False
+    for number in range(len(draws)):
+        # First farther and farther from the straight way, then nearer to the best.
+        share = number / len(draws)
+        if found and share > AT_LARGE:
+            trial[:] = known + NEAR * (1.0 - share) * draws[number]
+        elif number:
+            trial[:] = share / AT_LARGE * draws[number]
+            trial[WAIT] = draws[number, WAIT]
+        cost = fly(plan, trial, task, best, body, plans)
+        if cost < best and _is_clear(plan, task, plans):
+            best = cost
+            known[:] = trial
+            found = True
+    if not found:
+        return math.inf
+    fly(plan, known, task, math.inf, body, plans)
+    return best
+
+
+@kernel
+def fly(
+    plan: int, parts: Array, task: Task, most: float, body: PointMass, plans: Plans
+) -> float:
+    """Write a flight into a plan, and return its cost; infinite if it is not feasible.
+
+    Args:
+        plan: Row of the plan.
+        parts: Wait, via point, speed there, its place, shape (PARTS,).
+        task: The search.
+        most: A flight that cannot be cheaper is not written.
+        body: The point mass.
+        plans: The plans.
+    """
+    start, end = task.state, State(task.goal, np.zeros(3))
+    wait = _wait(parts[WAIT], start, body)
+    index = task.parting + wait
+    room = plans.bulges.shape[1] - 1 - index
+    shortest = WEIGHT * _way(start, end)
+    if wait * body.step_s + shortest >= most:
+        return math.inf
+    via = _via(parts, task, body)
+    first, second = least_steps(start, via, room, body), LONGEST
+    if first < LONGEST:
+        second = least_steps(via, end, room - first, body)
+    arrival = (wait + first + second) * body.step_s
+    if second == LONGEST or arrival + shortest >= most:
+        return math.inf
+    for k in range(task.parting, index):
+        plans.bulges[plan, k] = 0.0
+        plans.samples[plan, k + 1] = start.position
+    length = write_leg(plan, index, (start, via), first, body, plans)
+    length += write_leg(plan, index + first, (via, end), second, body, plans)
+    rest(plan, index + first + second, plans)
+    return arrival + WEIGHT * length
+
+
+@kernel
+def _wait(part: float, start: State, body: PointMass) -> int:
+    """Return for how many steps a flight waits: most not at all, and none in motion."""
+    if start.velocity.any():
+        return 0
+    return int(max(0.0, part - 0.5) * WAIT_S / body.step_s)
+
+
+@kernel
+def _way(start: State, end: State) -> float:
+    """Return the distance of two states."""
+    return math.sqrt(((end.position - start.position) ** 2).sum())
+
+
+@kernel
+def _via(parts: Array, task: Task, body: PointMass) -> State:
+    """Return the via point of a flight: off the straight way, with a speed along it.
+
+    Without parts it is half-way, at the speed of a constant acceleration so far: the
+    fastest flight from rest to rest in whole steps, if the bound of the speed allows.
+    """
+    way = task.goal - task.state.position
+    length = math.sqrt((way**2).sum())
+    along = way / max(length, SHORT)
+    push, fastest = math.inf, math.inf
+    for axis in range(3):
+        if along[axis] != 0.0:
+            push = min(push, body.acceleration[axis] / abs(along[axis]))
+            fastest = min(fastest, body.speed[axis] / abs(along[axis]))
+    half = math.ceil(math.sqrt(length / push) / body.step_s) * body.step_s
+    speed = min(length / max(half, SHORT), fastest)
+    share = min(1.0, max(0.0, 0.5 + SHARE * parts[PLACE]))
+    place = task.state.position + share * way
+    for axis in range(3):
+        place[axis] += ASIDE * task.radius * parts[1 + axis]
+    return State(place, max(0.0, 1.0 - SLOWER * abs(parts[SPEED])) * speed * along)
+
+
+@kernel
+def _is_clear(plan: int, task: Task, plans: Plans) -> bool:
+    """Return whether a plan is clear of all others; who is in the way comes first."""
+    for place in range(task.others.size):
+        other = task.others[place]
+        if may_meet(plan, other, task.step, task.radius, plans):
+            for before in range(place, 0, -1):
+                task.others[before] = task.others[before - 1]
+            task.others[0] = other
+            return False
+    return True

@@ -1,0 +1,238 @@
+"""Swarm of point masses: starts, goals, bounds, obstacles, and the links between them.
+
+Distances are those of scaled positions: scale (1, 1, 0.5) keeps vehicles twice as far
+apart along z, so that no drone comes into the downwash of another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from swarmstart.arguments import (
+    a_count,
+    a_number,
+    checked,
+    mapping,
+    of_kind,
+    reals,
+    several,
+)
+from swarmstart.arrays import Array
+from swarmstart.ocp.common.errors import InvalidProblemError, refused
+
+AXES = 3
+
+
+def _frozen(value: ArrayLike, shape: tuple[int | None, ...], name: str) -> Array:
+    """Return a copy of finite numbers of a shape, set read-only."""
+    array = np.array(value, dtype=np.float64)
+    fits = array.ndim == len(shape) and all(
+        size is None or found == size
+        for found, size in zip(array.shape, shape, strict=True)
+    )
+    if not fits:
+        wanted = ", ".join("k" if size is None else str(size) for size in shape)
+        raise InvalidProblemError(
+            f"{name} must have shape ({wanted}), got {array.shape}"
+        )
+    if not np.isfinite(array).all():
+        bad = np.argwhere(~np.isfinite(array))[0].tolist()
+        raise InvalidProblemError(f"{name} must be finite, got {array[*bad]} at {bad}")
+    array.flags.writeable = False
+    return array
+
+
+def _set(thing: object, **values: object) -> None:
+    """Set attributes of a frozen object that is being made."""
+    for name, value in values.items():
+        object.__setattr__(thing, name, value)
+
+
+@checked(refused, radius=a_number(above=0), path=reals(), times=reals())
+@dataclass(frozen=True, init=False, slots=True, eq=False)
+class Obstacle:
+    """Ball that stands, or moves on a known path.
+
+    Attributes:
+        radius: Its radius [m].
+        path: Positions of its centre, shape (k, 3), between which it moves at constant
+            speed; it stands before the first and after the last [m].
+        times: Times of the positions, rising, shape (k,) [s].
+
+    Raises:
+        InvalidProblemError: If shapes do not fit, a number is not finite, or times do
+            not rise.
+
+    Example:
+        >>> import swarmstart as ss
+        >>> ss.Obstacle(radius=0.5, path=[[1.0, 0.0, 0.0]]).path.shape
+        (1, 3)
+    """
+
+    radius: float
+    path: Array
+    times: Array
+
+    def __init__(
+        self, *, radius: float, path: ArrayLike, times: ArrayLike = (0.0,)
+    ) -> None:
+        """Copy the arrays."""
+        places = _frozen(path, (None, AXES), "path")
+        rising = _frozen(times, (len(places),), "times")
+        if not len(places) or (np.diff(rising) <= 0).any():
+            raise InvalidProblemError(f"times must rise, got {rising}")
+        _set(self, radius=float(radius), path=places, times=rising)
+
+    def position(self, times: ArrayLike) -> Array:
+        """Return its centre at times, shape (len(times), 3) [m]."""
+        now = np.asarray(times, dtype=np.float64)
+        each = [np.interp(now, self.times, axis) for axis in self.path.T]
+        return np.stack(each, axis=1)
+
+    def bulge(self, times: ArrayLike) -> Array:
+        """Return by how much it may be off the chords between times [m].
+
+        If its speed changes between two times, its path has a corner there.
+        """
+        speeds = np.linalg.norm(np.diff(self.path, axis=0), axis=1)
+        speeds /= np.diff(self.times)
+        fastest = float(speeds.max(initial=0.0))
+        turns = np.searchsorted(self.times, times)
+        return np.where(np.diff(turns) > 0, fastest * np.diff(times), 0.0)
+
+
+@checked(
+    refused,
+    starts=reals(),
+    goals=reals(),
+    distance=a_number(above=0),
+    scale=reals(),
+    acceleration=reals(),
+    speed=reals(),
+    obstacles=several(of_kind(Obstacle, "an Obstacle"), "a sequence of Obstacles"),
+)
+@dataclass(frozen=True, init=False, slots=True, eq=False)
+class Swarm:
+    """Point masses that go from their starts to their goals, at rest at both.
+
+    Attributes:
+        starts: Positions, shape (n, 3) [m].
+        goals: Positions, shape (n, 3) [m].
+        distance: Least scaled distance of two vehicles [m]. It contains the error by
+            which a vehicle may be off its plan, twice.
+        scale: Factors of the three axes in all distances, shape (3,).
+        acceleration: Largest acceleration along each axis, shape (3,) [m/s^2].
+        speed: Largest speed along each axis, shape (3,) [m/s].
+        obstacles: Balls from which a vehicle keeps half the distance, scaled.
+
+    Raises:
+        InvalidProblemError: If shapes do not fit, a number is not finite, two starts or
+            two goals are too near, or a start or goal is too near an obstacle; the
+            vehicles and the distance are named.
+
+    Example:
+        >>> import swarmstart as ss
+        >>> swarm = ss.Swarm(
+        ...     starts=[[0, 0, 1], [2, 0, 1]], goals=[[2, 0, 1], [0, 0, 1]],
+        ...     distance=0.35,
+        ... )
+        >>> swarm.size
+        2
+    """
+
+    starts: Array
+    goals: Array
+    distance: float
+    scale: Array
+    acceleration: Array
+    speed: Array
+    obstacles: tuple[Obstacle, ...]
+
+    def __init__(  # noqa: PLR0913 - its fields
+        self,
+        *,
+        starts: ArrayLike,
+        goals: ArrayLike,
+        distance: float,
+        scale: ArrayLike = (1.0, 1.0, 1.0),
+        acceleration: ArrayLike = (1.0, 1.0, 1.0),
+        speed: ArrayLike = (2.0, 2.0, 2.0),
+        obstacles: Sequence[Obstacle] = (),
+    ) -> None:
+        """Copy the arrays, and check that all have room."""
+        first = _frozen(starts, (None, AXES), "starts")
+        if not len(first):
+            raise InvalidProblemError("starts must name a vehicle, got none")
+        last = _frozen(goals, (len(first), AXES), "goals")
+        _set(self, starts=first, goals=last, distance=float(distance))
+        factors = {"scale": scale, "acceleration": acceleration, "speed": speed}
+        for name, given in factors.items():
+            array = _frozen(given, (AXES,), name)
+            if not (array > 0).all():
+                raise InvalidProblemError(f"{name} must be above 0, got {array}")
+            _set(self, **{name: array})
+        _set(self, obstacles=tuple(obstacles))
+        self._check_room("starts", first)
+        self._check_room("goals", last)
+
+    def _check_room(self, name: str, places: Array) -> None:
+        scaled = places * self.scale
+        for i, place in enumerate(scaled):
+            apart = np.linalg.norm(scaled[:i] - place, axis=1)
+            if (apart < self.distance).any():
+                j = int(apart.argmin())
+                raise InvalidProblemError(
+                    f"{name} of vehicles {j} and {i} must be {self.distance:g} m "
+                    f"apart (scaled), got {apart[j]:.4g} m"
+                )
+        for number, obstacle in enumerate(self.obstacles):
+            # Goals are kept for ever, so at the end; starts before the flight.
+            point = obstacle.path[0 if name == "starts" else -1] * self.scale
+            apart = np.linalg.norm(scaled - point, axis=1) - obstacle.radius
+            if (apart < self.distance / 2).any():
+                i = int(apart.argmin())
+                raise InvalidProblemError(
+                    f"{name} of vehicle {i} must be {self.distance / 2:g} m from "
+                    f"obstacle {number}, got {apart[i]:.4g} m"
+                )
+
+    @property
+    def size(self) -> int:
+        """Number of vehicles."""
+        return len(self.starts)
+
+
+@checked(
+    refused,
+    period=a_count(least=1, most=100),
+    most_delay=a_count(most=10_000),
+    loss=a_number(least=0, below=1),
+    silences=mapping(
+        a_count(), several(a_number(finite=False), "two times"),
+        words="a mapping of vehicles to the times at which they fall silent and speak",
+    ),
+)  # fmt: skip
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Links:
+    """Links of a swarm: each vehicle broadcasts to all others at every tick.
+
+    Attributes:
+        period: Number of ticks in a step of the plans.
+        most_delay: A message takes 1 to 1 + most_delay ticks, drawn anew each time.
+        loss: Probability that a message is lost, for each receiver.
+        silences: Vehicle -> (from, to): it neither sends nor hears then [s].
+
+    Example:
+        >>> import swarmstart as ss
+        >>> ss.Links(most_delay=3, loss=0.05).period
+        2
+    """
+
+    period: int = 2
+    most_delay: int = 0
+    loss: float = 0.0
+    silences: Mapping[int, Sequence[float]] = field(default_factory=dict)
