@@ -1,0 +1,252 @@
+"""Swarms by rules of committed plans: the page docs/measured/swarms.md.
+
+    python benchmarks/swarms.py --write docs/measured/swarms.md [--short]
+
+Random transitions: starts and goals are drawn in a cube, and no draw is left out.
+Delays are in ticks of 50 ms. A flight counts as a collision if two vehicles may come nearer
+than the least distance between any two samples, by a bound that is never too large.
+"""
+
+from __future__ import annotations
+
+import os
+import shlex
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+import swarmstart as ss
+from swarmstart.arrays import Array
+from swarmstart.benchmarks.tables import (
+    Bar,
+    bar_table,
+    head,
+    page_options,
+    publish,
+    row,
+)
+from swarmstart.ocp.swarm.flight import RULES
+
+DISTANCE = 0.35
+"""Least distance of Luis and Schoellig's transitions, with z halved [m]."""
+SCALE = (1.0, 1.0, 0.5)
+APART = 1.15
+"""Distance of two starts, and of two goals, in least distances."""
+SETTINGS = (("0 to 3 ticks, 5 % lost", 3, 0.05), ("0 to 6 ticks, 30 % lost", 6, 0.3))
+SHORT_LEAD_S = 0.3
+"""Wait of the rules that need a bound on delays [s]."""
+SECONDS = 30.0
+TEXT = "# Swarms of committed plans\n\n"
+
+
+class Trial(NamedTuple):
+    """A flight, and the CPU time that it took [s]."""
+
+    flight: ss.SwarmFlight
+    cpu_s: float
+
+    @property
+    def step_ms(self) -> float:
+        """CPU time for each vehicle and step [ms]."""
+        steps = self.flight.positions.shape[2] - 1
+        return 1e3 * self.cpu_s / steps / self.flight.swarm.size
+
+    @property
+    def all_arrive(self) -> bool:
+        """True if every vehicle arrives."""
+        return bool(np.isfinite(self.flight.arrival_s).all())
+
+
+def places(n: int, side: float, rng: np.random.Generator, balls: Sequence[Array] = ()
+           ) -> Array:  # fmt: skip
+    """Return places in a cube that are apart, and away from balls (x, y, z, radius)."""
+    found = list[Array]()
+    while len(found) < n:
+        place = side * rng.random(3)
+        free = all(
+            np.linalg.norm((place - b[:3]) * SCALE) > b[3] + DISTANCE for b in balls
+        )
+        if free and all(
+            np.linalg.norm((place - other) * SCALE) >= APART * DISTANCE
+            for other in found
+        ):
+            found.append(place)
+    return np.array(found)
+
+
+def transition(n: int, side: float, seed: int, clutter: int = 0) -> ss.Swarm:
+    """Return a random transition in a cube, with balls of 0.3 m in it."""
+    rng = np.random.default_rng([n, seed])
+    balls = [np.append(side * rng.random(3), 0.3) for _ in range(clutter)]
+    return ss.Swarm(
+        starts=places(n, side, rng, balls), goals=places(n, side, rng, balls),
+        distance=DISTANCE, scale=SCALE,
+        obstacles=[ss.Obstacle(radius=b[3], path=[b[:3]]) for b in balls],
+    )  # fmt: skip
+
+
+def flown(swarm: ss.Swarm, links: ss.Links, seed: int, rule: str = "acknowledged",
+          lead_s: float | None = None) -> Trial:  # fmt: skip
+    """Return a flight of a swarm."""
+    begin = time.process_time()
+    flight = ss.simulate_swarm(
+        swarm, links=links, rule=rule, lead_s=lead_s, seconds=SECONDS, seed=seed
+    )
+    return Trial(flight, time.process_time() - begin)
+
+
+def gate(flights: int) -> Iterator[tuple[str, str, list[Trial]]]:
+    """Yield setting, rule and flights of ten vehicles in a cube of 2.2 m."""
+    for words, most_delay, loss in SETTINGS:
+        links = ss.Links(most_delay=most_delay, loss=loss)
+        for rule in RULES:
+            lead = None if rule == "acknowledged" else SHORT_LEAD_S
+            yield (
+                words,
+                rule,
+                [
+                    flown(transition(10, 2.2, seed), links, seed, rule, lead)
+                    for seed in range(flights)
+                ],
+            )
+
+
+def gate_table(rows: Sequence[tuple[str, str, list[Trial]]]) -> list[str]:
+    """Return the table of the rules."""
+    lines = head("delays and losses", "rule", "flights", "with a collision",
+                 "all arrive", "median time [s]")  # fmt: skip
+    for words, rule, trials in rows:
+        times = [t.flight.arrival_s.max() for t in trials if t.all_arrive]
+        lines.append(
+            row(
+                words, rule, str(len(trials)),
+                str(sum(not t.flight.is_safe for t in trials)), str(len(times)),
+                f"{np.median(times):.3g}" if times else "-",
+            )
+        )  # fmt: skip
+    return lines
+
+
+def table(rows: Sequence[tuple[str, list[Trial]]]) -> list[str]:
+    """Return the table of transitions."""
+    lines = head("transitions", "flights", "with a collision", "all arrive",
+                 "share of vehicles", "last arrival: median, most [s]", "path ratio",
+                 "CPU for a vehicle and step [ms]")  # fmt: skip
+    for words, trials in rows:
+        flights = [t.flight for t in trials]
+        last = [f.arrival_s.max() for f in flights if f.arrived_share == 1.0]
+        lines.append(
+            row(
+                words,
+                str(len(trials)),
+                str(sum(not f.is_safe for f in flights)),
+                str(sum(t.all_arrive for t in trials)),
+                f"{np.mean([f.arrived_share for f in flights]):.2%}",
+                f"{np.median(last):.3g}, {max(last):.3g}" if last else "-",
+                f"{np.median(np.concatenate([f.path_ratio for f in flights])):.3f}",
+                f"{np.median([t.step_ms for t in trials]):.2g}",
+            )
+        )
+    return lines
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Fly all, print the page, and write it if that is asked for."""
+    parser = page_options(__doc__)
+    parser.add_argument("--short", action="store_true", help="a few flights of each")
+    options = parser.parse_args(arguments)
+    part = 20 if options.short else 1
+    flown(transition(4, 3.0, 0), ss.Links(most_delay=1, loss=0.1), 0)  # Compiles.
+    perfect, lossy = ss.Links(), ss.Links(most_delay=3, loss=0.05)
+    rules = list(gate(200 // part))
+    rows = [
+        (
+            f"{n} in 1.59 m, no losses",
+            [flown(transition(n, 1.59, s), perfect, s) for s in range(50 // part)],
+        )
+        for n in (4, 8, 12, 16, 20)
+    ]
+    rows += [
+        (
+            f"{n} in {side:.3g} m, {words}",
+            [
+                flown(transition(n, side, seed, clutter), links, seed)
+                for seed in range(max(1, 20 // part))
+            ],
+        )
+        for n, side, words, clutter, links in (
+            (100, 4.64, "no losses", 0, perfect),
+            (25, 2.92, SETTINGS[0][0], 0, lossy),
+            (50, 3.68, SETTINGS[0][0], 0, lossy),
+            (100, 4.64, SETTINGS[0][0], 0, lossy),
+            (128, 6.0, f"20 balls, {SETTINGS[0][0]}", 20, lossy),
+        )
+    ]
+    given = sys.argv[1:] if arguments is None else arguments
+    publish(page(rules, rows, shlex.join(["python", "benchmarks/swarms.py", *given])),
+            options, TEXT)  # fmt: skip
+    return 0
+
+
+def page(
+    rules: Sequence[tuple[str, str, list[Trial]]],
+    rows: Sequence[tuple[str, list[Trial]]],
+    command: str,
+) -> list[str]:
+    """Return the lines of the page below its title."""
+    safe = [t for _, rule, trials in rules if rule == "acknowledged" for t in trials]
+    safe += [t for _, trials in rows for t in trials]
+    others = [t for _, rule, trials in rules if rule != "acknowledged" for t in trials]
+    hits = sum(not t.flight.is_safe for t in safe)
+    every = dict(rows)
+    names = [*every]
+    twenty, hundred, clutter = every[names[4]], every[names[5]], every[names[-1]]
+    shares = [np.mean([t.all_arrive for t in one]) for one in (twenty, hundred)]
+    arrived = np.mean([t.flight.arrived_share for t in clutter])
+    ratio = np.median(np.concatenate([t.flight.path_ratio for t in clutter]))
+    step = np.median([t.step_ms for t in every[names[-2]]])
+    return [
+        f"With acceptances, {hits} of {len(safe)} flights have a collision, and "
+        f"{np.mean([t.flight.arrived_share for t in safe]):.1%} of the vehicles "
+        f"arrive; without them, {sum(not t.flight.is_safe for t in others)} of "
+        f"{len(others)} have one.",
+        "",
+        f"Made by `{command}`, on one of {os.cpu_count()} cores. The rules are those "
+        "of [committed plans](../explanation/committed_plans.md). Starts and goals are "
+        f"random in a cube, {APART * DISTANCE:.2g} m apart with z halved; the least "
+        f"distance is {DISTANCE} m; accelerations to 1 m/s^2 and speeds to 2 m/s "
+        f"along each axis; {SECONDS:g} s; a tick is 50 ms, a step 0.1 s. A flight "
+        "counts as a collision if a bound below the distance between samples is too "
+        "small. The cube holds the starts and goals; the vehicles may leave it. The "
+        "path ratio is "
+        "the median length of a path, by the straight way.",
+        "",
+        *bar_table(
+            Bar(words, relation, bound, float(measured))
+            for words, relation, bound, measured in (
+                ("flights with a collision, with acceptances", "<=", 0, hits),
+                ("20 in 1.59 m: flights in which all arrive", ">=", 0.96, shares[0]),
+                ("100 in 4.64 m: flights in which all arrive", ">=", 0.95, shares[1]),
+                ("128 among balls: vehicles that arrive", ">=", 0.98, arrived),
+                ("128 among balls: path ratio", "<=", 1.15, ratio),
+                ("100, losses: CPU for a vehicle and step [ms]", "<=", 1.0, step),
+            )
+        ),
+        "## Rules",
+        "",
+        f"Ten vehicles in a cube of 2.2 m, the same seeds for each rule. `waiting` and "
+        f"`hearsay` part from the old plan after {SHORT_LEAD_S} s.",
+        "",
+        *gate_table(rules),
+        "",
+        "## Transitions",
+        "",
+        *table(rows),
+    ]
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
