@@ -3,8 +3,8 @@
     python benchmarks/swarms.py --write docs/measured/swarms.md [--short]
 
 Random transitions: starts and goals are drawn in a cube, and no draw is left out.
-Delays are in ticks of 50 ms. A flight counts as a collision if two vehicles may come nearer
-than the least distance between any two samples, by a bound that is never too large.
+Delays are in ticks of 50 ms. A flight counts as a collision if two vehicles may come
+nearer than the least distance between two samples, by a bound that is never too large.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class Trial(NamedTuple):
     def step_ms(self) -> float:
         """CPU time for each vehicle and step [ms]."""
         steps = self.flight.positions.shape[2] - 1
-        return 1e3 * self.cpu_s / steps / self.flight.swarm.size
+        return float(1e3 * self.cpu_s / steps / self.flight.swarm.size)
 
     @property
     def all_arrive(self) -> bool:
