@@ -140,7 +140,9 @@ def test_search_finds_the_cheap_side_and_the_polish_its_optimum(
     assert status is SolutionStatus.BROKEN
     assert cost == pytest.approx(446.7, rel=1e-3)
     assert solved(0, IpoptOptions()) == (status, cost, search_cost)
-    assert solved(0, None)[1:] == (search_cost, search_cost)
+    # Its lanes and cold starts are left out without a polish, and their random numbers.
+    _, alone, searched = solved(0, None)
+    assert alone == searched
     status, clear, _ = solved(0, IpoptOptions(), repair=True)
     assert status is SolutionStatus.CONVERGED
     assert cost < clear < 1.05 * cost
