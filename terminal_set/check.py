@@ -2,12 +2,13 @@
 
     python -m swarmstart.terminal_set.check FILE [--seconds 600]
 
-The file is a certificate of a terminal set or of a lower bound. Everything that it
-labels "proven" is proven again, by branch and bound with Taylor models; all else that a
-terminal set states is sampled. Points, matrices and the drift of a reference are
-computed in the ball arithmetic of python-flint, and bounds in exact fractions. The file
-may contain only statements in the words of the format; one line for each says whether
-it was proven. Nothing in the file is executed or printed unescaped.
+The file is a certificate of a terminal set, of a lower bound, or of a swarm's flight.
+Everything that it labels "proven" is proven again, by branch and bound with Taylor
+models, or by separating planes; all else that a terminal set states is sampled. Points,
+matrices and the drift of a reference are computed in the ball arithmetic of
+python-flint, and bounds in exact fractions. The file may contain only statements in the
+words of the format; one line for each says whether it was proven. Nothing in the file
+is executed or printed unescaped.
 
 The last line says what was only sampled: for a held input always the integrator's
 error, which the library proves and this program does not.
@@ -27,7 +28,11 @@ from pathlib import Path
 from swarmstart.terminal_set.checker import certificate_file
 from swarmstart.terminal_set.checker.certificate_file import Certificate
 from swarmstart.terminal_set.checker.command import Judged, checked, parsed
-from swarmstart.terminal_set.checker.file_content import LOWER_BOUND, read_content
+from swarmstart.terminal_set.checker.file_content import (
+    LOWER_BOUND,
+    SWARM_FLIGHT,
+    read_content,
+)
 from swarmstart.terminal_set.checker.findings import (
     Deadline,
     Finding,
@@ -67,6 +72,14 @@ def _judged(file: Path, seconds: float) -> Judged:
         return statements.findings(
             bound, seconds=seconds
         ), lambda _: statements.verdict(bound)
+    if content["format"] == SWARM_FLIGHT:
+        from swarmstart.terminal_set.checker.swarm import certificate_file as swarm_file
+        from swarmstart.terminal_set.checker.swarm import statements as of_swarms
+
+        flight = swarm_file.certificate_of(content)
+        return of_swarms.findings(flight, seconds=seconds), lambda _: of_swarms.verdict(
+            flight
+        )
     import flint  # noqa: F401
 
     certificate = certificate_file.certificate_of(content)

@@ -33,6 +33,7 @@ from swarmstart.arrays import Array
 from swarmstart.heuristics import generator_of
 from swarmstart.machine_code import Count, kernel
 from swarmstart.ocp.common.errors import InvalidProblemError, refused
+from swarmstart.ocp.swarm.certificate import OPEN, START, Log, certificate_text
 from swarmstart.ocp.swarm.channel import (
     LOST,
     broadcast,
@@ -41,7 +42,7 @@ from swarmstart.ocp.swarm.channel import (
     empty_channel,
 )
 from swarmstart.ocp.swarm.legs import PointMass, State
-from swarmstart.ocp.swarm.plans import Plans, grown, least_gap, no_plans
+from swarmstart.ocp.swarm.plans import Plans, chosen, grown, least_gap, no_plans
 from swarmstart.ocp.swarm.rule import (
     COMMITTED,
     NONE,
@@ -123,8 +124,8 @@ class SwarmFlight:
             it does not arrive, shape (n,) [s].
         apart: Scaled distance of the nearest two vehicles between each two times: at
             least this, shape (steps,) [m].
-        commitments: Number of plans that were committed to.
         searches: Number of searches for a plan.
+        log: All plans, and what became of them.
 
     Example:
         >>> import numpy as np
@@ -141,8 +142,25 @@ class SwarmFlight:
     positions: Array
     arrival_s: Array
     apart: Array
-    commitments: int
     searches: int
+    log: Log
+
+    @property
+    def commitments(self) -> int:
+        """Number of plans that were committed to, without those of the start."""
+        return int(self.log.committed.sum()) - self.swarm.size
+
+    def certificate(self) -> str:
+        """Return the flight's certificate, the text of a file to be checked.
+
+        Raises:
+            InvalidProblemError: If the rule proves nothing.
+        """
+        if RULES[self.rule] != ACKNOWLEDGED:
+            raise InvalidProblemError(
+                f"a certificate needs the rule acknowledged, got {self.rule}"
+            )
+        return certificate_text(self.swarm, self.log)
 
     @property
     def arrived_share(self) -> float:
@@ -235,7 +253,9 @@ def simulate_swarm(  # noqa: PLR0913 - the swarm, its links, and how it is simul
     lead = _lead(swarm.size, links)
     if lead_s is not None:
         lead = max(1, round(lead_s / step_s))
-    pieces = round(longest_s / step_s)
+    # What moves is known until it stands, so that a rest is clear of it for ever.
+    known_s = max((float(one.times[-1]) for one in swarm.obstacles), default=0.0)
+    pieces = round(max(longest_s, known_s) / step_s)
     if pieces <= lead:
         raise InvalidProblemError(
             f"longest_s must be above the lead of {lead * step_s:g} s, got {longest_s}"
@@ -246,6 +266,17 @@ def simulate_swarm(  # noqa: PLR0913 - the swarm, its links, and how it is simul
     )  # fmt: skip
     team.fly(steps=int(np.ceil(seconds / step_s)))
     return team.flight(rule)
+
+
+@dataclass(slots=True)
+class _Proposal:
+    """A plan's vehicle, its ticks, and the ticks of its acceptances; see `Log`."""
+
+    vehicle: int
+    proposed: int
+    ended: int
+    committed: bool
+    accepted: dict[int, int]
 
 
 class _Team:
@@ -296,8 +327,9 @@ class _Team:
         self._channel = empty_channel(n, links.most_delay)
         self._not_before = np.zeros(n, np.int64)
         self._failures = np.zeros(n, np.int64)
-        self._searches, self._commitments = 0, 0
+        self._searches = 0
         self._rows = list[Count]()
+        self._log = {row: _Proposal(row, START, START, True, {}) for row in range(n)}
 
     def fly(self, *, steps: int) -> None:
         """Fly until all are at their goals, or for so many steps."""
@@ -322,12 +354,20 @@ class _Team:
         # Any order is safe; one that changes lets no vehicle wait for ever.
         rank = (np.arange(n) + step // TURN) % n
         results = np.empty(n, np.int64)
+        candidates, accepted = (
+            self._members.candidate.copy(),
+            (self._members.accepted.copy()),
+        )
         decide(
             (self._rule, step, self._swarm.distance), rank, self._parting,
             self._members, self._plans, results,
         )  # fmt: skip
         committed, withdrawn = results == COMMITTED, results == WITHDRAWN
-        self._commitments += int(committed.sum())
+        for i in np.flatnonzero(committed | withdrawn).tolist():
+            proposal = self._log[int(candidates[i])]
+            proposal.ended, proposal.committed = tick, bool(committed[i])
+        for j, i in np.argwhere(self._members.accepted != accepted).tolist():
+            self._log[int(self._members.accepted[j, i])].accepted[j] = tick
         self._failures[committed] = 0
         pauses = self._rng.integers(0, PATIENCE, size=n)
         self._not_before[withdrawn] = tick + pauses[withdrawn]
@@ -367,6 +407,7 @@ class _Team:
         self._searches += 1
         if np.isfinite(seek(row, task, draws, self._body, plans)):
             members.candidate[i] = row
+            self._log[row] = _Proposal(i, tick, OPEN, False, {})
             self._parting[row] = step + index
             self._is_final[row] = not is_aside
             self._used += 1
@@ -400,9 +441,9 @@ class _Team:
         for row, one in zip(self._obstacles, swarm.obstacles, strict=True):
             plans.first[row] = step
             plans.samples[row] = one.position(times) * swarm.scale
-            size = max(swarm.scale) * one.radius - swarm.distance / 2
-            plans.bulges[row] = size
-            plans.bulges[row, :-1] += max(swarm.scale) * one.bulge(times)
+            # Its clearance in place of the distance of two vehicles.
+            plans.bulges[row] = swarm.clearance(one) - swarm.distance
+            plans.bulges[row, :-1] += swarm.scale.max() * one.bulge(times)
 
     def _delays(self, tick: int) -> Count:
         """Return the delays of all messages of a tick."""
@@ -448,8 +489,29 @@ class _Team:
             apart=np.array(
                 [least_gap(each, step, plans) for step, each in enumerate(rows)]
             ),
-            commitments=self._commitments,
             searches=self._searches,
+            log=self._logged(),
+        )
+
+    def _logged(self) -> Log:
+        """Return all plans that were proposed, in order."""
+        rows = sorted(self._log)
+        every = [self._log[row] for row in rows]
+        accepted = np.full((len(rows), self._swarm.size), OPEN, np.int64)
+        for place, one in enumerate(every):
+            for j, tick in one.accepted.items():
+                accepted[place, j] = tick
+        return Log(
+            plans=chosen(self._plans, rows),
+            vehicle=np.array([one.vehicle for one in every]),
+            parting=self._parting[rows],
+            proposed=np.array([one.proposed for one in every]),
+            ended=np.array([one.ended for one in every]),
+            committed=np.array([one.committed for one in every]),
+            accepted=accepted,
+            ticks=self._links.period,
+            steps=len(self._rows),
+            step_s=self._step_s,
         )
 
 

@@ -19,6 +19,7 @@ contains the error by which the vehicles may be off their plans.
 """
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -59,6 +60,12 @@ def grown(plans: Plans, rows: int) -> Plans:
     """Return plans with room for more rows; those that are there keep their numbers."""
     more = no_plans(rows, plans.bulges.shape[1] - 1)
     return Plans(*(np.concatenate(pair) for pair in zip(plans, more, strict=True)))
+
+
+def chosen(plans: Plans, rows: Sequence[int]) -> Plans:
+    """Return some of the plans, in this order."""
+    picked = np.array(rows, np.int64)
+    return Plans(plans.first[picked], plans.samples[picked], plans.bulges[picked])
 
 
 @kernel

@@ -192,13 +192,21 @@ class Swarm:
         for number, obstacle in enumerate(self.obstacles):
             # Goals are kept for ever, so at the end; starts before the flight.
             point = obstacle.path[0 if name == "starts" else -1] * self.scale
-            apart = np.linalg.norm(scaled - point, axis=1) - obstacle.radius
-            if (apart < self.distance / 2).any():
+            apart = np.linalg.norm(scaled - point, axis=1)
+            least = self.clearance(obstacle)
+            if (apart < least).any():
                 i = int(apart.argmin())
                 raise InvalidProblemError(
-                    f"{name} of vehicle {i} must be {self.distance / 2:g} m from "
-                    f"obstacle {number}, got {apart[i]:.4g} m"
+                    f"{name} of vehicle {i} must be {least:g} m from the centre of "
+                    f"obstacle {number} (scaled), got {apart[i]:.4g} m"
                 )
+
+    def clearance(self, obstacle: Obstacle) -> float:
+        """Return the scaled distance that a vehicle keeps from an obstacle's centre.
+
+        The scaled ball lies in the ball of its largest radius.
+        """
+        return float(self.scale.max() * obstacle.radius + self.distance / 2)
 
     @property
     def size(self) -> int:

@@ -23,7 +23,8 @@ from typing import TypeVar
 
 TERMINAL_SET = "swarmstart terminal set certificate"
 LOWER_BOUND = "swarmstart lower bound certificate"
-LARGEST_FILE = 10_000_000  # bytes; a genuine one has some thousands
+SWARM_FLIGHT = "swarmstart swarm flight certificate"
+LARGEST_FILE = 20_000_000  # bytes; a hundred vehicles have some millions
 UNARY = frozenset("neg sq twice inv fabs sqrt sin cos tan exp log atan tanh".split())
 BINARY = frozenset("add sub mul div pow fmin fmax".split())
 
@@ -33,7 +34,11 @@ Limits = tuple[float | None, ...]
 Instruction = tuple[str, tuple[int, ...], float]
 T = TypeVar("T")
 
-FORMATS = [TERMINAL_SET, LOWER_BOUND]  # no set: what a file has may not be hashable
+FORMATS = [
+    TERMINAL_SET,
+    LOWER_BOUND,
+    SWARM_FLIGHT,
+]  # no set: what a file has may not be hashable
 _DIGEST = re.compile("[0-9a-f]{64}")
 
 
@@ -71,9 +76,8 @@ def read_content(path: Path) -> dict[str, object]:
     except ValueError as error:
         raise CertificateFileError(f"the file is not valid JSON: {error}") from error
     if not isinstance(content, dict) or content.get("format") not in FORMATS:
-        raise CertificateFileError(
-            f'the file is no "{TERMINAL_SET}" or "{LOWER_BOUND}"'
-        )
+        names = ", ".join(f'"{name}"' for name in FORMATS)
+        raise CertificateFileError(f"the file is none of {names}")
     _compare_digest(content)
     return content
 

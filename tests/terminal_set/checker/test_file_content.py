@@ -61,7 +61,7 @@ def test_files_are_read_where_no_opening_waits(
 
 
 @pytest.mark.parametrize("more", [0, 1])
-def test_a_file_may_have_ten_megabytes_and_no_byte_more(
+def test_a_file_may_have_twenty_megabytes_and_no_byte_more(
     more: int, tmp_path: Path
 ) -> None:
     file = tmp_path / "certificate.json"
@@ -70,7 +70,7 @@ def test_a_file_may_have_ten_megabytes_and_no_byte_more(
     if not more:
         assert read_content(file) == chen()
         return
-    with pytest.raises(CertificateFileError, match="larger than 10 MB"):
+    with pytest.raises(CertificateFileError, match="larger than 20 MB"):
         read_content(file)
 
 

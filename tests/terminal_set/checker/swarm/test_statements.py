@@ -1,0 +1,330 @@
+"""Certificates of swarms' flights: what is true is proven again, forgeries are not."""
+
+from __future__ import annotations
+
+import copy
+import json
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import swarmstart as ss
+from swarmstart.ocp.swarm.certificate import STATEMENTS as WRITTEN
+from swarmstart.terminal_set.check import main
+from swarmstart.terminal_set.checker.file_content import digest
+from swarmstart.terminal_set.checker.swarm.certificate_file import STATEMENTS
+from swarmstart.terminal_set.checker.swarm.separation import separated
+
+Content = dict[str, Any]
+PROVEN, INVALID, REFUSED, UNDECIDED = 0, 2, 3, 4
+CROSS = 0.35
+
+
+@cache
+def genuine() -> str:
+    """Return the certificate of three vehicles that cross among obstacles."""
+    swarm = ss.Swarm(
+        starts=np.array([[0.0, 0, 1], [2, 0, 1], [1, 1, 1]]),
+        goals=np.array([[2.0, 0, 1], [0, 0, 1], [1, -1, 1]]),
+        distance=CROSS,
+        obstacles=[
+            ss.Obstacle(radius=0.2, path=[[1.0, 0.0, 1.0]]),
+            ss.Obstacle(radius=0.1, path=[[1.0, 3, 1], [1.0, -3, 1]], times=[0.0, 6.0]),
+        ],
+    )
+    flight = ss.simulate_swarm(swarm, links=ss.Links(most_delay=2, loss=0.2), seed=0)
+    assert flight.arrived_share == 1.0
+    return flight.certificate()
+
+
+def judged(content: Content, folder: Path) -> int:
+    """Return the exit code for a content with a new digest."""
+    content["sha256"] = digest(content)
+    file = folder / "certificate.json"
+    file.write_text(json.dumps(content))
+    return main([str(file)])
+
+
+def plan_of(content: Content, number: int = -1) -> Content:
+    """Return the plan of a number among those that were committed to in flight."""
+    plans = content["plans"][content["vehicles"] :]
+    found: Content = [one for one in plans if one["committed"]][number]
+    return found
+
+
+def test_a_flight_is_proven_again_and_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert judged(json.loads(genuine()), tmp_path) == PROVEN
+    said = capsys.readouterr().out
+    assert [line.partition(": ")[2] for line in said.splitlines()[:-1]] == [*STATEMENTS]
+    assert said.splitlines()[-1] == (
+        "verdict: no two of 3 vehicles come nearer than 0.35, for ever"
+    )
+    assert WRITTEN == STATEMENTS
+
+
+def moved(by: float, axis: int, place: slice) -> Callable[[Content], None]:
+    """Return a forgery that moves samples of the last plan."""
+
+    def forge(content: Content) -> None:
+        samples = plan_of(content)["samples"]
+        for sample in samples[place]:
+            sample[axis] += by
+
+    return forge
+
+
+def entered(**entries: object) -> Callable[[Content], None]:
+    """Return a forgery that changes entries of the last plan."""
+    return lambda content: plan_of(content).update(entries)
+
+
+def of_file(**entries: object) -> Callable[[Content], None]:
+    """Return a forgery that changes entries of the file."""
+    return lambda content: content.update(entries)
+
+
+def other_of(content: Content) -> int:
+    """Return a vehicle that is not that of the last plan."""
+    return int((plan_of(content)["vehicle"] + 1) % 3)
+
+
+def accepted(tick: int | None) -> Callable[[Content], None]:
+    """Return a forgery of the tick of an acceptance."""
+
+    def forge(content: Content) -> None:
+        plan_of(content)["accepted"][other_of(content)] = tick
+
+    return forge
+
+
+def at_commitment(content: Content) -> None:
+    plan = plan_of(content)
+    plan["accepted"][other_of(content)] = plan["ended"]
+
+
+def at_proposal(content: Content) -> None:
+    plan = plan_of(content)
+    plan["accepted"][other_of(content)] = plan["proposed"]
+
+
+def late(content: Content) -> None:
+    plan = plan_of(content)
+    plan["ended"] = plan["parting"] * content["ticks"]
+
+
+def earlier_parting(content: Content) -> None:
+    plan = plan_of(content)
+    plan["parting"] = plan["ended"] // content["ticks"]
+
+
+def later_parting(content: Content) -> None:
+    plan_of(content)["parting"] += 8
+
+
+def wide(content: Content) -> None:
+    plan_of(content)["bulges"][-1] = 5.0
+
+
+def wide_on_the_way(content: Content) -> None:
+    bulges = plan_of(content)["bulges"]
+    bulges[len(bulges) // 2] = 3.0
+
+
+def stolen(content: Content) -> None:
+    plan = plan_of(content)
+    plan["vehicle"] = other_of(content)
+
+
+def left_out(content: Content) -> None:
+    """A plan that was committed to is left out, so that the next one jumps."""
+    content["plans"].remove(plan_of(content))
+    # Its vehicle never leaves its start, in the way of the others' goals or not.
+    plan_of(content)["samples"][-1] = [0.0, 0.0, 1.0]
+
+
+def never_withdrawn(content: Content) -> None:
+    """A copy of a plan is proposed by another vehicle, and stays a candidate."""
+    plan = plan_of(content)
+    other = copy.deepcopy(plan)
+    other.update(
+        vehicle=other_of(content), proposed=plan["proposed"], ended=None,
+        committed=False, accepted=[None] * 3,
+    )  # fmt: skip
+    content["plans"].append(other)
+
+
+def stands_elsewhere(content: Content) -> None:
+    """The start of one vehicle is put beside that of another."""
+    content["plans"][0]["samples"] = [[1.9, 0.1, 1.0]]
+
+
+def moved_obstacle(content: Content) -> None:
+    place = plan_of(content)["samples"][-1]
+    content["obstacles"][0]["samples"] = [place]
+
+
+def larger_obstacle(content: Content) -> None:
+    content["obstacles"][0]["clearance"] = 2.0
+
+
+def late_obstacle(content: Content) -> None:
+    content["obstacles"][1]["first"] = 3
+
+
+def faster_obstacle(content: Content) -> None:
+    one = content["obstacles"][1]
+    one["samples"] = one["samples"][::2]
+    one["bulges"] = one["bulges"][::2]
+    plan = plan_of(content)
+    one["samples"][-1] = plan["samples"][-1]
+
+
+def twice(content: Content) -> None:
+    """A second plan of the same vehicle is committed to at the same tick."""
+    content["plans"].append(copy.deepcopy(plan_of(content)))
+
+
+def through(content: Content) -> None:
+    """A plan in which a vehicle stands is led through another's place in one step."""
+    plan = plan_of(content)
+    other = content["plans"][other_of(content)]["samples"][0]
+    samples, middle = plan["samples"], len(plan["samples"]) // 2
+    samples[middle] = [
+        2 * b - a for a, b in zip(samples[middle - 1], other, strict=True)
+    ]
+
+
+def at_anothers_end(content: Content) -> None:
+    plans = content["plans"]
+    ends = [one for one in plans[3:] if one["committed"]]
+    other = next(one for one in ends if one["vehicle"] == other_of(content))
+    plan_of(content)["samples"][-1] = other["samples"][-1]
+
+
+FALSE = {
+    "another start of the plan": moved(1e-9, 0, slice(0, 1)),
+    "another start of the plan, the last digit": moved(1e-15, 2, slice(0, 1)),
+    "a place before the parting": moved(1e-6, 1, slice(1, 3)),
+    "an end in another vehicle's place": at_anothers_end,
+    "accepted by no message": accepted(None),
+    "accepted at the commitment": at_commitment,
+    "accepted at the proposal": at_proposal,
+    "accepted before the proposal": accepted(0),
+    "accepted much later": accepted(10**6),
+    "committed to after the parting": late,
+    "parting too early": earlier_parting,
+    "parting too late": later_parting,
+    "a wide rest": wide,
+    "a wide piece": wide_on_the_way,
+    "a plan of another vehicle": stolen,
+    "a candidate in the way that is not withdrawn": never_withdrawn,
+    "a start beside another": stands_elsewhere,
+    "an obstacle at a goal": moved_obstacle,
+    "a larger obstacle": larger_obstacle,
+    "an obstacle that comes later": late_obstacle,
+    "a faster obstacle": faster_obstacle,
+    "two commitments at once": twice,
+    "a larger distance": of_file(distance=1.2),
+    "a step through another": through,
+    "a plan that begins later": entered(first=10_000),
+    "more ticks in a step": of_file(ticks=50),
+    "a plan at its commitment without acceptances": entered(accepted=[None] * 3),
+    "no flight, and a longer distance": of_file(steps=0, distance=3.0),
+    "the goal is left out": left_out,
+}
+
+
+@pytest.mark.parametrize("name", FALSE)
+def test_a_false_statement_is_refused(name: str, tmp_path: Path) -> None:
+    content = json.loads(genuine())
+    FALSE[name](content)
+    assert judged(content, tmp_path) == REFUSED
+
+
+INVALID_FILES = {
+    "another version": of_file(version=2),
+    "no vehicles": of_file(vehicles=0),
+    "one vehicle less": of_file(vehicles=2),
+    "a distance of zero": of_file(distance=0.0),
+    "a negative distance": of_file(distance=-1.0),
+    "a true distance": of_file(distance=True),
+    "another key": of_file(more=1),
+    "no plans": of_file(plans=[]),
+    "a negative bulge": lambda content: plan_of(content)["bulges"].__setitem__(0, -0.1),
+    "a bulge too few": lambda content: plan_of(content)["bulges"].pop(),
+    "two coordinates": lambda content: plan_of(content)["samples"][0].pop(),
+    "no samples": entered(samples=[], bulges=[]),
+    "a text": entered(parting="soon"),
+    "an unknown vehicle": entered(vehicle=7),
+    "committed to before the proposal": entered(ended=0, proposed=5),
+    "committed to and open": entered(ended=None),
+    "committed is a number": entered(committed=1),
+    "a start that was proposed": lambda content: content["plans"][0].update(proposed=0),
+    "other words": lambda content: content["statements"][1].update(
+        statement="no two vehicles come nearer than ten times the distance"
+    ),
+    "other grounds": lambda content: content["statements"][1].update(grounds="obvious"),
+    "a statement less": lambda content: content["statements"].pop(),
+    "a huge number": moved(1e12, 0, slice(None)),
+}
+
+
+@pytest.mark.parametrize("name", INVALID_FILES)
+def test_an_invalid_file_is_named(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    content = json.loads(genuine())
+    INVALID_FILES[name](content)
+    assert judged(content, tmp_path) == INVALID
+    assert "cannot be used: " in capsys.readouterr().err
+
+
+def test_a_change_without_a_new_digest_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "certificate.json"
+    file.write_text(genuine().replace('"distance": 0.35', '"distance": 0.34'))
+    assert main([str(file)]) == REFUSED
+
+
+def test_time_that_is_up_is_no_proof(tmp_path: Path) -> None:
+    file = tmp_path / "certificate.json"
+    file.write_text(genuine())
+    assert main([str(file), "--seconds", "1e-9"]) == UNDECIDED
+
+
+def test_rules_that_prove_nothing_give_no_certificate() -> None:
+    swarm = ss.Swarm(starts=[[0.0, 0, 0]], goals=[[1.0, 0, 0]], distance=0.3)
+    flight = ss.simulate_swarm(swarm, rule="waiting", seed=0)
+    with pytest.raises(ss.InvalidProblemError, match="needs the rule acknowledged"):
+        flight.certificate()
+
+
+NUMBER = st.floats(-1e3, 1e3)
+POINT = st.tuples(NUMBER, NUMBER, NUMBER).map(np.array)
+
+
+@given(POINT, POINT)
+def test_no_segment_is_separated_farther_than_its_nearest_point(
+    start: np.ndarray, end: np.ndarray
+) -> None:
+    shares = np.linspace(0, 1, 1001)[:, None]
+    sampled = np.linalg.norm(start + shares * (end - start), axis=1).min()
+    assert not separated(start, end, np.array(sampled * (1 + 1e-9) + 1e-300))
+    # And the bound is sharp, up to the samples' distance from the nearest point.
+    gap = np.linalg.norm(end - start) / 1000
+    least = (sampled - gap) * (1 - 1e-9) - 1e-9
+    assert separated(start, end, np.array(least))
+
+
+def test_a_segment_through_the_origin_is_not_separated() -> None:
+    start = np.array([[1.0, 0, 0], [0, 0, 0], [1, 1, 0]])
+    end = np.array([[-1.0, 0, 0], [0, 0, 0], [0, 0, 0]])
+    assert not separated(start, end, np.full(3, 1e-300)).any()
+    assert not separated(np.full(3, np.nan), np.ones(3), np.array(0.1))
