@@ -154,7 +154,7 @@ def table(rows: Sequence[tuple[str, list[Trial]]]) -> list[str]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Fly all, print the page, and write it if that is asked for."""
+    """Simulate all, print the page, and write it if that is asked for."""
     parser = page_options(__doc__)
     parser.add_argument("--short", action="store_true", help="a few flights of each")
     options = parser.parse_args(arguments)

@@ -1,6 +1,6 @@
 """The statements of a certificate of a swarm's flight, proven again one by one.
 
-Nothing here is shared with the program that flew: neither the rule nor the test of
+Nothing here is shared with the program that made it: neither the rule nor the test of
 distances. A refusal names vehicles and steps.
 """
 
@@ -113,7 +113,7 @@ def _break(before: Plan, after: Plan, ticks: int) -> str:
 
 
 def _end(certificate: Certificate) -> int:
-    """Return a step from which on all plans and obstacles stay where they are."""
+    """Return a step from which on all plans and obstacles stay in place."""
     tubes = [plan.tube for plan in certificate.plans if plan.committed]
     tubes += [tube for _, tube in certificate.obstacles]
     return max(certificate.steps, *(tube.last for tube in tubes))
