@@ -45,7 +45,7 @@ constraints, free end time, soft constraints, rate limits, blocks, linear contro
 collocation, ensembles, maximised), and in brackets the number of problems in which
 a guess takes fewer than a cold call.
 [Warm starts that travel](../answers.md#warm-starts-that-travel) shows how to use it.
-With lanes, IPOPT polishes the best of 64 starts beside the guess, so little is saved.
+With lanes, IPOPT polishes their best starts beside the guess, so little is saved.
 
 Made again elsewhere, the rows of a problem differ in every number by 20 % or 3 at most.
 

@@ -1,0 +1,51 @@
+"""The measurement of swarms: what is drawn, what counts, and what the page says."""
+
+import numpy as np
+
+import swarmstart as ss
+from swarmstart.benchmarks.swarms import (
+    APART,
+    DISTANCE,
+    SCALE,
+    Trial,
+    flown,
+    gate_table,
+    page,
+    transition,
+)
+
+
+def test_draws_have_room_and_are_the_same_for_the_same_seed() -> None:
+    swarm = transition(12, 3.0, 4, clutter=5)
+    for places in (swarm.starts, swarm.goals):
+        apart = np.linalg.norm((places[:, None] - places) * SCALE, axis=2)
+        assert apart[~np.eye(12, dtype=bool)].min() >= APART * DISTANCE
+    assert len(swarm.obstacles) == 5
+    assert (transition(12, 3.0, 4, clutter=5).starts == swarm.starts).all()
+
+
+def test_page_counts_collisions_with_and_without_acceptances() -> None:
+    swarm, links = transition(3, 3.0, 0), ss.Links(most_delay=1)
+    safe = flown(swarm, links, 0)
+    assert safe.all_arrive
+    assert safe.step_ms > 0
+    rules = [("delays", "acknowledged", [safe]), ("delays", "hearsay", [safe, safe])]
+    rows = [(str(number), [safe]) for number in range(10)]
+    said = page(rules, rows, "the command")
+    assert said[0].startswith(
+        "With acceptances, 0 of 11 flights have a collision, and 100.0% of the "
+        "vehicles arrive; without them, 0 of 2 have one."
+    )
+    assert "| delays | hearsay | 2 | 0 | 2 |" in "\n".join(gate_table(rules))
+
+
+def test_a_flight_that_comes_too_near_is_a_collision() -> None:
+    links = ss.Links(most_delay=6, loss=0.3)
+    trials = [flown(transition(10, 2.2, s), links, s, "hearsay", 0.3) for s in range(4)]
+    row = gate_table([("delays", "hearsay", trials)])[-1]
+    count = int(row.split("|")[4])
+    assert count == sum(
+        float(t.flight.apart.min()) < t.flight.swarm.distance for t in trials
+    )
+    assert count > 0
+    assert isinstance(trials[0], Trial)
