@@ -1,13 +1,15 @@
-"""Flights of point masses: cubic legs from state to state, at rest after the last.
+"""Flights of point masses: legs of held accelerations, at rest after the last.
 
-On a leg of duration T each coordinate is the cubic that has the given positions and
-velocities at both ends (Hermite). With d = p_1 - p_0 its accelerations at the ends are
+On a leg of N steps of h seconds each coordinate has the accelerations a_k = b + c k,
+each held for a step, that lead from a given position and velocity to another. With
+d = (p_N - p_0) / h^2 - N v_0 / h and w = (v_N - v_0) / h,
 
-    a(0) = (6 d - T (4 v_0 + 2 v_1)) / T^2,   a(T) = (T (2 v_0 + 4 v_1) - 6 d) / T^2,
+    c = 12 (N w / 2 - d) / (N (N^2 - 1)),   b = w / N - c (N - 1) / 2.
 
-and it is linear between; so bounds of acceleration hold if they hold at the ends, and
-the speed is largest at an end or at the zero of the acceleration. A piece of h seconds
-keeps to its chord within the larger |a| at its ends times h^2 / 8.
+They are linear in k: bounds of acceleration hold if they hold in the first and the last
+step, and the speed is largest at an end or where the accelerations change their sign.
+In a step the path keeps to its chord within |a_k| h^2 / 8. So a plant that holds its
+accelerations follows a plan exactly.
 
 Coordinates are scaled, so bounds are given for each axis.
 """
@@ -21,6 +23,8 @@ from swarmstart.ocp.swarm.plans import Plans
 
 LONGEST = 1_000_000
 """Number of steps that no leg has."""
+SAME = 1e-9
+"""Difference of accelerations, or relative excess over a bound, that is rounding."""
 
 
 class PointMass(NamedTuple):
@@ -46,22 +50,46 @@ class State(NamedTuple):
 
 @kernel
 def is_feasible(start: State, end: State, steps: int, body: PointMass) -> bool:
-    """Return whether a leg of so many steps keeps the bounds of a point mass."""
-    duration = steps * body.step_s
+    """Return whether a leg of so many steps keeps the bounds, but for rounding."""
     for axis in range(3):
-        v0, v1 = start.velocity[axis], end.velocity[axis]
-        way = 6.0 * (end.position[axis] - start.position[axis])
-        first = (way - duration * (4.0 * v0 + 2.0 * v1)) / duration**2
-        last = (duration * (2.0 * v0 + 4.0 * v1) - way) / duration**2
-        if not max(abs(first), abs(last)) <= body.acceleration[axis]:
+        first, change = accelerations(start, end, (axis, steps), body)
+        last = first + change * (steps - 1)
+        if not max(abs(first), abs(last)) <= body.acceleration[axis] * (1.0 + SAME):
             return False
+        v0, v1 = start.velocity[axis], end.velocity[axis]
         fastest = max(abs(v0), abs(v1))
         if first * last < 0:
-            share = first / (first - last)
-            fastest = max(fastest, abs(v0 + 0.5 * first * share * duration))
-        if not fastest <= body.speed[axis]:
+            # At the vertex of the speed as a parabola in k, which the samples keep to.
+            k = 0.5 - first / change
+            speed = v0 + body.step_s * (k * first + change * k * (k - 1.0) / 2.0)
+            fastest = max(fastest, abs(speed))
+        if not fastest <= body.speed[axis] * (1.0 + SAME):
             return False
     return True
+
+
+@kernel
+def accelerations(
+    start: State, end: State, leg: tuple[int, int], body: PointMass
+) -> tuple[float, float]:
+    """Return the first acceleration of a leg and its change in each step [m/s^2].
+
+    Args:
+        start: State at its beginning.
+        end: State at its end.
+        leg: Axis, and number of steps. One step has no change, and need not lead there.
+        body: The point mass.
+    """
+    axis, n = leg
+    h = body.step_s
+    v0 = start.velocity[axis]
+    gained = (end.velocity[axis] - v0) / h
+    way = (end.position[axis] - start.position[axis]) / h**2 - n * v0 / h
+    if n == 1:
+        # Only if both conditions ask for the same.
+        return (gained if abs(2.0 * way - gained) < SAME else math.inf), 0.0
+    change = 12.0 * (n * gained / 2.0 - way) / (n * (n**2 - 1.0))
+    return gained / n - change * (n - 1.0) / 2.0, change
 
 
 @kernel
@@ -99,25 +127,23 @@ def write_leg(
         plans: The plans.
     """
     start, end = ends
-    duration = steps * body.step_s
     last = plans.bulges.shape[1] - 1
-    length = 0.0
+    h, length = body.step_s, 0.0
+    velocity = start.velocity.copy()
     for k in range(min(steps, last - index)):
-        share, before = (k + 1) / steps, k / steps
         bend, moved = 0.0, 0.0
         for axis in range(3):
-            p0, v0 = start.position[axis], start.velocity[axis] * duration
-            p1, v1 = end.position[axis], end.velocity[axis] * duration
-            d = p1 - p0
-            first, rate = 6 * d - 4 * v0 - 2 * v1, 6 * (v0 + v1) - 12 * d
-            point = p0 + share * (v0 + share * (first / 2 + share * rate / 6))
+            first, change = accelerations(start, end, (axis, steps), body)
+            push = first + change * k
+            way = h * (velocity[axis] + h * push / 2.0)
+            point = plans.samples[plan, index + k, axis] + way
             if k + 1 == steps:
-                point = p1
-            moved += (point - plans.samples[plan, index + k, axis]) ** 2
+                point = end.position[axis]
+            velocity[axis] += h * push
             plans.samples[plan, index + k + 1, axis] = point
-            bend += max(abs(first + before * rate), abs(first + share * rate)) ** 2
-        # Accelerations in units of one leg; h^2 / 8 is 1 / (8 steps^2) of them.
-        plans.bulges[plan, index + k] = math.sqrt(bend) / (8 * steps**2)
+            bend += push**2
+            moved += way**2
+        plans.bulges[plan, index + k] = math.sqrt(bend) * h**2 / 8.0
         length += math.sqrt(moved)
     return length
 

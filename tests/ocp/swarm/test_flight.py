@@ -84,7 +84,7 @@ def test_rules_that_trust_what_they_heard_collide_where_acknowledged_ones_do_not
         for rule in RULES:
             flight = ss.simulate_swarm(
                 swarm, links=ss.Links(most_delay=6, loss=0.3), rule=rule,
-                lead_s=None if rule == "acknowledged" else 0.3, seed=seed,
+                lead_s=None if rule == "acknowledged" else 0.1, seed=seed,
             )  # fmt: skip
             collisions[rule] += not flight.is_safe
     assert collisions["acknowledged"] == 0

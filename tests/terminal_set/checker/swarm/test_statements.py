@@ -11,15 +11,20 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import swarmstart as ss
 from swarmstart.ocp.swarm.certificate import STATEMENTS as WRITTEN
 from swarmstart.terminal_set.check import main
 from swarmstart.terminal_set.checker.file_content import digest
-from swarmstart.terminal_set.checker.swarm.certificate_file import STATEMENTS
+from swarmstart.terminal_set.checker.findings import Verdict
+from swarmstart.terminal_set.checker.swarm.certificate_file import (
+    STATEMENTS,
+    certificate_of,
+)
 from swarmstart.terminal_set.checker.swarm.separation import separated
+from swarmstart.terminal_set.checker.swarm.statements import findings
 
 Content = dict[str, Any]
 PROVEN, INVALID, REFUSED, UNDECIDED = 0, 2, 3, 4
@@ -328,3 +333,30 @@ def test_a_segment_through_the_origin_is_not_separated() -> None:
     end = np.array([[-1.0, 0, 0], [0, 0, 0], [0, 0, 0]])
     assert not separated(start, end, np.full(3, 1e-300)).any()
     assert not separated(np.full(3, np.nan), np.ones(3), np.array(0.1))
+
+
+@settings(deadline=None, max_examples=15)
+@given(
+    st.integers(0, 2**31), st.integers(1, 6), st.integers(0, 5), st.floats(0, 0.5),
+    st.integers(1, 4), st.booleans(),
+)  # fmt: skip
+def test_every_flight_that_keeps_the_rule_is_proven(
+    seed: int, n: int, most_delay: int, loss: float, period: int, silent: bool
+) -> None:
+    rng = np.random.default_rng(seed)
+    corners = np.stack(np.meshgrid(*[np.arange(2.0)] * 3), -1).reshape(-1, 3)
+    grid = rng.permutation(corners)
+    aim = rng.permutation(grid)
+    crossing = [[0.5, -2.0, 0.5], [0.5, 3.0, 0.5]]
+    swarm = ss.Swarm(
+        starts=grid[:n], goals=aim[:n] + 0.1, distance=0.4, scale=(1.0, 1.0, 0.8),
+        obstacles=[ss.Obstacle(radius=0.1, path=crossing, times=[0.0, 4.0])],
+    )  # fmt: skip
+    links = ss.Links(
+        period=period, most_delay=most_delay, loss=loss,
+        silences={0: (0.5, 3.0)} if silent else {},
+    )  # fmt: skip
+    flight = ss.simulate_swarm(swarm, links=links, seconds=8.0, seed=seed)
+    certificate = certificate_of(json.loads(flight.certificate()))
+    found = [one.verdict for one in findings(certificate, seconds=600)]
+    assert found == [Verdict.PROVED] * len(STATEMENTS)
