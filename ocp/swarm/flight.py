@@ -70,6 +70,8 @@ TURN = 10
 """Steps after which the order of right of way changes."""
 ROOM = 1.01
 """Distance to others' goals and rests of a place to step aside to, in distances."""
+MOST_PIECES = 10_000
+"""Largest number of pieces of a plan."""
 GROWTH = 8
 """Rows of plans for each vehicle that are added when there is no room."""
 
@@ -253,6 +255,22 @@ def simulate_swarm(  # noqa: PLR0913 - the swarm, its links, and how it is simul
     lead = _lead(swarm.size, links)
     if lead_s is not None:
         lead = max(1, round(lead_s / step_s))
+    pieces = _pieces(swarm, longest_s, step_s, lead)
+    team = _Team(
+        swarm, links, RULES[rule], step_s=step_s, sizes=(pieces, lead, tries),
+        rng=generator_of(rng, seed),
+    )  # fmt: skip
+    team.fly(steps=int(np.ceil(seconds / step_s)))
+    return team.flight(rule)
+
+
+def _pieces(swarm: Swarm, longest_s: float, step_s: float, lead: int) -> int:
+    """Return the number of pieces of a plan.
+
+    Raises:
+        InvalidProblemError: If no vehicle, or one that is named, can arrive with so
+            many, or they are too many.
+    """
     # What moves is known until it stands, so that a rest is clear of it for ever.
     known_s = max((float(one.times[-1]) for one in swarm.obstacles), default=0.0)
     pieces = round(max(longest_s, known_s) / step_s)
@@ -260,12 +278,18 @@ def simulate_swarm(  # noqa: PLR0913 - the swarm, its links, and how it is simul
         raise InvalidProblemError(
             f"longest_s must be above the lead of {lead * step_s:g} s, got {longest_s}"
         )
-    team = _Team(
-        swarm, links, RULES[rule], step_s=step_s, sizes=(pieces, lead, tries),
-        rng=generator_of(rng, seed),
-    )  # fmt: skip
-    team.fly(steps=int(np.ceil(seconds / step_s)))
-    return team.flight(rule)
+    if pieces > MOST_PIECES:
+        raise InvalidProblemError(
+            f"longest_s must be at most {MOST_PIECES} steps of step_s, got {pieces}"
+        )
+    least_s = (np.abs(swarm.goals - swarm.starts) / swarm.speed).max(axis=1)
+    if (least_s > longest_s).any():
+        i = int(least_s.argmax())
+        raise InvalidProblemError(
+            f"longest_s must be at least the {least_s[i]:.4g} s in which vehicle {i} "
+            f"reaches its goal at full speed, got {longest_s}"
+        )
+    return pieces
 
 
 @dataclass(slots=True)

@@ -6,6 +6,7 @@ apart along z, so that no drone comes into the downwash of another.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -44,6 +45,17 @@ def _frozen(value: ArrayLike, shape: tuple[int | None, ...], name: str) -> Array
         raise InvalidProblemError(f"{name} must be finite, got {array[*bad]} at {bad}")
     array.flags.writeable = False
     return array
+
+
+def _distances(points: Array, path: Array) -> Array:
+    """Return the distance of each point from a polygon, shape (n,)."""
+    found = np.linalg.norm(points - path[0], axis=1)
+    for start, end in itertools.pairwise(path):
+        way = end - start
+        share = (points - start) @ way / max(way @ way, np.finfo(float).tiny)
+        near = start + np.clip(share, 0.0, 1.0)[:, None] * way
+        found = np.minimum(found, np.linalg.norm(points - near, axis=1))
+    return np.asarray(found)
 
 
 def _set(thing: object, **values: object) -> None:
@@ -131,8 +143,8 @@ class Swarm:
 
     Raises:
         InvalidProblemError: If shapes do not fit, a number is not finite, two starts or
-            two goals are too near, or a start or goal is too near an obstacle; the
-            vehicles and the distance are named.
+            two goals are too near, a goal is too near an obstacle in the end, or a
+            start is too near its path; the vehicles and the distance are named.
 
     Example:
         >>> import swarmstart as ss
@@ -190,9 +202,9 @@ class Swarm:
                     f"apart (scaled), got {apart[j]:.4g} m"
                 )
         for number, obstacle in enumerate(self.obstacles):
-            # Goals are kept for ever, so at the end; starts before the flight.
-            point = obstacle.path[0 if name == "starts" else -1] * self.scale
-            apart = np.linalg.norm(scaled - point, axis=1)
+            # Goals are kept for ever; starts, as long as no plan is agreed upon.
+            path = obstacle.path if name == "starts" else obstacle.path[-1:]
+            apart = _distances(scaled, path * self.scale)
             least = self.clearance(obstacle)
             if (apart < least).any():
                 i = int(apart.argmin())
@@ -234,6 +246,9 @@ class Links:
         loss: Probability that a message is lost, for each receiver.
         silences: Vehicle -> (from, to): it neither sends nor hears then [s].
 
+    Raises:
+        InvalidProblemError: If an argument is invalid.
+
     Example:
         >>> import swarmstart as ss
         >>> ss.Links(most_delay=3, loss=0.05).period
@@ -244,3 +259,11 @@ class Links:
     most_delay: int = 0
     loss: float = 0.0
     silences: Mapping[int, Sequence[float]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Check the silences."""
+        for vehicle, times in self.silences.items():
+            if len(times) != 2 or not times[0] <= times[1]:  # noqa: PLR2004
+                raise InvalidProblemError(
+                    f"silences of vehicle {vehicle} must be (from, to), got {times}"
+                )

@@ -173,6 +173,17 @@ def test_who_is_at_the_goal_already_stays_and_others_come() -> None:
             {"obstacles": [ss.Obstacle(radius=0.5, path=[[0, 1.5, 0]])]},
             "vehicle 0 must be 0.65 m from the centre of obstacle 0 .*got 0.5 m",
         ),
+        (
+            # It passes between the starts, later.
+            {
+                "obstacles": [
+                    ss.Obstacle(
+                        radius=0.5, path=[[0.5, -5, 0], [0.5, 5, 0]], times=[3.0, 5.0]
+                    )
+                ]
+            },
+            "starts of vehicle 0 must be 0.65 m from the centre of obstacle 0",
+        ),
     ],
 )
 def test_a_swarm_without_room_is_refused_with_names_and_numbers(
@@ -198,3 +209,12 @@ def test_invalid_links_paths_and_times_are_refused() -> None:
         ss.simulate_swarm(swarm, rule="trust", seed=0)
     with pytest.raises(ss.InvalidProblemError, match="longest_s must be above the"):
         ss.simulate_swarm(swarm, longest_s=1.0, lead_s=2.0, seed=0)
+    with pytest.raises(ss.InvalidProblemError, match="at most 10000 steps"):
+        ss.simulate_swarm(swarm, step_s=1e-6, seed=0)
+    with pytest.raises(ss.InvalidProblemError, match=r"silences of vehicle 0 must be"):
+        ss.Links(silences={0: (2.0, 1.0)})
+    with pytest.raises(ss.InvalidProblemError, match=r"silences of vehicle 0 must be"):
+        ss.Links(silences={0: (2.0, 3.0, 4.0)})
+    far = ss.Swarm(starts=np.eye(2, 3), goals=99 * np.eye(2, 3), distance=0.3)
+    with pytest.raises(ss.InvalidProblemError, match="49 s in which vehicle 0 reaches"):
+        ss.simulate_swarm(far, seed=0)

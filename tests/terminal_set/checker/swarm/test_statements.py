@@ -40,7 +40,7 @@ def genuine() -> str:
         distance=CROSS,
         obstacles=[
             ss.Obstacle(radius=0.2, path=[[1.0, 0.0, 1.0]]),
-            ss.Obstacle(radius=0.1, path=[[1.0, 3, 1], [1.0, -3, 1]], times=[0.0, 6.0]),
+            ss.Obstacle(radius=0.1, path=[[1.5, 3, 1], [1.5, -3, 1]], times=[0.0, 6.0]),
         ],
     )
     flight = ss.simulate_swarm(swarm, links=ss.Links(most_delay=2, loss=0.2), seed=0)
