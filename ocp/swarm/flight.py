@@ -2,8 +2,8 @@
 
 Each vehicle looks for a whole flight to its goal that is clear of what it has heard
 (`seeking.py`), proposes it, and follows it when the rule lets it commit to it. Until
-then it stays in place. If it finds none twice, it may look for a place nearby that is
-in no other's way, so that two that stand on each other's goals can part.
+then it stays in place. If it finds none twice, it may look for a place nearby, or on
+its way, that is in no other's way; so two that stand on each other's goals can part.
 
 Rules, which say when a vehicle commits to a candidate:
 
@@ -335,7 +335,9 @@ class _Team:
             np.multiply(swarm.acceleration, swarm.scale),
             np.multiply(swarm.speed, swarm.scale),
             step_s,
+            swarm.turn_rate,
         )
+        self._headings = swarm.headings.copy()
         self._starts, self._goals = (
             places * swarm.scale for places in (swarm.starts, swarm.goals)
         )
@@ -390,11 +392,21 @@ class _Team:
         for i in np.flatnonzero(committed | withdrawn).tolist():
             proposal = self._log[int(candidates[i])]
             proposal.ended, proposal.committed = tick, bool(committed[i])
+            if committed[i]:
+                self._headings[i] = self._last_heading(i)
         for j, i in np.argwhere(self._members.accepted != accepted).tolist():
             self._log[int(self._members.accepted[j, i])].accepted[j] = tick
         self._failures[committed] = 0
         pauses = self._rng.integers(0, PATIENCE, size=n)
         self._not_before[withdrawn] = tick + pauses[withdrawn]
+
+    def _last_heading(self, i: int) -> float:
+        """Return the heading with which a vehicle comes to rest [rad]."""
+        ways = np.diff(self._plans.samples[self._members.committed[i]], axis=0)
+        moving = np.flatnonzero(ways.any(axis=1))
+        if not moving.size:
+            return float(self._headings[i])
+        return float(np.arctan2(ways[moving[-1], 1], ways[moving[-1], 0]))
 
     def _planning(self, tick: int) -> Count:
         """Return the vehicles that look for a plan at a tick."""
@@ -426,7 +438,9 @@ class _Team:
             [members.heard_committed[i], members.heard_candidate[i], self._obstacles]
         )
         known = np.unique(known[known >= 0])
-        task = Task(step, index, state, goal, known, self._swarm.distance)
+        task = Task(
+            step, index, state, goal, known, self._swarm.distance, self._headings[i]
+        )
         draws = self._rng.standard_normal((self._tries, PARTS))
         self._searches += 1
         if np.isfinite(seek(row, task, draws, self._body, plans)):
@@ -440,9 +454,16 @@ class _Team:
             self._not_before[i] = tick + self._rng.integers(2, DOUBT)
 
     def _aside(self, i: int, place: Array) -> Array | None:
-        """Return a place nearby on which no goal lies and no known plan ends."""
+        """Return a place on which no goal lies and no known plan ends.
+
+        It is nearby, to make way, or about the straight way, to come nearer.
+        """
+        drawn = self._rng.standard_normal(3)
+        if self._swarm.turn_rate < np.inf:
+            drawn[2] = 0.0
+        share = max(0.0, self._rng.uniform(-1.0, 1.0))
         spread = self._swarm.distance * (2.0 + 0.4 * self._failures[i])
-        found = place + spread * self._rng.standard_normal(3)
+        found = place + share * (self._goals[i] - place) + spread * drawn
         heard = self._members.heard_committed[i]
         ends = self._plans.samples[heard[heard >= 0], -1]
         others = np.concatenate([np.delete(self._goals, i, axis=0), ends])

@@ -34,11 +34,15 @@ class PointMass(NamedTuple):
         acceleration: Largest one along each axis, scaled, shape (3,) [m/s^2].
         speed: Largest one along each axis, scaled, shape (3,) [m/s].
         step_s: Step of the grid [s].
+        turn_rate: Largest turn rate of a vehicle that moves where it is headed, in the
+            plane [rad/s]; the bounds of the first axis hold for sizes of vectors, then.
+            Infinite for others.
     """
 
     acceleration: Array
     speed: Array
     step_s: float
+    turn_rate: float = math.inf
 
 
 class State(NamedTuple):
@@ -64,6 +68,33 @@ def is_feasible(start: State, end: State, steps: int, body: PointMass) -> bool:
             speed = v0 + body.step_s * (k * first + change * k * (k - 1.0) / 2.0)
             fastest = max(fastest, abs(speed))
         if not fastest <= body.speed[axis] * (1.0 + SAME):
+            return False
+    return body.turn_rate == math.inf or _can_turn(start, end, steps, body)
+
+
+@kernel
+def _can_turn(start: State, end: State, steps: int, body: PointMass) -> bool:
+    """Return whether a leg in the plane keeps the bounds of size and turn rate.
+
+    In a step of acceleration a from velocity v on, v x a does not change, so that the
+    turn rate v x a / |v|^2 is largest at the least speed.
+    """
+    h = body.step_s
+    ax, cx = accelerations(start, end, (0, steps), body)
+    ay, cy = accelerations(start, end, (1, steps), body)
+    vx, vy = start.velocity[0], start.velocity[1]
+    for _ in range(steps):
+        size = ax**2 + ay**2
+        if not math.sqrt(size) <= body.acceleration[0] * (1.0 + SAME):
+            return False
+        # The time of the least speed within the step.
+        t = min(h, max(0.0, -(vx * ax + vy * ay) / size)) if size > 0 else 0.0
+        slowest = (vx + t * ax) ** 2 + (vy + t * ay) ** 2
+        turning = abs(vx * ay - vy * ax)
+        if turning > SAME and not turning <= body.turn_rate * slowest:
+            return False
+        vx, vy, ax, ay = vx + h * ax, vy + h * ay, ax + cx, ay + cy
+        if not math.sqrt(vx**2 + vy**2) <= body.speed[0] * (1.0 + SAME):
             return False
     return True
 

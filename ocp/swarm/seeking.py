@@ -20,6 +20,7 @@ from swarmstart.ocp.swarm.legs import (
     LONGEST,
     PointMass,
     State,
+    accelerations,
     least_steps,
     rest,
     write_leg,
@@ -59,6 +60,7 @@ class Task(NamedTuple):
         goal: Scaled position [m], shape (3,).
         others: Rows of plans to keep clear of, shape (k,); their order changes.
         radius: Least distance [m], scaled.
+        heading: Of a vehicle that moves where it is headed, at rest [rad].
     """
 
     step: int
@@ -67,6 +69,7 @@ class Task(NamedTuple):
     goal: Array
     others: Count
     radius: float
+    heading: float = 0.0
 
 
 @kernel
@@ -121,19 +124,19 @@ def fly(
         plans: The plans.
     """
     start, end = task.state, State(task.goal, np.zeros(3))
-    wait = _wait(parts[WAIT], start, body)
-    index = task.parting + wait
-    room = plans.bulges.shape[1] - 1 - index
+    room = plans.bulges.shape[1] - 1 - task.parting
     shortest = WEIGHT * _way(start, end)
-    if wait * body.step_s + shortest >= most:
-        return math.inf
     via = _via(parts, task, body)
     first, second = least_steps(start, via, room, body), LONGEST
     if first < LONGEST:
         second = least_steps(via, end, room - first, body)
-    arrival = (wait + first + second) * body.step_s
-    if second == LONGEST or arrival + shortest >= most:
+    if second == LONGEST:
         return math.inf
+    wait = _wait(parts[WAIT], (start, via), (first, task.heading), body)
+    arrival = (wait + first + second) * body.step_s
+    if wait + first + second > room or arrival + shortest >= most:
+        return math.inf
+    index = task.parting + wait
     for k in range(task.parting, index):
         plans.bulges[plan, k] = 0.0
         plans.samples[plan, k + 1] = start.position
@@ -144,11 +147,30 @@ def fly(
 
 
 @kernel
-def _wait(part: float, start: State, body: PointMass) -> int:
-    """Return for how many steps a flight waits: most not at all, and none in motion."""
+def _wait(
+    part: float, ends: tuple[State, State], leg: tuple[int, float], body: PointMass
+) -> int:
+    """Return for how many steps a flight waits: most not at all, and none in motion.
+
+    A vehicle that moves where it is headed turns on the spot at least.
+
+    Args:
+        part: A normal number.
+        ends: States at the ends of the first leg.
+        leg: Its number of steps, and the heading before it [rad].
+        body: The point mass.
+    """
+    start, via = ends
     if start.velocity.any():
         return 0
-    return int(max(0.0, part - 0.5) * WAIT_S / body.step_s)
+    wait = int(max(0.0, part - 0.5) * WAIT_S / body.step_s)
+    if body.turn_rate == math.inf:
+        return wait
+    steps, heading = leg
+    push, _ = accelerations(start, via, (0, steps), body)
+    aside, _ = accelerations(start, via, (1, steps), body)
+    turn = abs((math.atan2(aside, push) - heading + math.pi) % (2 * math.pi) - math.pi)
+    return max(wait, math.ceil(turn / body.turn_rate / body.step_s))
 
 
 @kernel
@@ -167,16 +189,18 @@ def _via(parts: Array, task: Task, body: PointMass) -> State:
     way = task.goal - task.state.position
     length = math.sqrt((way**2).sum())
     along = way / max(length, SHORT)
-    push, fastest = math.inf, math.inf
+    in_plane = body.turn_rate < math.inf
+    push = body.acceleration[0] if in_plane else math.inf
+    fastest = body.speed[0] if in_plane else math.inf
     for axis in range(3):
-        if along[axis] != 0.0:
+        if along[axis] != 0.0 and not in_plane:
             push = min(push, body.acceleration[axis] / abs(along[axis]))
             fastest = min(fastest, body.speed[axis] / abs(along[axis]))
     half = math.ceil(math.sqrt(length / push) / body.step_s) * body.step_s
     speed = min(length / max(half, SHORT), fastest)
     share = min(1.0, max(0.0, 0.5 + SHARE * parts[PLACE]))
     place = task.state.position + share * way
-    for axis in range(3):
+    for axis in range(2 if in_plane else 3):
         place[axis] += ASIDE * task.radius * parts[1 + axis]
     return State(place, max(0.0, 1.0 - SLOWER * abs(parts[SPEED])) * speed * along)
 

@@ -19,6 +19,7 @@ from swarmstart.arguments import (
     checked,
     mapping,
     of_kind,
+    optional,
     reals,
     several,
 )
@@ -126,6 +127,8 @@ class Obstacle:
     acceleration=reals(),
     speed=reals(),
     obstacles=several(of_kind(Obstacle, "an Obstacle"), "a sequence of Obstacles"),
+    turn_rate=a_number(above=0, finite=False),
+    headings=optional(reals()),
 )
 @dataclass(frozen=True, init=False, slots=True, eq=False)
 class Swarm:
@@ -140,6 +143,11 @@ class Swarm:
         acceleration: Largest acceleration along each axis, shape (3,) [m/s^2].
         speed: Largest speed along each axis, shape (3,) [m/s].
         obstacles: Balls from which a vehicle keeps half the distance, scaled.
+        turn_rate: Largest turn rate of vehicles that move in the plane, where they are
+            headed (unicycles) [rad/s]; the bounds of the first axis hold for the sizes
+            of acceleration and velocity, then. Infinite for point masses.
+        headings: Headings of such vehicles at the start, shape (n,) [rad]; zero if they
+            are not given.
 
     Raises:
         InvalidProblemError: If shapes do not fit, a number is not finite, two starts or
@@ -163,6 +171,8 @@ class Swarm:
     acceleration: Array
     speed: Array
     obstacles: tuple[Obstacle, ...]
+    turn_rate: float
+    headings: Array
 
     def __init__(  # noqa: PLR0913 - its fields
         self,
@@ -174,6 +184,8 @@ class Swarm:
         acceleration: ArrayLike = (1.0, 1.0, 1.0),
         speed: ArrayLike = (2.0, 2.0, 2.0),
         obstacles: Sequence[Obstacle] = (),
+        turn_rate: float = np.inf,
+        headings: ArrayLike | None = None,
     ) -> None:
         """Copy the arrays, and check that all have room."""
         first = _frozen(starts, (None, AXES), "starts")
@@ -187,9 +199,27 @@ class Swarm:
             if not (array > 0).all():
                 raise InvalidProblemError(f"{name} must be above 0, got {array}")
             _set(self, **{name: array})
-        _set(self, obstacles=tuple(obstacles))
+        faced = np.zeros(len(first)) if headings is None else headings
+        _set(
+            self,
+            obstacles=tuple(obstacles),
+            turn_rate=float(turn_rate),
+            headings=_frozen(faced, (len(first),), "headings"),
+        )
+        self._check_plane()
         self._check_room("starts", first)
         self._check_room("goals", last)
+
+    def _check_plane(self) -> None:
+        if self.turn_rate == np.inf:
+            return
+        heights = np.unique([self.starts[:, 2], self.goals[:, 2]])
+        if len(heights) > 1 or self.scale[0] != self.scale[1]:
+            raise InvalidProblemError(
+                "vehicles with a turn rate must stay in a plane: one height of starts "
+                f"and goals, and one scale along x and y; got heights {heights} and "
+                f"scale {self.scale}"
+            )
 
     def _check_room(self, name: str, places: Array) -> None:
         scaled = places * self.scale

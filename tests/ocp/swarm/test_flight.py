@@ -173,6 +173,9 @@ def test_who_is_at_the_goal_already_stays_and_others_come() -> None:
             {"obstacles": [ss.Obstacle(radius=0.5, path=[[0, 1.5, 0]])]},
             "vehicle 0 must be 0.65 m from the centre of obstacle 0 .*got 0.5 m",
         ),
+        ({"turn_rate": 1.0, "goals": [[0, 1, 1], [1, 1, 0]]}, "must stay in a plane"),
+        ({"turn_rate": 0.0}, "turn_rate must be a number above 0"),
+        ({"headings": [0.0]}, r"headings must have shape \(2\)"),
         (
             # It passes between the starts, later.
             {
@@ -218,3 +221,43 @@ def test_invalid_links_paths_and_times_are_refused() -> None:
     far = ss.Swarm(starts=np.eye(2, 3), goals=99 * np.eye(2, 3), distance=0.3)
     with pytest.raises(ss.InvalidProblemError, match="49 s in which vehicle 0 reaches"):
         ss.simulate_swarm(far, seed=0)
+
+
+def headings(flight: ss.SwarmFlight, vehicle: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return times and headings of a vehicle in motion, ten of each step."""
+    h, path = flight.step_s, flight.positions[vehicle].T
+    velocity, times, angles = np.zeros(3), list[float](), list[float]()
+    for k, way in enumerate(np.diff(path, axis=0)):
+        push = 2 * (way / h - velocity) / h
+        for share in (np.arange(10) + 0.5) / 10:
+            at = velocity + share * h * push
+            if np.linalg.norm(at) > 1e-5:
+                times.append((k + share) * h)
+                angles.append(float(np.arctan2(at[1], at[0])))
+        velocity = velocity + h * push
+    return np.array(times), np.array(angles)
+
+
+@settings(deadline=None, max_examples=10)
+@given(st.integers(0, 2**31), st.integers(1, 5), st.floats(0.3, 3.0))
+def test_a_vehicle_that_moves_where_it_is_headed_turns_no_faster_than_it_can(
+    seed: int, n: int, turn_rate: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    places = np.array([[x, y, 0.0] for x in range(3) for y in range(3)], dtype=float)
+    shift = np.array([0.2, 0.1, 0.0])
+    swarm = ss.Swarm(
+        starts=rng.permutation(places)[:n], goals=rng.permutation(places + shift)[:n],
+        distance=0.4, speed=[1.0, 1.0, 1.0], turn_rate=turn_rate,
+        headings=rng.uniform(-np.pi, np.pi, n),
+    )  # fmt: skip
+    flight = ss.simulate_swarm(swarm, seconds=20.0, seed=seed)
+    assert flight.is_safe
+    assert (flight.positions[:, 2] == swarm.starts[0, 2]).all()
+    for vehicle in range(n):
+        times, angles = headings(flight, vehicle)
+        times = np.append(-1e-9, times)
+        angles = np.append(swarm.headings[vehicle], angles)
+        turns = np.abs((np.diff(angles) + np.pi) % (2 * np.pi) - np.pi)
+        # The samples of a turn on the spot are its last before and its first after.
+        assert (turns <= turn_rate * np.diff(times) + 1e-3).all()
