@@ -60,7 +60,7 @@ class Task(NamedTuple):
         goal: Scaled position [m], shape (3,).
         others: Rows of plans to keep clear of, shape (k,); their order changes.
         radius: Least distance [m], scaled.
-        heading: Of a vehicle that moves where it is headed, at rest [rad].
+        heading: Of a vehicle with a turn rate, at rest [rad].
     """
 
     step: int
@@ -152,7 +152,7 @@ def _wait(
 ) -> int:
     """Return for how many steps a flight waits: most not at all, and none in motion.
 
-    A vehicle that moves where it is headed turns on the spot at least.
+    A vehicle with a turn rate turns on the spot at least.
 
     Args:
         part: A normal number.

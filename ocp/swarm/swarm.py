@@ -143,8 +143,8 @@ class Swarm:
         acceleration: Largest acceleration along each axis, shape (3,) [m/s^2].
         speed: Largest speed along each axis, shape (3,) [m/s].
         obstacles: Balls from which a vehicle keeps half the distance, scaled.
-        turn_rate: Largest turn rate of vehicles that move in the plane, where they are
-            headed (unicycles) [rad/s]; the bounds of the first axis hold for the sizes
+        turn_rate: Largest turn rate of vehicles that move in the plane, in the
+            direction of their heading (unicycles) [rad/s]; the bounds of the first axis hold for the sizes
             of acceleration and velocity, then. Infinite for point masses.
         headings: Headings of such vehicles at the start, shape (n,) [rad]; zero if they
             are not given.

@@ -240,7 +240,7 @@ def headings(flight: ss.SwarmFlight, vehicle: int) -> tuple[np.ndarray, np.ndarr
 
 @settings(deadline=None, max_examples=10)
 @given(st.integers(0, 2**31), st.integers(1, 5), st.floats(0.3, 3.0))
-def test_a_vehicle_that_moves_where_it_is_headed_turns_no_faster_than_it_can(
+def test_a_vehicle_that_moves_along_its_heading_turns_no_faster_than_it_can(
     seed: int, n: int, turn_rate: float
 ) -> None:
     rng = np.random.default_rng(seed)
