@@ -35,8 +35,8 @@ class PointMass(NamedTuple):
         speed: Largest one along each axis, scaled, shape (3,) [m/s].
         step_s: Step of the grid [s].
         turn_rate: Largest turn rate of a vehicle that moves in the direction of its
-            heading, in the plane [rad/s]; the bounds of the first axis hold for sizes of vectors, then.
-            Infinite for others.
+            heading, in the plane [rad/s]; the bounds of the first axis hold for sizes
+            of vectors, then. Infinite for others.
     """
 
     acceleration: Array

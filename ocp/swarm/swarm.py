@@ -144,8 +144,9 @@ class Swarm:
         speed: Largest speed along each axis, shape (3,) [m/s].
         obstacles: Balls from which a vehicle keeps half the distance, scaled.
         turn_rate: Largest turn rate of vehicles that move in the plane, in the
-            direction of their heading (unicycles) [rad/s]; the bounds of the first axis hold for the sizes
-            of acceleration and velocity, then. Infinite for point masses.
+            direction of their heading (unicycles) [rad/s]; the bounds of the first axis
+            hold for the sizes of acceleration and velocity, then. Infinite for point
+            masses.
         headings: Headings of such vehicles at the start, shape (n,) [rad]; zero if they
             are not given.
 
