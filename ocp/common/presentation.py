@@ -32,6 +32,7 @@ PRESENTATIONS = {
     ("Trajectory", "to_dataframe"): f"{_RECORD}.results:dataframe_of",
     ("Solution", "to_time_response"): f"{_RECORD}.results:time_response_of",
     ("Trajectory", "to_time_response"): f"{_RECORD}.results:time_response_of",
+    ("SwarmFlight", "plot"): f"{_DRAWING}.swarm_figures:draw_swarm",
     ("Solutions", "plot"): f"{_DRAWING}.instance_figures:draw_solutions",
     ("Solutions", "save"): f"{_RECORD}.instances:save_solutions",
     ("Solutions", "load"): f"{_RECORD}.instances:load_solutions",

@@ -16,6 +16,7 @@ Rules, which say when a vehicle commits to a candidate:
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -33,6 +34,7 @@ from swarmstart.arrays import Array
 from swarmstart.heuristics import generator_of
 from swarmstart.machine_code import Count, kernel
 from swarmstart.ocp.common.errors import InvalidProblemError, refused
+from swarmstart.ocp.common.presentation import Presenting
 from swarmstart.ocp.swarm.certificate import OPEN, START, Log, certificate_text
 from swarmstart.ocp.swarm.channel import (
     LOST,
@@ -114,7 +116,7 @@ def decide(
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class SwarmFlight:
+class SwarmFlight(Presenting):
     """Flight of a swarm.
 
     Attributes:
@@ -151,6 +153,14 @@ class SwarmFlight:
     def commitments(self) -> int:
         """Number of plans that were committed to, without those of the start."""
         return int(self.log.committed.sum()) - self.swarm.size
+
+    def plot(self) -> Any:
+        """Return a matplotlib Figure: tracks from above, least distance, arrivals.
+
+        Raises:
+            ImportError: If matplotlib is not installed.
+        """
+        return self._presented("plot")
 
     def certificate(self) -> str:
         """Return the flight's certificate, the text of a file to be checked.

@@ -100,12 +100,14 @@ class Obstacle:
             raise InvalidProblemError(f"times must rise, got {rising}")
         _set(self, radius=float(radius), path=places, times=rising)
 
+    @checked(refused, times=reals(axes=1))
     def position(self, times: ArrayLike) -> Array:
         """Return its centre at times, shape (len(times), 3) [m]."""
         now = np.asarray(times, dtype=np.float64)
         each = [np.interp(now, self.times, axis) for axis in self.path.T]
         return np.stack(each, axis=1)
 
+    @checked(refused, times=reals(axes=1))
     def bulge(self, times: ArrayLike) -> Array:
         """Return by how much it may be off the chords between times [m].
 
@@ -244,6 +246,7 @@ class Swarm:
                     f"obstacle {number} (scaled), got {apart[i]:.4g} m"
                 )
 
+    @checked(refused, obstacle=of_kind(Obstacle, "an Obstacle"))
     def clearance(self, obstacle: Obstacle) -> float:
         """Return the scaled distance that a vehicle keeps from an obstacle's centre.
 

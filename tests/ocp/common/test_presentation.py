@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from swarmstart.ocp import Solution, Solutions, Trajectory
+from swarmstart.ocp import Solution, Solutions, SwarmFlight, Trajectory
 from swarmstart.ocp.common import presentation
 from swarmstart.ocp.common.presentation import PRESENTATIONS, Presented
 
@@ -18,13 +18,14 @@ def test_every_function_of_the_table_is_there(place: str) -> None:
 
 
 def test_both_results_can_do_everything_that_the_table_has() -> None:
-    own = {"Solutions"}  # Over many instances, not over time.
+    # Over many instances or vehicles, with verbs of their own.
+    own = {"Solutions": Solutions, "SwarmFlight": SwarmFlight}
     over_time = {entry for entry in PRESENTATIONS if entry[0] not in own}
     verbs = {verb for _, verb in over_time}
     classes = {"Solution", "Trajectory"}
     assert over_time == {(one, verb) for one in classes for verb in verbs}
     assert issubclass(Solution, Presented) and issubclass(Trajectory, Presented)
-    assert all(hasattr(Solutions, verb) for one, verb in PRESENTATIONS if one in own)
+    assert all(hasattr(own[one], verb) for one, verb in PRESENTATIONS if one in own)
 
 
 def test_results_import_no_drawing_before_they_are_asked() -> None:

@@ -119,7 +119,8 @@ def _swarms() -> Calls:
         "Obstacle.position": Call(obstacle.position, {"times": np.zeros(3)}),
         "Obstacle.bulge": Call(obstacle.bulge, {"times": np.arange(3.0)}),
         "Swarm": with_defaults(ss.Swarm, **places, distance=0.3),
-        "Links": with_defaults(ss.Links),
+        "Swarm.clearance": Call(made.swarm().clearance, {"obstacle": obstacle}),
+        "Links": with_defaults(ss.Links, silences={0: (0.0, 1.0)}),
         "SwarmFlight": record(ss.simulate_swarm(made.swarm(), seconds=0.5, seed=0)),
         "simulate_swarm": with_defaults(
             ss.simulate_swarm, swarm=made.swarm(), seconds=0.5, seed=0
