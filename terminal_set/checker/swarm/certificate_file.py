@@ -27,6 +27,7 @@ from swarmstart.terminal_set.checker.file_content import (
 Array = NDArray[np.float64]
 VERSION = 1
 MOST_VEHICLES, MOST_PLANS, MOST_STEPS = 1_000, 20_000, 100_000
+MOST_OBSTACLES = 10_000  # Beside a thousand vehicles they need a part of a gigabyte.
 MOST_TICKS = 100
 OPEN = MOST_STEPS * MOST_TICKS + 1
 _READ = Entries(largest=1e9, longest=200_000, longest_tape=1)
@@ -127,6 +128,9 @@ def certificate_of(content: dict[str, object]) -> Certificate:
     )
     if not vehicles <= len(plans) <= MOST_PLANS:
         raise unusable("plans", f"{vehicles} to {MOST_PLANS} plans", len(plans))
+    obstacles = _READ.list_of(content["obstacles"], "obstacles", None, _obstacle)
+    if len(obstacles) > MOST_OBSTACLES:
+        raise unusable("obstacles", f"at most {MOST_OBSTACLES}", len(obstacles))
     for number, plan in enumerate(plans):
         is_start = number < vehicles
         if is_start != (plan.proposed < 0) or (is_start and plan.vehicle != number):
@@ -140,7 +144,7 @@ def certificate_of(content: dict[str, object]) -> Certificate:
         ticks=ticks,
         distance=_READ.positive(content["distance"], "distance"),
         plans=plans,
-        obstacles=_READ.list_of(content["obstacles"], "obstacles", None, _obstacle),
+        obstacles=obstacles,
     )
 
 

@@ -195,8 +195,8 @@ def _check_acceptances(
     for plan in certificate.plans[certificate.vehicles :]:
         if not plan.committed:
             continue
-        deadline.check()
         for other, tick in enumerate(plan.accepted):
+            deadline.check()
             if other == plan.vehicle:
                 continue
             who = f"the plan of vehicle {plan.vehicle} of tick {plan.proposed}"

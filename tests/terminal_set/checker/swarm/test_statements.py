@@ -266,6 +266,9 @@ INVALID_FILES = {
     "a negative bulge": lambda content: plan_of(content)["bulges"].__setitem__(0, -0.1),
     "a bulge too few": lambda content: plan_of(content)["bulges"].pop(),
     "two coordinates": lambda content: plan_of(content)["samples"][0].pop(),
+    "too many obstacles": lambda content: content.update(
+        obstacles=content["obstacles"] * 6_000
+    ),
     "no samples": entered(samples=[], bulges=[]),
     "a text": entered(parting="soon"),
     "an unknown vehicle": entered(vehicle=7),
