@@ -148,11 +148,21 @@ def stolen(content: Content) -> None:
     plan["vehicle"] = other_of(content)
 
 
-def left_out(content: Content) -> None:
-    """A plan that was committed to is left out, so that the next one jumps."""
-    content["plans"].remove(plan_of(content))
-    # Its vehicle never leaves its start, in the way of the others' goals or not.
-    plan_of(content)["samples"][-1] = [0.0, 0.0, 1.0]
+def in_an_obstacle(content: Content) -> None:
+    plan_of(content)["samples"][-1] = content["obstacles"][0]["samples"][-1]
+
+
+def place_of(content: Content, vehicle: int, step: int) -> np.ndarray:
+    """Return where a vehicle is at a step."""
+    held = [
+        one
+        for one in content["plans"]
+        if one["vehicle"] == vehicle and one["committed"]
+        and one["ended"] < (step + 1) * content["ticks"]
+    ]  # fmt: skip
+    last = max(held, key=lambda one: int(one["ended"]))
+    index = min(step - last["first"], len(last["samples"]) - 1)
+    return np.array(last["samples"][index])
 
 
 def never_withdrawn(content: Content) -> None:
@@ -198,20 +208,17 @@ def twice(content: Content) -> None:
 
 
 def through(content: Content) -> None:
-    """A plan in which a vehicle stands is led through another's place in one step."""
-    plan = plan_of(content)
-    other = content["plans"][other_of(content)]["samples"][0]
-    samples, middle = plan["samples"], len(plan["samples"]) // 2
-    samples[middle] = [
-        2 * b - a for a, b in zip(samples[middle - 1], other, strict=True)
-    ]
+    """A vehicle passes through another between two samples."""
+    plan, other = plan_of(content), other_of(content)
+    samples, index = plan["samples"], len(plan["samples"]) - 3
+    step = plan["first"] + index
+    there = place_of(content, other, step) + place_of(content, other, step + 1)
+    samples[index + 1] = (there - np.array(samples[index])).tolist()
 
 
 def at_anothers_end(content: Content) -> None:
-    plans = content["plans"]
-    ends = [one for one in plans[3:] if one["committed"]]
-    other = next(one for one in ends if one["vehicle"] == other_of(content))
-    plan_of(content)["samples"][-1] = other["samples"][-1]
+    end = place_of(content, other_of(content), 100_000)
+    plan_of(content)["samples"][-1] = end.tolist()
 
 
 FALSE = {
@@ -243,7 +250,7 @@ FALSE = {
     "more ticks in a step": of_file(ticks=50),
     "a plan at its commitment without acceptances": entered(accepted=[None] * 3),
     "no flight, and a longer distance": of_file(steps=0, distance=3.0),
-    "the goal is left out": left_out,
+    "an end in an obstacle": in_an_obstacle,
 }
 
 
