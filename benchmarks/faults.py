@@ -148,6 +148,9 @@ MORE_TESTS: Mapping[str, tuple[str, ...]] = {
         "tests/ocp/lower_bound/test_check.py",
     ),
     "terminal_set/checker/motion.py": ("tests/terminal_set/checker/test_drift.py",),
+    "terminal_set/checker/swarm/*": (
+        "tests/terminal_set/checker/swarm/test_statements.py",
+    ),
 }
 """Pattern of files -> further tests, run after those of the same name."""
 LIMIT_GB = 8

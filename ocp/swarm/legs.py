@@ -27,6 +27,10 @@ SAME = 1e-9
 """Difference of accelerations, or relative excess over a bound, that is rounding."""
 
 
+STILL = 1e-12
+"""Product of velocity and acceleration that is rounding, as at the end of a leg."""
+
+
 class PointMass(NamedTuple):
     """Bounds of a point mass, and the grid of its plans.
 
@@ -91,7 +95,7 @@ def _can_turn(start: State, end: State, steps: int, body: PointMass) -> bool:
         t = min(h, max(0.0, -(vx * ax + vy * ay) / size)) if size > 0 else 0.0
         slowest = (vx + t * ax) ** 2 + (vy + t * ay) ** 2
         turning = abs(vx * ay - vy * ax)
-        if turning > SAME and not turning <= body.turn_rate * slowest:
+        if turning > STILL and not turning <= body.turn_rate * slowest:
             return False
         vx, vy, ax, ay = vx + h * ax, vy + h * ay, ax + cx, ay + cy
         if not math.sqrt(vx**2 + vy**2) <= body.speed[0] * (1.0 + SAME):

@@ -41,6 +41,8 @@ SHARE = 0.3
 """Spread of its place along the way, around the middle."""
 SLOWER = 0.5
 """Spread of speeds at a via point, below the largest."""
+SLOWEST = 0.05
+"""Least speed at a via point of a vehicle with a turn rate, in the largest."""
 SHORT = 1e-9
 """Length of a way that has no direction [m]."""
 AT_LARGE = 0.5
@@ -202,7 +204,9 @@ def _via(parts: Array, task: Task, body: PointMass) -> State:
     place = task.state.position + share * way
     for axis in range(2 if in_plane else 3):
         place[axis] += ASIDE * task.radius * parts[1 + axis]
-    return State(place, max(0.0, 1.0 - SLOWER * abs(parts[SPEED])) * speed * along)
+    # At rest a vehicle could turn at once, and its path would not show it.
+    least = SLOWEST if in_plane else 0.0
+    return State(place, max(least, 1.0 - SLOWER * abs(parts[SPEED])) * speed * along)
 
 
 @kernel

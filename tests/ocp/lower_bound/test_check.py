@@ -299,7 +299,7 @@ def test_a_certificate_with_the_format_of_another_is_unusable(check: Check) -> N
     content["format"] = "swarmstart report"
     code, said = check(content)
     assert code == 2
-    assert 'no "swarmstart terminal set certificate" or "swarmstart lower bound' in said
+    assert 'none of "swarmstart terminal set certificate", "swarmstart lower' in said
 
 
 def test_an_unreadable_file_has_a_code_of_its_own(tmp_path: Path) -> None:
