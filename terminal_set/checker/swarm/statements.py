@@ -172,10 +172,10 @@ def _check_clearances(certificate: Certificate, held: Held, deadline: Deadline) 
     for step, tubes in _tubes(certificate, held):
         deadline.check()
         begins, ends, bulges = _pieces(tubes, step)
-        froms, tos, theirs = _pieces(obstacles, step)
+        come, go, theirs = _pieces(obstacles, step)
         apart = separated(
-            begins[:, None] - froms,
-            ends[:, None] - tos,
+            begins[:, None] - come,
+            ends[:, None] - go,
             clearances + bulges[:, None] + theirs,
         )
         if not apart.all():
