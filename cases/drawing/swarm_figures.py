@@ -11,7 +11,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-
 MARGIN = 0.1
 """Room above the curve, in parts of its height."""
 
@@ -23,13 +22,11 @@ def draw_swarm(flight: SwarmFlight) -> "Figure":
         flight: The flight.
     """
     figure = new_figure((9.0, 4.5))
-    tracks, beside = figure.subplots(1, 2, width_ratios=(3, 2))
-    beside.remove()
-    grid = tracks.get_subplotspec().get_gridspec()[1].subgridspec(2, 1)
-    near = figure.add_subplot(grid[0])
-    _draw_tracks(tracks, flight)
+    grid = figure.add_gridspec(2, 2, width_ratios=(3, 2))
+    _draw_tracks(figure.add_subplot(grid[:, 0]), flight)
+    near = figure.add_subplot(grid[0, 1])
     _draw_distance(near, flight)
-    _draw_arrivals(figure.add_subplot(grid[1], sharex=near), flight)
+    _draw_arrivals(figure.add_subplot(grid[1, 1], sharex=near), flight)
     near.tick_params(labelbottom=False)
     name_lines(figure)
     return figure
@@ -60,11 +57,11 @@ def _draw_tracks(axes: "Axes", flight: SwarmFlight) -> None:
 
 def _draw_distance(axes: "Axes", flight: SwarmFlight) -> None:
     """Draw the distance of the nearest two, and the least that is allowed."""
-    times = np.arange(len(flight.apart) + 1) * flight.step_s
     if np.isfinite(flight.apart).all() and len(flight.apart):
         axes.stairs(
-            flight.apart, times, baseline=None, color=COLOURS[0], label="nearest two"
-        )
+            flight.apart, flight.times, baseline=None, color=COLOURS[0],
+            label="nearest two",
+        )  # fmt: skip
     axes.axhline(
         flight.swarm.distance, color=COLOURS[1], linestyle="--", label="least distance"
     )
@@ -75,7 +72,6 @@ def _draw_distance(axes: "Axes", flight: SwarmFlight) -> None:
 
 def _draw_arrivals(axes: "Axes", flight: SwarmFlight) -> None:
     """Draw the share of the vehicles that have arrived."""
-    times = np.arange(len(flight.apart) + 1) * flight.step_s
-    arrived = (flight.arrival_s[:, None] <= times).mean(axis=0)
-    axes.step(times, arrived, where="post", color=COLOURS[0])
+    arrived = (flight.arrival_s[:, None] <= flight.times).mean(axis=0)
+    axes.step(flight.times, arrived, where="post", color=COLOURS[0])
     axes.set(xlabel="time [s]", ylabel="share arrived", ylim=(0.0, 1.05))

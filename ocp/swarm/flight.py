@@ -15,6 +15,7 @@ Rules, which say when a vehicle commits to a candidate:
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -61,7 +62,7 @@ from swarmstart.ocp.swarm.swarm import Links, Swarm
 
 RULES = {"acknowledged": 0, "waiting": 1, "hearsay": 2}
 """Rule -> its number in kernels."""
-ACKNOWLEDGED, BY_WAITING, HEARSAY = RULES.values()
+ACKNOWLEDGED, HEARSAY = RULES["acknowledged"], RULES["hearsay"]
 NOTHING = -1
 """Result of a vehicle without a candidate."""
 ASIDE_AFTER, ASIDE_SHARE = 2, 0.5
@@ -72,6 +73,8 @@ TURN = 10
 """Steps after which the order of right of way changes."""
 ROOM = 1.01
 """Distance to others' goals and rests of a place to step aside to, in distances."""
+LEAST_STEP_S = 1e-6
+"""Least step of the grid [s]."""
 MOST_PIECES = 10_000
 """Largest number of pieces of a plan."""
 GROWTH = 8
@@ -175,6 +178,11 @@ class SwarmFlight(Presenting):
         return certificate_text(self.swarm, self.log)
 
     @property
+    def times(self) -> Array:
+        """Times of the positions, shape (steps + 1,) [s]."""
+        return np.arange(len(self.apart) + 1, dtype=np.float64) * self.step_s
+
+    @property
     def arrived_share(self) -> float:
         """Share of the vehicles that arrive."""
         return float(np.isfinite(self.arrival_s).mean())
@@ -207,7 +215,7 @@ class SwarmFlight(Presenting):
     links=of_kind(Links, "Links"),
     rule=choice(RULES),
     seconds=a_number(above=0, most=1e5),
-    step_s=a_number(above=0),
+    step_s=a_number(least=LEAST_STEP_S),
     longest_s=a_number(above=0, most=1e5),
     tries=a_count(least=1),
     lead_s=optional(a_number(least=0, most=1e5)),
@@ -262,10 +270,14 @@ def simulate_swarm(  # noqa: PLR0913 - the swarm, its links, and how it is simul
         raise InvalidProblemError(
             f"silences must name vehicles 0 to {swarm.size - 1}, got {unknown}"
         )
+    pieces = _pieces(swarm, longest_s, step_s)
     lead = _lead(swarm.size, links)
     if lead_s is not None:
         lead = max(1, round(lead_s / step_s))
-    pieces = _pieces(swarm, longest_s, step_s, lead)
+    if lead >= pieces:
+        raise InvalidProblemError(
+            f"longest_s must be above the lead of {lead * step_s:g} s, got {longest_s}"
+        )
     team = _Team(
         swarm, links, RULES[rule], step_s=step_s, sizes=(pieces, lead, tries),
         rng=generator_of(rng, seed),
@@ -274,23 +286,19 @@ def simulate_swarm(  # noqa: PLR0913 - the swarm, its links, and how it is simul
     return team.flight(rule)
 
 
-def _pieces(swarm: Swarm, longest_s: float, step_s: float, lead: int) -> int:
+def _pieces(swarm: Swarm, longest_s: float, step_s: float) -> int:
     """Return the number of pieces of a plan.
 
     Raises:
-        InvalidProblemError: If no vehicle, or one that is named, can arrive with so
-            many, or they are too many.
+        InvalidProblemError: If they are too many, or too few for a vehicle, which is
+            named.
     """
     # What moves is known until it stands, so that a rest is clear of it for ever.
     known_s = max((float(one.times[-1]) for one in swarm.obstacles), default=0.0)
-    pieces = round(max(longest_s, known_s) / step_s)
-    if pieces <= lead:
+    if not max(longest_s, known_s) / step_s <= MOST_PIECES:
         raise InvalidProblemError(
-            f"longest_s must be above the lead of {lead * step_s:g} s, got {longest_s}"
-        )
-    if pieces > MOST_PIECES:
-        raise InvalidProblemError(
-            f"longest_s must be at most {MOST_PIECES} steps of step_s, got {pieces}"
+            "longest_s, and the time from which on all obstacles stand, must be at "
+            f"most {MOST_PIECES} steps of step_s, got {longest_s:g} s and {known_s:g} s"
         )
     least_s = (np.abs(swarm.goals - swarm.starts) / swarm.speed).max(axis=1)
     if (least_s > longest_s).any():
@@ -299,7 +307,7 @@ def _pieces(swarm: Swarm, longest_s: float, step_s: float, lead: int) -> int:
             f"longest_s must be at least the {least_s[i]:.4g} s in which vehicle {i} "
             f"reaches its goal at full speed, got {longest_s}"
         )
-    return pieces
+    return max(round(longest_s / step_s), math.ceil(known_s / step_s))
 
 
 @dataclass(slots=True)
@@ -351,11 +359,12 @@ class _Team:
         self._starts, self._goals = (
             places * swarm.scale for places in (swarm.starts, swarm.goals)
         )
-        self._obstacles = np.arange(n, n + len(swarm.obstacles))
         self._used = n + len(swarm.obstacles)
+        self._obstacles = np.arange(n, self._used)
         self._plans = no_plans(self._used + GROWTH * n, pieces)
         self._plans.samples[:n] = self._starts[:, None]
         self._plans.bulges[:n] = 0.0
+        self._write_obstacles()
         self._parting = np.zeros(len(self._plans.first), np.int64)
         self._is_final = np.zeros(len(self._plans.first), np.bool_)
         self._is_final[:n] = (self._starts == self._goals).all(axis=1)
@@ -371,7 +380,6 @@ class _Team:
         """Fly until all are at their goals, or for so many steps."""
         period = self._links.period
         for step in range(steps):
-            self._write_obstacles(step)
             for tick in range(step * period, (step + 1) * period):
                 self._exchange(tick, step)
                 if tick % period == 0:
@@ -390,10 +398,8 @@ class _Team:
         # Any order is safe; one that changes lets no vehicle wait for ever.
         rank = (np.arange(n) + step // TURN) % n
         results = np.empty(n, np.int64)
-        candidates, accepted = (
-            self._members.candidate.copy(),
-            (self._members.accepted.copy()),
-        )
+        candidates = self._members.candidate.copy()
+        accepted = self._members.accepted.copy()
         decide(
             (self._rule, step, self._swarm.distance), rank, self._parting,
             self._members, self._plans, results,
@@ -437,9 +443,9 @@ class _Team:
         if row == len(plans.first):
             self._make_room()
             plans = self._plans
-        state = branch(row, committed, (step, index), plans)
-        if state.velocity.any():
+        if not branch(row, committed, (step, index), plans):
             return
+        state = State(plans.samples[row, index].copy(), np.zeros(3))
         is_aside = self._failures[i] >= ASIDE_AFTER and self._rng.random() < ASIDE_SHARE
         goal = self._aside(i, state.position) if is_aside else self._goals[i].copy()
         if goal is None:
@@ -487,14 +493,11 @@ class _Team:
         self._parting = np.append(self._parting, np.zeros(more, np.int64))
         self._is_final = np.append(self._is_final, np.zeros(more, np.bool_))
 
-    def _write_obstacles(self, step: int) -> None:
-        """Write the obstacles as plans from a step on; a vehicle keeps half away."""
+    def _write_obstacles(self) -> None:
+        """Write the obstacles as plans, which are long enough until they stand."""
         swarm, plans = self._swarm, self._plans
-        if step and all(len(one.path) == 1 for one in swarm.obstacles):
-            return
-        times = (step + np.arange(plans.bulges.shape[1])) * self._step_s
+        times = np.arange(plans.bulges.shape[1]) * self._step_s
         for row, one in zip(self._obstacles, swarm.obstacles, strict=True):
-            plans.first[row] = step
             plans.samples[row] = one.position(times) * swarm.scale
             # Its clearance in place of the distance of two vehicles.
             plans.bulges[row] = swarm.clearance(one) - swarm.distance
@@ -528,11 +531,10 @@ class _Team:
     def flight(self, rule: str) -> SwarmFlight:
         """Return the flight so far."""
         plans, rows = self._plans, np.array(self._rows)
-        steps = np.arange(len(rows))[:, None]
+        steps = np.arange(len(rows) + 1)[:, None]
         last = plans.bulges.shape[1] - 1
-        index = np.clip(np.append(steps, [[len(rows)]], axis=0), 0, None)
         held = np.append(rows, rows[-1:], axis=0)
-        samples = plans.samples[held, np.minimum(index - plans.first[held], last)]
+        samples = plans.samples[held, np.minimum(steps - plans.first[held], last)]
         final = self._is_final[rows[-1]]
         arrival = np.where(final, self._arrival_steps(rows[-1]), np.inf)
         return SwarmFlight(
@@ -585,32 +587,27 @@ def _lead(n: int, links: Links) -> int:
 
 
 @kernel
-def branch(plan: int, committed: int, when: tuple[int, int], plans: Plans) -> State:
-    """Begin a plan with what is committed to, and return the state at the parting.
+def branch(plan: int, committed: int, when: tuple[int, int], plans: Plans) -> bool:
+    """Begin a plan with what is committed to; return whether that rests then.
 
     Args:
         plan: Row of the new plan.
         committed: Row of the committed one.
         when: Step of the present, and number of steps until they part.
         plans: All plans.
-
-    Returns:
-        Position, and the way from there to the end of the committed plan: zero if it
-        is at rest.
     """
     step, index = when
     plans.first[plan] = step
     last = plans.bulges.shape[1] - 1
-    state = State(np.empty(3), np.empty(3))
+    held = 0
     for k in range(index + 1):
         held = min(step + k - plans.first[committed], last)
         plans.bulges[plan, k] = plans.bulges[committed, held]
         for axis in range(3):
             plans.samples[plan, k, axis] = plans.samples[committed, held, axis]
-    for axis in range(3):
-        state.position[axis] = plans.samples[plan, index, axis]
-        # At rest if all that follows is here.
-        state.velocity[axis] = (
-            plans.samples[committed, last, axis] - (state.position[axis])
-        )
-    return state
+    followed = plans.samples[committed]
+    for k in range(held, last):
+        for axis in range(3):
+            if followed[k, axis] != followed[last, axis]:
+                return False
+    return True

@@ -17,6 +17,8 @@ Coordinates are scaled, so bounds are given for each axis.
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from swarmstart.arrays import Array
 from swarmstart.machine_code import kernel
 from swarmstart.ocp.swarm.plans import Plans
@@ -25,8 +27,6 @@ LONGEST = 1_000_000
 """Number of steps that no leg has."""
 SAME = 1e-9
 """Difference of accelerations, or relative excess over a bound, that is rounding."""
-
-
 STILL = 1e-12
 """Product of velocity and acceleration that is rounding, as at the end of a leg."""
 
@@ -134,7 +134,7 @@ def least_steps(start: State, end: State, most: int, body: PointMass) -> int:
     Longer legs than the least one need not be feasible, as those with a velocity at an
     end bend more.
     """
-    # No leg is shorter than along its longest axis, at rest at both ends or at speed.
+    # None is shorter than its longest axis at the largest speed.
     steps = 1
     for axis in range(3):
         way = abs(end.position[axis] - start.position[axis])
@@ -165,11 +165,13 @@ def write_leg(
     last = plans.bulges.shape[1] - 1
     h, length = body.step_s, 0.0
     velocity = start.velocity.copy()
+    first, change = np.empty(3), np.empty(3)
+    for axis in range(3):
+        first[axis], change[axis] = accelerations(start, end, (axis, steps), body)
     for k in range(min(steps, last - index)):
         bend, moved = 0.0, 0.0
         for axis in range(3):
-            first, change = accelerations(start, end, (axis, steps), body)
-            push = first + change * k
+            push = first[axis] + change[axis] * k
             way = h * (velocity[axis] + h * push / 2.0)
             point = plans.samples[plan, index + k, axis] + way
             if k + 1 == steps:

@@ -33,7 +33,7 @@ GONE = -2
 
 
 class Plans(NamedTuple):
-    """Plans, numbered by their rows; a row never changes its plan.
+    """Plans, numbered by their rows; one that was proposed is never changed.
 
     Attributes:
         first: Steps of the first samples, shape (rows,).

@@ -92,7 +92,7 @@ def hear(j: int, i: int, number: int, message: Count, members: Members) -> None:
     Args:
         j: The receiver.
         i: The sender.
-        number: How many messages i sent before.
+        number: Number of the message, larger than those of i's earlier ones.
         message: i's committed plan, its candidate, and the candidate of j that i
             accepts, shape (3,).
         members: The vehicles; row j is written.

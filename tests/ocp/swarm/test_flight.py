@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import swarmstart as ss
-from swarmstart.ocp.swarm.flight import RULES
+from swarmstart.ocp.swarm.flight import RULES, branch
+from swarmstart.ocp.swarm.plans import no_plans
 
 SCALE = np.array([1.0, 1.0, 0.5])
 
@@ -109,8 +110,8 @@ def test_who_is_silent_for_ever_stops_the_others_and_hurts_none() -> None:
 
 def obstacle_gap(flight: ss.SwarmFlight, obstacle: ss.Obstacle) -> float:
     """Return the least distance of a vehicle from a ball's surface [m]."""
-    times = np.arange(flight.positions.shape[2]) * flight.step_s
-    apart = np.linalg.norm(flight.positions - obstacle.position(times).T[None], axis=1)
+    centre = obstacle.position(flight.times).T
+    apart = np.linalg.norm(flight.positions - centre[None], axis=1)
     return float(apart.min() - obstacle.radius)
 
 
@@ -261,3 +262,29 @@ def test_a_vehicle_that_moves_along_its_heading_turns_no_faster_than_it_can(
         turns = np.abs((np.diff(angles) + np.pi) % (2 * np.pi) - np.pi)
         # The samples of a turn on the spot are its last before and its first after.
         assert (turns <= turn_rate * np.diff(times) + 1e-3).all()
+
+
+def test_an_obstacle_that_stops_between_two_steps_is_known_until_it_stands() -> None:
+    # It comes to rest 0.04 s after a step, when longest_s is over.
+    late = ss.Obstacle(
+        radius=0.3, path=[[-3.0, 3, 0], [5.0, 0.46, 0]], times=[0.0, 6.04]
+    )
+    swarm = ss.Swarm(
+        starts=[[0.0, 0, 0]], goals=[[5.0, -0.05, 0.0]], distance=0.4,
+        obstacles=[late],
+    )  # fmt: skip
+    flight = ss.simulate_swarm(swarm, longest_s=6.0, seed=0)
+    last = flight.log.plans.samples.shape[1] - 1
+    assert last * flight.step_s >= 6.04
+    assert obstacle_gap(flight, late) >= 0.2 - 1e-9
+
+
+def test_a_plan_that_passes_its_end_on_the_way_is_not_at_rest_there() -> None:
+    plans = no_plans(2, 6)
+    plans.samples[0] = np.array([0.0, 1, 2, 1, 0, 0, 0])[:, None]
+    plans.bulges[0] = 0.1
+    # At its first sample it is at its end, and goes on.
+    assert [branch(1, 0, (0, index), plans) for index in (0, 3, 4, 5)] == [
+        False, False, True, True
+    ]  # fmt: skip
+    assert (plans.samples[1, :6] == plans.samples[0, :6]).all()
