@@ -10,8 +10,6 @@ nearer than the least distance between two samples, by a bound that is never too
 from __future__ import annotations
 
 import os
-import shlex
-import sys
 import time
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
@@ -23,6 +21,7 @@ from swarmstart.arrays import Array
 from swarmstart.benchmarks.tables import (
     Bar,
     bar_table,
+    command_of,
     head,
     page_options,
     publish,
@@ -137,7 +136,7 @@ def table(rows: Sequence[tuple[str, list[Trial]]]) -> list[str]:
                  "CPU for a vehicle and step [ms]")  # fmt: skip
     for words, trials in rows:
         flights = [t.flight for t in trials]
-        last = [f.arrival_s.max() for f in flights if f.arrived_share == 1.0]
+        last = [t.flight.arrival_s.max() for t in trials if t.all_arrive]
         lines.append(
             row(
                 words,
@@ -185,9 +184,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             (128, 6.0, f"20 balls, {SETTINGS[0][0]}", 20, lossy),
         )
     ]
-    given = sys.argv[1:] if arguments is None else arguments
-    publish(page(rules, rows, shlex.join(["python", "benchmarks/swarms.py", *given])),
-            options, TEXT)  # fmt: skip
+    command = command_of("benchmarks/swarms.py", arguments)
+    publish(page(rules, rows, command), options, TEXT)
     return 0
 
 
@@ -221,8 +219,7 @@ def page(
         f"along each axis; {SECONDS:g} s; a tick is 50 ms, a step 0.1 s. A flight "
         "counts as a collision if a bound below the distance between samples is too "
         "small. The cube holds the starts and goals; the vehicles may leave it. The "
-        "path ratio is "
-        "the median length of a path, by the straight way.",
+        "path ratio is the median length of a path, by the straight way.",
         "",
         *bar_table(
             Bar(words, relation, bound, float(measured))

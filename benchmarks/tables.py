@@ -3,6 +3,7 @@
 import argparse
 import operator
 import re
+import shlex
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -64,6 +65,17 @@ def page_options(
     if plots:
         parser.add_argument("--plot", type=Path, help="a picture to write")
     return parser
+
+
+def command_of(script: str, arguments: Sequence[str] | None) -> str:
+    """Return the command that makes a page, in words of a shell.
+
+    Args:
+        script: The benchmark.
+        arguments: Its arguments; None: those of this process.
+    """
+    given = sys.argv[1:] if arguments is None else arguments
+    return shlex.join(["python", script, *given])
 
 
 def illustrated(

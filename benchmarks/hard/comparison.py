@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import shlex
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -28,7 +27,14 @@ from numpy.typing import NDArray
 from swarmstart.arrays import Array
 from swarmstart.benchmarks.hard.cpu_trials import CHARGE, entries_of
 from swarmstart.benchmarks.hard.peers import PEERS
-from swarmstart.benchmarks.tables import head, illustrated, page_options, publish, row
+from swarmstart.benchmarks.tables import (
+    command_of,
+    head,
+    illustrated,
+    page_options,
+    publish,
+    row,
+)
 from swarmstart.cases.campaign.engine.cells import Outcome, carried_out, finished
 from swarmstart.cases.campaign.judging.running_time import (
     expected_running_time,
@@ -449,7 +455,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 1
     given = sys.argv[1:] if arguments is None else arguments
     given = [one for one in given if one != "--kept"]  # The page needs the runs.
-    command = shlex.join(["python", "benchmarks/hard/comparison.py", *given])
+    command = command_of("benchmarks/hard/comparison.py", given)
     lines = page(results, seconds=options.seconds, seeds=options.seeds, command=command)
     caption = "Share of problems and seeds that each method solves, over CPU time"
     lines = illustrated(lines, options, caption, lambda path: plot(results, path))
@@ -461,12 +467,20 @@ def _outcomes(
     entries: Sequence[Entry], options: argparse.Namespace
 ) -> dict[str, Outcome] | None:
     """Return the outcomes of all cells by key; None if only kept ones are asked for."""
-    cells = [cell for entry in entries for cell in entry.cells]
     if options.kept:
+        cells = [cell for entry in entries for cell in entry.cells]
         kept = {cell.key: finished(cell, options.out) for cell in cells}
         known = {key: one for key, one in kept.items() if one is not None}
         return known if len(known) == len(kept) else None
-    done = carried_out(cells, options.out, workers=options.workers, told=_told)
+    return outcomes_of(entries, options.out, workers=options.workers)
+
+
+def outcomes_of(
+    entries: Sequence[Entry], out: Path, *, workers: int
+) -> dict[str, Outcome]:
+    """Run the cells that are not kept yet, and return the outcomes of all by key."""
+    cells = [cell for entry in entries for cell in entry.cells]
+    done = carried_out(cells, out, workers=workers, told=_told)
     return dict(zip([cell.key for cell in cells], done, strict=True))
 
 

@@ -14,8 +14,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import shlex
-import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,11 +22,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.arrays import Array
-from swarmstart.benchmarks.hard.comparison import MANY, NEAR
-from swarmstart.benchmarks.hard.comparison import METHODS as TITLES
+from swarmstart.benchmarks.hard.comparison import DEFAULT, MANY, NEAR, outcomes_of
 from swarmstart.benchmarks.hard.cpu_trials import entries_of
-from swarmstart.benchmarks.tables import head, page_options, publish, row
-from swarmstart.cases.campaign.engine.cells import carried_out
+from swarmstart.benchmarks.tables import (
+    command_of,
+    head,
+    page_options,
+    publish,
+    row,
+)
 from swarmstart.cases.campaign.judging.runs import Asked, Runs, runs_of
 from swarmstart.cases.campaign.judging.statistics import wilson_interval
 from swarmstart.cases.hard import draw
@@ -38,7 +40,6 @@ FIRST_SEED = 101
 LONGEST_S = 60.0
 """Largest budget of the default call; sizes whose median call takes longer are no part
 of the claim [s]."""
-DEFAULT = "solve"
 REFERENCES = {"memetic+ipopt": 30.0, "roadmap": 20.0}
 """Methods whose runs may only lower the best known cost, with their budgets [s]."""
 LEAST_S = 0.1
@@ -144,15 +145,8 @@ def _runs(
 ) -> Runs:
     budget = {"seconds": seconds}
     (entry,) = entries_of(str(path), [method], seeds=seeds, budget=budget)
-    done = carried_out(
-        entry.cells, options.out / "runs", workers=options.workers, told=_told
-    )
-    outcomes = {cell.key: one for cell, one in zip(entry.cells, done, strict=True)}
+    outcomes = outcomes_of([entry], options.out / "runs", workers=options.workers)
     return runs_of(entry, outcomes, Asked(seeds=tuple(range(seeds)), budget=budget))
-
-
-def _told(done: int, total: int, label: str) -> None:
-    print(f"{done} of {total}: {label}", file=sys.stderr, flush=True)
 
 
 def finding(results: Sequence[Held]) -> str:
@@ -228,7 +222,7 @@ def _draws(results: Sequence[Held]) -> list[str]:
     lines = head("draw", "best cost", "`solve`", "median [s]", f"`{MANY}`",
                  "budget [s]", "others that find it")  # fmt: skip
     for one in results:
-        others = [f"`{m}`" for m in one.finders if m in REFERENCES and m in TITLES]
+        others = [f"`{m}`" for m in one.finders if m in REFERENCES]
         lines.append(
             row(
                 one.name,
@@ -254,8 +248,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     files = drawn(options.out / "problems", options.draws, options.families)
     results = [measured(name, path, options) for name, path in files.items()]
-    given = sys.argv[1:] if arguments is None else arguments
-    command = shlex.join(["python", "benchmarks/hard/held_back.py", *given])
+    command = command_of("benchmarks/hard/held_back.py", arguments)
     publish(page(results, command, options.seeds), options, TEXT)
     return 0
 

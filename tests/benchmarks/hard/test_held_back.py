@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from swarmstart.benchmarks.hard.comparison import MANY
+from swarmstart.benchmarks.hard.comparison import DEFAULT, MANY
 from swarmstart.benchmarks.hard.held_back import (
-    DEFAULT,
     FIRST_SEED,
     LONGEST_S,
     Held,
