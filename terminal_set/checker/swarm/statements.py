@@ -65,8 +65,8 @@ def findings(certificate: Certificate, *, seconds: float) -> Iterator[Finding]:
 def verdict(certificate: Certificate) -> str:
     """Return the verdict in words, if all statements hold."""
     return (
-        f"no two of {certificate.vehicles} vehicles come nearer than "
-        f"{certificate.distance:.6g}, for ever"
+        f"no two of {certificate.vehicles} vehicles that follow their plans come "
+        f"nearer than {certificate.distance:.6g} in scaled positions, for ever"
     )
 
 

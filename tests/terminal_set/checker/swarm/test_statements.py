@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import json
 from collections.abc import Callable
+from fractions import Fraction
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -70,7 +71,8 @@ def test_a_flight_is_proven_again_and_says_so(
     said = capsys.readouterr().out
     assert [line.partition(": ")[2] for line in said.splitlines()[:-1]] == [*STATEMENTS]
     assert said.splitlines()[-1] == (
-        "verdict: no two of 3 vehicles come nearer than 0.35, for ever"
+        "verdict: no two of 3 vehicles that follow their plans come nearer than 0.35 "
+        "in scaled positions, for ever"
     )
     assert WRITTEN == STATEMENTS
 
@@ -336,6 +338,19 @@ def test_no_segment_is_separated_farther_than_its_nearest_point(
     gap = np.linalg.norm(end - start) / 1000
     least = (sampled - gap) * (1 - 1e-9) - 1e-9
     assert separated(start, end, np.array(least))
+
+
+@given(POINT.filter(lambda point: np.abs(point).max() > 1e-100))
+def test_a_distance_that_is_larger_by_the_last_digit_is_not_proven(
+    point: np.ndarray,
+) -> None:
+    # The exact square of the distance decides, without any rounding.
+    square = sum(Fraction(float(part)) ** 2 for part in point)
+    least = float(np.linalg.norm(point))
+    while Fraction(least) ** 2 <= square:
+        least = float(np.nextafter(least, np.inf))
+    assert not separated(point, point, np.array(least))
+    assert separated(point, point, np.array(least * (1 - 1e-12)))
 
 
 def test_a_segment_through_the_origin_is_not_separated() -> None:
