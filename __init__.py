@@ -151,6 +151,7 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         Step as Step,
         SteppedPlant as SteppedPlant,
         Swarm as Swarm,
+        SwarmController as SwarmController,
         SwarmFlight as SwarmFlight,
         Table as Table,
         Team as Team,
@@ -174,6 +175,7 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         solve as solve,
         solve_many as solve_many,
         stack_models as stack_models,
+        swarm_model as swarm_model,
         table as table,
         terminal_set_of as terminal_set_of,
         warm_start as warm_start,
@@ -255,11 +257,12 @@ _NAMES = {
         PhasedHorizon Phases Plan Planner PlanningInterrupted Plant PolishStatus Radau
         RecedingHorizon SearchReport SearchSettings Separation Solution SolutionStatus
         Solutions SolveError SolveInterrupted SolveManyInterrupted Source Start
-        StartOutcome Step SteppedPlant Swarm SwarmFlight Table Team TerminalConstraint
-        Trajectory TrajectoryFamily TransportDelay UncertifiedSetError WarmStartReport
-        WarmStartedSolver compile_batch disc ensemble fly interpolate multistart
-        phased_horizon phases simulate simulate_swarm solve solve_many stack_models
-        table terminal_set_of warm_start
+        StartOutcome Step SteppedPlant Swarm SwarmController SwarmFlight
+        Table Team TerminalConstraint Trajectory TrajectoryFamily TransportDelay
+        UncertifiedSetError WarmStartReport WarmStartedSolver compile_batch disc
+        ensemble fly interpolate multistart phased_horizon phases simulate
+        simulate_swarm solve solve_many stack_models swarm_model table terminal_set_of
+        warm_start
     """,
     "swarmstart.ocp.lower_bound.bounding": "lower_bound",
     "swarmstart.terminal_set": """

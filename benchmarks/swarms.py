@@ -38,6 +38,8 @@ SETTINGS = (("0 to 3 ticks, 5 % lost", 3, 0.05), ("0 to 6 ticks, 30 % lost", 6, 
 SHORT_LEAD_S = 0.3
 """Wait of the rules that need a bound on delays [s]."""
 SECONDS = 30.0
+TURNING = 128
+"""Number of vehicles with a turn rate."""
 TEXT = "# Swarms of committed plans\n\n"
 
 
@@ -59,12 +61,15 @@ class Trial(NamedTuple):
         return bool(np.isfinite(self.flight.arrival_s).all())
 
 
-def places(n: int, side: float, rng: np.random.Generator, balls: Sequence[Array] = ()
-           ) -> Array:  # fmt: skip
-    """Return places in a cube that are apart, and away from balls (x, y, z, radius)."""
+def places(n: int, side: float, rng: np.random.Generator, balls: Sequence[Array] = (),
+           axes: Sequence[float] = (1.0, 1.0, 1.0)) -> Array:  # fmt: skip
+    """Return places in a cube that are apart, and away from balls (x, y, z, radius).
+
+    With a zero in `axes` they are in a plane.
+    """
     found = list[Array]()
     while len(found) < n:
-        place = side * rng.random(3)
+        place = side * rng.random(3) * axes
         free = all(
             np.linalg.norm((place - b[:3]) * SCALE) > b[3] + DISTANCE for b in balls
         )
@@ -87,14 +92,38 @@ def transition(n: int, side: float, seed: int, clutter: int = 0) -> ss.Swarm:
     )  # fmt: skip
 
 
+def unicycles(n: int, side: float, seed: int) -> ss.Swarm:
+    """Return a random transition in a square of vehicles that turn at 2 rad/s."""
+    rng = np.random.default_rng([n, seed, 2])
+    flat = [1.0, 1.0, 0.0]
+    return ss.Swarm(
+        starts=places(n, side, rng, axes=flat), goals=places(n, side, rng, axes=flat),
+        distance=DISTANCE, turn_rate=2.0,
+    )  # fmt: skip
+
+
 def flown(swarm: ss.Swarm, links: ss.Links, seed: int, rule: str = "acknowledged",
-          lead_s: float | None = None) -> Trial:  # fmt: skip
+          lead_s: float | None = None, seconds: float = SECONDS) -> Trial:  # fmt: skip
     """Return a flight of a swarm."""
     begin = time.process_time()
     flight = ss.simulate_swarm(
-        swarm, links=links, rule=rule, lead_s=lead_s, seconds=SECONDS, seed=seed
+        swarm, links=links, rule=rule, lead_s=lead_s, seconds=seconds, seed=seed
     )
     return Trial(flight, time.process_time() - begin)
+
+
+def chapter_times(seeds: int) -> tuple[float, list[float]]:
+    """Return the time in which formation_v settles, and those of formation_v_lossy.
+
+    Args:
+        seeds: Number of runs of the latter; none that does not arrive is left out.
+    """
+    settled = ss.run("formation_v", seed=0).measures["settle_time_s"]
+    runs = [ss.run("formation_v_lossy", seed=seed) for seed in range(seeds)]
+    times = [run.measures["arrival_time_s"] for run in runs]
+    if not isinstance(settled, float):
+        raise TypeError(f"formation_v does not settle: {settled}")
+    return settled, [t if isinstance(t, float) else np.inf for t in times]
 
 
 def gate(flights: int) -> Iterator[tuple[str, str, list[Trial]]]:
@@ -184,14 +213,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
             (128, 6.0, f"20 balls, {SETTINGS[0][0]}", 20, lossy),
         )
     ]
+    rows.append(
+        (
+            f"{TURNING} unicycles in a square of 16 m, {SETTINGS[0][0]}, 120 s",
+            [
+                flown(unicycles(TURNING, 16.0, seed), lossy, seed, seconds=120.0)
+                for seed in range(max(1, 20 // part))
+            ],
+        )
+    )
     command = command_of("benchmarks/swarms.py", arguments)
-    publish(page(rules, rows, command), options, TEXT)
+    publish(
+        page(rules, rows, chapter_times(max(1, 10 // part)), command), options, TEXT
+    )
     return 0
 
 
 def page(
     rules: Sequence[tuple[str, str, list[Trial]]],
     rows: Sequence[tuple[str, list[Trial]]],
+    chapter: tuple[float, list[float]],
     command: str,
 ) -> list[str]:
     """Return the lines of the page below its title."""
@@ -201,11 +242,13 @@ def page(
     hits = sum(not t.flight.is_safe for t in safe)
     every = dict(rows)
     names = [*every]
-    twenty, hundred, clutter = every[names[4]], every[names[5]], every[names[-1]]
+    twenty, hundred, clutter = every[names[4]], every[names[5]], every[names[-2]]
+    turning = np.mean([t.flight.arrived_share for t in every[names[-1]]])
+    settled, lossy = chapter
     shares = [np.mean([t.all_arrive for t in one]) for one in (twenty, hundred)]
     arrived = np.mean([t.flight.arrived_share for t in clutter])
     ratio = np.median(np.concatenate([t.flight.path_ratio for t in clutter]))
-    step = np.median([t.step_ms for t in every[names[-2]]])
+    step = np.median([t.step_ms for t in every[names[-3]]])
     return [
         f"With acceptances, {hits} of {len(safe)} flights have a collision, and "
         f"{np.mean([t.flight.arrived_share for t in safe]):.1%} of the vehicles "
@@ -229,6 +272,13 @@ def page(
                 ("100 in 4.64 m: flights in which all arrive", ">=", 0.95, shares[1]),
                 ("128 among balls: vehicles that arrive", ">=", 0.98, arrived),
                 ("128 among balls: path ratio", "<=", 1.15, ratio),
+                ("128 unicycles: vehicles that arrive in 120 s", ">=", 0.98, turning),
+                (
+                    "formation_v_lossy: longest time by that of formation_v",
+                    "<=",
+                    1.5,
+                    max(lossy) / settled,
+                ),
                 ("100, losses: CPU for a vehicle and step [ms]", "<=", 1.0, step),
             )
         ),
@@ -242,6 +292,13 @@ def page(
         "## Transitions",
         "",
         *table(rows),
+        "",
+        "## The chapter's flight",
+        "",
+        f"`formation_v` settles after {settled:.3g} s, with all messages in time. "
+        f"`formation_v_lossy`, with the same starts, slots, bounds of acceleration and "
+        f"turn rate, and 30 % of the messages lost, arrives after {min(lossy):.3g} to "
+        f"{max(lossy):.3g} s in {len(lossy)} runs.",
     ]
 
 

@@ -181,8 +181,14 @@ if TYPE_CHECKING:  # Loaded when first used: few commands need all of these.
     from swarmstart.ocp.statement.rewrites.delay import (
         TransportDelay as TransportDelay,
     )
+    from swarmstart.ocp.swarm.controller import (
+        SwarmController as SwarmController,
+        swarm_model as swarm_model,
+    )
     from swarmstart.ocp.swarm.flight import (
         SwarmFlight as SwarmFlight,
+    )
+    from swarmstart.ocp.swarm.simulation import (
         simulate_swarm as simulate_swarm,
     )
     from swarmstart.ocp.swarm.swarm import (
@@ -264,7 +270,9 @@ _NAMES = {
     "statement.problem": "OptimalControlProblem",
     "statement.rewrites.counted_from": "CountedFrom",
     "statement.rewrites.delay": "TransportDelay",
-    "swarm.flight": "SwarmFlight simulate_swarm",
+    "swarm.controller": "SwarmController swarm_model",
+    "swarm.flight": "SwarmFlight",
+    "swarm.simulation": "simulate_swarm",
     "swarm.swarm": "Links Obstacle Swarm",
     "system.algebraic": "AlgebraicEquations",
     "system.constraints": "Bounds Constraint PathConstraint Rows TerminalConstraint",

@@ -146,7 +146,7 @@ def _built(text: str) -> tuple[Built, Trial]:
         seed=0,
         search=None,
         repair=True,
-        backend=resolved.scenario.backend,
+        backend=resolved.scenario.evaluator,
     )
     return built(first_problem(resolved.posed()), trial), trial
 

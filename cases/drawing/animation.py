@@ -10,7 +10,7 @@ too. A vehicle inside an obstacle is red, and the clock says so.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from swarmstart.ocp.common import ProgressCallback, tell_nothing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
     from PIL.Image import Image
 
@@ -115,7 +116,43 @@ def animate_scene(
     check_writer(file.suffix.removeprefix("."))
     times = frame_times(scene.times)
     words = noted(scene.times, times, notes)
-    film = Film(at_times(scene, times), title=title)
+    write_film(Film(at_times(scene, times), title=title), file, words, progress)
+
+
+class Filmed(Protocol):
+    """Whatever is drawn frame by frame.
+
+    Attributes:
+        figure: The picture.
+        frames: Number of frames.
+        colours: Colours of what moves.
+    """
+
+    figure: "Figure"
+    frames: int
+    colours: list[str]
+
+    def show(self, frame: int, note: str = "") -> None:
+        """Move everything to its place in a frame, with a note beside the clock."""
+
+    def draw(self, frame: int, note: str = "") -> "Image":
+        """Return a frame as an image."""
+
+
+def write_film(
+    film: Filmed, file: Path, words: Sequence[str], progress: ProgressCallback
+) -> None:
+    """Write a film.
+
+    Args:
+        film: The film.
+        file: A name that ends in .gif or .mp4.
+        words: A note for each frame.
+        progress: Told (frames finished, all frames, "animating").
+
+    Raises:
+        RecordError: If the file cannot be written.
+    """
     with replacing(file, suffix=file.suffix) as temporary:
         save = _save_gif if file.suffix == ".gif" else _save_mp4
         save(film, temporary, words, progress)
@@ -376,7 +413,7 @@ def _short(name: str) -> str:
 
 
 def _save_gif(
-    film: Film, file: Path, words: Sequence[str], progress: ProgressCallback
+    film: Filmed, file: Path, words: Sequence[str], progress: ProgressCallback
 ) -> None:
     """Write a GIF whose frames share a palette, so that it is small."""
     from PIL.Image import Dither
@@ -414,7 +451,7 @@ def _palette(colours: Sequence[str]) -> "Image":
 
 
 def _save_mp4(
-    film: Film, file: Path, words: Sequence[str], progress: ProgressCallback
+    film: Filmed, file: Path, words: Sequence[str], progress: ProgressCallback
 ) -> None:
     from matplotlib import animation
 

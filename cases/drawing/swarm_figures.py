@@ -23,16 +23,19 @@ def draw_swarm(flight: SwarmFlight) -> "Figure":
     """
     figure = new_figure((9.0, 4.5))
     grid = figure.add_gridspec(2, 2, width_ratios=(3, 2))
-    _draw_tracks(figure.add_subplot(grid[:, 0]), flight)
+    above = figure.add_subplot(grid[:, 0])
+    draw_swarm_tracks(above, flight)
+    above.set_title("from above")
     near = figure.add_subplot(grid[0, 1])
-    _draw_distance(near, flight)
-    _draw_arrivals(figure.add_subplot(grid[1, 1], sharex=near), flight)
+    draw_distance(near, flight)
+    draw_arrivals(figure.add_subplot(grid[1, 1], sharex=near), flight)
+    near.set_xlabel("")
     near.tick_params(labelbottom=False)
     name_lines(figure)
     return figure
 
 
-def _draw_tracks(axes: "Axes", flight: SwarmFlight) -> None:
+def draw_swarm_tracks(axes: "Axes", flight: SwarmFlight) -> None:
     """Draw the tracks with starts, goals, and the last places of obstacles."""
     from matplotlib.patches import Circle
 
@@ -52,10 +55,10 @@ def _draw_tracks(axes: "Axes", flight: SwarmFlight) -> None:
     style: dict[str, Any] = {"linestyle": "", "color": "0.3", "markersize": 4}
     axes.plot(*swarm.starts[:, :2].T, marker="o", label="start", **style)
     axes.plot(*swarm.goals[:, :2].T, marker="x", label="goal", **style)
-    axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", title="from above")
+    axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
 
 
-def _draw_distance(axes: "Axes", flight: SwarmFlight) -> None:
+def draw_distance(axes: "Axes", flight: SwarmFlight) -> None:
     """Draw the distance of the nearest two, and the least that is allowed."""
     if np.isfinite(flight.apart).all() and len(flight.apart):
         axes.stairs(
@@ -63,14 +66,17 @@ def _draw_distance(axes: "Axes", flight: SwarmFlight) -> None:
             label="nearest two",
         )  # fmt: skip
     axes.axhline(
-        flight.swarm.distance, color=COLOURS[1], linestyle="--", label="least distance"
+        flight.swarm.plan_distance,
+        color=COLOURS[1],
+        linestyle="--",
+        label="least distance",
     )
-    axes.set_ylabel("distance [m]")
+    axes.set(xlabel="time [s]", ylabel="distance [m]")
     axes.margins(y=MARGIN)
     axes.set_ylim(bottom=0.0)
 
 
-def _draw_arrivals(axes: "Axes", flight: SwarmFlight) -> None:
+def draw_arrivals(axes: "Axes", flight: SwarmFlight) -> None:
     """Draw the share of the vehicles that have arrived."""
     arrived = (flight.arrival_s[:, None] <= flight.times).mean(axis=0)
     axes.step(flight.times, arrived, where="post", color=COLOURS[0])

@@ -23,7 +23,6 @@ from swarmstart.ocp import Trajectory
 _TWO = 2
 _STRAIGHT = 1e-9
 """Relative error up to which a distance is one from a fixed place."""
-_PLANAR_STATES = ("speed_m_s", "heading_rad", "x_m", "y_m")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -51,11 +50,11 @@ def rows_of(flight: Trajectory, scenario: Mapping[str, Any]) -> VehicleRows:
     """
     words = words_of(scenario.get("kind"))
     if words.numbered_rows:
-        numbers = _numbers(scenario, flight)
+        numbers = _numbers(scenario, flight, words.first_number)
         states = _by_number(flight.state_names, len(numbers))
         controls = _by_number(flight.control_names, len(numbers))
         return VehicleRows(
-            vehicles=tuple(f"UAV {number}" for number in numbers),
+            vehicles=tuple(f"{words.called} {number}" for number in numbers),
             states=states,
             controls=controls,
         )
@@ -78,13 +77,15 @@ def rows_of(flight: Trajectory, scenario: Mapping[str, Any]) -> VehicleRows:
     )
 
 
-def _numbers(scenario: Mapping[str, Any], flight: Trajectory) -> list[int]:
-    """Return the number of each UAV."""
-    count = len(flight.states) // len(_PLANAR_STATES)
+def _numbers(scenario: Mapping[str, Any], flight: Trajectory, first: int) -> list[int]:
+    """Return the number of each vehicle."""
+    count = len({name.rpartition("_")[2] for name in flight.state_names})
     uavs = scenario.get("uavs") or []
     given = [uav.get("number") if isinstance(uav, Mapping) else None for uav in uavs]
     given += [None] * (count - len(given))
-    return [place if n is None else int(n) for place, n in enumerate(given[:count], 1)]
+    return [
+        place if n is None else int(n) for place, n in enumerate(given[:count], first)
+    ]
 
 
 def _by_number(names: Sequence[str], count: int) -> dict[str, list[int]]:
@@ -128,12 +129,16 @@ def band_name(name: str, content: Mapping[str, Any]) -> tuple[str, str]:
         ('speed', '')
     """
     base, _, place = name.rpartition("_")
-    is_numbered = words_of(content.get("kind")).numbered_rows
-    if not (is_numbered and base and place.isdecimal()):
+    words = words_of(content.get("kind"))
+    if not (words.numbered_rows and base and place.isdecimal()):
         return name, ""
     names = list(content.get("vehicles") or ())
     number = int(place)
-    vehicle = names[number] if number < len(names) else f"UAV {number + 1}"
+    vehicle = (
+        names[number]
+        if number < len(names)
+        else (f"{words.called} {number + words.first_number}")
+    )
     label, unit = label_of(base)
     return f"{vehicle}: {label}", unit
 

@@ -159,6 +159,9 @@ class Posed:
         dual_mode: Linear laws that take over inside the terminal sets; None means none.
         period: Time from one plan to the next [s] if the end time is decided and the
             loop is closed; else None.
+        controller: Controller of the kind's own, which has no agents; None: agents
+            plan. It begins anew after an interrupt, since a record does not keep what
+            it remembers.
         documents: Further files of a run's folder: name -> text.
     """
 
@@ -171,7 +174,13 @@ class Posed:
     repair: bool = False
     dual_mode: LinearLaws | None = None
     period: float | None = None
+    controller: Controller | None = None
     documents: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def vehicles(self) -> int:
+        """Number of vehicles, or of agents that plan."""
+        return len(self.agents)
 
 
 class SeveralPlansError(SwarmstartError):
@@ -187,8 +196,10 @@ def _from_near(posed: P) -> P:
 
     A team and an ensemble keep their problems, which several plants share.
     """
+    if posed.controller or posed.order is not None or posed.nearby:
+        return posed
     agent = posed.agents[0]
-    if posed.order is not None or posed.nearby or agent.problem.risk is not None:
+    if agent.problem.risk is not None:
         return posed
     known = known_at(agent.problem, 0.0, agent.reference, agent.parameters)
     known = known._replace(previous=agent.previous)
@@ -221,6 +232,12 @@ class Flight(Generic[P_co]):
     def agents(self) -> int:
         """Number of agents, with as many plans in a decision."""
         return len(self.posed.agents)
+
+    @property
+    def sense(self) -> int:
+        """Sign of the cost: 1 if it is minimised, -1 if the user maximises."""
+        agents = self.posed.agents
+        return int(agents[0].problem.sense) if agents else 1
 
     @property
     def documents(self) -> Mapping[str, str]:
@@ -339,6 +356,12 @@ def unknown_instances(
             )
 
 
+def no_documents(*run: object) -> dict[str, str]:
+    """Return an empty mapping, for kinds whose runs lead to no further documents."""
+    del run
+    return {}
+
+
 def no_instances(scenario: Scenario) -> GivenInstances | None:
     """Return None, for kinds whose scenarios have no instances."""
     del scenario
@@ -377,6 +400,8 @@ class Kind:
         flaws: Scenario -> errors that concern several of its parts, with their places:
             texts, or errors of expressions.
         instances: Scenario -> the instances of its first plan; None if it has none.
+        documents: (scenario, flight, trajectory) -> further files of a run's folder:
+            name -> text.
         drawn_by: "module:function" that draws: (scenario, flight, trajectory, folder)
             -> files. It is a name because drawing does not change the numbers of a run.
         animated_by: Name of the module whose `animate` and `check_writer` make
@@ -395,6 +420,7 @@ class Kind:
     own_measures: Callable[..., Mapping[str, str]] = no_measures
     own_meanings: Callable[..., Mapping[str, str]] = no_measures
     instances: Callable[..., GivenInstances | None] = no_instances
+    documents: Callable[..., Mapping[str, str]] = no_documents
     animated_by: str = ""
     code: Callable[..., Path] | None = None
 

@@ -32,11 +32,15 @@ class KindWords:
             (trajectory, measures) -> text; empty: the cost, as of any problem.
         ending: "module:function" that returns a further sentence on the end of a run:
             (measures) -> text, which may be empty; empty: there is none.
+        kept: "module:function" that returns a sentence on the constraints, and whether
+            they are kept: (measures) -> (text, bool); empty: those of a problem.
         captions: Stem of a figure's file -> caption.
         costs: Measures that are the cost of a run: the first that is defined counts.
         numbered_rows: Whether names of states and controls end in the number of the
             vehicle, which moves in the plane; else vehicles follow one another.
         vehicles: Names of the vehicles; empty: those of the scenario.
+        called: Name of a vehicle with numbered rows, before its number.
+        first_number: Number of the first of them, if the scenario numbers none.
         relative: Whether the positions are those of a leader seen from its wingman.
         surroundings: "module:function" that returns what is around the vehicles:
             (scenario as recorded, times, positions, headings) -> Surroundings; empty:
@@ -53,10 +57,13 @@ class KindWords:
     flown_by: str = ""
     outcome: str = ""
     ending: str = ""
+    kept: str = ""
     captions: Mapping[str, str] = field(default_factory=dict)
     costs: tuple[str, ...] = ()
     numbered_rows: bool = False
     vehicles: tuple[str, ...] = ()
+    called: str = "UAV"
+    first_number: int = 1
     relative: bool = False
     surroundings: str = ""
     for_pages: tuple[str, ...] = ()
@@ -87,6 +94,12 @@ SEARCHES |= {
 }
 SOLVE = "solve"
 """Name of the way from problem to answer that a run takes, in runs and comparisons."""
+RULES = {
+    "acknowledged": "a plan of a swarm counts when all others have accepted it",
+    "waiting": "a plan of a swarm counts if nothing is heard against it for a while",
+    "hearsay": "a plan of a swarm counts at once",
+}
+"""Rules of a swarm, which are compared as solvers are."""
 POLISHES = {
     "ipopt": "IPOPT on multiple shooting, from the search's answer",
     "none": "no polish",
@@ -108,6 +121,7 @@ KINDS = {
     "close_formation": f"{_KINDS}.close_formation.names:WORDS",
     "reconfiguration": f"{_KINDS}.reconfiguration.names:WORDS",
     "transfer": f"{_KINDS}.transfer.names:WORDS",
+    "swarm": f"{_KINDS}.swarm.names:WORDS",
 }
 """Name of a kind -> "module:WORDS" of its `KindWords`; its only registration."""
 # Another package adds kinds, but replaces none of these.

@@ -332,6 +332,57 @@ class Scenario(Part):
         title: Title of the scenario in one line.
         source: Origin of the scenario, such as a publication.
         steps: Number of control steps to simulate.
+        claims: Claims that a run judges.
+    """
+
+    schema_version: Literal[1] = Field(alias="schema")
+    name: str = Field(pattern=r"^[A-Za-z0-9_-]{1,64}$")
+    kind: str
+    title: str
+    source: str = ""
+    steps: int = Field(ge=1, le=1_000_000)
+    claims: list[Claim] = Field(default_factory=list)
+
+    @property
+    def search_name(self) -> str:
+        """Name of the search of each plan, as in SEARCHES."""
+        return "none"
+
+    @property
+    def polish_name(self) -> str:
+        """Name of the polish: none, ipopt, or the name of another NLP solver."""
+        return "none"
+
+    @property
+    def evaluator(self) -> Backend:
+        """Evaluator of populations."""
+        return "auto"
+
+    def random_starts(self) -> int:
+        """Return the number of random starts that are solved in lanes."""
+        return 0
+
+    def search_settings(self) -> SearchSettings | None:
+        """Return the search for a planner; None if there is none."""
+        return None
+
+    def polish_options(self) -> IpoptOptions | NlpOptions | None:
+        """Return the options of the polish for a planner; None if it is `none`."""
+        return None
+
+    def way(self) -> str:
+        """Return in words how plans are made; empty: by `solve`."""
+        return ""
+
+    def flaws(self) -> Iterator[LocatedFlaw]:
+        """Yield errors between parts of the scenario."""
+        yield from ()
+
+
+class PlanningScenario(Scenario):
+    """The keys of kinds whose plans are optimal-control problems.
+
+    Attributes:
         search: Search algorithm and its settings.
         budget: Budget of the search for each planning problem.
         order: Order in which the search ranks feasible and infeasible individuals; null
@@ -347,15 +398,8 @@ class Scenario(Part):
         backend: Evaluator of populations: llvm is machine code, casadi its virtual
             machine, and auto follows SWARMSTART_BACKEND or else takes machine code if
             possible.
-        claims: Claims that a run judges.
     """
 
-    schema_version: Literal[1] = Field(alias="schema")
-    name: str = Field(pattern=r"^[A-Za-z0-9_-]{1,64}$")
-    kind: str
-    title: str
-    source: str = ""
-    steps: int = Field(ge=1, le=1_000_000)
     search: AnySearch
     budget: BudgetPart
     order: OrderPart | None = None
@@ -364,10 +408,21 @@ class Scenario(Part):
     basins: int = Field(default=0, ge=0, le=10_000)
     lanes: int | None = Field(default=None, ge=0, le=MOST_LANES)
     backend: Backend = "auto"
-    claims: list[Claim] = Field(default_factory=list)
+
+    @property
+    def search_name(self) -> str:
+        """Name of the search of each plan, as in SEARCHES."""
+        part: SearchPart = self.search
+        return part.name
+
+    @property
+    def evaluator(self) -> Backend:
+        """Evaluator of populations."""
+        return self.backend
 
     def flaws(self) -> Iterator[LocatedFlaw]:
         """Yield errors between parts of the scenario."""
+        yield from super().flaws()
         yield from self._polish_flaws()
         if self.search.name == "none" and self.polish == "none":
             yield ("search",), "expected a search, a polish or both; found neither"
@@ -443,3 +498,16 @@ class Scenario(Part):
             basins=self.basins,
             when=part.when,
         )
+
+
+def planning(scenario: Scenario) -> PlanningScenario:
+    """Return a scenario whose plans are optimal-control problems.
+
+    Raises:
+        TypeError: If its vehicles plan in another way.
+    """
+    if not isinstance(scenario, PlanningScenario):
+        raise TypeError(
+            f"expected a scenario with search and polish, found kind {scenario.kind}"
+        )
+    return scenario

@@ -48,6 +48,8 @@ def flight_of(posed: P, scenario: Scenario, *, threads: int | None = 1) -> Fligh
         scenario: The scenario, with its search, polish and backend.
         threads: Largest number of threads and processes of planning, as in `Planner`.
     """
+    if posed.controller is not None:
+        return _steered(posed, posed.controller)
     plant, problem = posed.plant, posed.agents[0].problem
     is_decided = isinstance(problem.horizon, Free)
     controller = _controller(posed, partial(_planner, scenario, threads))
@@ -68,6 +70,19 @@ def flight_of(posed: P, scenario: Scenario, *, threads: int | None = 1) -> Fligh
         ),
         controller=controller,
     )
+
+
+def _steered(posed: P, controller: Controller) -> Flight[P]:
+    """Return the closed loop of a controller of the kind's own."""
+    plant = posed.plant
+    return Flight(
+        posed=posed,
+        plant=Plant(
+            plant.model, dt=controller.dt, substeps=plant.substeps,
+            parameters=plant.parameters, signals=plant.signals,
+        ),
+        controller=controller,
+    )  # fmt: skip
 
 
 def first_problem(posed: Posed) -> PlanningProblem:
@@ -184,7 +199,7 @@ def _planner(scenario: Scenario, threads: int | None, agent: PosedAgent) -> Plan
         search=scenario.search_settings() if agent.given is None else None,
         polish=scenario.polish_options() if agent.given is None else None,
         family=agent.family,
-        backend=scenario.backend,
+        backend=scenario.evaluator,
         lanes=scenario.random_starts() if agent.given is None else 0,
         threads=threads,
     )

@@ -73,7 +73,7 @@ def certificate_text(swarm: Swarm, log: Log) -> str:
         "vehicles": swarm.size,
         "steps": log.steps,
         "ticks": log.ticks,
-        "distance": swarm.distance,
+        "distance": swarm.plan_distance,
         "plans": [_plan(log, row) for row in range(len(log.vehicle))],
         "obstacles": _obstacles(swarm, log),
         "statements": [

@@ -41,12 +41,16 @@ class PointMass(NamedTuple):
         turn_rate: Largest turn rate of a vehicle that moves in the direction of its
             heading, in the plane [rad/s]; the bounds of the first axis hold for sizes
             of vectors, then. Infinite for others.
+        drift_x: Velocity of the frame along x, scaled, which turns count with [m/s].
+        drift_y: The same along y [m/s].
     """
 
     acceleration: Array
     speed: Array
     step_s: float
     turn_rate: float = math.inf
+    drift_x: float = 0.0
+    drift_y: float = 0.0
 
 
 class State(NamedTuple):
@@ -80,8 +84,8 @@ def is_feasible(start: State, end: State, steps: int, body: PointMass) -> bool:
 def _can_turn(start: State, end: State, steps: int, body: PointMass) -> bool:
     """Return whether a leg in the plane keeps the bounds of size and turn rate.
 
-    In a step of acceleration a from velocity v on, v x a does not change, so that the
-    turn rate v x a / |v|^2 is largest at the least speed.
+    In a step of acceleration a from velocity v over the ground on, v x a does not
+    change, so that the turn rate v x a / |v|^2 is largest at the least speed.
     """
     h = body.step_s
     ax, cx = accelerations(start, end, (0, steps), body)
@@ -91,10 +95,11 @@ def _can_turn(start: State, end: State, steps: int, body: PointMass) -> bool:
         size = ax**2 + ay**2
         if not math.sqrt(size) <= body.acceleration[0] * (1.0 + SAME):
             return False
+        gx, gy = vx + body.drift_x, vy + body.drift_y
         # The time of the least speed within the step.
-        t = min(h, max(0.0, -(vx * ax + vy * ay) / size)) if size > 0 else 0.0
-        slowest = (vx + t * ax) ** 2 + (vy + t * ay) ** 2
-        turning = abs(vx * ay - vy * ax)
+        t = min(h, max(0.0, -(gx * ax + gy * ay) / size)) if size > 0 else 0.0
+        slowest = (gx + t * ax) ** 2 + (gy + t * ay) ** 2
+        turning = abs(gx * ay - gy * ax)
         if turning > STILL and not turning <= body.turn_rate * slowest:
             return False
         vx, vy, ax, ay = vx + h * ax, vy + h * ay, ax + cx, ay + cy
@@ -138,7 +143,8 @@ def least_steps(start: State, end: State, most: int, body: PointMass) -> int:
     steps = 1
     for axis in range(3):
         way = abs(end.position[axis] - start.position[axis])
-        steps = max(steps, math.ceil(way / body.speed[axis] / body.step_s))
+        if body.speed[axis] > 0.0:
+            steps = max(steps, math.ceil(way / body.speed[axis] / body.step_s))
     while steps <= most:
         if is_feasible(start, end, steps, body):
             return steps

@@ -166,7 +166,7 @@ def _wait(
     if start.velocity.any():
         return 0
     wait = int(max(0.0, part - 0.5) * WAIT_S / body.step_s)
-    if body.turn_rate == math.inf:
+    if body.turn_rate == math.inf or body.drift_x or body.drift_y:
         return wait
     steps, heading = leg
     push, _ = accelerations(start, via, (0, steps), body)
@@ -192,7 +192,11 @@ def _via(parts: Array, task: Task, body: PointMass) -> State:
     length = math.sqrt((way**2).sum())
     along = way / max(length, SHORT)
     in_plane = body.turn_rate < math.inf
+    drift = math.hypot(body.drift_x, body.drift_y)
     push = body.acceleration[0] if in_plane else math.inf
+    if drift:
+        across = abs(along[0] * body.drift_y - along[1] * body.drift_x) / drift
+        push = min(push, body.turn_rate * drift / max(across, SHORT))
     fastest = body.speed[0] if in_plane else math.inf
     for axis in range(3):
         if along[axis] != 0.0 and not in_plane:
@@ -203,9 +207,10 @@ def _via(parts: Array, task: Task, body: PointMass) -> State:
     share = min(1.0, max(0.0, 0.5 + SHARE * parts[PLACE]))
     place = task.state.position + share * way
     for axis in range(2 if in_plane else 3):
-        place[axis] += ASIDE * task.radius * parts[1 + axis]
+        if body.speed[axis] > 0.0:
+            place[axis] += ASIDE * task.radius * parts[1 + axis]
     # At rest a vehicle could turn at once, and its path would not show it.
-    least = SLOWEST if in_plane else 0.0
+    least = SLOWEST if in_plane and not drift else 0.0
     return State(place, max(least, 1.0 - SLOWER * abs(parts[SPEED])) * speed * along)
 
 

@@ -131,6 +131,8 @@ class Obstacle:
     obstacles=several(of_kind(Obstacle, "an Obstacle"), "a sequence of Obstacles"),
     turn_rate=a_number(above=0, finite=False),
     headings=optional(reals()),
+    tracking_error=a_number(least=0),
+    drift=reals(),
 )
 @dataclass(frozen=True, init=False, slots=True, eq=False)
 class Swarm:
@@ -139,11 +141,11 @@ class Swarm:
     Attributes:
         starts: Positions, shape (n, 3) [m].
         goals: Positions, shape (n, 3) [m].
-        distance: Least scaled distance of two vehicles [m]. It contains the error by
-            which a vehicle may be off its plan, twice.
+        distance: Least scaled distance of two vehicles [m].
         scale: Factors of the three axes in all distances, shape (3,).
         acceleration: Largest acceleration along each axis, shape (3,) [m/s^2].
-        speed: Largest speed along each axis, shape (3,) [m/s].
+        speed: Largest speed along each axis, shape (3,) [m/s]; 0: vehicles stay at
+            their coordinate.
         obstacles: Balls from which a vehicle keeps half the distance, scaled.
         turn_rate: Largest turn rate of vehicles that move in the plane, in the
             direction of their heading (unicycles) [rad/s]; the bounds of the first axis
@@ -151,6 +153,11 @@ class Swarm:
             masses.
         headings: Headings of such vehicles at the start, shape (n,) [rad]; zero if they
             are not given.
+        drift: Velocity of the frame in which places are given, shape (3,) [m/s]: what
+            is at rest there moves with it, as in a formation. A turn rate counts with
+            it; nothing else depends on it.
+        tracking_error: Largest scaled distance of a vehicle from its plan [m]; plans
+            keep twice as much more than the distance.
 
     Raises:
         InvalidProblemError: If shapes do not fit, a number is not finite, two starts or
@@ -176,6 +183,8 @@ class Swarm:
     obstacles: tuple[Obstacle, ...]
     turn_rate: float
     headings: Array
+    drift: Array
+    tracking_error: float
 
     def __init__(  # noqa: PLR0913 - its fields
         self,
@@ -189,6 +198,8 @@ class Swarm:
         obstacles: Sequence[Obstacle] = (),
         turn_rate: float = np.inf,
         headings: ArrayLike | None = None,
+        drift: ArrayLike = (0.0, 0.0, 0.0),
+        tracking_error: float = 0.0,
     ) -> None:
         """Copy the arrays, and check that all have room."""
         first = _frozen(starts, (None, AXES), "starts")
@@ -199,21 +210,35 @@ class Swarm:
         factors = {"scale": scale, "acceleration": acceleration, "speed": speed}
         for name, given in factors.items():
             array = _frozen(given, (AXES,), name)
-            if not (array > 0).all():
-                raise InvalidProblemError(f"{name} must be above 0, got {array}")
+            is_speed = name == "speed"
+            fits = array.any() and (array >= 0).all() if is_speed else (array > 0).all()
+            if not fits:
+                least = "at least 0, and one above it" if is_speed else "above 0"
+                raise InvalidProblemError(f"{name} must be {least}, got {array}")
             _set(self, **{name: array})
         faced = np.zeros(len(first)) if headings is None else headings
         _set(
             self,
             obstacles=tuple(obstacles),
             turn_rate=float(turn_rate),
+            drift=_frozen(drift, (AXES,), "drift"),
+            tracking_error=float(tracking_error),
             headings=_frozen(faced, (len(first),), "headings"),
         )
         self._check_plane()
+        moved = (last != first).any(axis=0) & (self.speed == 0)
+        if moved.any():
+            axis = "xyz"[int(moved.argmax())]
+            raise InvalidProblemError(
+                f"goals must have the {axis} of the starts with a speed of 0 along it, "
+                f"got {last[:, moved][:, 0]} from {first[:, moved][:, 0]}"
+            )
         self._check_room("starts", first)
         self._check_room("goals", last)
 
     def _check_plane(self) -> None:
+        if self.drift[2] != 0:
+            raise InvalidProblemError(f"drift must be level, got {self.drift}")
         if self.turn_rate == np.inf:
             return
         heights = np.unique([self.starts[:, 2], self.goals[:, 2]])
@@ -225,13 +250,13 @@ class Swarm:
             )
 
     def _check_room(self, name: str, places: Array) -> None:
-        scaled = places * self.scale
+        scaled, wanted = places * self.scale, self.plan_distance
         for i, place in enumerate(scaled):
             apart = np.linalg.norm(scaled[:i] - place, axis=1)
-            if (apart < self.distance).any():
+            if (apart < wanted).any():
                 j = int(apart.argmin())
                 raise InvalidProblemError(
-                    f"{name} of vehicles {j} and {i} must be {self.distance:g} m "
+                    f"{name} of vehicles {j} and {i} must be {wanted:g} m "
                     f"apart (scaled), got {apart[j]:.4g} m"
                 )
         for number, obstacle in enumerate(self.obstacles):
@@ -248,11 +273,16 @@ class Swarm:
 
     @checked(refused, obstacle=of_kind(Obstacle, "an Obstacle"))
     def clearance(self, obstacle: Obstacle) -> float:
-        """Return the scaled distance that a vehicle keeps from an obstacle's centre.
+        """Return the scaled distance that a plan keeps from an obstacle's centre.
 
         The scaled ball lies in the ball of its largest radius.
         """
-        return float(self.scale.max() * obstacle.radius + self.distance / 2)
+        return float(self.scale.max() * obstacle.radius + self.plan_distance / 2)
+
+    @property
+    def plan_distance(self) -> float:
+        """Least scaled distance of two plans [m]."""
+        return self.distance + 2.0 * self.tracking_error
 
     @property
     def size(self) -> int:

@@ -31,11 +31,12 @@ def test_page_counts_collisions_with_and_without_acceptances() -> None:
     assert safe.step_ms > 0
     rules = [("delays", "acknowledged", [safe]), ("delays", "hearsay", [safe, safe])]
     rows = [(str(number), [safe]) for number in range(10)]
-    said = page(rules, rows, "the command")
+    said = page(rules, rows, (8.0, [9.0, 9.4]), "the command")
     assert said[0].startswith(
         "With acceptances, 0 of 11 flights have a collision, and 100.0% of the "
         "vehicles arrive; without them, 0 of 2 have one."
     )
+    assert "arrives after 9 to 9.4 s in 2 runs." in said[-1]
     assert "| delays | hearsay | 2 | 0 | 2 |" in "\n".join(gate_table(rules))
 
 

@@ -96,6 +96,7 @@ def options() -> list[Any]:
         made.certified().certificate, made.certified().ellipsoid, made.change(),
         made.obstacle(), made.swarm(), ss.Links(loss=0.1),
         ss.simulate_swarm(made.swarm(), seconds=0.5, seed=0),
+        made.swarm_loop(), made.swarm_decision(),
         *proofs(), heuristics.SEARCHES["lshade"],
     ]  # fmt: skip
 

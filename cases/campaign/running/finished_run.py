@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -72,6 +72,9 @@ def _status_of(flight: Flight[Posed], trajectory: Trajectory) -> RunStatus:
     unproven = ""
     if isinstance(controller, DualMode) and controller.uncertified:
         unproven = "; the linear law's terminal sets are not certified"
+    if flight.posed.controller is not None:
+        said = "each vehicle followed its committed plans"
+        return RunStatus(True, plan=None, found=said, more="", all_found=True)
     if flight.posed.open_loop:
         return _of_one_plan(flight, trajectory, unproven)
     found = [found_plans(d) for d in trajectory.decisions if planned(d)]
@@ -202,6 +205,7 @@ class Run:
         bound: Lower bound of the cost of any plan, if it was asked for.
         bound_content: The bound as in run.json; that of an earlier, equal run if no
             bound was asked for and the record has one; else None.
+        documents: Further files of the record: name -> text.
     """
 
     resolved: Resolved
@@ -219,6 +223,7 @@ class Run:
     multipliers: Multipliers | None = None
     bound: LowerBound | None = None
     bound_content: Mapping[str, Any] | None = None
+    documents: Mapping[str, str] = field(default_factory=dict)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return all attributes but the closed loop, which is compiled."""
@@ -257,7 +262,7 @@ class Run:
             "seed": self.seed,
             "key": key_of(self.resolved, self.seed),
             "solver": SOLVE,
-            "search": settings["search"]["name"],
+            "search": self.resolved.scenario.search_name,
             "lanes": self.resolved.scenario.random_starts(),
             "polish": self.resolved.scenario.polish_name,
             "status": self.status,
@@ -276,7 +281,7 @@ class Run:
             "resumed_steps": self.resumed,
             "versions": versions(),
             "figures": [file.name for file in self.figures],
-            "documents": [*self.flight.documents, *self._certificates()],
+            "documents": [*self.documents, *self._certificates()],
             "out": str(self.folder) if self.folder else None,
         }
 
@@ -319,23 +324,24 @@ class Run:
     def starts(self) -> StartsAccount | None:
         """Results of the starts of the first plan; None if it had one start."""
         decisions = self.trajectory.decisions
-        return decisions[0].plans[0].starts if decisions else None
+        plans = decisions[0].plans if decisions else ()
+        return plans[0].starts if plans else None
 
     @property
     def search_report(self) -> SearchReport:
         """Report of the search of the first plan."""
         decisions = self.trajectory.decisions
-        return decisions[0].plans[0].search if decisions else SearchReport()
+        plans = decisions[0].plans if decisions else ()
+        return plans[0].search if plans else SearchReport()
 
     def _certificates(self) -> list[str]:
         return [CERTIFICATE] if (self.bound_content or {}).get("certificate") else []
 
     def _starts(self) -> dict[str, Any] | None:
-        agent = self.flight.posed.agents[0]
-        return None if self.starts is None else self.starts.told(agent.problem.sense)
+        return None if self.starts is None else self.starts.told(self.flight.sense)
 
     def _search_lanes(self) -> dict[str, Any] | None:
-        return self.search_report.told(self.flight.posed.agents[0].problem.sense)
+        return self.search_report.told(self.flight.sense)
 
 
 def measured_run(
@@ -350,6 +356,10 @@ def measured_run(
         flight=flight,
         trajectory=trajectory,
         measures=measures,
+        documents={
+            **flight.documents,
+            **resolved.kind.documents(scenario, flight, trajectory),
+        },
         claims=judged(
             scenario.claims,
             resolved.settings,
@@ -388,4 +398,4 @@ def determining(resolved: Resolved) -> dict[str, Any]:
 
 def backend_of(resolved: Resolved) -> str:
     """Return the name of the evaluator of populations in a run."""
-    return chosen_backend(resolved.scenario.backend)
+    return chosen_backend(resolved.scenario.evaluator)

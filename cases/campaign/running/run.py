@@ -394,8 +394,9 @@ def _kept(
 
     The multipliers are those of the first plan.
     """
-    rng = np.random.default_rng(seed)
-    kept = load_partial(folder, key, flight.plant.substeps) if folder else None
+    rng, kept = np.random.default_rng(seed), None
+    if folder is not None and flight.posed.controller is None:
+        kept = load_partial(folder, key, flight.plant.substeps)
     if kept is None:
         return [], rng, None
     steps, rng.bit_generator.state, arrays = kept
@@ -419,7 +420,7 @@ def _recorded(
         arrays["member_costs"] = np.array(costs, dtype=np.float64)
     write_arrays(folder / TRAJECTORY, arrays)
     write_text(folder / STEPS, step_table(finished.trajectory))
-    for name, content in flight.documents.items():
+    for name, content in finished.documents.items():
         write_text(folder / name, content)
     drawn: list[Path] = []
     if recording.figures:

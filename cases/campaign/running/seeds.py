@@ -39,7 +39,7 @@ def seeds_content(
         "kind": settings["kind"],
         "variant": resolved.variant,
         "vehicles": _uavs(settings.get("uavs") or []),
-        "search": settings["search"]["name"],
+        "search": resolved.scenario.search_name,
         "lanes": resolved.scenario.random_starts(),
         "polish": resolved.scenario.polish_name,
         "command": command,

@@ -116,13 +116,13 @@ def contest_of(
         return Contest(
             name=base.scenario.name, resolved=base, of=of, entries=tuple(entries)
         )
-    flying = [solver for solver in solvers if _flies(solver)]
+    flying = [solver for solver in solvers if _flies(solver, base)]
     entries = []
     for solver in flying:
-        search, assignments = _flown_by(solver, budget, base.settings["budget"])
+        search, assignments = _flown_by(solver, budget, base.settings)
         one = resolved(assignments, search=search, polish=_polish(solver))
         entries.append(_flown(one, solver, plan))
-    left_out = tuple(solver.name for solver in solvers if not _flies(solver))
+    left_out = tuple(solver.name for solver in solvers if solver not in flying)
     return Contest(
         name=base.scenario.name,
         resolved=base,
@@ -164,15 +164,18 @@ def _planned(
     )
 
 
-def _flies(solver: Solver) -> bool:
-    """Return whether a controller can plan with a solver."""
+def _flies(solver: Solver, base: Resolved) -> bool:
+    """Return whether the controller of a scenario can plan with a solver."""
+    has_rules = "rule" in base.settings
+    if has_rules or solver.family == "rule":
+        return has_rules and solver.family == "rule"
     is_foreign = solver.peer or solver.family == "own"
     return not is_foreign and solver.plugin in ("", IPOPT)
 
 
 def _polish(solver: Solver) -> str | None:
     """Return the polish of a solver; None: the scenario's own."""
-    if solver.family in ("solve", "own"):
+    if solver.family in ("solve", "own", "rule"):
         return None
     return "ipopt" if solver.polished else "none"
 
@@ -197,13 +200,16 @@ def _planned_by(
 
 
 def _flown_by(
-    solver: Solver, budget: Mapping[str, float | int], own: Mapping[str, Any]
+    solver: Solver, budget: Mapping[str, float | int], settings: Mapping[str, Any]
 ) -> tuple[str | None, list[str]]:
     """Return the search of a run's plans, and its settings as texts for --set.
 
-    `own` is the budget of the scenario, which `solve` keeps.
+    `settings` are those of the scenario, whose budget `solve` keeps.
     """
+    if solver.family == "rule":
+        return None, [f"rule={solver.name}"]
     if solver.family == "solve":
+        own = settings["budget"]
         search, changes = _changed(solver)
         limits = [s for s in (budget.get("seconds"), own["seconds"]) if s is not None]
         kept = {**own, "seconds": min(limits, default=None)}

@@ -84,7 +84,7 @@ def flown_trial(finished: Run) -> FlightResult:
     claimed = finished.feasible and not measures.get("infeasible_steps")
     holds = found.excess <= FLOWN_TOLERANCE and math.isfinite(found.cost)
     return FlightResult(
-        sense=int(flight.posed.agents[0].problem.sense),
+        sense=flight.sense,
         claimed_feasible=bool(claimed),
         verified_cost=found.cost,
         verified_violation=found.excess,

@@ -16,6 +16,7 @@
                                   CasADi has, after a + too
     scipy-de, pygmo-de, cmaes     searches of other packages (PEERS), each with options
     python-control                its solve_ocp on the same grid, from zero controls
+    acknowledged, waiting, hearsay  the rules of a swarm, in flights of swarms alone
     NAME                          a solver that an installed package announces in the
                                   entry points swarmstart.solvers (own_solver.py)
 
@@ -37,14 +38,14 @@ from typing import Any, Literal
 from swarmstart.cases.campaign.trials.peer_names import PEERS, installed_solvers
 from swarmstart.cases.format.document import meant, printable
 from swarmstart.cases.format.foreign_solvers import reaches_beyond
-from swarmstart.cases.format.registry import SEARCHES, SOLVE
+from swarmstart.cases.format.registry import RULES, SEARCHES, SOLVE
 from swarmstart.errors import MissingPackageError, SwarmstartError
 
 IPOPT, REPEATED = "ipopt", "repeated-ipopt"
 NULL_HYPOTHESIS = REPEATED
 """Solver that a global search has to beat."""
 SEARCHED = tuple(name for name in SEARCHES if name != "none")
-Family = Literal["search", "peer", "control", "nlp", "repeated", "solve", "own"]
+Family = Literal["search", "peer", "control", "nlp", "repeated", "solve", "own", "rule"]
 _MANY = "repeated-"
 _NAME = re.compile(r"[A-Za-z0-9_-]+")
 _OPTION = re.compile(r"[A-Za-z][A-Za-z0-9_.-]*")
@@ -223,6 +224,9 @@ def _first(name: str, options: Mapping[str, str], text: str) -> Solver:
             search=dict(given).get("search", ""),
             options=given,
         )
+    if name in RULES:
+        _require_known(options, (), text)
+        return Solver(name=name, title=RULES[name], family="rule", polished=False)
     plugin = name.removeprefix(_MANY)
     if plugin == "none" or not _is_plugin(plugin):
         # After all others, none of which another package replaces.
@@ -454,7 +458,15 @@ def _written(value: Any) -> str:
 
 
 def _known() -> list[str]:
-    return [SOLVE, *SEARCHED, *plugins(), REPEATED, *PEERS, *installed_solvers()]
+    return [
+        SOLVE,
+        *SEARCHED,
+        *plugins(),
+        REPEATED,
+        *PEERS,
+        *RULES,
+        *installed_solvers(),
+    ]
 
 
 def _hint(name: str, known: list[str]) -> str:

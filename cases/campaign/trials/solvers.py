@@ -39,6 +39,7 @@ from swarmstart.cases.format.document import shown
 from swarmstart.cases.format.kind import PlanningProblem
 from swarmstart.cases.format.registry import SEARCHES, words_of
 from swarmstart.cases.format.scenario import resolved_again
+from swarmstart.cases.format.settings import planning
 from swarmstart.cases.kinds.flight import first_problem
 from swarmstart.errors import SwarmstartError
 
@@ -225,7 +226,7 @@ def _posed(text: str, python_in: str | None) -> tuple[PlanningProblem, Trial]:
     """Return the planning problem of jobs, and the trial with seed 0."""
     job = json.loads(text)
     resolved = resolved_again(job["settings"], job["variant"], python_in=python_in)
-    scenario, solver = resolved.scenario, solver_of(job["solver"])
+    scenario, solver = planning(resolved.scenario), solver_of(job["solver"])
     posed = resolved.posed()
     is_own = solver.family == "solve"
     trial = Trial(

@@ -63,8 +63,8 @@ def run_command(options: argparse.Namespace) -> int:
     with contextlib.ExitStack() as ahead:
 
         def begin(scenario: Scenario) -> None:
-            algorithm = scenario.search.algorithm(scenario.budget.evaluations)
-            population = None if algorithm is None else population_of(algorithm)
+            search = scenario.search_settings()
+            population = None if search is None else population_of(search.algorithm)
             if population is not None and not options.print_config:
                 # Another process compiles them while this one checks the terminal set.
                 ahead.enter_context(kernels_ahead(population))
@@ -166,7 +166,7 @@ def _report(finished: Run, *, measures: bool) -> str:
 
 def _search_lines(finished: Run) -> list[str]:
     """Return what the search and the starts of the first plan led to."""
-    sense = finished.flight.posed.agents[0].problem.sense
+    sense = finished.flight.sense
     lines = [told_status(finished), *finished.search_report.lines(sense)]
     if finished.starts is not None:
         lines += finished.starts.lines(sense)

@@ -45,6 +45,9 @@ def outcome(finished: Run) -> str:
 
 def kept_constraints(finished: Run) -> str:
     """Return how near vehicles came, or whether constraints are kept, in a sentence."""
+    words = words_of(finished.resolved.scenario.kind)
+    if words.kept:
+        return str(resolve_name(words.kept)(finished.measures)[0])
     if not _is_flight(finished):
         return _constraints(finished)
     parts = [*_distances(finished), _feasible_plans(finished)]
@@ -91,6 +94,9 @@ def told_status(finished: Run) -> str:
 
 def breaks_constraint(finished: Run) -> bool:
     """Return whether a flight or a closed loop breaks a constraint on its way."""
+    words = words_of(finished.resolved.scenario.kind)
+    if words.kept:
+        return not resolve_name(words.kept)(finished.measures)[1]
     if _is_flight(finished):
         return bool(collisions(finished))
     if finished.flight.posed.open_loop:
@@ -121,7 +127,7 @@ def _of_problem(finished: Run) -> str:
 def _cost(finished: Run, name: str) -> str:
     """Return a cost, by the name that the problem gives it."""
     value = finished.measures.get(name)
-    sense = finished.flight.posed.agents[0].problem.sense
+    sense = finished.flight.sense
     word = "Cost" if sense > 0 else "Value (maximised)"
     return (
         f"{word} {quantity(number_of(value))}"

@@ -78,11 +78,11 @@ def _task(finished: Run) -> str:
     """Return what was run, with which solver and seed."""
     resolved, settings = finished.resolved, finished.resolved.settings
     head = heading(resolved.scenario.title, resolved.scenario.name)
-    scenario, search = resolved.scenario, settings["search"]
+    scenario, search = resolved.scenario, settings.get("search", {})
     lanes = scenario.random_starts()
     is_left_out = lanes and search.get("when") == "undecided"
-    how = method(
-        search["name"] + (" if starts disagree" if is_left_out else ""),
+    how = scenario.way() or method(
+        scenario.search_name + (" if starts disagree" if is_left_out else ""),
         lanes,
         scenario.polish_name,
         resolved.variant,
@@ -109,7 +109,7 @@ def _vehicles(finished: Run) -> int:
     """Return the number of vehicles, whether one plan is made for all or several."""
     # One problem of several vehicles has one agent that plans for all of them.
     vehicles: Any = getattr(finished.resolved.scenario, "vehicles", None)
-    return finished.flight.agents if vehicles is None else len(vehicles.members)
+    return finished.flight.posed.vehicles if vehicles is None else len(vehicles.members)
 
 
 def _aircraft(finished: Run) -> str:
@@ -140,10 +140,13 @@ def _times(finished: Run) -> str:
     lengths = np.diff(finished.trajectory.times)
     late = int((seconds > lengths).sum())
     middle, most = float(np.median(seconds)), float(seconds.max())
+    whose = "" if finished.flight.posed.controller is None else " of all vehicles"
     said = (
-        f"Time per step: median {duration(middle)}, worst {duration(most)}; a step "
-        f"lasts {duration(float(np.median(lengths)))}"
+        f"Time per step{whose}: median {duration(middle)}, worst {duration(most)}; a "
+        f"step lasts {duration(float(np.median(lengths)))}"
     )
+    if whose:
+        return f"{said}."
     if not late:
         return f"{said}, so every plan is ready in time."
     return f"{said}, so {late} of {counted(seconds.size, 'step')} took too long."

@@ -52,6 +52,8 @@ class Outlook:
 def outlook_of(record: Record, flight: Trajectory) -> Outlook:
     """Return plans and bounds of a run; a sentence if they are not available."""
     scenario: Mapping[str, Any] = record.scenario or {}
+    if not record.arrays["plan_controls"].size:
+        return Outlook()  # The kind has plans of its own.
     intervals = record.arrays["plan_controls"].shape[-1]
     if (scenario.get("prediction") or {}).get("intervals") != intervals or (
         intervals > MOST_INTERVALS

@@ -183,6 +183,7 @@ def _tracks(record: Record, flight: Trajectory, scenario: Mapping[str, Any]) -> 
         without_plan=np.array([_is_without(d) for d in decisions], dtype=bool),
         linear_breaks=np.array([_linear_breaks(d) for d in decisions], dtype=bool),
         is_one_plan=len(decisions) > 1
+        and bool(decisions[0].plans)
         and all(d.plans == decisions[0].plans for d in decisions),
         notes=tuple(notes),
     )

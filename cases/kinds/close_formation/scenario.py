@@ -16,7 +16,11 @@ from swarmstart.cases.format.parts import (
     Positive,
     Range,
 )
-from swarmstart.cases.format.settings import IntegratorName, LocatedFlaw, Scenario
+from swarmstart.cases.format.settings import (
+    IntegratorName,
+    LocatedFlaw,
+    PlanningScenario,
+)
 
 
 class AircraftPart(Part):
@@ -206,7 +210,7 @@ class PlantPart(Part):
     gusts: Gusts = Gusts()
 
 
-class CloseFormationScenario(Scenario):
+class CloseFormationScenario(PlanningScenario):
     """Scenario of a close formation flight.
 
     Attributes:

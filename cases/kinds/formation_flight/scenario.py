@@ -19,7 +19,11 @@ from swarmstart.cases.format.parts import (
     Positive,
     Range,
 )
-from swarmstart.cases.format.settings import IntegratorName, LocatedFlaw, Scenario
+from swarmstart.cases.format.settings import (
+    IntegratorName,
+    LocatedFlaw,
+    PlanningScenario,
+)
 from swarmstart.cases.kinds.planar import (
     PlanarState,
     PlantPart,
@@ -191,7 +195,7 @@ class DualModePart(Part):
         yield from _matrix_flaws(self.design == "literal", self.P)
 
 
-class FormationScenario(Scenario):
+class FormationScenario(PlanningScenario):
     """Scenario of a formation flight.
 
     Attributes:

@@ -18,7 +18,7 @@ from swarmstart.cases.format.parts import (
     Positive,
     Range,
 )
-from swarmstart.cases.format.settings import LocatedFlaw, Scenario
+from swarmstart.cases.format.settings import LocatedFlaw, PlanningScenario
 from swarmstart.cases.kinds.planar import (
     SAME_PLACE_M,
     PlanarState,
@@ -139,7 +139,7 @@ class PlantPart(Part):
     substeps: int = Field(default=10, ge=1, le=1000)
 
 
-class ReconfigurationScenario(Scenario):
+class ReconfigurationScenario(PlanningScenario):
     """Scenario of a reconfiguration.
 
     Attributes:

@@ -17,7 +17,7 @@ from swarmstart.cases.format.parts import (
     Positive,
     Range,
 )
-from swarmstart.cases.format.settings import LocatedFlaw, Scenario
+from swarmstart.cases.format.settings import LocatedFlaw, PlanningScenario
 from swarmstart.cases.kinds.planar import (
     SAME_PLACE_M,
     PlanarState,
@@ -88,7 +88,7 @@ class Paths(Part):
     along: Positive = 0.1
 
 
-class TransferScenario(Scenario):
+class TransferScenario(PlanningScenario):
     """Scenario of a transfer.
 
     Attributes:

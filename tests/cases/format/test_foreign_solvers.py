@@ -9,6 +9,7 @@ import pytest
 from swarmstart.cases.format.flaws import InvalidScenarioError
 from swarmstart.cases.format.foreign_solvers import reaches_beyond
 from swarmstart.cases.format.scenario import read_document, resolve
+from swarmstart.cases.format.settings import planning
 
 BEYOND = {
     "hsllib": "/tmp/evil.so", "HSLlib": "evil.so", "pardisolib": "x", "jit": True,
@@ -42,4 +43,4 @@ def test_each_such_option_is_refused_where_it_stands(name: str, value: object) -
 def test_options_of_the_solve_itself_are_taken() -> None:
     text = "ipopt.options={mu_strategy: adaptive, linear_solver: mumps, mu_init: 0.01}"
     resolved = resolve(read_document("pendulum"), assignments=[text])
-    assert resolved.scenario.ipopt.options["mu_init"] == 0.01
+    assert planning(resolved.scenario).ipopt.options["mu_init"] == 0.01

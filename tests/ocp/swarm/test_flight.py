@@ -8,8 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import swarmstart as ss
-from swarmstart.ocp.swarm.flight import RULES, branch
+from swarmstart.ocp.swarm.flight import RULES
 from swarmstart.ocp.swarm.plans import no_plans
+from swarmstart.ocp.swarm.team import branch
 
 SCALE = np.array([1.0, 1.0, 0.5])
 

@@ -120,6 +120,17 @@ def _swarms() -> Calls:
         "Obstacle.bulge": Call(obstacle.bulge, {"times": np.arange(3.0)}),
         "Swarm": with_defaults(ss.Swarm, **places, distance=0.3),
         "Swarm.clearance": Call(made.swarm().clearance, {"obstacle": obstacle}),
+        "SwarmController": with_defaults(ss.SwarmController, swarm=made.swarm()),
+        "SwarmController.decide": Call(
+            made.swarm_loop().decide,
+            {
+                "time": 0.0,
+                "state": made.swarm_loop().x0,
+                "previous": None,
+                "rng": made.rng(),
+            },
+        ),
+        "swarm_model": Call(ss.swarm_model, {"n": 1}),
         "Links": with_defaults(ss.Links, silences={0: (0.0, 1.0)}),
         "SwarmFlight": record(ss.simulate_swarm(made.swarm(), seconds=0.5, seed=0)),
         "simulate_swarm": with_defaults(

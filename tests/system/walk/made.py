@@ -159,6 +159,15 @@ def swarm() -> ss.Swarm:
     return ss.Swarm(starts=np.eye(2, 3), goals=-np.eye(2, 3), distance=0.3)
 
 
+def swarm_loop() -> ss.SwarmController:
+    return ss.SwarmController(swarm())
+
+
+def swarm_decision() -> ss.Decision:
+    loop = swarm_loop()
+    return loop.decide(0.0, loop.x0, None, rng=rng())
+
+
 def obstacle() -> ss.Obstacle:
     return ss.Obstacle(radius=0.5, path=np.eye(2, 3), times=(0.0, 1.0))
 

@@ -38,6 +38,7 @@ _SETTLING = {
 }
 """Measures that say when a flight has settled -> what that is."""
 _COST_WORDS = {
+    "mean_arrival_time_s": "mean time of arrival [s]",
     "verified_cost": "cost, integrated ten times finer",
     "flown_cost": "cost of the simulated path",
     "cost": "cost of the first plan",

@@ -17,8 +17,8 @@ from swarmstart.cases.format.parts import BudgetPart, Part
 from swarmstart.cases.format.settings import (
     AnySearch,
     LocatedFlaw,
+    PlanningScenario,
     PolishPart,
-    Scenario,
 )
 from swarmstart.cases.kinds.problem.stated.instances import Instances
 from swarmstart.cases.kinds.problem.stated.parts import (
@@ -203,7 +203,7 @@ class Phase(Part):
         }
 
 
-class UserScenario(Scenario):
+class UserScenario(PlanningScenario):
     """The keys of scenarios whose problem is the user's own, with their defaults.
 
     Attributes:

@@ -13,7 +13,7 @@ from pydantic_core import PydanticUndefined
 import swarmstart
 from swarmstart.cases.format.flaws import InvalidScenarioError
 from swarmstart.cases.format.scenario import shipped
-from swarmstart.cases.format.settings import Scenario
+from swarmstart.cases.format.settings import PlanningScenario
 from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario
 from swarmstart.cases.kinds.problem.stated.values import Table
 from swarmstart.tests.cases.kinds.problem.conftest import simulated, stated
@@ -92,7 +92,9 @@ def _keys(model: type[BaseModel], place: str) -> Iterator[tuple[str, Any]]:
         key = f"{place}{field.alias or name}"
         default = field.get_default(call_default_factory=True)
         yield key, default
-        if place == "" and (name in Scenario.model_fields or name == "terminal"):
+        if place == "" and (
+            name in PlanningScenario.model_fields or name == "terminal"
+        ):
             continue
         if place == "phases[]." and name in ProblemScenario.model_fields:
             continue  # As of the file.

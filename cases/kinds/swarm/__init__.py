@@ -1,0 +1,1 @@
+"""The kind of scenario "swarm": many vehicles that never collide."""

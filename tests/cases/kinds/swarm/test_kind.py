@@ -1,0 +1,123 @@
+"""Measures of swarms, their certificates, and the rules beside each other."""
+
+import itertools
+import json
+from pathlib import Path
+from pkgutil import resolve_name
+
+import numpy as np
+import pytest
+
+import swarmstart as ss
+from swarmstart.cases.commands.front.cli import main
+from swarmstart.cases.kinds.swarm.kind import CERTIFICATE, least_gaps
+from swarmstart.terminal_set import check
+
+CUBE = "{{formation: cube, count: 10, side_m: 2.2, seed: {}}}"
+
+
+def numbers(run: ss.Run) -> dict[str, float]:
+    """Return the measures that are numbers."""
+    found = run.measures.items()
+    return {name: value for name, value in found if isinstance(value, int | float)}
+
+
+def test_measures_are_those_of_the_simulated_path(flown: ss.Run) -> None:
+    path = flown.trajectory.dense_states.reshape(6, 6, -1)[:, :3]
+    times, found = flown.trajectory.dense_times, numbers(flown)
+    fine = np.linspace(0, 1, 33)
+    near = min(
+        np.linalg.norm(
+            (1 - s) * (a - b)[:, :-1] + s * (a - b)[:, 1:], axis=0
+        ).min()
+        for a, b in itertools.combinations(path, 2)
+        for s in fine
+    )  # fmt: skip
+    assert found["min_distance_m"] == pytest.approx(near, abs=1e-4)
+    assert found["min_distance_m"] >= 0.35
+    assert (found["collisions"], found["obstacle_hits"]) == (0, 0)
+    assert found["arrived_share"] == 1.0
+    goals = -path[:, :, 0]
+    off = np.linalg.norm(path - goals[:, :, None], axis=1)
+    assert off[:, times >= found["arrival_time_s"]].max() <= 0.1
+    ways = np.linalg.norm(np.diff(path, axis=2), axis=1).sum(axis=1)
+    assert found["path_ratio"] == pytest.approx(np.median(ways / 3.0))
+    assert 0 < found["tracking_error_m"] < 0.1
+    assert found["acceleration_max_m_s2"] <= 1.0
+
+
+def test_pairs_that_pass_between_two_samples_are_seen() -> None:
+    path = np.zeros((2, 3, 2))
+    path[0, 0], path[1, 0] = [-1.0, 1.0], [1.0, -1.0]
+    path[1, 1] = 0.1
+    assert least_gaps(path)[0] == pytest.approx(0.1)
+
+
+def test_the_record_has_a_certificate_that_is_proved_again(
+    six: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "out"
+    arguments = ["run", str(six), "--out", str(folder), "--no-figures"]
+    assert main(arguments) == 0
+    assert json.loads((folder / "run.json").read_text())["documents"] == [CERTIFICATE]
+    assert check.main([str(folder / CERTIFICATE)]) == 0
+    assert "no two of 6 vehicles" in capsys.readouterr().out
+    assert main([*arguments, "--set", "rule=hearsay", "--force"]) == 0
+    assert json.loads((folder / "run.json").read_text())["documents"] == []
+
+
+def test_a_rule_without_acceptances_collides_with_the_same_seed(six: Path) -> None:
+    six.write_text(
+        six.read_text("utf-8")
+        .replace("{formation: circle, count: 6, radius_m: 1.5}", CUBE.format(1))
+        .replace("{formation: opposite}", CUBE.format(2))
+        .replace("obstacles:", "# obstacles:")
+        .replace("most_delay: 3", "most_delay: 6")
+    )
+    safe, unsafe = (
+        ss.run(str(six), seed=1, settings=settings)
+        for settings in ({}, {"rule": "hearsay", "planning.lead_s": 0.3})
+    )
+    assert safe.measures["collisions"] == 0
+    assert numbers(unsafe)["collisions"] > 0
+    one, other = (
+        resolve_name("swarmstart.cases.kinds.swarm.kind:whole_run")(
+            run.resolved.scenario, run.flight, run.trajectory, run.measures
+        ).excess
+        for run in (safe, unsafe)
+    )
+    assert one == 0.0 < other
+
+
+def test_rules_are_compared_and_other_solvers_are_left_out(
+    six: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "compared"
+    assert main([
+        "compare", str(six), "--solvers", "acknowledged,hearsay,lshade", "--seeds", "2",
+        "--out", str(folder),
+    ]) == 0  # fmt: skip
+    said = capsys.readouterr()
+    content = json.loads((folder / "comparison.json").read_text("utf-8"))
+    rows = content["scenarios"][0]["rows"]
+    assert [row["solver"] for row in rows] == ["acknowledged", "hearsay"]
+    assert rows[0]["feasible"] == 2
+    assert "lshade" in said.out + said.err
+
+
+def test_one_vehicle_has_no_distance_and_arrives(six: Path) -> None:
+    text = six.read_text("utf-8").replace("count: 6", "count: 1")
+    six.write_text(
+        text.replace("formation: opposite", "formation: circle, count: 1, radius_m: 3")
+    )
+    run = ss.run(str(six), seed=0)
+    assert run.measures["min_distance_m"] is None
+    assert run.measures["arrived_share"] == 1.0
+    assert run.measures["path_ratio"] == pytest.approx(1.0, abs=0.02)
+
+
+def test_a_run_that_ends_too_early_has_no_time_of_arrival(six: Path) -> None:
+    run = ss.run(str(six), seed=0, settings={"steps": 5})
+    assert run.measures["arrived_share"] == 0.0
+    for name in ("arrival_time_s", "mean_arrival_time_s", "path_ratio"):
+        assert run.measures[name] is None
