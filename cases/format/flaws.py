@@ -327,10 +327,13 @@ def _of_no_form(
         found = shown_value(details["input"])
         what = f"expected {_dotted(path)} to be a mapping with the key {what}"
         return flaw_at(document, path, f"{what}; found {found}")
-    expected = ", ".join(SEARCHES)  # No other key is chosen by name.
+    key = str(context.get("discriminator", "")).strip("'")
+    known = re.findall(r"'([^']+)'", context.get("expected_tags", ""))
+    if key in ("", "name"):
+        key, known = "name", [*SEARCHES]
     found = shown_value(context["tag"]) if "tag" in context else "none"
-    what = f"expected name to be one of {expected}; found {found}"
-    return flaw_at(document, (*path, "name"), what)
+    what = f"expected {key} to be one of {', '.join(known)}; found {found}"
+    return flaw_at(document, (*path, key), what)
 
 
 def _expected(details: pydantic_core.ErrorDetails) -> str:

@@ -64,9 +64,8 @@ _UNROLLED = 100_000
 speeds up the iterations over short horizons; longer ones would take too long to
 build."""
 _MOST_SHARED = 50_000
-"""Largest number of operations of second derivatives whose common parts are looked for:
-with 200,000 this takes 3 s, and saves a tenth of them. Of more, only those of the
-values are, before the derivatives."""
+"""Largest number of operations of second derivatives that are derived from values as
+they are written; longer ones are derived from values whose common parts are shared."""
 _AS_FAST = 30_000
 """The same if longer ones are evaluated by machine code."""
 
@@ -639,8 +638,8 @@ def _part(
     values, (slopes, bent) = ca.cse([cost, g]), derived(cost, g)
     if ca.Function("curvature", further, bent).n_instructions() > _MOST_SHARED:
         slopes, bent = derived(*values)
-    else:
-        slopes, bent = ca.cse(slopes), ca.cse(bent)
+    # Common parts of derivatives are not looked for: that takes longer than all else,
+    # and machine code is as fast without.
     return Part(
         ca.Function("values", arguments, values),
         ca.Function("slopes", arguments, slopes),

@@ -226,7 +226,8 @@ def _reserved(swarm: Swarm, tracking: Tracking, disturbance: float) -> Swarm:
         "speed": np.where(moves, swarm.speed - tracking.velocity, 0.0),
     }
     for name, array in left.items():
-        if not (array[moves] > 0).all():
+        used = moves if name == "speed" else np.ones(AXES, dtype=bool)
+        if not (array[used] > 0).all():
             raise InvalidProblemError(
                 f"{name} must be above the {(getattr(swarm, name) - array).max():.4g} "
                 f"that a disturbance of {disturbance:g} m/s^2 takes, got "

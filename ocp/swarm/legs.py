@@ -91,6 +91,8 @@ def _can_turn(start: State, end: State, steps: int, body: PointMass) -> bool:
     ax, cx = accelerations(start, end, (0, steps), body)
     ay, cy = accelerations(start, end, (1, steps), body)
     vx, vy = start.velocity[0], start.velocity[1]
+    # The last velocity over the ground that has a direction.
+    dx, dy = vx + body.drift_x, vy + body.drift_y
     for _ in range(steps):
         size = ax**2 + ay**2
         if not math.sqrt(size) <= body.acceleration[0] * (1.0 + SAME):
@@ -103,6 +105,12 @@ def _can_turn(start: State, end: State, steps: int, body: PointMass) -> bool:
         if turning > STILL and not turning <= body.turn_rate * slowest:
             return False
         vx, vy, ax, ay = vx + h * ax, vy + h * ay, ax + cx, ay + cy
+        gx, gy = vx + body.drift_x, vy + body.drift_y
+        # Through rest, a straight way back has no turn rate, but another heading.
+        if dx * gx + dy * gy < -STILL:
+            return False
+        if gx**2 + gy**2 > STILL:
+            dx, dy = gx, gy
         if not math.sqrt(vx**2 + vy**2) <= body.speed[0] * (1.0 + SAME):
             return False
     return True

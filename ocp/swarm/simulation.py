@@ -77,7 +77,8 @@ def team_of(swarm: Swarm, planning: Planning, rng: np.random.Generator) -> Team:
         lead = max(1, round(lead_s / step_s))
     if lead >= pieces:
         raise InvalidProblemError(
-            f"longest_s must be above the lead of {lead * step_s:g} s, got {longest_s}"
+            f"longest_s must be above the lead of {lead * step_s:g} s, which follows "
+            f"from delays and losses unless lead_s is given, got {longest_s}"
         )
     return Team(
         swarm, links, RULES[planning.rule], step_s=step_s, sizes=(pieces, lead, tries),

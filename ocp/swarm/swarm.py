@@ -27,6 +27,8 @@ from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import InvalidProblemError, refused
 
 AXES = 3
+LEAST_DRIFT = 1e-3
+"""Least speed of a frame that moves: below it a vehicle has no clear heading [m/s]."""
 
 
 def _frozen(value: ArrayLike, shape: tuple[int | None, ...], name: str) -> Array:
@@ -144,8 +146,8 @@ class Swarm:
         distance: Least scaled distance of two vehicles [m].
         scale: Factors of the three axes in all distances, shape (3,).
         acceleration: Largest acceleration along each axis, shape (3,) [m/s^2].
-        speed: Largest speed along each axis, shape (3,) [m/s]; 0: vehicles stay at
-            their coordinate.
+        speed: Largest speed along each axis, shape (3,) [m/s]; 0: plans keep the
+            coordinate.
         obstacles: Balls from which a vehicle keeps half the distance, scaled.
         turn_rate: Largest turn rate of vehicles that move in the plane, in the
             direction of their heading (unicycles) [rad/s]; the bounds of the first axis
@@ -237,8 +239,12 @@ class Swarm:
         self._check_room("goals", last)
 
     def _check_plane(self) -> None:
-        if self.drift[2] != 0:
-            raise InvalidProblemError(f"drift must be level, got {self.drift}")
+        size = float(np.linalg.norm(self.drift))
+        if self.drift[2] != 0 or 0 < size < LEAST_DRIFT:
+            raise InvalidProblemError(
+                f"drift must be level, and 0 or at least {LEAST_DRIFT} m/s, got "
+                f"{self.drift}"
+            )
         if self.turn_rate == np.inf:
             return
         heights = np.unique([self.starts[:, 2], self.goals[:, 2]])

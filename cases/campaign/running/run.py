@@ -204,6 +204,8 @@ def _timed(
         flight = flight_of(resolved.posed(), scenario, threads=threads)
     logger.debug("built after %.2f s", watch.seconds)
     folder = recording.folder if recording else None
+    if flight.posed.controller is not None:
+        folder = None  # Nothing is kept of what it remembers: it begins anew.
     steps, resumed, multipliers = _flown(resolved, flight, seed, folder, progress)
     logger.debug("simulated after %.2f s", watch.seconds)
     try:
@@ -394,9 +396,8 @@ def _kept(
 
     The multipliers are those of the first plan.
     """
-    rng, kept = np.random.default_rng(seed), None
-    if folder is not None and flight.posed.controller is None:
-        kept = load_partial(folder, key, flight.plant.substeps)
+    rng = np.random.default_rng(seed)
+    kept = load_partial(folder, key, flight.plant.substeps) if folder else None
     if kept is None:
         return [], rng, None
     steps, rng.bit_generator.state, arrays = kept

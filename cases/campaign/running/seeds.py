@@ -40,6 +40,7 @@ def seeds_content(
         "variant": resolved.variant,
         "vehicles": _uavs(settings.get("uavs") or []),
         "search": resolved.scenario.search_name,
+        "way": resolved.scenario.way(),
         "lanes": resolved.scenario.random_starts(),
         "polish": resolved.scenario.polish_name,
         "command": command,

@@ -91,6 +91,7 @@ OUTCOMES = (
     Told("flown_cost", "Cost of the simulated path", ""),
     Told("closed_loop_cost", "Closed-loop cost", ""),
     Told("cost", "Cost of the first plan", ""),
+    Told("mean_arrival_time_s", "Mean time of arrival", "s"),
 )
 """Measures of the result: the first one that some run defines is used."""
 CONSTRAINTS = (
@@ -237,14 +238,17 @@ def sentences_of_seeds(content: Mapping[str, Any], figures: Path) -> list[str]:
 def _task(content: Mapping[str, Any]) -> str:
     runs = len(content["seeds"])
     head = heading(content["title"], content["scenario"])
-    how = method(*(content[key] for key in ("search", "lanes", "polish", "variant")))
+    how = content.get("way") or method(
+        *(content[key] for key in ("search", "lanes", "polish", "variant"))
+    )
     seeds = f"seeds 0 to {runs - 1}" if runs > 1 else "seed 0"
     return f"{head}: {counted(runs, 'run')}, {seeds}; {how}."
 
 
 def _feasible(content: Mapping[str, Any]) -> str:
     runs = len(content["seeds"])
-    return f"{sum(content['feasible'])} of {counted(runs, 'run')} found feasible plans"
+    found = "were feasible" if content.get("way") else "found feasible plans"
+    return f"{sum(content['feasible'])} of {counted(runs, 'run')} {found}"
 
 
 def _told_of_plans(content: Mapping[str, Any]) -> list[str]:

@@ -4,21 +4,29 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, Discriminator, Field, Tag, ValidationInfo
+from pydantic import (
+    BeforeValidator,
+    Discriminator,
+    Field,
+    Tag,
+    ValidationInfo,
+    model_validator,
+)
 
 from swarmstart.arrays import Array
+from swarmstart.cases.format.document import shown
 from swarmstart.cases.format.parts import Number, Part, Positive
 from swarmstart.cases.kinds.problem.stated.values import (
-    csv_columns,
     csv_names,
     csv_rows,
+    number_of,
 )
 
 MOST_VEHICLES = 1000
 APART = 1.15
 """Distance of random places, in least distances."""
-MOST_TRIES = 200_000
-"""Number of random places that are tried."""
+MOST_TRIES = 20_000
+"""Number of random places in a row that may have no room."""
 AXES = ("x_m", "y_m", "z_m")
 
 Place = Annotated[list[Number], Field(min_length=3, max_length=3)]
@@ -140,6 +148,13 @@ class Grid(Part):
     spacing_m: Positive
     centre_m: Place = ORIGIN
 
+    @model_validator(mode="after")
+    def _not_too_many(self) -> "Grid":
+        count = int(np.prod(self.counts))
+        if count > MOST_VEHICLES:
+            raise ValueError(f"expected at most {MOST_VEHICLES} places, found {count}")
+        return self
+
     def places(self) -> Array:
         """Return the places, shape (n, 3) [m]; the last axis changes first."""
         axes = [self.spacing_m * (np.arange(n) - (n - 1) / 2) for n in self.counts]
@@ -171,8 +186,9 @@ class Letters(Part):
         """Return the places, shape (n, 3) [m], evenly along the outlines."""
         from matplotlib.textpath import TextPath  # Slow to import.
 
+        text = self.text.replace("$", r"\$")  # It would begin a formula.
         lines = [
-            np.asarray(one) for one in TextPath((0, 0), self.text, size=1).to_polygons()
+            np.asarray(one) for one in TextPath((0, 0), text, size=1).to_polygons()
         ]
         begins = np.concatenate([one[:-1] for one in lines])
         ways = np.concatenate([np.diff(one, axis=0) for one in lines])
@@ -240,9 +256,27 @@ def _from_file(given: Any, info: ValidationInfo) -> Any:
         raise ValueError(
             f"{name}: expected the columns {', '.join(AXES)}; found {', '.join(names)}"
         )
-    columns = csv_columns(names, body)
-    points = np.stack([columns[axis] for axis in AXES], axis=1)
-    return {"formation": "points", "points_m": points.tolist()}
+    if not 1 <= len(body) <= MOST_VEHICLES:
+        raise ValueError(
+            f"{name}: expected 1 to {MOST_VEHICLES} places, found {len(body)}"
+        )
+    points = [_numbers(name, line, row) for line, row in body]
+    return {"formation": "points", "points_m": points}
+
+
+def _numbers(name: str, line: int, row: list[str]) -> list[float]:
+    """Return the numbers of a line of a CSV file of places.
+
+    Raises:
+        ValueError: If it has no three finite numbers.
+    """
+    values = [number_of(cell) for cell in row]
+    if len(row) != len(AXES) or None in values:
+        raise ValueError(
+            f"{name}:{line}: expected a number for {', '.join(AXES)}, found "
+            f"{shown(','.join(row))}"
+        )
+    return [value for value in values if value is not None]
 
 
 Formation = Annotated[
@@ -284,16 +318,18 @@ def random_places(
     """
     rng, found = np.random.default_rng(cube.seed), np.empty((0, 3))
     corner = np.array(cube.centre_m) - cube.side_m / 2
-    for _ in range(MOST_TRIES):
+    failures = 0
+    while failures < MOST_TRIES:
         if len(found) == cube.count:
             return found
+        failures += 1
         place = corner + cube.side_m * rng.random(3)
         apart = np.linalg.norm((found - place) * scale, axis=1)
         free = all(
             np.linalg.norm((centre - place) * scale) > room for centre, room in balls
         )
         if free and (apart >= APART * distance).all():
-            found = np.vstack([found, place])
+            found, failures = np.vstack([found, place]), 0
     raise ValueError(
         f"expected room for {cube.count} vehicles in a cube of {cube.side_m:g} m; "
         f"found room for {len(found)}"

@@ -11,6 +11,7 @@ from swarmstart.cases.format.parts import NonNegative, Number, Part, Positive
 from swarmstart.cases.format.settings import LocatedFlaw, Scenario
 from swarmstart.cases.kinds.planar import shortest_assignment
 from swarmstart.cases.kinds.swarm.formations import (
+    MOST_VEHICLES,
     Cube,
     Goals,
     Opposite,
@@ -20,6 +21,7 @@ from swarmstart.cases.kinds.swarm.formations import (
 )
 from swarmstart.errors import SwarmstartError
 from swarmstart.ocp import Links, Obstacle, Swarm, SwarmController
+from swarmstart.ocp.swarm.tracking import tracking_of
 
 INSTANTS = 101
 """Number of places of a moving obstacle from which random starts keep away."""
@@ -36,9 +38,21 @@ PLACES = {
     "speed": ("vehicle", "speed_m_s"),
     "vehicles": ("vehicle", "turn_rate_rad_s"),
     "drift": ("vehicle", "drift_m_s"),
+    "times": ("obstacles",),
+    "step_s": ("step_s",),
+    "lead_s": ("planning", "lead_s"),
     "disturbance": ("plant", "disturbance_m_s2"),
 }
 """First word of a message of the library -> the key that it concerns."""
+
+
+def _count(part: Any) -> int:
+    """Return the number of places of a formation."""
+    points = getattr(part, "points_m", None)
+    counts = getattr(part, "counts", None)
+    if counts is not None:
+        return int(np.prod(counts))
+    return len(points) if points is not None else int(part.count)
 
 
 class Vehicle(Part):
@@ -46,8 +60,7 @@ class Vehicle(Part):
 
     Attributes:
         acceleration_m_s2: Largest acceleration along each axis [m/s^2].
-        speed_m_s: Largest speed along each axis; 0: vehicles keep their coordinate
-            [m/s].
+        speed_m_s: Largest speed along each axis; 0: plans keep the coordinate [m/s].
         turn_rate_rad_s: Largest turn rate of vehicles that move in the plane along
             their heading; the bounds of x hold for sizes of vectors, then; null: any
             [rad/s].
@@ -226,6 +239,12 @@ class SwarmScenario(Scenario):
             SwarmstartError: If starts, goals and bounds do not fit.
             ValueError: If a cube has no room.
         """
+        for key, parts in (("starts", self.starts), ("goals", self.goals)):
+            count = sum(map(_count, parts)) if isinstance(parts, list) else 0
+            if count > MOST_VEHICLES:
+                raise ValueError(
+                    f"expected at most {MOST_VEHICLES} {key}, found {count}"
+                )
         turn, scale = self.vehicle.turn_rate_rad_s, np.array(self.scale)
         obstacles = [one.obstacle() for one in self.obstacles]
         starts, goals = self._places(obstacles)
@@ -251,6 +270,8 @@ class SwarmScenario(Scenario):
     def _places(self, obstacles: list[Obstacle]) -> tuple[Array, Array]:
         """Return starts and goals, each of shape (n, 3) [m]."""
         scale = np.array(self.scale)
+        error = tracking_of(self.plant.disturbance_m_s2, self.step_s).position
+        apart = self.safe_distance_m + 2.0 * error * float(np.linalg.norm(scale))
 
         def placed(part: Any, instants: int) -> Array:
             if isinstance(part, list):
@@ -258,13 +279,13 @@ class SwarmScenario(Scenario):
             if not isinstance(part, Cube):
                 return np.asarray(part.places())
             balls = [
-                (place, scale.max() * one.radius + self.safe_distance_m)
+                (place, scale.max() * one.radius + apart)
                 for one in obstacles
                 for place in one.position(
                     np.linspace(one.times[-1], one.times[0], instants)
                 )
             ]
-            return random_places(part, scale, self.safe_distance_m, balls)
+            return random_places(part, scale, apart, balls)
 
         # Starts keep away from whole paths of obstacles, goals from their ends.
         starts = placed(self.starts, INSTANTS)
@@ -284,7 +305,7 @@ class SwarmScenario(Scenario):
         except (SwarmstartError, ValueError) as error:
             said = str(error)
             if said.startswith("expected "):
-                yield ("goals",) if "as many goals" in said else ("starts",), said
+                yield ("goals",) if "goals" in said else ("starts",), said
                 return
             # In the words of scenarios.
             words = said.replace(" must ", " to ", 1).replace(", got ", "; found ", 1)

@@ -95,6 +95,18 @@ def test_without_room_for_the_error_the_same_disturbance_leads_too_near() -> Non
         ss.SwarmController(near, disturbance=0.2)
 
 
+def test_two_that_hover_as_near_as_plans_may_be_stay_apart_when_pushed() -> None:
+    far = ss.Swarm(starts=np.eye(2, 3), goals=np.eye(2, 3), distance=0.35)
+    apart = ss.SwarmController(far, disturbance=0.2).swarm.plan_distance
+    beside = [[0.0, 0.0, 0.0], [apart, 0.0, 0.0], [0.0, 2.0, 0.0]]
+    near = ss.Swarm(starts=beside, goals=[*beside[:2], [0.0, 4.0, 0.0]], distance=0.35)
+    loop = ss.SwarmController(near, disturbance=0.2)
+    push = np.array([1.0, 0, 0, -1.0, 0, 0, 0, 0, 0])[:, None]
+    run = flown(loop, lambda t: 0.2 * push * np.ones(t.size))
+    # With the error only once in between they would meet.
+    assert 0.35 <= least(places(run)) < (apart + 0.35) / 2
+
+
 def test_frames_that_drift_keep_the_turn_rate_over_the_ground() -> None:
     swarm = ss.Swarm(
         starts=[[-25, 5, 0], [-25, -5, 0]], goals=[[0, 0, 0], [-30, -30, 0]],
@@ -110,6 +122,20 @@ def test_frames_that_drift_keep_the_turn_rate_over_the_ground() -> None:
     assert 0.5 * np.pi / 18 < turns.max() <= np.pi / 18 * (1 + 1e-3)
 
 
+@pytest.mark.parametrize("drift", [0.5, 1.0, 2.0])
+def test_no_plan_turns_back_on_the_spot_over_the_ground(drift: float) -> None:
+    swarm = ss.Swarm(
+        starts=[[0, 0, 0]], goals=[[-10, 0, 0]], distance=0.35, turn_rate=0.3,
+        drift=[drift, 0, 0],
+    )  # fmt: skip
+    flight = ss.simulate_swarm(swarm, seconds=120, longest_s=60, seed=0)
+    path = flight.positions[0, :2] + np.array([[drift], [0.0]]) * flight.times
+    steps = np.diff(path, axis=1)
+    moving = steps[:, np.hypot(*steps) > 1e-9]
+    cosines = (moving[:, 1:] * moving[:, :-1]).sum(axis=0)
+    assert (cosines > 0).all()
+
+
 def test_vehicles_without_a_speed_along_an_axis_keep_their_coordinate() -> None:
     swarm = ss.Swarm(**PAIR, speed=[2, 2, 0])
     flight = ss.simulate_swarm(swarm, links=LOSSY, seed=0)
@@ -123,6 +149,7 @@ def test_vehicles_without_a_speed_along_an_axis_keep_their_coordinate() -> None:
         ({"speed": [0, 0, 0]}, "speed must be at least 0, and one above it"),
         ({"speed": [2, 0, 2]}, "goals must have the y of the starts"),
         ({"drift": [1, 0, 1]}, "drift must be level"),
+        ({"drift": [1e-12, 0, 0]}, r"or at least 0.001 m/s"),
         ({"acceleration": [1, 0, 1]}, "acceleration must be above 0"),
     ],
 )

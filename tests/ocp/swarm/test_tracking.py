@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swarmstart.arrays import Array
-from swarmstart.ocp.swarm.tracking import EXACT, tracking_of
+from swarmstart.ocp.swarm.tracking import EXACT, _integral, tracking_of
 
 PARTS = 8
 """Number of pieces of a step in which the disturbance is constant."""
@@ -72,3 +72,12 @@ def test_bounds_are_proportional_to_the_disturbance_and_zero_without() -> None:
     for name in ("position", "velocity", "correction"):
         assert getattr(three, name) == pytest.approx(3 * getattr(one, name), rel=1e-12)
     assert tracking_of(0.0, 0.1) is EXACT
+
+
+@given(st.floats(-5, 5), st.floats(-5, 5), st.floats(0.01, 2))
+def test_the_integral_of_a_size_is_that_of_a_sum(
+    slope: float, offset: float, h: float
+) -> None:
+    middle = (np.arange(20_000) + 0.5) * h / 20_000
+    summed = np.abs(slope * middle + offset).mean() * h
+    assert _integral(slope, offset, h) == pytest.approx(summed, rel=1e-6, abs=1e-7)

@@ -67,6 +67,7 @@ def test_letters_are_as_high_as_asked_and_vehicles_lie_evenly_on_them() -> None:
     assert 9.0 < np.ptp(found[:, 1]) <= 10.0
     # The outline of an I is a rectangle, so neighbours along its sides are level.
     assert np.median(gaps(found)) == pytest.approx(gaps(found).max(), rel=1e-6)
+    assert len(places({**given, "text": "$x_{$"})) == 40
     upright = places({**given, "upright": True})
     np.testing.assert_allclose(upright[:, [0, 2]], found[:, :2])
 
@@ -78,6 +79,10 @@ def test_a_file_gives_places_and_names_what_is_wrong(tmp_path: Path) -> None:
     (tmp_path / "b.csv").write_text("x,y,z\n0,1,2\n", "utf-8")
     with pytest.raises(ValidationError, match="expected the columns x_m, y_m, z_m"):
         places({"formation": "file", "file": "b.csv"}, tmp_path)
+    for row, said in (("0,foo,2", "0,foo,2"), ("0,1", "0,1"), ("0,1,nan", "nan")):
+        (tmp_path / "c.csv").write_text(f"x_m,y_m,z_m\n{row}\n", "utf-8")
+        with pytest.raises(ValidationError, match=rf"c.csv:2: .*{said}"):
+            places({"formation": "file", "file": "c.csv"}, tmp_path)
     with pytest.raises(ValidationError, match="expected file to be a CSV file in the"):
         places({"formation": "file", "file": "../a.csv"}, tmp_path)
     with pytest.raises(ValidationError, match="expected the keys formation and file"):

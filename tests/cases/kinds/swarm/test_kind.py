@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 import swarmstart as ss
+from swarmstart.cases.campaign.running.run import run
 from swarmstart.cases.commands.front.cli import main
 from swarmstart.cases.kinds.swarm.kind import CERTIFICATE, least_gaps
+from swarmstart.cases.record.record import Recording
 from swarmstart.terminal_set import check
 
 CUBE = "{{formation: cube, count: 10, side_m: 2.2, seed: {}}}"
@@ -51,6 +53,34 @@ def test_pairs_that_pass_between_two_samples_are_seen() -> None:
     path[0, 0], path[1, 0] = [-1.0, 1.0], [1.0, -1.0]
     path[1, 1] = 0.1
     assert least_gaps(path)[0] == pytest.approx(0.1)
+
+
+def test_vehicles_in_an_obstacle_or_within_half_the_distance_are_counted(
+    flown: ss.Run,
+) -> None:
+    hits = resolve_name("swarmstart.cases.kinds.swarm.kind:obstacle_hits")
+    path = flown.trajectory.dense_states.reshape(6, 6, -1)[:, :3].copy()
+    path[0, :, 7] = 0.0  # The centre of the ball of 0.2 m.
+    path[1, :, 9] = [0.37, 0.0, 0.0]
+    path[2, :, 9] = [0.0, 0.38, 0.0]
+    assert hits(path, flown.flight, flown.trajectory) == 2
+
+
+def test_an_interrupted_run_begins_anew_and_ends_the_same(
+    six: Path, tmp_path: Path, flown: ss.Run
+) -> None:
+    resolved, folder = flown.resolved, tmp_path / "out"
+    recording = Recording(folder=folder, figures=False)
+
+    def stop(done: int, total: int, what: str) -> None:
+        if done == 20:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run(resolved, seed=0, recording=recording, progress=stop)
+    again = run(resolved, seed=0, recording=recording)
+    assert again.resumed == 0
+    np.testing.assert_array_equal(again.trajectory.states, flown.trajectory.states)
 
 
 def test_the_record_has_a_certificate_that_is_proved_again(
@@ -110,14 +140,14 @@ def test_one_vehicle_has_no_distance_and_arrives(six: Path) -> None:
     six.write_text(
         text.replace("formation: opposite", "formation: circle, count: 1, radius_m: 3")
     )
-    run = ss.run(str(six), seed=0)
-    assert run.measures["min_distance_m"] is None
-    assert run.measures["arrived_share"] == 1.0
-    assert run.measures["path_ratio"] == pytest.approx(1.0, abs=0.02)
+    alone = ss.run(str(six), seed=0)
+    assert alone.measures["min_distance_m"] is None
+    assert alone.measures["arrived_share"] == 1.0
+    assert alone.measures["path_ratio"] == pytest.approx(1.0, abs=0.02)
 
 
 def test_a_run_that_ends_too_early_has_no_time_of_arrival(six: Path) -> None:
-    run = ss.run(str(six), seed=0, settings={"steps": 5})
-    assert run.measures["arrived_share"] == 0.0
+    early = ss.run(str(six), seed=0, settings={"steps": 5})
+    assert early.measures["arrived_share"] == 0.0
     for name in ("arrival_time_s", "mean_arrival_time_s", "path_ratio"):
-        assert run.measures[name] is None
+        assert early.measures[name] is None

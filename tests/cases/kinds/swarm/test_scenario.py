@@ -30,6 +30,17 @@ from swarmstart.cases.kinds.swarm.scenario import SwarmScenario
         ("obstacles=[{radius_m: 1}]", "obstacles", "place_m or path; found neither"),
         ("starts={formation: cube, count: 500, side_m: 1}", "starts", "room for 500"),
         ("rule=trust", "rule", "acknowledged"),
+        ("starts={formation: ring, count: 3}", "starts",
+         "expected formation to be one of points, line, v, circle, grid"),
+        ("goals=[{formation: opposite}]", "formation", "expected formation to be one"),
+        ("starts={formation: grid, counts: [1000, 1000, 1000], spacing_m: 1}", "starts",
+         "expected at most 1000 places, found 1000000000"),
+        ("starts=[{formation: circle, count: 999, radius_m: 9}, "
+         "{formation: grid, counts: [2, 1, 1], spacing_m: 1}]", "starts",
+         "expected at most 1000 starts, found 1001"),
+        ("links.loss=0.99", "longest_s", "follows from delays and losses"),
+        ("obstacles=[{radius_m: 1, path: [{time_s: 1, place_m: [9, 9, 9]}, "
+         "{time_s: 0, place_m: [8, 8, 8]}]}]", "obstacles", "times to rise"),
     ],
 )  # fmt: skip
 def test_what_does_not_fit_is_named_with_its_place(
