@@ -7,10 +7,11 @@ narrower as they gather. An obstacle within two widths of the formation is in th
 too. A vehicle inside an obstacle is red, and the clock says so.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,7 +24,6 @@ from swarmstart.ocp.common import ProgressCallback, tell_nothing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
     from PIL.Image import Image
 
@@ -119,24 +119,40 @@ def animate_scene(
     write_film(Film(at_times(scene, times), title=title), file, words, progress)
 
 
-class Filmed(Protocol):
-    """Whatever is drawn frame by frame.
+class Filmed(ABC):
+    """A picture whose frames are drawn one after another.
 
     Attributes:
         figure: The picture.
+        axes: The ground on which everything moves.
         frames: Number of frames.
         colours: Colours of what moves.
     """
 
-    figure: "Figure"
-    frames: int
-    colours: list[str]
+    def __init__(self, frames: int, colours: list[str]) -> None:
+        """Make an empty picture."""
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
 
+        # No pyplot: it would keep the figure, and might open a window.
+        self.figure: Figure = Figure(figsize=SIZE, dpi=DPI)
+        self._canvas: FigureCanvasAgg = FigureCanvasAgg(self.figure)
+        self.axes: Axes = self.figure.add_axes(FRAME)
+        self.frames, self.colours = frames, colours
+
+    @abstractmethod
     def show(self, frame: int, note: str = "") -> None:
         """Move everything to its place in a frame, with a note beside the clock."""
 
     def draw(self, frame: int, note: str = "") -> "Image":
         """Return a frame as an image."""
+        from PIL import Image
+
+        self.show(frame, note)
+        self._canvas.draw()  # type: ignore[no-untyped-call]
+        width, height = self._canvas.get_width_height()
+        pixels = bytes(self._canvas.buffer_rgba())  # type: ignore[no-untyped-call]
+        return Image.frombuffer("RGBA", (width, height), pixels).convert("RGB")
 
 
 def write_film(
@@ -263,16 +279,12 @@ def averaged(values: Array, around: int) -> Array:
     return means
 
 
-class Film:
-    """A picture whose frames are drawn one after another.
+class Film(Filmed):
+    """Vehicles in the plane, frame by frame, with a camera that follows them.
 
     Attributes:
-        figure: The picture.
-        axes: The ground that the camera looks at.
         clock: The text of the time.
-        frames: Number of frames.
         camera: Its views.
-        colours: Of the vehicles.
     """
 
     def __init__(self, scene: Scene, *, title: str) -> None:
@@ -282,20 +294,12 @@ class Film:
             scene: At the instants of the frames.
             title: Above the picture.
         """
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-
-        # No pyplot: it would keep the figure, and might open a window.
-        self.figure: Figure = Figure(figsize=SIZE, dpi=DPI)
-        self._canvas: FigureCanvasAgg = FigureCanvasAgg(self.figure)
-        self.axes: Axes = self.figure.add_axes(FRAME)
-        self.frames = scene.times.size
+        numbers = scene.numbers or range(len(scene.names))
+        super().__init__(scene.times.size, [colour(number) for number in numbers])
         self._scene = scene
         ratio = (FRAME[3] * SIZE[1]) / (FRAME[2] * SIZE[0])
         self.camera = camera_of(scene, ratio=ratio)
         self._still(title)
-        numbers = scene.numbers or range(len(scene.names))
-        self.colours = [colour(number) for number in numbers]
         self._trails = [
             self.axes.plot([], [], color=c, lw=1.6)[0] for c in self.colours
         ]
@@ -360,16 +364,6 @@ class Film:
                 *zip(*shown, strict=True), loc="lower left", fontsize=9,
                 framealpha=0.85, ncols=len(shown),
             )  # fmt: skip
-
-    def draw(self, frame: int, note: str = "") -> "Image":
-        """Return a frame as an image, with a note beside the clock."""
-        from PIL import Image
-
-        self.show(frame, note)
-        self._canvas.draw()  # type: ignore[no-untyped-call]
-        width, height = self._canvas.get_width_height()
-        pixels = bytes(self._canvas.buffer_rgba())  # type: ignore[no-untyped-call]
-        return Image.frombuffer("RGBA", (width, height), pixels).convert("RGB")
 
     def show(self, frame: int, note: str = "") -> None:
         """Move everything to its place in a frame."""

@@ -134,11 +134,9 @@ def band_name(name: str, content: Mapping[str, Any]) -> tuple[str, str]:
         return name, ""
     names = list(content.get("vehicles") or ())
     number = int(place)
-    vehicle = (
-        names[number]
-        if number < len(names)
-        else (f"{words.called} {number + words.first_number}")
-    )
+    vehicle = f"{words.called} {number + words.first_number}"
+    if number < len(names):
+        vehicle = names[number]
     label, unit = label_of(base)
     return f"{vehicle}: {label}", unit
 

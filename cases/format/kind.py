@@ -162,6 +162,7 @@ class Posed:
         controller: Controller of the kind's own, which has no agents; None: agents
             plan. It begins anew after an interrupt, since a record does not keep what
             it remembers.
+        ended: Words on a run that this controller has ended.
         documents: Further files of a run's folder: name -> text.
     """
 
@@ -175,6 +176,7 @@ class Posed:
     dual_mode: LinearLaws | None = None
     period: float | None = None
     controller: Controller | None = None
+    ended: str = ""
     documents: Mapping[str, str] = field(default_factory=dict)
 
     @property

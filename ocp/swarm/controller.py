@@ -8,7 +8,7 @@ and speed, so that the disturbed vehicles keep the distance and the bounds, too.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -24,7 +24,7 @@ from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.loop.controller import OF_DECISION, Decision
 from swarmstart.ocp.swarm.flight import SwarmFlight
-from swarmstart.ocp.swarm.simulation import PLANNED, Planning, team_of
+from swarmstart.ocp.swarm.simulation import PLANNED, Planning, sizes_of, team_of
 from swarmstart.ocp.swarm.swarm import AXES, Links, Swarm
 from swarmstart.ocp.swarm.team import Team
 from swarmstart.ocp.swarm.tracking import Tracking, tracking_of
@@ -150,7 +150,7 @@ class SwarmController:
         self.tracking = tracking_of(float(disturbance), self.dt)
         self.swarm = _reserved(swarm, self.tracking, disturbance)
         self._planning = Planning(links, rule, step_s, longest_s, tries, lead_s)
-        team_of(self.swarm, self._planning, np.random.default_rng(0))  # Raises now.
+        sizes_of(self.swarm, self._planning)  # Raises now, not at the first step.
 
     @property
     def x0(self) -> Array:
@@ -233,10 +233,8 @@ def _reserved(swarm: Swarm, tracking: Tracking, disturbance: float) -> Swarm:
                 f"that a disturbance of {disturbance:g} m/s^2 takes, got "
                 f"{getattr(swarm, name)}"
             )
-    error = tracking.position * float(np.linalg.norm(swarm.scale))
-    return Swarm(
-        starts=swarm.starts, goals=swarm.goals, distance=swarm.distance,
-        scale=swarm.scale, obstacles=swarm.obstacles, drift=swarm.drift,
-        tracking_error=swarm.tracking_error + error,
-        acceleration=left["acceleration"], speed=left["speed"],
+    error = swarm.tracking_error + tracking.distance(swarm.scale)
+    return replace(
+        swarm, tracking_error=error, acceleration=left["acceleration"],
+        speed=left["speed"],
     )  # fmt: skip

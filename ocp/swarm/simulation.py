@@ -59,7 +59,15 @@ class Planning(NamedTuple):
 
 
 def team_of(swarm: Swarm, planning: Planning, rng: np.random.Generator) -> Team:
-    """Return the vehicles at their starts.
+    """Return the vehicles at their starts; raises what `sizes_of` raises."""
+    return Team(
+        swarm, planning.links, planning.rule, step_s=planning.step_s,
+        sizes=sizes_of(swarm, planning), rng=rng,
+    )  # fmt: skip
+
+
+def sizes_of(swarm: Swarm, planning: Planning) -> tuple[int, int, int]:
+    """Return the pieces of a plan, the steps of its lead, and the tries of a search.
 
     Raises:
         InvalidProblemError: If the numbers do not fit the swarm, or a silent vehicle is
@@ -80,10 +88,7 @@ def team_of(swarm: Swarm, planning: Planning, rng: np.random.Generator) -> Team:
             f"longest_s must be above the lead of {lead * step_s:g} s, which follows "
             f"from delays and losses unless lead_s is given, got {longest_s}"
         )
-    return Team(
-        swarm, links, RULES[planning.rule], step_s=step_s, sizes=(pieces, lead, tries),
-        rng=rng,
-    )  # fmt: skip
+    return pieces, lead, tries
 
 
 @checked(

@@ -120,7 +120,7 @@ class Team:
         self,
         swarm: Swarm,
         links: Links,
-        rule: int,
+        rule: str,
         *,
         step_s: float,
         sizes: tuple[int, int, int],
@@ -131,7 +131,7 @@ class Team:
         Args:
             swarm: The swarm.
             links: Its links.
-            rule: Number of the rule.
+            rule: Name of the rule.
             step_s: Step of the grid of the plans [s].
             sizes: Pieces of a plan, steps from a proposal to its parting, and flights
                 that a search tries.
@@ -169,6 +169,7 @@ class Team:
         self._failures = np.zeros(n, np.int64)
         self._searches = 0
         self._rows = list[Count]()
+        self._flight: SwarmFlight | None = None
         self._log = {row: _Proposal(row, START, START, True, {}) for row in range(n)}
 
     def advance(self) -> Array:
@@ -178,6 +179,7 @@ class Team:
             Accelerations that they hold in it, not scaled, shape (n, 3) [m/s^2].
         """
         period, step = self._links.period, self.steps
+        self._flight = None
         for tick in range(step * period, (step + 1) * period):
             self._exchange(tick, step)
             if tick % period == 0:
@@ -221,7 +223,7 @@ class Team:
         candidates = self._members.candidate.copy()
         accepted = self._members.accepted.copy()
         decide(
-            (self._rule, step, self._swarm.plan_distance), rank, self._parting,
+            (RULES[self._rule], step, self._swarm.plan_distance), rank, self._parting,
             self._members, self._plans, results,
         )  # fmt: skip
         committed, withdrawn = results == COMMITTED, results == WITHDRAWN
@@ -355,7 +357,12 @@ class Team:
         return self._plans.first[rows] + np.where(moving.any(axis=1), last, 0)
 
     def flight(self) -> SwarmFlight:
-        """Return the flight so far."""
+        """Return the flight so far; the same object until the next step."""
+        if self._flight is None:
+            self._flight = self._flown()
+        return self._flight
+
+    def _flown(self) -> SwarmFlight:
         plans, rows = self._plans, np.array(self._rows)
         steps = np.arange(len(rows) + 1)[:, None]
         last = plans.bulges.shape[1] - 1
@@ -365,7 +372,7 @@ class Team:
         arrival = np.where(final, self._arrival_steps(rows[-1]), np.inf)
         return SwarmFlight(
             swarm=self._swarm,
-            rule=next(name for name, one in RULES.items() if one == self._rule),
+            rule=self._rule,
             step_s=self._step_s,
             positions=np.moveaxis(samples / self._swarm.scale, 0, 2),
             arrival_s=np.where(arrival <= len(rows), arrival, np.inf) * self._step_s,

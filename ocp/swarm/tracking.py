@@ -49,6 +49,10 @@ class Tracking(NamedTuple):
     velocity: float
     correction: float
 
+    def distance(self, scale: Array) -> float:
+        """Return the largest scaled distance of a vehicle from its plan [m]."""
+        return self.position * float(np.linalg.norm(scale))
+
 
 EXACT = Tracking(np.zeros(2), 0.0, 0.0, 0.0)
 """Law of vehicles without a disturbance, which follow their plans as they are."""

@@ -73,7 +73,7 @@ def _status_of(flight: Flight[Posed], trajectory: Trajectory) -> RunStatus:
     if isinstance(controller, DualMode) and controller.uncertified:
         unproven = "; the linear law's terminal sets are not certified"
     if flight.posed.controller is not None:
-        said = "each vehicle followed its committed plans"
+        said = flight.posed.ended
         return RunStatus(True, plan=None, found=said, more="", all_found=True)
     if flight.posed.open_loop:
         return _of_one_plan(flight, trajectory, unproven)
@@ -356,10 +356,7 @@ def measured_run(
         flight=flight,
         trajectory=trajectory,
         measures=measures,
-        documents={
-            **flight.documents,
-            **resolved.kind.documents(scenario, flight, trajectory),
-        },
+        documents=flight.documents,
         claims=judged(
             scenario.claims,
             resolved.settings,

@@ -222,6 +222,8 @@ def _timed(
             )
             if recording is None:
                 return finished
+            further = kind.documents(scenario, flight, finished.trajectory)
+            finished = replace(finished, documents={**finished.documents, **further})
             drawn = _recorded(finished, recording, progress)
             logger.debug("drawn after %.2f s", watch.seconds)
     except KeyboardInterrupt:

@@ -6,16 +6,14 @@ plan. The clock turns red when a disc meets another one, at the same height.
 """
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from swarmstart.arrays import Array
 from swarmstart.cases.drawing.animation import (
     ALARM,
-    DPI,
     FRAME,
-    SIZE,
+    Filmed,
     check_writer,
     frame_times,
     write_film,
@@ -26,9 +24,6 @@ from swarmstart.cases.kinds.swarm.pose import SwarmRun
 from swarmstart.cases.kinds.swarm.scenario import SwarmScenario
 from swarmstart.ocp import SwarmFlight, Trajectory
 from swarmstart.ocp.common import ProgressCallback, tell_nothing
-
-if TYPE_CHECKING:
-    from PIL.Image import Image
 
 # `check_writer` is looked up here by its name; see `animated_by` of Kind.
 __all__ = ["animate", "check_writer"]
@@ -70,14 +65,8 @@ def animate(
     write_film(film, file, [""] * film.frames, progress)
 
 
-class SwarmFilm:
-    """A picture whose frames are drawn one after another.
-
-    Attributes:
-        figure: The picture.
-        frames: Number of frames.
-        colours: Of the vehicles.
-    """
+class SwarmFilm(Filmed):
+    """A swarm from above, frame by frame."""
 
     def __init__(
         self, flight: SwarmFlight, times: Array, places: Array, *, title: str
@@ -90,17 +79,13 @@ class SwarmFilm:
             places: Positions at these times, shape (n, 3, F) [m].
             title: Above the picture.
         """
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.collections import LineCollection
-        from matplotlib.figure import Figure
         from matplotlib.patches import Circle
 
-        self.figure: Figure = Figure(figsize=SIZE, dpi=DPI)
-        self._canvas: FigureCanvasAgg = FigureCanvasAgg(self.figure)
-        axes = self._axes = self.figure.add_axes(FRAME)
+        swarm = flight.swarm
+        super().__init__(times.size, [colour(number) for number in range(swarm.size)])
         self._flight, self._times, self._places = flight, times, places
-        self.frames, swarm = times.size, flight.swarm
-        self.colours = [colour(number) for number in range(swarm.size)]
+        axes = self.axes
         self._balls = [
             Circle((0, 0), one.radius, fc="0.85", ec="0.4", hatch="//")
             for one in swarm.obstacles
@@ -130,16 +115,6 @@ class SwarmFilm:
         self._clock = self.figure.text(
             left, above, "", fontsize=12, family="monospace", fontweight="bold"
         )
-
-    def draw(self, frame: int, note: str = "") -> "Image":
-        """Return a frame as an image."""
-        from PIL import Image
-
-        self.show(frame, note)
-        self._canvas.draw()  # type: ignore[no-untyped-call]
-        width, height = self._canvas.get_width_height()
-        pixels = bytes(self._canvas.buffer_rgba())  # type: ignore[no-untyped-call]
-        return Image.frombuffer("RGBA", (width, height), pixels).convert("RGB")
 
     def show(self, frame: int, note: str = "") -> None:
         """Move everything to its place in a frame."""

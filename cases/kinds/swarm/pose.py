@@ -46,4 +46,5 @@ def pose(scenario: SwarmScenario) -> PosedSwarm:
             model=swarm_model(n), substeps=plant.substeps, parameters=disturbance
         ),
         controller=controller,
+        ended="each vehicle followed its committed plans",
     )

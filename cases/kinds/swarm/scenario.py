@@ -270,8 +270,8 @@ class SwarmScenario(Scenario):
     def _places(self, obstacles: list[Obstacle]) -> tuple[Array, Array]:
         """Return starts and goals, each of shape (n, 3) [m]."""
         scale = np.array(self.scale)
-        error = tracking_of(self.plant.disturbance_m_s2, self.step_s).position
-        apart = self.safe_distance_m + 2.0 * error * float(np.linalg.norm(scale))
+        law = tracking_of(self.plant.disturbance_m_s2, self.step_s)
+        apart = self.safe_distance_m + 2.0 * law.distance(scale)
 
         def placed(part: Any, instants: int) -> Array:
             if isinstance(part, list):
