@@ -172,7 +172,10 @@ def test_disturbances_that_leave_no_acceleration_are_refused() -> None:
 def test_decisions_that_are_not_the_last_are_refused() -> None:
     loop, rng = ss.SwarmController(ss.Swarm(**PAIR)), np.random.default_rng(0)
     first = loop.decide(0.0, loop.x0, None, rng=rng)
+    assert first.flight is first.flight
+    assert len(first.flight.apart) == 1
     second = loop.decide(0.1, loop.x0, first, rng=rng)
+    assert len(second.flight.apart) == 2
     assert (first.step, second.step) == (1, 2)
     with pytest.raises(ss.InvalidProblemError, match="must be the last decision"):
         loop.decide(0.1, loop.x0, first, rng=rng)
