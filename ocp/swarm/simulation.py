@@ -23,10 +23,11 @@ from swarmstart.arguments import (
     of_kind,
     optional,
 )
+from swarmstart.arrays import Array
 from swarmstart.heuristics import generator_of
 from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.swarm.flight import RULES, SwarmFlight
-from swarmstart.ocp.swarm.swarm import Links, Swarm
+from swarmstart.ocp.swarm.swarm import Links, Swarm, pairwise_distances
 from swarmstart.ocp.swarm.team import Team, lead_steps
 
 LEAST_STEP_S = 1e-6
@@ -70,8 +71,8 @@ def sizes_of(swarm: Swarm, planning: Planning) -> tuple[int, int, int]:
     """Return the pieces of a plan, the steps of its lead, and the tries of a search.
 
     Raises:
-        InvalidProblemError: If the numbers do not fit the swarm, or a silent vehicle is
-            unknown.
+        InvalidProblemError: If the numbers do not fit the swarm, a silent vehicle is
+            unknown, or two vehicles are not linked.
     """
     links, _, step_s, longest_s, tries, lead_s = planning
     unknown = sorted(set(links.silences) - set(range(swarm.size)))
@@ -80,7 +81,11 @@ def sizes_of(swarm: Swarm, planning: Planning) -> tuple[int, int, int]:
             f"silences must name vehicles 0 to {swarm.size - 1}, got {unknown}"
         )
     pieces = _pieces(swarm, longest_s, step_s)
-    lead = lead_steps(swarm.size, links)
+    hops = max(
+        _most_hops("starts", swarm.starts, links.radio_range),
+        _most_hops("goals", swarm.goals, links.radio_range),
+    )
+    lead = lead_steps(swarm.size, links, hops)
     if lead_s is not None:
         lead = max(1, round(lead_s / step_s))
     if lead >= pieces:
@@ -127,7 +132,8 @@ def simulate_swarm(  # noqa: PLR0913 - the swarm, its links, and how it is simul
         seed: Seed of a new one, in place of it.
 
     Raises:
-        InvalidProblemError: If an argument is invalid, or a silent vehicle is unknown.
+        InvalidProblemError: If an argument is invalid, a silent vehicle is unknown, or
+            links of a finite range do not connect all at the starts or at the goals.
 
     Example:
         >>> import swarmstart as ss
@@ -148,6 +154,28 @@ def simulate_swarm(  # noqa: PLR0913 - the swarm, its links, and how it is simul
         if team.have_arrived():
             break
     return team.flight()
+
+
+def _most_hops(name: str, places: Array, radio_range: float) -> int:
+    """Return the number of links between the two vehicles that are farthest apart.
+
+    Raises:
+        InvalidProblemError: If no message comes from one to another.
+    """
+    from scipy.sparse.csgraph import shortest_path  # Slow to import.
+
+    apart = pairwise_distances(places)
+    hops = shortest_path(apart <= radio_range, unweighted=True)
+    if np.isfinite(hops).all():
+        return max(1, int(hops.max()))
+    is_linked = np.isfinite(hops[0])
+    gaps = apart[np.ix_(is_linked, ~is_linked)]
+    near, far = np.unravel_index(gaps.argmin(), gaps.shape)
+    i, j = np.flatnonzero(is_linked)[near], np.flatnonzero(~is_linked)[far]
+    raise InvalidProblemError(
+        f"radio_range must link all vehicles at the {name}, got {radio_range:g} m: "
+        f"vehicles {i} and {j}, the nearest of two groups, are {gaps.min():.4g} m apart"
+    )
 
 
 def _pieces(swarm: Swarm, longest_s: float, step_s: float) -> int:

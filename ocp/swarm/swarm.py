@@ -61,6 +61,11 @@ def _distances(points: Array, path: Array) -> Array:
     return np.asarray(found)
 
 
+def pairwise_distances(places: Array) -> Array:
+    """Return the distance of each point from each, shape (n, n)."""
+    return np.linalg.norm(places[:, None] - places, axis=2)
+
+
 def _set(thing: object, **values: object) -> None:
     """Set attributes of a frozen object that is being made."""
     for name, value in values.items():
@@ -301,6 +306,7 @@ class Swarm:
     period=a_count(least=1, most=100),
     most_delay=a_count(most=10_000),
     loss=a_number(least=0, below=1),
+    radio_range=a_number(above=0, finite=False),
     silences=mapping(
         a_count(), several(a_number(finite=False), "two times"),
         words="a mapping of vehicles to the times at which they fall silent and speak",
@@ -315,6 +321,8 @@ class Links:
         most_delay: A message takes 1 to 1 + most_delay ticks, drawn anew each time.
         loss: Probability that a message is lost, for each receiver.
         silences: Vehicle -> (from, to): it neither sends nor hears then [s].
+        radio_range: Largest distance between sender and receiver, not scaled [m]. If it
+            is finite, vehicles pass on what they hear.
 
     Raises:
         InvalidProblemError: If an argument is invalid.
@@ -329,6 +337,7 @@ class Links:
     most_delay: int = 0
     loss: float = 0.0
     silences: Mapping[int, Sequence[float]] = field(default_factory=dict)
+    radio_range: float = np.inf
 
     def __post_init__(self) -> None:
         """Check the silences."""

@@ -44,7 +44,7 @@ from swarmstart.ocp.swarm.rule import (
     settle,
 )
 from swarmstart.ocp.swarm.seeking import PARTS, Task, seek
-from swarmstart.ocp.swarm.swarm import AXES, Links, Swarm
+from swarmstart.ocp.swarm.swarm import AXES, Links, Swarm, pairwise_distances
 
 NOTHING = -1
 """Result of a vehicle without a candidate."""
@@ -164,7 +164,9 @@ class Team:
         self._is_final = np.zeros(len(self._plans.first), np.bool_)
         self._is_final[:n] = (self._starts == self._goals).all(axis=1)
         self._members = members_at(np.arange(n))
-        self._channel = empty_channel(n, links.most_delay)
+        self._channel = empty_channel(
+            n, links.most_delay, passed_on=links.radio_range < np.inf
+        )
         self._not_before = np.zeros(n, np.int64)
         self._failures = np.zeros(n, np.int64)
         self._searches = 0
@@ -339,6 +341,9 @@ class Team:
         for i, (begins, ends) in links.silences.items():
             if begins <= now < ends:
                 delays[i, :] = delays[:, i] = LOST
+        if links.radio_range < np.inf:
+            places = self.states()[:, :AXES]
+            delays[pairwise_distances(places) > links.radio_range] = LOST
         return delays
 
     def have_arrived(self) -> bool:
@@ -405,17 +410,22 @@ class Team:
         )
 
 
-def lead_steps(n: int, links: Links) -> int:
+def lead_steps(n: int, links: Links, hops: int) -> int:
     """Return the steps from a proposal to its parting: a round trip to all, mostly.
 
     Each message is repeated at every tick; so many repetitions reach all others with a
     probability of 0.98.
+
+    Args:
+        n: Number of vehicles.
+        links: Their links.
+        hops: Number of links between the two that are farthest apart.
     """
     if links.loss:
         tries = int(np.ceil(np.log(0.02 / n) / np.log(links.loss)))
     else:
         tries = 1
-    ticks = 2 * (links.most_delay + max(tries, 1)) + 1
+    ticks = 2 * hops * (links.most_delay + max(tries, 1)) + 1
     return int(np.ceil(ticks / links.period)) + 1
 
 

@@ -33,6 +33,7 @@ PLACES = {
     "starts": ("starts",),
     "goals": ("goals",),
     "silences": ("links", "silences"),
+    "radio_range": ("links", "range_m"),
     "longest_s": ("planning", "longest_s"),
     "acceleration": ("vehicle", "acceleration_m_s2"),
     "speed": ("vehicle", "speed_m_s"),
@@ -139,12 +140,15 @@ class LinksPart(Part):
         most_delay: A message takes 1 to 1 + most_delay ticks.
         loss: Probability that a message is lost, for each receiver.
         silences: Times in which vehicles neither send nor hear.
+        range_m: Largest distance between sender and receiver; vehicles pass on what
+            they hear, then; null: any [m].
     """
 
     ticks: int = Field(default=2, ge=1, le=100)
     most_delay: int = Field(default=0, ge=0, le=10_000)
     loss: Annotated[Number, Field(ge=0, lt=1)] = 0.0
     silences: list[Silence] = Field(default_factory=list)
+    range_m: Positive | None = None
 
     def links(self) -> Links:
         """Return the links."""
@@ -156,6 +160,7 @@ class LinksPart(Part):
                 one.vehicle: (one.from_s, np.inf if one.to_s is None else one.to_s)
                 for one in self.silences
             },
+            radio_range=np.inf if self.range_m is None else self.range_m,
         )
 
 

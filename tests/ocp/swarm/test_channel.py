@@ -17,18 +17,25 @@ from swarmstart.ocp.swarm.channel import (
 from swarmstart.ocp.swarm.rule import members_at
 
 
-@given(st.integers(0, 5), st.floats(0, 0.9), st.integers(0, 2**32 - 1))
+@given(st.integers(0, 5), st.floats(0, 0.9), st.integers(0, 2**32 - 1), st.booleans())
 def test_the_newest_of_what_has_arrived_is_heard(
-    most_delay: int, loss: float, seed: int
+    most_delay: int, loss: float, seed: int, passed_on: bool
 ) -> None:
-    n, rng = 3, np.random.default_rng(seed)
-    members, channel = members_at(np.arange(n)), empty_channel(n, most_delay)
+    n, rng = 4, np.random.default_rng(seed)
+    members = members_at(np.arange(n))
+    channel = empty_channel(n, most_delay, passed_on=passed_on)
     expected, sent = np.full((n, n), -1), list[list[Count]]()
+    told = list[Count]()
     arriving = list[tuple[int, int, int, int]]()
     for tick in range(25):
         deliver(tick, members, channel)
         for _, number, i, j in (one for one in arriving if one[0] == tick):
             expected[j, i] = max(expected[j, i], number)
+            if passed_on:
+                # Who is told of the own messages has newer ones.
+                newer = told[number][i] > tick - len(channel.arrival)
+                newer[j] = False
+                expected[j, newer] = np.maximum(expected[j], told[number][i])[newer]
         assert (members.number == expected).all()
         for j, i in zip(*np.nonzero(expected >= 0), strict=True):
             committed, candidate, accepted = sent[expected[j, i]]
@@ -38,6 +45,7 @@ def test_the_newest_of_what_has_arrived_is_heard(
         for array in members[:3]:
             array[...] = rng.integers(0, 99, array.shape)
         sent.append([array.copy() for array in members[:3]])
+        told.append(expected.copy())
         delays = drawn_delays(n, most_delay, loss, rng)
         broadcast(tick, delays, members, channel)
         arriving += [

@@ -116,6 +116,36 @@ def obstacle_gap(flight: ss.SwarmFlight, obstacle: ss.Obstacle) -> float:
     return float(apart.min() - obstacle.radius)
 
 
+def test_vehicles_out_of_range_agree_through_those_between() -> None:
+    # Each hears its neighbours alone; the ends of the line change places.
+    starts = [[float(x), 0.0, 1.0] for x in range(5)]
+    goals = [starts[4], *starts[1:4], starts[0]]
+    swarm = ss.Swarm(starts=starts, goals=goals, distance=0.35)
+    links = ss.Links(most_delay=2, loss=0.2, radio_range=1.2)
+    flight = ss.simulate_swarm(swarm, links=links, seed=0)
+    assert flight.is_safe
+    assert flight.arrived_share == 1.0
+    # The way of a message there and back is four links long, so agreeing takes longer.
+    direct = ss.simulate_swarm(swarm, links=ss.Links(most_delay=2, loss=0.2), seed=0)
+    tick = flight.step_s / links.period
+    for one, least in ((flight, 8), (direct, 2)):
+        log = one.log
+        agreed = log.ended[log.committed & (log.proposed >= 0)]
+        begun = log.proposed[log.committed & (log.proposed >= 0)]
+        assert (agreed - begun).min() >= least
+    assert flight.arrival_s.max() > direct.arrival_s.max() + 6 * tick
+
+
+def test_vehicles_that_no_message_reaches_are_refused_with_their_distance() -> None:
+    starts = [[0, 0, 1], [1, 0, 1], [4, 0, 1]]
+    swarm = ss.Swarm(starts=starts, goals=[[0, 1, 1], [1, 1, 1], [2, 1, 1]], distance=1)
+    with pytest.raises(ss.InvalidProblemError, match="starts, got 2 m: vehicles 1 and"):
+        ss.simulate_swarm(swarm, links=ss.Links(radio_range=2), seed=0)
+    back = ss.Swarm(starts=swarm.goals, goals=starts, distance=1)
+    with pytest.raises(ss.InvalidProblemError, match="goals.*2, .* are 3 m apart"):
+        ss.simulate_swarm(back, links=ss.Links(radio_range=2), seed=0)
+
+
 def test_obstacles_are_passed_at_half_the_distance_standing_or_moving() -> None:
     standing = ss.Obstacle(radius=0.5, path=[[2.0, 0.0, 0.0]])
     crossing = ss.Obstacle(

@@ -22,6 +22,7 @@ from swarmstart.cases.kinds.swarm.scenario import SwarmScenario
         ("links.silences=[{vehicle: 1, from_s: 5, to_s: 2}]", "links.silences", ""),
         ("links.silences=[{vehicle: 1, from_s: 0}, {vehicle: 1, from_s: 5}]",
          "links.silences", "expected at most one silence of each vehicle"),
+        ("links.range_m=0.5", "links.range_m", "expected radio_range to link all"),
         ("planning.longest_s=0.5", "planning.longest_s", "expected longest_s to be"),
         ("plant.disturbance_m_s2=1", "acceleration", "above the"),
         ("vehicle.speed_m_s=[1, 0, 1]", "goals", "to have the y of the starts"),
