@@ -40,11 +40,14 @@ class Plans(NamedTuple):
         samples: Scaled positions [m], shape (rows, pieces + 1, 3).
         bulges: Of the pieces and, at last, the radius of the rest [m], shape
             (rows, pieces + 1).
+        is_last: Whether its vehicle proposes none once it has committed to this, shape
+            (rows,).
     """
 
     first: Count
     samples: Array
     bulges: Array
+    is_last: NDArray[np.bool_]
 
 
 def no_plans(rows: int, pieces: int) -> Plans:
@@ -53,6 +56,7 @@ def no_plans(rows: int, pieces: int) -> Plans:
         first=np.zeros(rows, np.int64),
         samples=np.full((rows, pieces + 1, 3), np.nan),
         bulges=np.full((rows, pieces + 1), np.nan),
+        is_last=np.zeros(rows, np.bool_),
     )
 
 
@@ -65,7 +69,12 @@ def grown(plans: Plans, rows: int) -> Plans:
 def chosen(plans: Plans, rows: Sequence[int]) -> Plans:
     """Return some of the plans, in this order."""
     picked = np.array(rows, np.int64)
-    return Plans(plans.first[picked], plans.samples[picked], plans.bulges[picked])
+    return Plans(
+        plans.first[picked],
+        plans.samples[picked],
+        plans.bulges[picked],
+        plans.is_last[picked],
+    )
 
 
 @kernel

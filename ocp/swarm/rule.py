@@ -7,23 +7,27 @@ of order.
     (a) i proposes C_i if it is clear of what it has heard from the others last.
     (b) j accepts C_i if it is clear of P_j and C_j now. If C_j alone is in the way and
         gives way, j withdraws it for good first.
-    (c) i commits to C_i (P_i := C_i) when every j has accepted it, or withdraws it for
-        good; it must have done so before C_i parts from P_i.
+    (c) i commits to C_i (P_i := C_i) when every j has accepted it, or is known to have
+        committed to its last plan, of which C_i is clear; or it withdraws C_i for good.
+        It must have done so before C_i parts from P_i.
+    (d) A plan may be a vehicle's last: it proposes nothing once it has committed to it.
 
 Claim: committed plans are clear of each other at all times.
 
-Proof. Let i commit to C_i at t, accepted by j at s <= t. Then P_j(t) is one of three:
-P_j(s), or C_j(s) if j kept it; both are clear of C_i by (b). Or j proposed it after s
-and committed to it by t. So i accepted it at some s' in (s, t], while C_i, which j had
-accepted before, was a candidate of i (it became P_i at t only): clear by (b) at i.
+Proof. Let i commit to C_i at t. If i has heard that j has committed to its last plan,
+that is P_j(t) by (d), and clear by (c). Otherwise j has accepted C_i at s <= t, and
+P_j(t) is one of three: P_j(s), or C_j(s) if j kept it; both are clear of C_i by (b). Or
+j proposed it after s and committed to it by t. By (d) i had not committed to its last
+plan by then, since C_i was its candidate at t; so i accepted it at some s' in (s, t],
+while C_i, which j had accepted before, was a candidate of i: clear by (b) at i.
 
 So (a) and what is heard decide how often vehicles agree, never whether they collide;
 the same holds for the order in which candidates give way, which may change at will. A
 vehicle may lose all but its committed plan and the number of its next candidate, since
-candidates may always be withdrawn, or be silent for ever: the others then keep what
-they have. A vehicle that leaves is clear of all. What is needed: all vehicles are
-known, they agree on the time, no number of a candidate is used twice, and a message is
-what its sender sent.
+candidates may always be withdrawn, or be silent for ever: if it has not committed to
+its last plan, the others then keep what they have. A vehicle that leaves is clear of
+all. What is needed: all vehicles are known, they agree on the time, no number of a
+candidate is used twice, and a message is what its sender sent.
 
 Source of the parts: Tordesillas and How (2022), MADER, IEEE Transactions on Robotics
 38, and Kondo et al. (2023), Robust MADER, ICRA (checks against committed plans and
@@ -163,24 +167,31 @@ def is_clear(
 
 
 @kernel
-def settle(i: int, is_parting: bool, members: Members) -> int:
+def settle(
+    i: int, now: tuple[int, bool], radius: float, members: Members, plans: Plans
+) -> int:
     """Commit vehicle i to its candidate or withdraw it, by (c); return what was done.
 
     Args:
         i: The vehicle.
-        is_parting: Whether this is the last time before its candidate parts from its
-            committed plan.
+        now: Number of the present time, and whether it is the last one before its
+            candidate parts from its committed plan.
+        radius: Least distance of two plans [m], scaled.
         members: The vehicles; row i is written.
+        plans: All plans.
     """
+    step, is_parting = now
     candidate = members.candidate[i]
     if candidate == NONE:
         return WITHDRAWN
     agreed = True
     for j in range(members.committed.size):
-        agreed &= (
-            j == i
-            or members.heard_accepted[i, j] == candidate
-            or members.heard_committed[i, j] == GONE
+        if j == i or members.heard_accepted[i, j] == candidate:
+            continue
+        heard = members.heard_committed[i, j]
+        is_last = heard >= 0 and plans.is_last[heard]
+        agreed &= heard == GONE or (
+            is_last and not may_meet(candidate, heard, step, radius, plans)
         )
     if agreed:
         members.committed[i] = candidate

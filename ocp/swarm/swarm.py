@@ -63,7 +63,7 @@ def _distances(points: Array, path: Array) -> Array:
 
 def pairwise_distances(places: Array) -> Array:
     """Return the distance of each point from each, shape (n, n)."""
-    return np.linalg.norm(places[:, None] - places, axis=2)
+    return np.asarray(np.linalg.norm(places[:, None] - places, axis=2))
 
 
 def _set(thing: object, **values: object) -> None:

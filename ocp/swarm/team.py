@@ -7,7 +7,8 @@ its way, that is in no other's way; so two that stand on each other's goals can 
 
 Rules, which say when a vehicle commits to a candidate:
 
-    acknowledged  when all others have accepted it (`rule.py`): safe with any delays
+    acknowledged  when all others that may still propose have accepted it (`rule.py`):
+                  safe with any delays
     waiting       if nothing in its way is heard until it parts from the old plan: safe
                   if each message arrives before that
     hearsay       at once, if it is clear of what was heard last: not safe
@@ -85,7 +86,7 @@ def decide(
             continue
         is_parting = step >= parting[candidate] - 1
         if rule == ACKNOWLEDGED:
-            results[i] = settle(i, is_parting, members)
+            results[i] = settle(i, (step, is_parting), distance, members, plans)
         elif not is_clear(i, candidate, step, distance, members, plans):
             members.candidate[i] = NONE
             results[i] = WITHDRAWN
@@ -161,8 +162,7 @@ class Team:
         self._plans.bulges[:n] = 0.0
         self._write_obstacles()
         self._parting = np.zeros(len(self._plans.first), np.int64)
-        self._is_final = np.zeros(len(self._plans.first), np.bool_)
-        self._is_final[:n] = (self._starts == self._goals).all(axis=1)
+        self._plans.is_last[:n] = (self._starts == self._goals).all(axis=1)
         self._members = members_at(np.arange(n))
         self._channel = empty_channel(
             n, links.most_delay, passed_on=links.radio_range < np.inf
@@ -256,7 +256,7 @@ class Team:
         return np.flatnonzero(
             (members.candidate == NONE)
             & (self._not_before <= tick)
-            & ~self._is_final[members.committed]
+            & ~self._plans.is_last[members.committed]
             & heard.all(axis=1)
         )
 
@@ -293,7 +293,7 @@ class Team:
             members.candidate[i] = row
             self._log[row] = _Proposal(i, tick, OPEN, False, {})
             self._parting[row] = step + index
-            self._is_final[row] = not is_aside
+            plans.is_last[row] = not is_aside
             self._used += 1
         else:
             self._failures[i] += 1
@@ -321,7 +321,6 @@ class Team:
         more = GROWTH * self._swarm.size
         self._plans = grown(self._plans, more)
         self._parting = np.append(self._parting, np.zeros(more, np.int64))
-        self._is_final = np.append(self._is_final, np.zeros(more, np.bool_))
 
     def _write_obstacles(self) -> None:
         """Write the obstacles as plans, which are long enough until they stand."""
@@ -349,7 +348,7 @@ class Team:
     def have_arrived(self) -> bool:
         """Return whether all are at rest at their goals."""
         rows = self._members.committed
-        if not self._is_final[rows].all():
+        if not self._plans.is_last[rows].all():
             return False
         return bool((self._arrival_steps(rows) < self.steps).all())
 
@@ -373,7 +372,7 @@ class Team:
         last = plans.bulges.shape[1] - 1
         held = np.append(rows, rows[-1:], axis=0)
         samples = plans.samples[held, np.minimum(steps - plans.first[held], last)]
-        final = self._is_final[rows[-1]]
+        final = self._plans.is_last[rows[-1]]
         arrival = np.where(final, self._arrival_steps(rows[-1]), np.inf)
         return SwarmFlight(
             swarm=self._swarm,

@@ -37,8 +37,9 @@ STATEMENTS = (
     "each plan begins as the one that it replaces, until they part",
     "no two vehicles come nearer than the distance, at any time from the start on",
     "no vehicle comes nearer to an obstacle than its clearance",
-    "each plan was accepted by all others before it was committed to, and was clear "
-    "then of what they had committed to and proposed",
+    "each plan was accepted by all others before it was committed to, or they had "
+    "committed to their last plan, and was clear then of what they had committed to "
+    "and proposed",
 )
 
 

@@ -188,7 +188,10 @@ def _check_clearances(certificate: Certificate, held: Held, deadline: Deadline) 
 def _check_acceptances(
     certificate: Certificate, held: Held, deadline: Deadline
 ) -> None:
-    """Check that each commitment was accepted by all, and that they might accept it."""
+    """Check that each commitment was accepted by all, and that they might accept it.
+
+    No acceptance is needed of a vehicle that had committed to its last plan before.
+    """
     proposed: Held = [[] for _ in range(certificate.vehicles)]
     for plan in certificate.plans:
         proposed[plan.vehicle].append(plan)
@@ -200,14 +203,33 @@ def _check_acceptances(
             if other == plan.vehicle:
                 continue
             who = f"the plan of vehicle {plan.vehicle} of tick {plan.proposed}"
-            # A message takes a tick at least, there and back.
-            if tick is None or not plan.proposed < tick < plan.ended:
+            known = _known(plan, tick, proposed[other], held[other])
+            if known is None:
                 raise RefusedError(f"{who} was not accepted in time by {other}")
-            inside = [
-                one for one in proposed[other] if _is_known(one, held[other], tick)
-            ]
-            if not _clear(plan, inside, tick // certificate.ticks, certificate):
+            inside, since = known
+            if not _clear(plan, inside, since // certificate.ticks, certificate):
                 raise RefusedError(f"{who} is in the way of vehicle {other}")
+
+
+def _known(
+    plan: Plan, tick: int | None, proposed: list[Plan], held: list[Plan]
+) -> tuple[list[Plan], int] | None:
+    """Return the plans of another vehicle that one must be clear of, from which tick.
+
+    None if that vehicle has not accepted it in time, and may have proposed later.
+
+    Args:
+        plan: The plan, which is committed to.
+        tick: Tick of the acceptance, if there was one.
+        proposed: All plans of the other vehicle.
+        held: Those that it was committed to.
+    """
+    # A message takes a tick at least, there and back.
+    if tick is not None and plan.proposed < tick < plan.ended:
+        return [one for one in proposed if _is_known(one, held, tick)], tick
+    if all(one.ended < plan.ended for one in proposed):
+        return held[-1:], plan.ended
+    return None
 
 
 def _is_known(one: Plan, held: list[Plan], tick: int) -> bool:

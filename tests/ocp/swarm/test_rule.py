@@ -33,7 +33,10 @@ RADIUS = 0.5
 
 
 def at_places(candidates: int) -> Plans:
-    """Return plans that stand: row PLACES * k + p stands at place p, for every k."""
+    """Return plans that stand: row PLACES * k + p stands at place p, for every k.
+
+    Those of the upper half are the last of their vehicles.
+    """
     places = np.tile(np.arange(PLACES, dtype=float), candidates)
     samples = np.zeros((places.size, 2, 3))
     samples[:, :, 0] = places[:, None]
@@ -41,11 +44,14 @@ def at_places(candidates: int) -> Plans:
         first=np.zeros(places.size, np.int64),
         samples=samples,
         bulges=np.zeros((places.size, 2)),
+        is_last=np.arange(places.size) >= places.size // 2,
     )
 
 
 ROWS = 128
 PLANS = at_places(ROWS)
+LAST = PLACES * ROWS // 2
+"""Number to be added to a plan that makes it a vehicle's last."""
 
 
 def starting(committed: list[int]) -> Members:
@@ -60,6 +66,11 @@ def starting(committed: list[int]) -> Members:
         heard_candidate=np.full((n, n), NONE, np.int64),
         heard_accepted=np.full((n, n), NONE, np.int64),
     )
+
+
+def settled(members: Members, *, is_parting: bool = False) -> int:
+    """Let the first vehicle commit or withdraw, and return which."""
+    return settle(0, (0, is_parting), RADIUS, members, PLANS)
 
 
 def meeting(members: Members) -> bool:
@@ -118,14 +129,15 @@ class World:
         heard = np.array([committed, candidate, accepted[j]])
         hear(j, i, number + 1, heard, members)
         answer(j, 0, RADIUS, np.array(rank), members, PLANS)
-        settle(j, False, members)
+        settle(j, (0, False), RADIUS, members, PLANS)
         return self.with_broadcast(j, members)
 
     def proposing(self, i: int, *, careful: bool) -> "World | None":
         """Return the world after i has proposed what it wishes next, if it may."""
         members = self.copied()
         plan, *rest = self.wishes[i]
-        if members.candidate[i] != NONE:
+        committed = members.committed[i]
+        if members.candidate[i] != NONE or PLANS.is_last[committed]:
             return None
         if careful and not is_clear(i, plan, 0, RADIUS, members, PLANS):
             return None
@@ -136,7 +148,8 @@ class World:
     def withdrawing(self, i: int) -> "World":
         """Return the world after vehicle i has given up its candidate."""
         members = self.copied()
-        assert settle(i, True, members) in (COMMITTED, WITHDRAWN)
+        done = settle(i, (0, True), RADIUS, members, PLANS)
+        assert done in (COMMITTED, WITHDRAWN)
         return self.with_broadcast(i, members)
 
     def restarting(self, i: int) -> "World":
@@ -230,6 +243,40 @@ def test_three_vehicles_never_meet_in_any_order_of_events() -> None:
     assert places == {(0, 1, 2), (3, 1, 2), (0, 3, 2)}
 
 
+@pytest.mark.parametrize("careful", [True, False])
+def test_a_last_plan_needs_no_acceptance_and_is_met_by_none(careful: bool) -> None:
+    # The second wants the place of the first, before and after that goes for good.
+    world = world_of([0, 1], [[2 + LAST], [2, 0]], restarts=1)
+    found = explored(world, [1, 0], careful=careful)
+    places = {tuple(plan % PLACES for plan in one) for one in found}
+    assert places == {(0, 1), (2, 1), (0, 2), (2, 0)}
+    # And both may go for good at once, to places of which each wants the other's.
+    explored(world_of([0, 1], [[2 + LAST, 1 + LAST], [2 + LAST, 0]]), [1, 0])
+
+
+def test_three_vehicles_never_meet_if_one_goes_for_good() -> None:
+    world = world_of([0, 1, 2], [[3 + LAST], [3], []])
+    explored(world, [0, 1, 2])
+    # The third moves into the place that the first leaves, without asking it.
+    world = world_of([0, 1, 2], [[3 + LAST], [], [0]])
+    found = explored(world, [0, 1, 2], events=9)
+    places = {tuple(plan % PLACES for plan in one) for one in found}
+    assert (3, 1, 0) in places
+
+
+def test_who_has_gone_for_good_and_falls_silent_stops_nobody() -> None:
+    members = starting([0, 1])
+    members.candidate[0] = 2 + PLACES
+    hear(0, 1, 1, np.array([1 + LAST, NONE, NONE]), members)
+    assert settled(members) == COMMITTED
+    # A plan in its way is not committed to, nor one of which nothing was heard.
+    for committed, candidate in ((2 + LAST, 2 + PLACES), (NONE, 2 + PLACES)):
+        members = starting([0, 1])
+        members.candidate[0] = candidate
+        hear(0, 1, 1, np.array([committed, NONE, NONE]), members)
+        assert settled(members) == WAITING
+
+
 def test_three_vehicles_never_meet_whatever_they_forget() -> None:
     # The third wants the place of the first, which the first may leave.
     world = world_of([0, 1, 2], [[3], [3], [0]], restarts=1)
@@ -238,8 +285,11 @@ def test_three_vehicles_never_meet_whatever_they_forget() -> None:
 
 
 def test_commitments_without_acceptances_meet(monkeypatch: pytest.MonkeyPatch) -> None:
-    def trusting(i: int, is_parting: bool, members: Members) -> int:
+    def trusting(
+        i: int, now: tuple[int, bool], radius: float, members: Members, plans: Plans
+    ) -> int:
         """Commit to a candidate that is clear of what was heard."""
+        del now, radius, plans
         if members.candidate[i] == NONE:
             return WITHDRAWN
         if is_clear(i, members.candidate[i], 0, RADIUS, members, PLANS):
@@ -271,7 +321,8 @@ def test_four_vehicles_never_meet_whatever_happens(
         j = (i + 1 + other) % 4
         if what == "propose":
             # Four places for four vehicles and two more.
-            wish = number % 6 + PLACES * (next(numbers) % (ROWS - 1) + 1)
+            wish = number % 6 + PLACES * (next(numbers) % (ROWS // 2 - 1) + 1)
+            wish += LAST * (number > 7)  # Two of ten proposals are their last.
             wishes = (*world.wishes[:i], (wish,), *world.wishes[i + 1 :])
             world = (
                 replace(world, wishes=wishes).proposing(i, careful=bool(other)) or world
@@ -297,7 +348,7 @@ def test_a_vehicle_uses_what_it_has_itself_and_nothing_of_others() -> None:
     for members in (poisoned, plain):
         hear(1, 0, 1, np.array([0, world.members.candidate[0], NONE]), members)
         answer(1, 0, RADIUS, np.arange(3), members, PLANS)
-        settle(1, False, members)
+        settle(1, (0, False), RADIUS, members, PLANS)
         assert not is_clear(1, PLACES, 0, RADIUS, members, PLANS)
     assert all(
         a[1].tolist() == b[1].tolist() for a, b in zip(poisoned, plain, strict=True)
@@ -308,10 +359,10 @@ def test_a_vehicle_uses_what_it_has_itself_and_nothing_of_others() -> None:
 def test_who_has_left_need_not_accept_and_is_in_no_way() -> None:
     members = starting([0, 1])
     members.candidate[0] = 1 + PLACES
-    assert settle(0, False, members) == WAITING
+    assert settled(members) == WAITING
     hear(0, 1, 1, np.array([GONE, NONE, NONE]), members)
     assert is_clear(0, 1 + PLACES, 0, RADIUS, members, PLANS)
-    assert settle(0, False, members) == COMMITTED
+    assert settled(members) == COMMITTED
     assert members.committed[0] == 1 + PLACES
 
 
@@ -344,9 +395,9 @@ def test_the_lower_rank_keeps_its_candidate() -> None:
 def test_what_is_committed_is_no_candidate_any_more() -> None:
     members = starting([0, 1])
     members.candidate[0] = members.heard_accepted[0, 1] = 2 + PLACES
-    assert settle(0, True, members) == COMMITTED
+    assert settled(members, is_parting=True) == COMMITTED
     assert members.candidate[0] == NONE
-    assert settle(0, True, members) == WITHDRAWN
+    assert settled(members, is_parting=True) == WITHDRAWN
 
 
 def test_what_another_proposes_or_keeps_is_not_proposed() -> None:

@@ -77,6 +77,15 @@ def test_a_flight_is_proven_again_and_says_so(
     assert WRITTEN == STATEMENTS
 
 
+def test_no_acceptance_is_needed_of_who_has_gone_for_good(tmp_path: Path) -> None:
+    content = json.loads(genuine())
+    plan_of(content)["accepted"] = [None] * 3
+    assert judged(content, tmp_path) == PROVEN
+    earlier = plan_of(content)["ended"] - 1
+    further_proposal(content, earlier - 3, earlier)
+    assert judged(content, tmp_path) == PROVEN
+
+
 def moved(by: float, axis: int, place: slice) -> Callable[[Content], None]:
     """Return a forgery that moves samples of the last plan."""
 
@@ -103,23 +112,58 @@ def other_of(content: Content) -> int:
     return int((plan_of(content)["vehicle"] + 1) % 3)
 
 
+def asked(content: Content) -> tuple[Content, int]:
+    """Return the first plan, and a vehicle that proposes after its commitment."""
+    first = plan_of(content, 0)
+    later = [one for one in content["plans"] if one["proposed"] > first["ended"]]
+    return first, int(later[0]["vehicle"])
+
+
 def accepted(tick: int | None) -> Callable[[Content], None]:
     """Return a forgery of the tick of an acceptance."""
 
     def forge(content: Content) -> None:
-        plan_of(content)["accepted"][other_of(content)] = tick
+        plan, other = asked(content)
+        plan["accepted"][other] = tick
 
     return forge
 
 
 def at_commitment(content: Content) -> None:
-    plan = plan_of(content)
-    plan["accepted"][other_of(content)] = plan["ended"]
+    plan, other = asked(content)
+    plan["accepted"][other] = plan["ended"]
 
 
 def at_proposal(content: Content) -> None:
-    plan = plan_of(content)
-    plan["accepted"][other_of(content)] = plan["proposed"]
+    plan, other = asked(content)
+    plan["accepted"][other] = plan["proposed"]
+
+
+def without_acceptances(content: Content) -> None:
+    plan_of(content, 0)["accepted"] = [None] * 3
+
+
+def further_proposal(content: Content, proposed: int, ended: int | None) -> None:
+    """Let a vehicle that has not accepted the last plan propose, far from all."""
+    last = plan_of(content)
+    last["accepted"] = [None] * 3
+    far = copy.deepcopy(last)
+    for sample in far["samples"]:
+        sample[2] += 50.0
+    far.update(
+        vehicle=other_of(content), proposed=proposed, ended=ended, committed=False
+    )
+    content["plans"].append(far)
+
+
+def proposed_after_the_last(content: Content) -> None:
+    ended = plan_of(content)["ended"]
+    further_proposal(content, ended + 3, ended + 5)
+
+
+def withdrawn_with_the_commitment(content: Content) -> None:
+    ended = plan_of(content)["ended"]
+    further_proposal(content, ended - 3, ended)
 
 
 def late(content: Content) -> None:
@@ -250,7 +294,9 @@ FALSE = {
     "a step through another": through,
     "a plan that begins later": entered(first=10_000),
     "more ticks in a step": of_file(ticks=50),
-    "a plan at its commitment without acceptances": entered(accepted=[None] * 3),
+    "a plan at its commitment without acceptances": without_acceptances,
+    "a proposal after the last plan": proposed_after_the_last,
+    "a candidate while others do not ask": withdrawn_with_the_commitment,
     "no flight, and a longer distance": of_file(steps=0, distance=3.0),
     "an end in an obstacle": in_an_obstacle,
 }
