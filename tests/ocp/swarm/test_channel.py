@@ -3,7 +3,7 @@
 import itertools
 
 import numpy as np
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from swarmstart.machine_code import Count
@@ -17,6 +17,7 @@ from swarmstart.ocp.swarm.channel import (
 from swarmstart.ocp.swarm.rule import members_at
 
 
+@example(0, 0.9, 0, True)  # Much of what is passed on is too old.
 @given(st.integers(0, 5), st.floats(0, 0.9), st.integers(0, 2**32 - 1), st.booleans())
 def test_the_newest_of_what_has_arrived_is_heard(
     most_delay: int, loss: float, seed: int, passed_on: bool
@@ -27,7 +28,7 @@ def test_the_newest_of_what_has_arrived_is_heard(
     expected, sent = np.full((n, n), -1), list[list[Count]]()
     told = list[Count]()
     arriving = list[tuple[int, int, int, int]]()
-    for tick in range(25):
+    for tick in range(40):
         deliver(tick, members, channel)
         for _, number, i, j in (one for one in arriving if one[0] == tick):
             expected[j, i] = max(expected[j, i], number)
