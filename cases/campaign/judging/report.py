@@ -6,7 +6,7 @@ import statistics
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from swarmstart.cases.format.registry import SOLVE
+from swarmstart.cases.format.registry import RULES, SOLVE
 from swarmstart.ocp import BoundKind
 
 FEW_SEEDS = 15
@@ -249,9 +249,14 @@ def report_text(content: Content, *, times: bool = False) -> str:
 
 
 def _budget(content: Content) -> str:
-    """Return the budget in words, with a comma behind it; empty if it is not known."""
+    """Return the budget in words, with a comma behind it; empty if there is none."""
     text = content["budget_text"].replace("evals", " evaluations").replace("|", " or ")
-    if not text:
+    has_plans = any(
+        row["solver"] not in RULES
+        for scenario in content["scenarios"]
+        for row in scenario["rows"]
+    )
+    if not text or not has_plans:
         return ""
     own = [f"{name} has its own" for name in _unlimited(content)]
     more = f" ({', '.join(own)})" if own else ""

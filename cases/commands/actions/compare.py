@@ -225,9 +225,10 @@ def _bound_s(*given: str | float | None) -> float | None:
 def with_null_hypothesis(solvers: Sequence[Solver]) -> list[Solver]:
     """Return the solvers with IPOPT from random starts among them, at the end if new.
 
-    A search is worth its time only if it is better than that.
+    A search is worth its time only if it is better than that; a rule of swarms is none.
     """
-    if any(solver.name.startswith(NULL_HYPOTHESIS) for solver in solvers):
+    is_there = any(solver.name.startswith(NULL_HYPOTHESIS) for solver in solvers)
+    if is_there or all(solver.family == "rule" for solver in solvers):
         return list(solvers)
     return [*solvers, *solvers_of(NULL_HYPOTHESIS)]
 
@@ -411,10 +412,13 @@ def _say_what_is_left_out(contests: Sequence[Contest], plan: ComparisonPlan) -> 
         say(sentence)
     for contest in contests:
         if contest.left_out:
-            say(
-                f"{contest.name} is compared by whole flights; left out, since they "
-                f"solve single planning problems only: {', '.join(contest.left_out)}"
+            reason = (
+                "is flown by rules; left out, since they are none:"
+                if "rule" in contest.resolved.settings
+                else "is compared by whole flights; left out, since they solve single "
+                "planning problems only:"
             )
+            say(f"{contest.name} {reason} {', '.join(contest.left_out)}")
 
 
 def _report(content: Mapping[str, Any], table: Path, *, times: bool) -> str:

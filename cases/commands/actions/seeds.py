@@ -95,12 +95,14 @@ OUTCOMES = (
 )
 """Measures of the result: the first one that some run defines is used."""
 CONSTRAINTS = (
-    Told("min_distance_m", "closest distance of two UAVs", "m"),
+    Told("min_distance_m", "closest distance of two vehicles", "m"),
     Told("min_range_ft", "closest distance of the two aircraft", "ft"),
     Told("obstacle_clearance_m", "clearance of obstacles", "m"),
 )
 """Measures of what must be kept: the lowest and the median of each are told."""
 EXCESS = Told("constraint_excess", "largest excess of a constraint along the path", "")
+OF_VEHICLE = "vehicle_step_ms"
+"""Measure of the time of each vehicle in a step, in a swarm [ms]."""
 TIMES = ("step_seconds_median", "step_seconds_max", "plan_seconds")
 
 
@@ -336,6 +338,13 @@ def _times(measures: Mapping[str, list[Any]]) -> str:
     if plan:
         # One plan, solved once: its time is the median and the largest one.
         middle, most = plan, plan
+    each = [float(v) for v in measures.get(OF_VEHICLE, []) if is_number(v)]
+    if each:
+        usual, longest = duration(statistics.median(each) / 1e3), max(each) / 1e3
+        return (
+            f"Time of a vehicle's step: median {usual}, worst of all runs "
+            f"{duration(longest)}."
+        )
     if not middle or not most:
         return "No times were measured."
     typical = duration(statistics.median(middle))

@@ -132,7 +132,34 @@ def test_rules_are_compared_and_other_solvers_are_left_out(
     rows = content["scenarios"][0]["rows"]
     assert [row["solver"] for row in rows] == ["acknowledged", "hearsay"]
     assert rows[0]["feasible"] == 2
-    assert "lshade" in said.out + said.err
+    assert "flown by rules; left out, since they are none: lshade" in said.err
+    assert "repeated-ipopt" in said.err  # Added to searches, with which it is compared.
+
+
+def test_rules_alone_are_compared_without_budgets_and_evaluations(
+    six: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "compared"
+    assert main([
+        "compare", str(six), "--solvers", "acknowledged,hearsay", "--seeds", "2",
+        "--out", str(folder),
+    ]) == 0  # fmt: skip
+    said = capsys.readouterr()
+    assert "left out" not in said.err
+    assert "budget" not in said.out
+    content = json.loads((folder / "comparison.json").read_text("utf-8"))
+    rows = content["scenarios"][0]["rows"]
+    assert [row["evaluations_median"] for row in rows] == [None, None]
+
+
+def test_runs_over_seeds_tell_distances_and_times_of_vehicles(
+    six: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = str(tmp_path / "seeds")
+    assert main(["run", str(six), "--seeds", "2", "--no-figures", "--out", out]) == 0
+    said = capsys.readouterr().out
+    assert "Closest distance of two vehicles: lowest" in said
+    assert "Time of a vehicle's step: median" in said
 
 
 def test_one_vehicle_has_no_distance_and_arrives(six: Path) -> None:
