@@ -225,7 +225,8 @@ def _bound_s(*given: str | float | None) -> float | None:
 def with_null_hypothesis(solvers: Sequence[Solver]) -> list[Solver]:
     """Return the solvers with IPOPT from random starts among them, at the end if new.
 
-    A search is worth its time only if it is better than that; a rule of swarms is none.
+    A search is worth its time only if it is better than that. Rules of swarms do not
+    search.
     """
     is_there = any(solver.name.startswith(NULL_HYPOTHESIS) for solver in solvers)
     if is_there or all(solver.family == "rule" for solver in solvers):
@@ -413,7 +414,7 @@ def _say_what_is_left_out(contests: Sequence[Contest], plan: ComparisonPlan) -> 
     for contest in contests:
         if contest.left_out:
             reason = (
-                "is flown by rules; left out, since they are none:"
+                "is compared by rules of swarms; left out, since they are searches:"
                 if "rule" in contest.resolved.settings
                 else "is compared by whole flights; left out, since they solve single "
                 "planning problems only:"

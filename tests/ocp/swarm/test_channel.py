@@ -33,7 +33,7 @@ def test_the_newest_of_what_has_arrived_is_heard(
         for _, number, i, j in (one for one in arriving if one[0] == tick):
             expected[j, i] = max(expected[j, i], number)
             if passed_on:
-                # Who is told of the own messages has newer ones.
+                # The own messages are always newer.
                 newer = told[number][i] > tick - len(channel.arrival)
                 newer[j] = False
                 expected[j, newer] = np.maximum(expected[j], told[number][i])[newer]

@@ -132,7 +132,7 @@ def test_rules_are_compared_and_other_solvers_are_left_out(
     rows = content["scenarios"][0]["rows"]
     assert [row["solver"] for row in rows] == ["acknowledged", "hearsay"]
     assert rows[0]["feasible"] == 2
-    assert "flown by rules; left out, since they are none: lshade" in said.err
+    assert "left out, since they are searches: lshade" in said.err
     assert "repeated-ipopt" in said.err  # Added to searches, with which it is compared.
 
 
