@@ -11,13 +11,15 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 import swarmstart as ss
 from swarmstart.arrays import Array
+from swarmstart.benchmarks.formation_100 import scenario_of
 from swarmstart.benchmarks.tables import (
     Bar,
     bar_table,
@@ -27,6 +29,7 @@ from swarmstart.benchmarks.tables import (
     publish,
     row,
 )
+from swarmstart.cases.kinds.planar import shortest_assignment
 from swarmstart.ocp.swarm.flight import RULES
 
 DISTANCE = 0.35
@@ -40,6 +43,14 @@ SHORT_LEAD_S = 0.3
 SECONDS = 30.0
 TURNING = 128
 """Number of vehicles with a turn rate."""
+DELAYED = SETTINGS[0][0]
+TWENTY = "20 in 1.59 m, no losses"
+HUNDRED = "100 in 4.64 m, no losses"
+DELAYED_HUNDRED = f"100 in 4.64 m, {DELAYED}"
+IN_RANGE = f"100 in 4.64 m, range of 3 m, {DELAYED}"
+CLUTTER = f"128 in 6 m, 20 balls, {DELAYED}"
+UNICYCLES = f"{TURNING} unicycles in a square of 16 m, {DELAYED}, 120 s"
+WEDGE = f"100 UAVs from a square into the wedge of formation_100, {DELAYED}, 60 s"
 TEXT = "# Swarms of committed plans\n\n"
 
 
@@ -102,13 +113,33 @@ def unicycles(n: int, side: float, seed: int) -> ss.Swarm:
     )  # fmt: skip
 
 
+def wedge() -> ss.Swarm:
+    """Return the UAVs of formation_100 in the frame of their leader.
+
+    Their bounds are those of its vehicles at 20 m/s: the drag as the least
+    acceleration, a bank of 30 degrees, and 5 m/s to both sides in speed.
+    """
+    scenario = scenario_of(100, 35, 1)
+    uavs, slots = (
+        np.array([[one.x_m, one.y_m, 0.0] for one in each])
+        for each in (scenario.uavs, scenario.slots)
+    )
+    goals = slots + uavs[scenario.leader_uav - 1]
+    return ss.Swarm(
+        starts=uavs, goals=goals[shortest_assignment(uavs, goals)], distance=5.0,
+        acceleration=[1.96] * 3, speed=[5.0] * 3, drift=[20.0, 0.0, 0.0],
+        turn_rate=9.81 * np.tan(np.radians(30)) / 20.0,
+    )  # fmt: skip
+
+
 def flown(swarm: ss.Swarm, links: ss.Links, seed: int, rule: str = "acknowledged",
           lead_s: float | None = None, seconds: float = SECONDS) -> Trial:  # fmt: skip
     """Return a flight of a swarm."""
     begin = time.process_time()
     flight = ss.simulate_swarm(
-        swarm, links=links, rule=rule, lead_s=lead_s, seconds=seconds, seed=seed
-    )
+        swarm, links=links, rule=rule, lead_s=lead_s, seconds=seconds,
+        longest_s=max(30.0, seconds / 2), seed=seed,
+    )  # fmt: skip
     return Trial(flight, time.process_time() - begin)
 
 
@@ -158,12 +189,12 @@ def gate_table(rows: Sequence[tuple[str, str, list[Trial]]]) -> list[str]:
     return lines
 
 
-def table(rows: Sequence[tuple[str, list[Trial]]]) -> list[str]:
+def table(rows: Mapping[str, list[Trial]]) -> list[str]:
     """Return the table of transitions."""
     lines = head("transitions", "flights", "with a collision", "all arrive",
                  "share of vehicles", "last arrival: median, most [s]", "path ratio",
                  "CPU for a vehicle and step [ms]")  # fmt: skip
-    for words, trials in rows:
+    for words, trials in rows.items():
         flights = [t.flight for t in trials]
         last = [t.flight.arrival_s.max() for t in trials if t.all_arrive]
         lines.append(
@@ -190,38 +221,27 @@ def main(arguments: Sequence[str] | None = None) -> int:
     flown(transition(4, 3.0, 0), ss.Links(most_delay=1, loss=0.1), 0)  # Compiles.
     perfect, lossy = ss.Links(), ss.Links(most_delay=3, loss=0.05)
     rules = list(gate(200 // part))
-    rows = [
-        (
-            f"{n} in 1.59 m, no losses",
-            [flown(transition(n, 1.59, s), perfect, s) for s in range(50 // part)],
-        )
+    rows = {
+        f"{n} in 1.59 m, no losses": [
+            flown(transition(n, 1.59, s), perfect, s) for s in range(50 // part)
+        ]
         for n in (4, 8, 12, 16, 20)
+    }
+    seeds = range(max(1, 20 // part))
+    near = replace(lossy, radio_range=3.0)
+    for words, n, side, clutter, links in (
+        (HUNDRED, 100, 4.64, 0, perfect),
+        (f"25 in 2.92 m, {DELAYED}", 25, 2.92, 0, lossy),
+        (f"50 in 3.68 m, {DELAYED}", 50, 3.68, 0, lossy),
+        (DELAYED_HUNDRED, 100, 4.64, 0, lossy),
+        (IN_RANGE, 100, 4.64, 0, near),
+        (CLUTTER, 128, 6.0, 20, lossy),
+    ):
+        rows[words] = [flown(transition(n, side, s, clutter), links, s) for s in seeds]
+    rows[UNICYCLES] = [
+        flown(unicycles(TURNING, 16.0, s), lossy, s, seconds=120.0) for s in seeds
     ]
-    rows += [
-        (
-            f"{n} in {side:.3g} m, {words}",
-            [
-                flown(transition(n, side, seed, clutter), links, seed)
-                for seed in range(max(1, 20 // part))
-            ],
-        )
-        for n, side, words, clutter, links in (
-            (100, 4.64, "no losses", 0, perfect),
-            (25, 2.92, SETTINGS[0][0], 0, lossy),
-            (50, 3.68, SETTINGS[0][0], 0, lossy),
-            (100, 4.64, SETTINGS[0][0], 0, lossy),
-            (128, 6.0, f"20 balls, {SETTINGS[0][0]}", 20, lossy),
-        )
-    ]
-    rows.append(
-        (
-            f"{TURNING} unicycles in a square of 16 m, {SETTINGS[0][0]}, 120 s",
-            [
-                flown(unicycles(TURNING, 16.0, seed), lossy, seed, seconds=120.0)
-                for seed in range(max(1, 20 // part))
-            ],
-        )
-    )
+    rows[WEDGE] = [flown(wedge(), lossy, s, seconds=60.0) for s in seeds]
     command = command_of("benchmarks/swarms.py", arguments)
     publish(
         page(rules, rows, chapter_times(max(1, 10 // part)), command), options, TEXT
@@ -231,24 +251,27 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def page(
     rules: Sequence[tuple[str, str, list[Trial]]],
-    rows: Sequence[tuple[str, list[Trial]]],
+    rows: Mapping[str, list[Trial]],
     chapter: tuple[float, list[float]],
     command: str,
 ) -> list[str]:
     """Return the lines of the page below its title."""
     safe = [t for _, rule, trials in rules if rule == "acknowledged" for t in trials]
-    safe += [t for _, trials in rows for t in trials]
+    safe += [t for trials in rows.values() for t in trials]
     others = [t for _, rule, trials in rules if rule != "acknowledged" for t in trials]
     hits = sum(not t.flight.is_safe for t in safe)
-    every = dict(rows)
-    names = [*every]
-    twenty, hundred, clutter = every[names[4]], every[names[5]], every[names[-2]]
-    turning = np.mean([t.flight.arrived_share for t in every[names[-1]]])
     settled, lossy = chapter
-    shares = [np.mean([t.all_arrive for t in one]) for one in (twenty, hundred)]
-    arrived = np.mean([t.flight.arrived_share for t in clutter])
-    ratio = np.median(np.concatenate([t.flight.path_ratio for t in clutter]))
-    step = np.median([t.step_ms for t in every[names[-3]]])
+    twenty, hundred = (
+        np.mean([t.all_arrive for t in rows[one]]) for one in (TWENTY, HUNDRED)
+    )
+    arrived, turning, slotted = (
+        np.mean([t.flight.arrived_share for t in rows[one]])
+        for one in (CLUTTER, UNICYCLES, WEDGE)
+    )
+    ratio = np.median(np.concatenate([t.flight.path_ratio for t in rows[CLUTTER]]))
+    step, uav_step = (
+        np.median([t.step_ms for t in rows[one]]) for one in (DELAYED_HUNDRED, WEDGE)
+    )
     return [
         f"With acceptances, {hits} of {len(safe)} flights have a collision, and "
         f"{np.mean([t.flight.arrived_share for t in safe]):.1%} of the vehicles "
@@ -268,8 +291,8 @@ def page(
             Bar(words, relation, bound, float(measured))
             for words, relation, bound, measured in (
                 ("flights with a collision, with acceptances", "<=", 0, hits),
-                ("20 in 1.59 m: flights in which all arrive", ">=", 0.96, shares[0]),
-                ("100 in 4.64 m: flights in which all arrive", ">=", 0.95, shares[1]),
+                ("20 in 1.59 m: flights in which all arrive", ">=", 0.96, twenty),
+                ("100 in 4.64 m: flights in which all arrive", ">=", 0.95, hundred),
                 ("128 among balls: vehicles that arrive", ">=", 0.98, arrived),
                 ("128 among balls: path ratio", "<=", 1.15, ratio),
                 ("128 unicycles: vehicles that arrive in 120 s", ">=", 0.98, turning),
@@ -280,6 +303,8 @@ def page(
                     max(lossy) / settled,
                 ),
                 ("100, losses: CPU for a vehicle and step [ms]", "<=", 1.0, step),
+                ("wedge of 100: UAVs that arrive in 60 s", ">=", 1.0, slotted),
+                ("wedge of 100: CPU for a UAV and step [ms]", "<=", 1.0, uav_step),
             )
         ),
         "## Rules",
