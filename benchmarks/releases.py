@@ -109,8 +109,12 @@ def finding(every: Mapping[str, Sequence[tuple[float, float]]]) -> str:
         >>> finding({part: [(0.5, 1.0), (0.7, 1.2)] for part in WHAT})[:61]
         'In the median of 2 problems another call takes 0.60 of the ti'
     """
-    middle = {p: f"{np.median([m for m, _ in each]):.2f}" for p, each in every.items()}
-    slower = {p: sum(q > MOST for _, q in each) for p, each in every.items()}
+    measured = {part: every.get(part, []) for part in WHAT}
+    slower = {part: sum(q > MOST for _, q in each) for part, each in measured.items()}
+    middle = {
+        part: f"{np.median([m for m, _ in each]):.2f}" if each else "-"
+        for part, each in measured.items()
+    }
     return (
         f"In the median of {len(every[TOGETHER])} problems another call takes "
         f"{middle['call']} of the time of before, a warm plan {middle['warm plan']}, a "
@@ -136,7 +140,7 @@ def ratios(
     here, there = caches
     for number in range(rounds + 1):
         own, others = spent(ROOT, here, name), spent(other, there, name)
-        if number:
+        if number:  # The first one fills the caches.
             for part in own.keys() & others.keys():
                 found.setdefault(part, []).append(own[part] / others[part])
     return found

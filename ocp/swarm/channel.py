@@ -83,6 +83,7 @@ def broadcast(tick: int, delays: Count, members: Members, channel: Channel) -> N
 def deliver(tick: int, members: Members, channel: Channel) -> None:
     """Let all vehicles hear what reaches them at a tick."""
     ring, n = channel.committed.shape
+    message = np.empty(3, np.int64)
     oldest = max(0, tick - ring + 1)
     for sent in range(oldest, tick):
         slot = sent % ring
@@ -90,20 +91,24 @@ def deliver(tick: int, members: Members, channel: Channel) -> None:
             for j in range(n):
                 if i == j or channel.arrival[slot, i, j] != tick:
                     continue
-                receive(j, i, sent, members, channel)
+                receive(j, i, sent, message, members, channel)
                 if channel.known.size:
                     for k in range(n):
                         number = channel.known[slot, i, k]
                         is_new = number >= oldest and number > members.number[j, k]
                         if is_new and k != j:
-                            receive(j, k, number, members, channel)
+                            receive(j, k, number, message, members, channel)
 
 
 @kernel
-def receive(j: int, i: int, sent: int, members: Members, channel: Channel) -> None:
-    """Let vehicle j hear i's message of a tick that is still in the rings."""
+def receive(
+    j: int, i: int, sent: int, message: Count, members: Members, channel: Channel
+) -> None:
+    """Let vehicle j hear i's message of a tick that is still in the rings.
+
+    `message` is room for it, shape (3,).
+    """
     slot = sent % len(channel.arrival)
-    message = np.empty(3, np.int64)
     message[0] = channel.committed[slot, i]
     message[1] = channel.candidate[slot, i]
     message[2] = channel.accepted[slot, i, j]

@@ -37,10 +37,12 @@ candidates, with a bound on delays, which this rule does not need).
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swarmstart.machine_code import Count, kernel
 from swarmstart.ocp.swarm.plans import GONE, Plans, may_meet
 
+Flags = NDArray[np.bool_]
 NONE = -1
 """Number of a candidate that does not exist."""
 
@@ -168,8 +170,9 @@ def is_clear(
 
 @kernel
 def settle(
-    i: int, now: tuple[int, bool], radius: float, members: Members, plans: Plans
-) -> int:
+    i: int, now: tuple[int, bool], radius: float, members: Members, plans: Plans,
+    is_last: Flags,
+) -> int:  # fmt: skip
     """Commit vehicle i to its candidate or withdraw it, by (c); return what was done.
 
     Args:
@@ -179,6 +182,7 @@ def settle(
         radius: Least distance of two plans [m], scaled.
         members: The vehicles; row i is written.
         plans: All plans.
+        is_last: Whether each plan is the last one of its vehicle, shape (rows,).
     """
     step, is_parting = now
     candidate = members.candidate[i]
@@ -189,9 +193,10 @@ def settle(
         if j == i or members.heard_accepted[i, j] == candidate:
             continue
         heard = members.heard_committed[i, j]
-        is_last = heard >= 0 and plans.is_last[heard]
         agreed &= heard == GONE or (
-            is_last and not may_meet(candidate, heard, step, radius, plans)
+            heard >= 0
+            and is_last[heard]
+            and not may_meet(candidate, heard, step, radius, plans)
         )
     if agreed:
         members.committed[i] = candidate

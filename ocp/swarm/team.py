@@ -17,6 +17,7 @@ Rules, which say when a vehicle commits to a candidate:
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -38,6 +39,7 @@ from swarmstart.ocp.swarm.rule import (
     NONE,
     WAITING,
     WITHDRAWN,
+    Flags,
     Members,
     answer,
     is_clear,
@@ -61,9 +63,22 @@ GROWTH = 8
 """Rows of plans for each vehicle that are added when there is no room."""
 
 
+class Terms(NamedTuple):
+    """What belongs to plans beside their paths.
+
+    Attributes:
+        parting: Step at which each parts from the one before, shape (rows,).
+        is_last: Whether its vehicle proposes none once it has committed to it, shape
+            (rows,).
+    """
+
+    parting: Count
+    is_last: Flags
+
+
 @kernel
 def decide(
-    now: tuple[int, int, float], rank: Count, parting: Count, members: Members,
+    now: tuple[int, int, float], rank: Count, terms: Terms, members: Members,
     plans: Plans, results: Count,
 ) -> None:  # fmt: skip
     """Let all vehicles accept, commit to and withdraw candidates.
@@ -71,7 +86,7 @@ def decide(
     Args:
         now: Rule, step, least distance.
         rank: Order in which candidates give way, shape (n,).
-        parting: Step at which each plan parts from the one before, shape (rows,).
+        terms: What belongs to the plans.
         members: The vehicles.
         plans: All plans.
         results: Gets WAITING, COMMITTED, WITHDRAWN or NOTHING, shape (n,).
@@ -84,9 +99,11 @@ def decide(
         candidate = members.candidate[i]
         if candidate == NONE:
             continue
-        is_parting = step >= parting[candidate] - 1
+        is_parting = step >= terms.parting[candidate] - 1
         if rule == ACKNOWLEDGED:
-            results[i] = settle(i, (step, is_parting), distance, members, plans)
+            results[i] = settle(
+                i, (step, is_parting), distance, members, plans, terms.is_last
+            )
         elif not is_clear(i, candidate, step, distance, members, plans):
             members.candidate[i] = NONE
             results[i] = WITHDRAWN
@@ -96,6 +113,11 @@ def decide(
             results[i] = COMMITTED
         else:
             results[i] = WAITING
+
+
+def _no_terms(rows: int) -> Terms:
+    """Return the terms of plans that are not proposed yet."""
+    return Terms(np.zeros(rows, np.int64), np.zeros(rows, np.bool_))
 
 
 @dataclass(slots=True)
@@ -161,8 +183,8 @@ class Team:
         self._plans.samples[:n] = self._starts[:, None]
         self._plans.bulges[:n] = 0.0
         self._write_obstacles()
-        self._parting = np.zeros(len(self._plans.first), np.int64)
-        self._plans.is_last[:n] = (self._starts == self._goals).all(axis=1)
+        self._terms = _no_terms(len(self._plans.first))
+        self._terms.is_last[:n] = (self._starts == self._goals).all(axis=1)
         self._members = members_at(np.arange(n))
         self._channel = empty_channel(
             n, links.most_delay, passed_on=links.radio_range < np.inf
@@ -225,7 +247,7 @@ class Team:
         candidates = self._members.candidate.copy()
         accepted = self._members.accepted.copy()
         decide(
-            (RULES[self._rule], step, self._swarm.plan_distance), rank, self._parting,
+            (RULES[self._rule], step, self._swarm.plan_distance), rank, self._terms,
             self._members, self._plans, results,
         )  # fmt: skip
         committed, withdrawn = results == COMMITTED, results == WITHDRAWN
@@ -256,7 +278,7 @@ class Team:
         return np.flatnonzero(
             (members.candidate == NONE)
             & (self._not_before <= tick)
-            & ~self._plans.is_last[members.committed]
+            & ~self._terms.is_last[members.committed]
             & heard.all(axis=1)
         )
 
@@ -292,8 +314,8 @@ class Team:
         if np.isfinite(seek(row, task, draws, self._body, plans)):
             members.candidate[i] = row
             self._log[row] = _Proposal(i, tick, OPEN, False, {})
-            self._parting[row] = step + index
-            plans.is_last[row] = not is_aside
+            self._terms.parting[row] = step + index
+            self._terms.is_last[row] = not is_aside
             self._used += 1
         else:
             self._failures[i] += 1
@@ -320,7 +342,8 @@ class Team:
         """Add rows for further plans."""
         more = GROWTH * self._swarm.size
         self._plans = grown(self._plans, more)
-        self._parting = np.append(self._parting, np.zeros(more, np.int64))
+        both = zip(self._terms, _no_terms(more), strict=True)
+        self._terms = Terms(*(np.concatenate(pair) for pair in both))
 
     def _write_obstacles(self) -> None:
         """Write the obstacles as plans, which are long enough until they stand."""
@@ -348,7 +371,7 @@ class Team:
     def have_arrived(self) -> bool:
         """Return whether all are at rest at their goals."""
         rows = self._members.committed
-        if not self._plans.is_last[rows].all():
+        if not self._terms.is_last[rows].all():
             return False
         return bool((self._arrival_steps(rows) < self.steps).all())
 
@@ -372,7 +395,7 @@ class Team:
         last = plans.bulges.shape[1] - 1
         held = np.append(rows, rows[-1:], axis=0)
         samples = plans.samples[held, np.minimum(steps - plans.first[held], last)]
-        final = self._plans.is_last[rows[-1]]
+        final = self._terms.is_last[rows[-1]]
         arrival = np.where(final, self._arrival_steps(rows[-1]), np.inf)
         return SwarmFlight(
             swarm=self._swarm,
@@ -398,7 +421,7 @@ class Team:
         return Log(
             plans=chosen(self._plans, rows),
             vehicle=np.array([one.vehicle for one in every]),
-            parting=self._parting[rows],
+            parting=self._terms.parting[rows],
             proposed=np.array([one.proposed for one in every]),
             ended=np.array([one.ended for one in every]),
             committed=np.array([one.committed for one in every]),

@@ -21,6 +21,7 @@ from swarmstart.ocp.swarm.rule import (
     NONE,
     WAITING,
     WITHDRAWN,
+    Flags,
     Members,
     answer,
     hear,
@@ -33,10 +34,7 @@ RADIUS = 0.5
 
 
 def at_places(candidates: int) -> Plans:
-    """Return plans that stand: row PLACES * k + p stands at place p, for every k.
-
-    Those of the upper half are the last of their vehicles.
-    """
+    """Return plans that stand: row PLACES * k + p stands at place p, for every k."""
     places = np.tile(np.arange(PLACES, dtype=float), candidates)
     samples = np.zeros((places.size, 2, 3))
     samples[:, :, 0] = places[:, None]
@@ -44,7 +42,6 @@ def at_places(candidates: int) -> Plans:
         first=np.zeros(places.size, np.int64),
         samples=samples,
         bulges=np.zeros((places.size, 2)),
-        is_last=np.arange(places.size) >= places.size // 2,
     )
 
 
@@ -52,6 +49,7 @@ ROWS = 128
 PLANS = at_places(ROWS)
 LAST = PLACES * ROWS // 2
 """Number to be added to a plan that makes it a vehicle's last."""
+IS_LAST = np.arange(PLACES * ROWS) >= LAST
 
 
 def starting(committed: list[int]) -> Members:
@@ -70,7 +68,7 @@ def starting(committed: list[int]) -> Members:
 
 def settled(members: Members, *, is_parting: bool = False) -> int:
     """Let the first vehicle commit or withdraw, and return which."""
-    return settle(0, (0, is_parting), RADIUS, members, PLANS)
+    return settle(0, (0, is_parting), RADIUS, members, PLANS, IS_LAST)
 
 
 def meeting(members: Members) -> bool:
@@ -129,7 +127,7 @@ class World:
         heard = np.array([committed, candidate, accepted[j]])
         hear(j, i, number + 1, heard, members)
         answer(j, 0, RADIUS, np.array(rank), members, PLANS)
-        settle(j, (0, False), RADIUS, members, PLANS)
+        settle(j, (0, False), RADIUS, members, PLANS, IS_LAST)
         return self.with_broadcast(j, members)
 
     def proposing(self, i: int, *, careful: bool) -> "World | None":
@@ -137,7 +135,7 @@ class World:
         members = self.copied()
         plan, *rest = self.wishes[i]
         committed = members.committed[i]
-        if members.candidate[i] != NONE or PLANS.is_last[committed]:
+        if members.candidate[i] != NONE or IS_LAST[committed]:
             return None
         if careful and not is_clear(i, plan, 0, RADIUS, members, PLANS):
             return None
@@ -148,7 +146,7 @@ class World:
     def withdrawing(self, i: int) -> "World":
         """Return the world after vehicle i has given up its candidate."""
         members = self.copied()
-        done = settle(i, (0, True), RADIUS, members, PLANS)
+        done = settle(i, (0, True), RADIUS, members, PLANS, IS_LAST)
         assert done in (COMMITTED, WITHDRAWN)
         return self.with_broadcast(i, members)
 
@@ -287,10 +285,11 @@ def test_three_vehicles_never_meet_whatever_they_forget() -> None:
 
 def test_commitments_without_acceptances_meet(monkeypatch: pytest.MonkeyPatch) -> None:
     def trusting(
-        i: int, now: tuple[int, bool], radius: float, members: Members, plans: Plans
-    ) -> int:
+        i: int, now: tuple[int, bool], radius: float, members: Members, plans: Plans,
+        is_last: Flags,
+    ) -> int:  # fmt: skip
         """Commit to a candidate that is clear of what was heard."""
-        del now, radius, plans
+        del now, radius, plans, is_last
         if members.candidate[i] == NONE:
             return WITHDRAWN
         if is_clear(i, members.candidate[i], 0, RADIUS, members, PLANS):
@@ -349,7 +348,7 @@ def test_a_vehicle_uses_what_it_has_itself_and_nothing_of_others() -> None:
     for members in (poisoned, plain):
         hear(1, 0, 1, np.array([0, world.members.candidate[0], NONE]), members)
         answer(1, 0, RADIUS, np.arange(3), members, PLANS)
-        settle(1, (0, False), RADIUS, members, PLANS)
+        settle(1, (0, False), RADIUS, members, PLANS, IS_LAST)
         assert not is_clear(1, PLACES, 0, RADIUS, members, PLANS)
     assert all(
         a[1].tolist() == b[1].tolist() for a, b in zip(poisoned, plain, strict=True)
