@@ -162,12 +162,24 @@ def test_solve_keeps_the_scenarios_own_settings_but_for_those_it_names() -> None
     assert (other["search"]["name"], other["lanes"]) == ("de", 3)
 
 
-@pytest.fixture
-def recorded(tram: str, tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def recorded_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the folder of a run's record."""
+    whole = tmp_path_factory.mktemp("once")
+    (whole / "tram.yaml").write_text(TRAM)
+    document = read_document(str(whole / "tram.yaml"))
+    run(
+        resolve(document, search="none", polish="ipopt"), seed=0,
+        recording=Recording(folder=whole / "one", figures=False),
+    )  # fmt: skip
+    return whole / "one"
+
+
+@pytest.fixture
+def recorded(recorded_once: Path, tmp_path: Path) -> Path:
+    """Return the folder of a copy of it."""
     folder = tmp_path / "results" / "tram" / "one"
-    resolved = resolve(read_document(tram), search="none", polish="ipopt")
-    run(resolved, seed=0, recording=Recording(folder=folder, figures=False))
+    shutil.copytree(recorded_once, folder)
     return folder
 
 
