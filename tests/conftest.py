@@ -1,7 +1,12 @@
 """An empty cache of machine code, and the mark of tests that take long."""
 
+import os
 import signal
 from pathlib import Path
+
+# Matrices are small, and other workers use the other processors: threads of BLAS would
+# wait for each other. It is read when NumPy is imported, here or in a worker.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
 from hypothesis import settings

@@ -131,15 +131,21 @@ def places(folders: tuple[str, ...]) -> Iterator[Place]:
 
 def _of_code(name: str, path: Path) -> Iterator[Place]:
     source = path.read_text(encoding="utf-8")
-    tree = ast.parse(source)
-    alone = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Constant) and isinstance(node.value, str):
+    alone = set[int]()
+    for node in ast.walk(ast.parse(source)):  # A node comes before its parts.
+        if isinstance(node, ast.Expr):
+            alone.add(id(node.value))
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
             if id(node) in alone:
                 yield Place(name, node.lineno, "docstring", node.value)
             elif " " in node.value:
                 yield Place(name, node.lineno, "string", node.value)
-    if not any(rule.pattern.search(source) for rule in (*RULES, FLY)):
+    yield from _comments(name, source)
+
+
+def _comments(name: str, source: str) -> Iterator[Place]:
+    comments = "\n".join(line for line in source.splitlines() if "#" in line)
+    if not any(rule.pattern.search(comments) for rule in (*RULES, FLY)):
         return  # To split a file into tokens takes long.
     for token in tokenize.generate_tokens(io.StringIO(source).readline):
         if token.type == tokenize.COMMENT:

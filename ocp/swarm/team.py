@@ -64,7 +64,7 @@ GROWTH = 8
 
 
 class Terms(NamedTuple):
-    """What belongs to plans beside their paths.
+    """Terms of plans, beside their paths.
 
     Attributes:
         parting: Step at which each parts from the one before, shape (rows,).
@@ -86,7 +86,7 @@ def decide(
     Args:
         now: Rule, step, least distance.
         rank: Order in which candidates give way, shape (n,).
-        terms: What belongs to the plans.
+        terms: Those of the plans.
         members: The vehicles.
         plans: All plans.
         results: Gets WAITING, COMMITTED, WITHDRAWN or NOTHING, shape (n,).
