@@ -5,13 +5,20 @@ import numpy as np
 import swarmstart as ss
 from swarmstart.benchmarks.swarms import (
     APART,
+    CLUTTER,
+    DELAYED_HUNDRED,
     DISTANCE,
+    HUNDRED,
     SCALE,
+    TWENTY,
+    UNICYCLES,
+    WEDGE,
     Trial,
     flown,
     gate_table,
     page,
     transition,
+    wedge,
 )
 
 
@@ -24,16 +31,29 @@ def test_draws_have_room_and_are_the_same_for_the_same_seed() -> None:
     assert (transition(12, 3.0, 4, clutter=5).starts == swarm.starts).all()
 
 
+def test_the_wedge_is_that_of_the_flight_without_messages() -> None:
+    swarm = wedge()
+    assert swarm.size == 100
+    # The leader is in front, and has the goal of the first slot: where it stands.
+    ahead = int(swarm.goals[:, 0].argmax())
+    assert swarm.goals[ahead, :2].tolist() in swarm.starts[:, :2].tolist()
+    # Rows of 1, 3, 5, ... UAVs, 15 m apart.
+    rows = np.unique(swarm.goals[:, 0], return_counts=True)
+    assert (np.diff(rows[0]) == 15).all()
+    assert rows[1][::-1].tolist() == [2 * k + 1 for k in range(10)]
+
+
 def test_page_counts_collisions_with_and_without_acceptances() -> None:
     swarm, links = transition(3, 3.0, 0), ss.Links(most_delay=1)
     safe = flown(swarm, links, 0)
     assert safe.all_arrive
     assert safe.step_ms > 0
     rules = [("delays", "acknowledged", [safe]), ("delays", "hearsay", [safe, safe])]
-    rows = [(str(number), [safe]) for number in range(10)]
+    names = (TWENTY, HUNDRED, DELAYED_HUNDRED, CLUTTER, UNICYCLES, WEDGE, "another")
+    rows = {name: [safe] for name in names}
     said = page(rules, rows, (8.0, [9.0, 9.4]), "the command")
     assert said[0].startswith(
-        "With acceptances, 0 of 11 flights have a collision, and 100.0% of the "
+        "With acceptances, 0 of 8 flights have a collision, and 100.0% of the "
         "vehicles arrive; without them, 0 of 2 have one."
     )
     assert "arrives after 9 to 9.4 s in 2 runs." in said[-1]
