@@ -34,7 +34,7 @@ def test_draws_have_room_and_are_the_same_for_the_same_seed() -> None:
 def test_the_wedge_is_that_of_the_flight_without_messages() -> None:
     swarm = wedge()
     assert swarm.size == 100
-    # The leader is in front, and has the goal of the first slot: where it stands.
+    # The leader is in front, and has the goal of the first slot, at which it stands.
     ahead = int(swarm.goals[:, 0].argmax())
     assert swarm.goals[ahead, :2].tolist() in swarm.starts[:, :2].tolist()
     # Rows of 1, 3, 5, ... UAVs, 15 m apart.

@@ -33,7 +33,7 @@ def test_medians_ranges_and_undefined_runs_are_told() -> None:
         "T (s): 3 runs, seeds 0 to 2; by solve: search ga, no polish.",
         "3 of 3 runs found feasible plans. Settled: median 22 s, from 20 to 24 s; not "
         "settled in 1 run.",
-        "Closest distance of two UAVs: lowest 2 m (seed 1), median 3 m.",
+        "Closest distance of two vehicles: lowest 2 m (seed 1), median 3 m.",
         "Time per step: median 20 ms, worst of all runs 300 ms.",
         f"Picture: {FOLDER / 'a.png'} (1 more figure beside it)",
     ]
@@ -45,7 +45,7 @@ def test_the_worst_seed_is_told_of_each_distance_that_must_be_kept() -> None:
         FOLDER,
     )
     assert told[2] == (
-        "Closest distance of two UAVs: lowest 7 m (seed 2), median 8 m; clearance of "
+        "Closest distance of two vehicles: lowest 7 m (seed 2), median 8 m; clearance of "
         "obstacles: lowest -15 m (seed 1), median 0.1 m."
     )
 
