@@ -256,7 +256,7 @@ class Agreement:
 
         Args:
             tick: Number of the present tick.
-            places: Where they are, not scaled, shape (n, 3) [m].
+            places: Their positions, not scaled, shape (n, 3) [m].
             rng: Random number generator, of delays and losses.
         """
         links = self._links

@@ -45,8 +45,8 @@ def test_the_worst_seed_is_told_of_each_distance_that_must_be_kept() -> None:
         FOLDER,
     )
     assert told[2] == (
-        "Closest distance of two vehicles: lowest 7 m (seed 2), median 8 m; clearance of "
-        "obstacles: lowest -15 m (seed 1), median 0.1 m."
+        "Closest distance of two vehicles: lowest 7 m (seed 2), median 8 m; clearance "
+        "of obstacles: lowest -15 m (seed 1), median 0.1 m."
     )
 
 
