@@ -162,6 +162,8 @@ def _most_hops(name: str, places: Array, radio_range: float) -> int:
     Raises:
         InvalidProblemError: If no message comes from one to another.
     """
+    if radio_range == math.inf:
+        return 1
     from scipy.sparse.csgraph import shortest_path  # Slow to import.
 
     apart = pairwise_distances(places)
