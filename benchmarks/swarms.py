@@ -284,8 +284,9 @@ def page(
         f"distance is {DISTANCE} m; accelerations to 1 m/s^2 and speeds to 2 m/s "
         f"along each axis; {SECONDS:g} s; a tick is 50 ms, a step 0.1 s. A flight "
         "counts as a collision if a bound below the distance between samples is too "
-        "small. The cube holds the starts and goals; the vehicles may leave it. The "
-        "path ratio is the median length of a path, by the straight way.",
+        "small. A plan lasts 30 s at most, or half of a longer flight. The cube holds "
+        "the starts and goals; the vehicles may leave it. The path ratio is the median "
+        "length of a path, by the straight way.",
         "",
         *bar_table(
             Bar(words, relation, bound, float(measured))

@@ -96,13 +96,15 @@ class Team:
         """
         period, step = self._links.period, self.steps
         self._flight = None
+        # Until a new plan parts from the old one, a commitment moves no vehicle.
+        places = self.states()[:, :AXES]
         for tick in range(step * period, (step + 1) * period):
             self._exchange(tick)
             if tick % period == 0:
                 idle = self._agreement.may_propose(tick)
                 for i in self._rng.permutation(idle).tolist():
                     self._search(i, tick, step)
-            self._agreement.send(tick, self.states()[:, :AXES], self._rng)
+            self._agreement.send(tick, places, self._rng)
         self._rows.append(self._agreement.members.committed.copy())
         ways = np.diff(self._samples(self._rows[-1], (step, step + 1)), axis=1)[:, 0]
         h, self.steps = self._step_s, step + 1

@@ -231,8 +231,6 @@ def runs_of(entry: Entry, outcomes: Mapping[str, Outcome], asked: Asked) -> Runs
     costs = np.array([_cost(result) for result in results])
     histories = [result.get("history") for result in results]
     counts = np.array([number(r.get("evaluations")) for r in results])
-    # Rules of swarms evaluate no problem.
-    counts = np.where(counts == 0, np.nan, counts)
     clocks = np.array([number(r.get("seconds")) for r in results])
     lost = np.array([not result for result in results])
     spent = np.array([one.seconds or math.nan for one in found])

@@ -2,7 +2,8 @@
 
 A scenario is compared by its one planning problem, or by whole runs in closed loop. A
 run in closed loop needs a solver that a controller can use: a search of this package,
-IPOPT, or IPOPT from random starts. Other solvers are left out and listed as such.
+IPOPT, or IPOPT from random starts. A swarm is compared by rules, and nothing else is.
+Other solvers are left out and listed as such.
 
 Lower bounds have cells of their own, after all runs: a bound does not count in the
 seconds of any solver, and is kept and resumed like a run. It concerns one plan, so
@@ -27,6 +28,7 @@ from swarmstart.cases.campaign.trials.solver_names import IPOPT, Solver
 from swarmstart.cases.campaign.trials.solvers import search_share
 from swarmstart.cases.format.document import Document
 from swarmstart.cases.format.kind import SeveralPlansError
+from swarmstart.cases.format.registry import RULES
 from swarmstart.cases.format.scenario import Resolved, read_document, resolve
 from swarmstart.cases.kinds.flight import first_problem
 from swarmstart.cases.record.files import to_json
@@ -51,7 +53,7 @@ class Contest:
         resolved: The scenario, without the settings of the solvers.
         of: "plan" or "flight".
         entries: Cells of each solver, in the order of the solvers.
-        left_out: Names of solvers that cannot plan in its closed loop.
+        left_out: Names of solvers that cannot take part in it.
     """
 
     name: str
@@ -64,6 +66,26 @@ class Contest:
     def is_seeded(self) -> bool:
         """True if each seed is a problem of its own, with its own disturbances."""
         return self.of == "flight" and bool(seed_keys(self.resolved.settings))
+
+    def told_of_left_out(self) -> list[str]:
+        """Return a sentence for each reason to leave solvers out, with their names."""
+        if _has_rules(self.resolved):
+            by, reason = "rules of swarms", "they are searches"
+        else:
+            by = "its plan" if self.of == "plan" else "whole flights"
+            reason = "they solve single planning problems only"
+        rules = [name for name in self.left_out if name in RULES]
+        others = [name for name in self.left_out if name not in RULES]
+        return [
+            f"{self.name} is compared by {by}; left out, since {why}: "
+            f"{', '.join(names)}"
+            for why, names in ((reason, others), ("they are rules of swarms", rules))
+            if names
+        ]
+
+
+class NoFittingSolverError(SwarmstartError, ValueError):
+    """A scenario can be compared by none of the solvers."""
 
 
 def contest_of(
@@ -87,6 +109,7 @@ def contest_of(
     Raises:
         InvalidScenarioError: If a setting does not fit.
         SeveralPlansError: If it is to be compared by one plan and has several.
+        NoFittingSolverError: If all solvers are left out.
         CodeNotAllowedError: If it runs a user's file, which is not allowed.
     """
 
@@ -107,29 +130,27 @@ def contest_of(
 
     base = resolved()
     of = _of(base, chosen.of)
-    if of == "plan":
-        entries = []
-        for solver in solvers:
-            search, assignments = _planned_by(solver, budget)
-            one = resolved(assignments, search=search, polish=_polish(solver))
-            entries.append(_planned(one, solver, plan, budget))
-        return Contest(
-            name=base.scenario.name, resolved=base, of=of, entries=tuple(entries)
-        )
-    flying = [solver for solver in solvers if _flies(solver, base)]
+    fitting = [solver for solver in solvers if _fits(solver, base, of)]
+    contest = Contest(
+        name=base.scenario.name, resolved=base, of=of, entries=(),
+        left_out=tuple(solver.name for solver in solvers if solver not in fitting),
+    )  # fmt: skip
+    if not fitting:
+        told = "; ".join(contest.told_of_left_out())
+        raise NoFittingSolverError(f"expected a solver that fits; found: {told}")
     entries = []
-    for solver in flying:
-        search, assignments = _flown_by(solver, budget, base.settings)
+    for solver in fitting:
+        if of == "plan":
+            search, assignments = _planned_by(solver, budget)
+        else:
+            search, assignments = _flown_by(solver, budget, base.settings)
         one = resolved(assignments, search=search, polish=_polish(solver))
-        entries.append(_flown(one, solver, plan))
-    left_out = tuple(solver.name for solver in solvers if solver not in flying)
-    return Contest(
-        name=base.scenario.name,
-        resolved=base,
-        of=of,
-        entries=tuple(entries),
-        left_out=left_out,
-    )
+        entries.append(
+            _planned(one, solver, plan, budget)
+            if of == "plan"
+            else _flown(one, solver, plan)
+        )
+    return replace(contest, entries=tuple(entries))
 
 
 def _of(resolved: Resolved, asked: Of) -> str:
@@ -164,11 +185,17 @@ def _planned(
     )
 
 
-def _flies(solver: Solver, base: Resolved) -> bool:
-    """Return whether the controller of a scenario can plan with a solver."""
-    has_rules = "rule" in base.settings
-    if has_rules or solver.family == "rule":
-        return has_rules and solver.family == "rule"
+def _has_rules(resolved: Resolved) -> bool:
+    """Return whether a scenario is one of a swarm, which plans by a rule."""
+    return "rule" in resolved.settings
+
+
+def _fits(solver: Solver, base: Resolved, of: str) -> bool:
+    """Return whether a scenario can be compared by a solver."""
+    if _has_rules(base) or solver.family == "rule":
+        return _has_rules(base) and solver.family == "rule"
+    if of == "plan":
+        return True
     is_foreign = solver.peer or solver.family == "own"
     return not is_foreign and solver.plugin in ("", IPOPT)
 

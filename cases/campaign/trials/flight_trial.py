@@ -80,6 +80,7 @@ def flown_trial(finished: Run) -> FlightResult:
     resolved, flight = finished.resolved, finished.flight
     found = resolved.kind.whole_run(resolved.scenario, flight, trajectory, measures)
     seconds = np.asarray(trajectory.step_seconds)
+    counted = measures.get("evaluations")  # Rules of swarms evaluate no problem.
     # One step without a feasible plan is enough for "no".
     claimed = finished.feasible and not measures.get("infeasible_steps")
     holds = found.excess <= FLOWN_TOLERANCE and math.isfinite(found.cost)
@@ -90,7 +91,7 @@ def flown_trial(finished: Run) -> FlightResult:
         verified_violation=found.excess,
         feasible=bool(claimed and holds),
         status=finished.status,
-        evaluations=int(measures.get("evaluations") or 0),  # type: ignore[arg-type]
+        evaluations=int(counted) if isinstance(counted, int | float) else None,
         seconds=float(seconds.sum()),
         build_seconds=max(0.0, finished.wall_s - float(seconds.sum())),
         compile_seconds=finished.compile_s,

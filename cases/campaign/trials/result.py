@@ -38,7 +38,7 @@ class TrialResult:
         verified_violation: Violation of the finer simulation, scaled [1].
         feasible: Whether the finer simulation confirms a feasible answer.
         status: Status of the answer, a sentence.
-        evaluations: Effort as equivalents of one rollout.
+        evaluations: Effort as equivalents of one rollout; None if it is not counted.
         seconds: Wall time of the solver [s].
         build_seconds: Wall time of building the problem [s]; None if it is not known.
         compile_seconds: Wall time of compiling it [s]; None if it is not known.
@@ -58,7 +58,7 @@ class TrialResult:
     verified_violation: float | None = None
     feasible: bool = False
     status: str
-    evaluations: int = 0
+    evaluations: int | None = 0
     seconds: float
     build_seconds: float | None = None
     compile_seconds: float | None = None

@@ -306,10 +306,7 @@ def _content(
     about = {one.name: _about(one, outcomes, bounds, plan) for one in contests}
     content = content_of([c.entries for c in contests], outcomes, asked, about)
     content["limits"] += [
-        f"{contest.name}: {', '.join(contest.left_out)} solve single planning problems "
-        "only, and are left out of its flights"
-        for contest in contests
-        if contest.left_out
+        sentence for contest in contests for sentence in contest.told_of_left_out()
     ]
     content["limits"] += _unbounded(contests, plan)
     return content
@@ -412,14 +409,8 @@ def _say_what_is_left_out(contests: Sequence[Contest], plan: ComparisonPlan) -> 
     for sentence in _unbounded(contests, plan):
         say(sentence)
     for contest in contests:
-        if contest.left_out:
-            reason = (
-                "is compared by rules of swarms; left out, since they are searches:"
-                if "rule" in contest.resolved.settings
-                else "is compared by whole flights; left out, since they solve single "
-                "planning problems only:"
-            )
-            say(f"{contest.name} {reason} {', '.join(contest.left_out)}")
+        for sentence in contest.told_of_left_out():
+            say(sentence)
 
 
 def _report(content: Mapping[str, Any], table: Path, *, times: bool) -> str:

@@ -24,6 +24,7 @@ from swarmstart.cases.kinds.swarm.pose import SwarmRun
 from swarmstart.cases.kinds.swarm.scenario import SwarmScenario
 from swarmstart.ocp import SwarmFlight, Trajectory
 from swarmstart.ocp.common import ProgressCallback, tell_nothing
+from swarmstart.ocp.swarm.swarm import pairwise_distances
 
 # `check_writer` is looked up here by its name; see `animated_by` of Kind.
 __all__ = ["animate", "check_writer"]
@@ -129,7 +130,7 @@ class SwarmFilm(Filmed):
         self._plans.set_segments(self._ahead(now, places))
         self._links.set_segments(self._accepted(now, places))
         scaled = self._places[:, :, frame] * swarm.scale
-        apart = np.linalg.norm(scaled[:, None] - scaled[None], axis=2)
+        apart = pairwise_distances(scaled)
         np.fill_diagonal(apart, np.inf)
         is_near = bool((apart < swarm.distance).any())
         self._clock.set_text(f"t = {now:.1f} s" + ("  collision" if is_near else ""))

@@ -213,8 +213,9 @@ class SwarmScenario(Scenario):
         vehicle: Bounds of each vehicle.
         obstacles: Balls that stand, or move on known paths.
         links: Links between the vehicles.
-        rule: Rule by which a vehicle commits to a plan: when all others have accepted
-            it, after a wait in which nothing is heard, or at once.
+        rule: Rule by which a vehicle commits to a plan: when all others that may still
+            change theirs have accepted it, after a wait in which nothing is heard, or
+            at once.
         planning: Search of each vehicle for plans.
         plant: The simulated vehicles.
     """

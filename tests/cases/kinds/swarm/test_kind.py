@@ -136,6 +136,25 @@ def test_rules_are_compared_and_other_solvers_are_left_out(
     assert "repeated-ipopt" in said.err  # Added to searches, with which it is compared.
 
 
+@pytest.mark.parametrize(
+    ("scenario", "solvers", "reason"),
+    [
+        ("six", "ipopt", "compared by rules of swarms; left out, since they are sea"),
+        ("formation_v", "hearsay", "whole flights; left out, since they are rules of"),
+        ("pendulum", "hearsay", "by its plan; left out, since they are rules of"),
+    ],
+)
+def test_a_scenario_without_a_solver_that_fits_is_refused(
+    scenario: str, solvers: str, reason: str, six: Path, tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    source, out = str(six) if scenario == "six" else scenario, str(tmp_path / "none")
+    asked = ["compare", source, "--solvers", solvers, "--seeds", "1", "--out", out]
+    assert main(asked) == 2
+    assert reason in capsys.readouterr().err
+    assert not (tmp_path / "none").exists()
+
+
 def test_rules_alone_are_compared_without_budgets_and_evaluations(
     six: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
