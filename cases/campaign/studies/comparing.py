@@ -135,7 +135,7 @@ def contest_of(
         name=base.scenario.name, resolved=base, of=of, entries=(),
         left_out=tuple(solver.name for solver in solvers if solver not in fitting),
     )  # fmt: skip
-    if not fitting:
+    if solvers and not fitting:
         told = "; ".join(contest.told_of_left_out())
         raise NoFittingSolverError(f"expected a solver that fits; found: {told}")
     entries = []

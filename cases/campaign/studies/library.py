@@ -339,6 +339,7 @@ def compare(  # noqa: PLR0913 - the options of a command
         UserCodeError: If that file does not return a problem.
         SeveralPlansError: If a solver of your own is to solve a scenario in closed
             loop, or with several agents that plan.
+        NoFittingSolverError: If none of the named solvers fits a scenario.
 
     Example:
         >>> import swarmstart as ss
