@@ -9,6 +9,9 @@ from typing import TYPE_CHECKING
 from swarmstart.doors import door
 
 if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
+    from swarmstart.cases.campaign.studies.comparing import (
+        NoFittingSolverError as NoFittingSolverError,
+    )
     from swarmstart.cases.campaign.studies.library import (
         Row as Row,
         compare as compare,
@@ -221,6 +224,7 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
 __version__ = "0.2.0"
 
 _NAMES = {
+    "swarmstart.cases.campaign.studies.comparing": "NoFittingSolverError",
     "swarmstart.cases.campaign.studies.library": "Row compare run",
     "swarmstart.cases.campaign.studies.sweeping": (
         "NoInstancesError SweepInterrupted sweep"

@@ -152,6 +152,8 @@ def test_a_scenario_without_a_solver_that_fits_is_refused(
     asked = ["compare", source, "--solvers", solvers, "--seeds", "1", "--out", out]
     assert main(asked) == 2
     assert reason in capsys.readouterr().err
+    with pytest.raises(ss.NoFittingSolverError, match=reason):
+        ss.compare(source, solvers, seeds=1)
     assert not (tmp_path / "none").exists()
 
 
