@@ -88,8 +88,25 @@ def test_commands_of_the_file_and_of_the_comparison_run(terminal: Terminal) -> N
     table = (TUTORIAL / "compare.md").read_text("utf-8")
     (shown,) = re.findall(r"```text\n(vehicle\n.*?)```", table, re.DOTALL)
     compared = next(iter(said[c] for c in said if c.startswith("swarmstart compare")))
-    for line in shown.splitlines():
-        assert " ".join(line.split()) in " ".join(compared.split())
+    found = compared[compared.index("vehicle\n") :].splitlines()
+    for line, own in zip(shown.splitlines(), found, strict=False):
+        require_alike(own, line)
+
+
+def require_alike(found: str, shown: str) -> None:
+    """Raise unless two lines of a table have the same words.
+
+    Evaluations depend on the last bits of a machine, and with them which of two equal
+    costs is lower; so they are compared within a tenth, and p if it shows something.
+    """
+    columns = [re.split(r"\s{2,}", line.strip()) for line in (found, shown)]
+    for own, theirs in zip(*columns, strict=True):
+        if theirs.startswith("no difference shown"):
+            assert own.startswith("no difference shown")
+        elif own.replace(".", "").isdigit() and float(theirs) > 100:
+            assert float(own) == pytest.approx(float(theirs), rel=0.1)
+        else:
+            assert own == theirs
 
 
 def test_error_that_is_shown_is_what_check_says(terminal: Terminal) -> None:
