@@ -139,7 +139,7 @@ class DualMode(Called):
             )
         if not uncertified:
             problems = [agent.controller.planner.problem for agent in team.agents]
-            _require_certified(sets, team.dt, problems)
+            require_certified(sets, team.dt, problems)
         self.team, self.sets, self.targets = team, tuple(sets), tuple(targets)
         self.uncertified = uncertified
         self._problems = [a.controller.planner.problem for a in team.agents]
@@ -324,7 +324,7 @@ def terminal_set_of(  # noqa: PLR0913 - what a design rests on, by name
     )
 
 
-def _require_certified(
+def require_certified(
     sets: Sequence[TerminalSet], dt: float, problems: Sequence[OptimalControlProblem]
 ) -> None:
     """Raise if a set is not certified for this dt and these bounds of the controls.

@@ -9,6 +9,7 @@ too near, and that the rule was kept, without code of this room.
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -61,22 +62,25 @@ class Log(NamedTuple):
     step_s: float
 
 
-def certificate_text(swarm: Swarm, log: Log) -> str:
+def certificate_text(
+    log: Log, distance: float, obstacles: Sequence[dict[str, object]] = ()
+) -> str:
     """Return the certificate of a flight as JSON.
 
     Args:
-        swarm: The swarm.
         log: The flight's plans.
+        distance: Least distance of two plans [m].
+        obstacles: The obstacles, as from `obstacle_paths`.
     """
     content: dict[str, object] = {
         "format": FORMAT,
         "version": VERSION,
-        "vehicles": swarm.size,
+        "vehicles": log.accepted.shape[1],
         "steps": log.steps,
         "ticks": log.ticks,
-        "distance": swarm.plan_distance,
+        "distance": distance,
         "plans": [_plan(log, row) for row in range(len(log.vehicle))],
-        "obstacles": _obstacles(swarm, log),
+        "obstacles": list(obstacles),
         "statements": [
             {"statement": words, "grounds": "proven"} for words in STATEMENTS
         ],
@@ -114,11 +118,11 @@ def _path(first: int, samples: Array, bulges: Array) -> dict[str, object]:
     }
 
 
-def _obstacles(swarm: Swarm, log: Log) -> list[dict[str, object]]:
+def obstacle_paths(swarm: Swarm, step_s: float) -> list[dict[str, object]]:
     """Return the obstacles, with what a vehicle keeps away from each centre."""
     found = []
     for one in swarm.obstacles:
-        times = np.arange(np.ceil(one.times[-1] / log.step_s) + 2) * log.step_s
+        times = np.arange(np.ceil(one.times[-1] / step_s) + 2) * step_s
         bulges = np.append(one.bulge(times), 0.0) * swarm.scale.max()
         found.append(
             {

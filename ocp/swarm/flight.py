@@ -10,7 +10,11 @@ import numpy as np
 from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.common.presentation import Presenting
-from swarmstart.ocp.swarm.certificate import Log, certificate_text
+from swarmstart.ocp.swarm.certificate import (
+    Log,
+    certificate_text,
+    obstacle_paths,
+)
 from swarmstart.ocp.swarm.swarm import Swarm
 
 RULES = {"acknowledged": 0, "waiting": 1, "hearsay": 2}
@@ -75,7 +79,8 @@ class SwarmFlight(Presenting):
             raise InvalidProblemError(
                 f"a certificate needs the rule acknowledged, got {self.rule}"
             )
-        return certificate_text(self.swarm, self.log)
+        obstacles = obstacle_paths(self.swarm, self.step_s)
+        return certificate_text(self.log, self.swarm.plan_distance, obstacles)
 
     @property
     def times(self) -> Array:

@@ -82,8 +82,8 @@ def sizes_of(swarm: Swarm, planning: Planning) -> tuple[int, int, int]:
         )
     pieces = _pieces(swarm, longest_s, step_s)
     hops = max(
-        _most_hops("starts", swarm.starts, links.radio_range),
-        _most_hops("goals", swarm.goals, links.radio_range),
+        most_hops("starts", swarm.starts, links.radio_range),
+        most_hops("goals", swarm.goals, links.radio_range),
     )
     lead = lead_steps(swarm.size, links, hops)
     if lead_s is not None:
@@ -156,7 +156,7 @@ def simulate_swarm(  # noqa: PLR0913 - the swarm, its links, and how it is simul
     return team.flight()
 
 
-def _most_hops(name: str, places: Array, radio_range: float) -> int:
+def most_hops(name: str, places: Array, radio_range: float) -> int:
     """Return the number of links between the two vehicles that are farthest apart.
 
     Raises:

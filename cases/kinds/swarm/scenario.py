@@ -7,8 +7,9 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from swarmstart.arrays import Array
-from swarmstart.cases.format.parts import NonNegative, Number, Part, Positive
+from swarmstart.cases.format.parts import NonNegative, Part, Positive
 from swarmstart.cases.format.settings import LocatedFlaw, Scenario
+from swarmstart.cases.kinds.links import LinksPart
 from swarmstart.cases.kinds.planar import shortest_assignment
 from swarmstart.cases.kinds.swarm.formations import (
     MOST_VEHICLES,
@@ -20,7 +21,7 @@ from swarmstart.cases.kinds.swarm.formations import (
     random_places,
 )
 from swarmstart.errors import SwarmstartError
-from swarmstart.ocp import Links, Obstacle, Swarm, SwarmController
+from swarmstart.ocp import Obstacle, Swarm, SwarmController
 from swarmstart.ocp.swarm.tracking import tracking_of
 
 INSTANTS = 101
@@ -115,52 +116,6 @@ class Ball(Part):
             radius=self.radius_m,
             path=[one.place_m for one in self.path],
             times=[one.time_s for one in self.path],
-        )
-
-
-class Silence(Part):
-    """Time in which a vehicle neither sends nor hears.
-
-    Attributes:
-        vehicle: Its number, from 0.
-        from_s: Beginning [s].
-        to_s: End [s]; null: for ever.
-    """
-
-    vehicle: int = Field(ge=0)
-    from_s: NonNegative
-    to_s: NonNegative | None = None
-
-
-class LinksPart(Part):
-    """Links: each vehicle broadcasts to all others at every tick.
-
-    Attributes:
-        ticks: Number of ticks in a step.
-        most_delay: A message takes 1 to 1 + most_delay ticks.
-        loss: Probability that a message is lost, for each receiver.
-        silences: Times in which vehicles neither send nor hear.
-        range_m: Largest distance between sender and receiver; vehicles pass on what
-            they hear, then; null: any [m].
-    """
-
-    ticks: int = Field(default=2, ge=1, le=100)
-    most_delay: int = Field(default=0, ge=0, le=10_000)
-    loss: Annotated[Number, Field(ge=0, lt=1)] = 0.0
-    silences: list[Silence] = Field(default_factory=list)
-    range_m: Positive | None = None
-
-    def links(self) -> Links:
-        """Return the links."""
-        return Links(
-            period=self.ticks,
-            most_delay=self.most_delay,
-            loss=self.loss,
-            silences={
-                one.vehicle: (one.from_s, np.inf if one.to_s is None else one.to_s)
-                for one in self.silences
-            },
-            radio_range=np.inf if self.range_m is None else self.range_m,
         )
 
 
@@ -302,9 +257,9 @@ class SwarmScenario(Scenario):
     def flaws(self) -> Iterator[LocatedFlaw]:
         """Yield errors between parts of the scenario."""
         yield from super().flaws()
-        names = {one.vehicle for one in self.links.silences}
-        if len(names) < len(self.links.silences):
-            yield ("links", "silences"), "expected at most one silence of each vehicle"
+        twice = list(self.links.flaws())
+        yield from twice
+        if twice:
             return
         try:
             self.controller()
