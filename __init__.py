@@ -107,6 +107,7 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         CountedFrom as CountedFrom,
         Decision as Decision,
         DivergedError as DivergedError,
+        CommittedTeam as CommittedTeam,
         DualMode as DualMode,
         Fitness as Fitness,
         Free as Free,
@@ -123,6 +124,7 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         Model as Model,
         Multistart as Multistart,
         NlpOptions as NlpOptions,
+        NoRestError as NoRestError,
         NoSensitivityError as NoSensitivityError,
         NonMinimalWarning as NonMinimalWarning,
         Obstacle as Obstacle,
@@ -253,20 +255,20 @@ _NAMES = {
         static_penalty
     """,
     "swarmstart.ocp": """
-        Agent AlgebraicEquations BackendWarning BoundKind Bounds Connection CountedFrom
-        Decision DivergedError DualMode Fitness Free InvalidProblemError
-        InvalidSystemError IpoptOptions Known Links LocalAgent LocalTeam LowerBound
-        Memetic Mode Model Multistart NlpOptions NoSensitivityError NonMinimalWarning
-        Obstacle OpenLoop OptimalControlProblem OptimalityGap PathConstraint
-        PhasedHorizon Phases Plan Planner PlanningInterrupted Plant PolishStatus Radau
-        RecedingHorizon SearchReport SearchSettings Separation Solution SolutionStatus
-        Solutions SolveError SolveInterrupted SolveManyInterrupted Source Start
-        StartOutcome Step SteppedPlant Swarm SwarmController SwarmFlight
-        Table Team TerminalConstraint Trajectory TrajectoryFamily TransportDelay
-        UncertifiedSetError WarmStartReport WarmStartedSolver compile_batch disc
-        ensemble fly interpolate multistart phased_horizon phases simulate
-        simulate_swarm solve solve_many stack_models swarm_model table terminal_set_of
-        warm_start
+        Agent AlgebraicEquations BackendWarning BoundKind Bounds CommittedTeam
+        Connection CountedFrom Decision DivergedError DualMode Fitness Free
+        InvalidProblemError InvalidSystemError IpoptOptions Known Links LocalAgent
+        LocalTeam LowerBound Memetic Mode Model Multistart NlpOptions NoRestError
+        NoSensitivityError NonMinimalWarning Obstacle OpenLoop OptimalControlProblem
+        OptimalityGap PathConstraint PhasedHorizon Phases Plan Planner
+        PlanningInterrupted Plant PolishStatus Radau RecedingHorizon SearchReport
+        SearchSettings Separation Solution SolutionStatus Solutions SolveError
+        SolveInterrupted SolveManyInterrupted Source Start StartOutcome Step
+        SteppedPlant Swarm SwarmController SwarmFlight Table Team TerminalConstraint
+        Trajectory TrajectoryFamily TransportDelay UncertifiedSetError WarmStartReport
+        WarmStartedSolver compile_batch disc ensemble fly interpolate multistart
+        phased_horizon phases simulate simulate_swarm solve solve_many stack_models
+        swarm_model table terminal_set_of warm_start
     """,
     "swarmstart.ocp.lower_bound.bounding": "lower_bound",
     "swarmstart.terminal_set": """

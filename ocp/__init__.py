@@ -181,6 +181,9 @@ if TYPE_CHECKING:  # Loaded when first used: few commands need all of these.
     from swarmstart.ocp.statement.rewrites.delay import (
         TransportDelay as TransportDelay,
     )
+    from swarmstart.ocp.swarm.committed_team import (
+        CommittedTeam as CommittedTeam,
+    )
     from swarmstart.ocp.swarm.controller import (
         SwarmController as SwarmController,
         swarm_model as swarm_model,
@@ -195,6 +198,9 @@ if TYPE_CHECKING:  # Loaded when first used: few commands need all of these.
         Links as Links,
         Obstacle as Obstacle,
         Swarm as Swarm,
+    )
+    from swarmstart.ocp.swarm.tube import (
+        NoRestError as NoRestError,
     )
     from swarmstart.ocp.system.algebraic import (
         AlgebraicEquations as AlgebraicEquations,
@@ -270,10 +276,12 @@ _NAMES = {
     "statement.problem": "OptimalControlProblem",
     "statement.rewrites.counted_from": "CountedFrom",
     "statement.rewrites.delay": "TransportDelay",
+    "swarm.committed_team": "CommittedTeam",
     "swarm.controller": "SwarmController swarm_model",
     "swarm.flight": "SwarmFlight",
     "swarm.simulation": "simulate_swarm",
     "swarm.swarm": "Links Obstacle Swarm",
+    "swarm.tube": "NoRestError",
     "system.algebraic": "AlgebraicEquations",
     "system.constraints": "Bounds Constraint PathConstraint Rows TerminalConstraint",
     "system.control_systems": "InvalidSystemError NonMinimalWarning",

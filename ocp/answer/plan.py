@@ -75,6 +75,7 @@ class Source(Enum):
     POLISH = "the polish"
     SHIFTED = "the last plan, shifted, since no feasible one was found"
     LINEAR = "the linear law of the terminal set"
+    COMMITTED = "the plan that its vehicle has committed to"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -17,7 +17,7 @@ appended end. (If an agent saw the new plans only, a late planner could be left 
 any feasible plan.) This is no guarantee: two agents that did not see each other may
 turn towards each other in one step. They cannot meet within that step if the range is
 at least the safe distance plus twice the distance that an agent travels in it. The
-range needed beyond that depends on how fast they can turn away. (`simulate_swarm`
+range needed beyond that depends on how fast they can turn away. (`CommittedTeam`
 has a rule that is safe without such a condition.)
 
 The number of agents within range changes from step to step, but a compiled problem has

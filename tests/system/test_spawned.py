@@ -225,6 +225,7 @@ USED: dict[str, tuple[Callable[[], Any], Callable[[Any], Any]]] = {
     "Team": (made.team, simulated),
     "LocalTeam": (local_team, simulated),
     "DualMode": (dual_mode, simulated),
+    "CommittedTeam": (made.committed_team, simulated),
     "PhasedHorizon": (
         made.phased, lambda loop: simulated(loop, loop.start([0.0]).size)
     ),

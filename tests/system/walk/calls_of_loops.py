@@ -130,6 +130,8 @@ def _swarms() -> Calls:
                 "rng": made.rng(),
             },
         ),
+        "CommittedTeam": with_defaults(ss.CommittedTeam, **made.committed_parts()),
+        "CommittedTeam.decide": _decide(made.committed_team()),
         "swarm_model": Call(ss.swarm_model, {"n": 1}),
         "Links": with_defaults(ss.Links, silences={0: (0.0, 1.0)}),
         "SwarmFlight": record(ss.simulate_swarm(made.swarm(), seconds=0.5, seed=0)),

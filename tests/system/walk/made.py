@@ -163,6 +163,22 @@ def swarm_loop() -> ss.SwarmController:
     return ss.SwarmController(swarm())
 
 
+@cache
+def committed_parts() -> dict[str, Any]:
+    """Return a team of one vehicle and its certified set."""
+    posed = problem_of(signals=1)
+    near = ss.terminal_set_of(
+        posed, at=START, weights=ss.Weights(Q=np.eye(2), R=np.eye(1)), rng=rng()
+    )
+    planner = ss.Planner(posed, search=None, polish=ss.IpoptOptions())
+    agent = ss.Agent(controller=ss.RecedingHorizon(planner=planner), shows=(0,))
+    return {"team": ss.Team([agent]), "sets": [near], "distance": 1.0}
+
+
+def committed_team() -> ss.CommittedTeam:
+    return ss.CommittedTeam(**committed_parts())
+
+
 def swarm_decision() -> ss.Decision:
     loop = swarm_loop()
     return loop.decide(0.0, loop.x0, None, rng=rng())
