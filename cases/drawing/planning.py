@@ -49,7 +49,7 @@ TERMINAL, EARLIER, GIVEN, WARM, SEARCH, POLISH, SHIFTED = range(len(KINDS))
 _OF_SOURCE = {
     Source.GUESS: WARM, Source.SEARCH: SEARCH, Source.POLISH: POLISH,
     Source.COLD: WARM, Source.LANES: POLISH, Source.SHIFTED: SHIFTED,
-    Source.LINEAR: TERMINAL,
+    Source.LINEAR: TERMINAL, Source.COMMITTED: EARLIER,
 }  # fmt: skip
 MOST_STEPS = 400
 """Steps whose times are drawn each; of more, those of neighbours are summed up."""

@@ -6,6 +6,8 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any, Generic, NamedTuple, TypeVar
 
+import numpy as np
+
 from swarmstart.arrays import Array
 from swarmstart.cases.format.document import meant, printable
 from swarmstart.cases.format.settings import LocatedFlaw, Scenario
@@ -13,6 +15,7 @@ from swarmstart.errors import SwarmstartError
 from swarmstart.ocp import (
     Controller,
     Known,
+    Links,
     Model,
     OpenLoop,
     OptimalControlProblem,
@@ -59,6 +62,8 @@ class PosedAgent:
             polished; None means that the agent plans.
         watches: Numbers of the agents whose plans it uses; each of them plans before
             it.
+        hears: Numbers of the agents whose committed plans and candidates it uses, after
+            which comes a reserve; see CommittedTeam.
         shows: Rows of its states that other agents use: its position.
         previous: Control of the interval before the first, shape (nu,); None means the
             allowed one nearest to zero.
@@ -75,9 +80,21 @@ class PosedAgent:
     first: Array | Start | None = None
     given: Array | None = None
     watches: tuple[int, ...] = ()
+    hears: tuple[int, ...] = ()
     shows: tuple[int, ...] = ()
     previous: Array | None = None
     within: float | None = None
+
+    def seen(self, shown: Callable[[int], Array]) -> tuple[Array, ...]:
+        """Return its signals of other agents.
+
+        Args:
+            shown: Number of an agent -> what it shows at the nodes, (k, nodes).
+        """
+        plans = tuple(shown(number) for number in (*self.watches, *self.hears))
+        if not self.hears:
+            return plans
+        return (*plans, *plans, np.zeros((1, self.problem.nodes)))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -119,6 +136,21 @@ class LinearLaws:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class CommittedPlans:
+    """Agreement of agents on committed plans; see CommittedTeam.
+
+    Attributes:
+        distance: Least distance of two agents.
+        tracking_error: Largest distance of an agent from its plan.
+        links: The links between them.
+    """
+
+    distance: float
+    tracking_error: float
+    links: Links
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Nearby:
     """Identical agents that use only plans within a range; see LocalTeam.
 
@@ -157,11 +189,11 @@ class Posed:
         repair: Whether an open-loop plan that breaks a constraint between its checks is
             solved again with a margin.
         dual_mode: Linear laws that take over inside the terminal sets; None means none.
+        committed: Given if agents agree on committed plans, which end in these sets.
         period: Time from one plan to the next [s] if the end time is decided and the
             loop is closed; else None.
         controller: Controller of the kind's own, which has no agents; None: agents
-            plan. It begins anew after an interrupt, since a record does not keep what
-            it remembers.
+            plan.
         ended: Words on a run that this controller has ended.
         documents: Further files of a run's folder: name -> text.
     """
@@ -174,6 +206,7 @@ class Posed:
     open_loop: bool = False
     repair: bool = False
     dual_mode: LinearLaws | None = None
+    committed: CommittedPlans | None = None
     period: float | None = None
     controller: Controller | None = None
     ended: str = ""
@@ -183,6 +216,11 @@ class Posed:
     def vehicles(self) -> int:
         """Number of vehicles, or of agents that plan."""
         return len(self.agents)
+
+    @property
+    def begins_anew(self) -> bool:
+        """True if its controller remembers what no record keeps."""
+        return self.controller is not None or self.committed is not None
 
 
 class SeveralPlansError(SwarmstartError):

@@ -19,6 +19,7 @@ from swarmstart.cases.format.kind import (
 from swarmstart.cases.format.settings import Scenario
 from swarmstart.ocp import (
     Agent,
+    CommittedTeam,
     Controller,
     DualMode,
     Free,
@@ -146,6 +147,14 @@ def _controller(posed: Posed, planner: _Planning) -> Controller:
     laws = posed.dual_mode
     if laws is None:
         return team
+    if posed.committed is not None:
+        return CommittedTeam(
+            team,
+            sets=laws.sets,
+            distance=posed.committed.distance,
+            links=posed.committed.links,
+            tracking_error=posed.committed.tracking_error,
+        )
     return DualMode(
         team, sets=laws.sets, targets=laws.targets, uncertified=laws.uncertified
     )

@@ -32,9 +32,14 @@ from swarmstart.ocp import (
 from swarmstart.ocp.nlp import Multipliers
 from swarmstart.ocp.search import StartsAccount
 from swarmstart.ocp.statement import piece_at
+from swarmstart.ocp.swarm.committed_team import CommittedDecision, CommittedVehicles
 
 if TYPE_CHECKING:
     import control
+
+
+ROUNDED = 1e-9
+"""Distance of a vehicle from its plan that is rounding [m]."""
 
 
 class RunStatus(NamedTuple):
@@ -75,6 +80,9 @@ def _status_of(flight: Flight[Posed], trajectory: Trajectory) -> RunStatus:
     if flight.posed.controller is not None:
         said = flight.posed.ended
         return RunStatus(True, plan=None, found=said, more="", all_found=True)
+    last = trajectory.decisions[-1]
+    if isinstance(last, CommittedDecision):
+        return _of_committed(last.vehicles)
     if flight.posed.open_loop:
         return _of_one_plan(flight, trajectory, unproven)
     found = [found_plans(d) for d in trajectory.decisions if planned(d)]
@@ -97,6 +105,23 @@ def _status_of(flight: Flight[Posed], trajectory: Trajectory) -> RunStatus:
         more=more,
         all_found=not infeasible,
     )
+
+
+def _of_committed(vehicles: CommittedVehicles) -> RunStatus:
+    """Return the status of vehicles that followed committed plans."""
+    arrived = int(vehicles.have_arrived.sum())
+    found = (
+        f"each vehicle followed its committed plans; those of {arrived} of "
+        f"{vehicles.have_arrived.size} end in the sets of their goals"
+    )
+    off, allowed = vehicles.tracking_error, vehicles.allowed_error
+    more = ""
+    if off > max(allowed, ROUNDED):
+        more = (
+            f"; a vehicle was {off:.3g} off its plan, above the tracking_error of "
+            f"{allowed:g}: the distance is not proven for the vehicles"
+        )
+    return RunStatus(True, plan=None, found=found, more=more, all_found=not more)
 
 
 def _of_one_plan(

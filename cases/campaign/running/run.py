@@ -204,8 +204,8 @@ def _timed(
         flight = flight_of(resolved.posed(), scenario, threads=threads)
     logger.debug("built after %.2f s", watch.seconds)
     folder = recording.folder if recording else None
-    if flight.posed.controller is not None:
-        folder = None  # Nothing is kept of what it remembers: it begins anew.
+    if flight.posed.begins_anew:
+        folder = None
     steps, resumed, multipliers = _flown(resolved, flight, seed, folder, progress)
     logger.debug("simulated after %.2f s", watch.seconds)
     try:

@@ -100,8 +100,8 @@ def _paths(posed: Posed, flight: Trajectory, vehicles: int) -> Paths:
     def known(step: int, number: int) -> Known:
         agent = posed.agents[number]
         # The paths of others are in constraints alone, and do not move a vehicle.
-        nodes = agent.problem.intervals * agent.problem.checks + 1
-        seen = tuple(np.zeros((len(agent.shows), nodes)) for _ in agent.watches)
+        nothing = np.zeros((len(agent.shows), agent.problem.nodes))
+        seen = agent.seen(lambda _: nothing)
         time = float(flight.times[step])
         found = known_at(agent.problem, time, agent.reference, agent.parameters, seen)
         return found._replace(previous=agent.previous)

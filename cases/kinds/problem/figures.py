@@ -5,8 +5,9 @@ problem, with plans as that member has them; one more figure shows the states of
 members.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -51,6 +52,18 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+def _to_replay(agent: PosedAgent, time: float, known: Callable[[], Known]) -> Known:
+    """Return what an agent knows; of what it hears, zeros, as no rate depends on it.
+
+    Agents hear each other, so none of them could be replayed first.
+    """
+    if not agent.hears:
+        return known()
+    nothing = np.zeros((len(agent.shows), agent.problem.nodes))
+    seen = agent.seen(lambda _: nothing)
+    return known_at(agent.problem, time, agent.reference, agent.parameters, seen)
+
+
 @into_folder
 def draw(
     scenario: ProblemScenario,
@@ -77,7 +90,7 @@ def draw(
 
     def known(step: int, number: int) -> Known:
         agent, time = agents[number], float(trajectory.times[step])
-        seen = tuple(_shown(step, other) for other in agent.watches)
+        seen = agent.seen(partial(_shown, step))
         found = known_at(agent.problem, time, agent.reference, agent.parameters, seen)
         return found._replace(previous=_held_before(step, agent))
 
@@ -98,7 +111,10 @@ def draw(
             # Its rows in the stacked states of all agents.
             before = sum(other.problem.model.nx for other in agents[:number])
             x0 = trajectory.states[before : before + agent.problem.model.nx, step]
-            states, _, _ = replay(agent.problem, plan.controls, x0, known(step, number))
+            given = _to_replay(
+                agent, float(trajectory.times[step]), partial(known, step, number)
+            )
+            states, _, _ = replay(agent.problem, plan.controls, x0, given)
         return states[list(agent.shows)]
 
     whole = whole_scenario(scenario) if scenario.phases else scenario

@@ -1,6 +1,8 @@
 """The kind of scenario "problem": a problem of the user's own."""
 
-from swarmstart.cases.format.kind import Kind
+from collections.abc import Mapping
+
+from swarmstart.cases.format.kind import Flight, Kind
 from swarmstart.cases.kinds.problem.checks.flaws import flaws
 from swarmstart.cases.kinds.problem.checks.instance_flaws import instances_of
 from swarmstart.cases.kinds.problem.measuring.decided_measures import own_meanings
@@ -10,8 +12,26 @@ from swarmstart.cases.kinds.problem.measuring.measures import (
     whole_run,
 )
 from swarmstart.cases.kinds.problem.pose import pose
+from swarmstart.cases.kinds.problem.stated.members import ProblemPosed
 from swarmstart.cases.kinds.problem.stated.names import MEASURES, UNDEFINED
 from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario
+from swarmstart.ocp import Trajectory
+from swarmstart.ocp.swarm.committed_team import CommittedDecision
+
+FLIGHT_CERTIFICATE = "flight.certificate.json"
+"""Name of the certificate of committed plans in the folder of a record."""
+
+
+def documents(
+    scenario: ProblemScenario, flight: Flight[ProblemPosed], trajectory: Trajectory
+) -> Mapping[str, str]:
+    """Return the certificate of the flight, if vehicles agree on committed plans."""
+    del scenario, flight
+    last = trajectory.decisions[-1]
+    if not isinstance(last, CommittedDecision):
+        return {}
+    return {FLIGHT_CERTIFICATE: last.vehicles.certificate()}
+
 
 KIND = Kind(
     scenario=ProblemScenario,
@@ -23,6 +43,7 @@ KIND = Kind(
     own_meanings=own_meanings,
     undefined=UNDEFINED,
     instances=instances_of,
+    documents=documents,
     flaws=flaws,
     drawn_by="swarmstart.cases.kinds.problem.figures:draw",
 )

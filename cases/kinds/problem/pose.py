@@ -6,7 +6,12 @@ from functools import partial
 import numpy as np
 
 from swarmstart.arrays import Array
-from swarmstart.cases.format.kind import LinearLaws, PosedAgent, PosedPlant
+from swarmstart.cases.format.kind import (
+    CommittedPlans,
+    LinearLaws,
+    PosedAgent,
+    PosedPlant,
+)
 from swarmstart.cases.kinds.problem.checks.uncertain import (
     planned_parameters,
     with_members,
@@ -19,6 +24,7 @@ from swarmstart.cases.kinds.problem.stated.members import (
     shared_of,
 )
 from swarmstart.cases.kinds.problem.stated.model import (
+    committed_distance,
     horizon_of,
     model_of,
     planning_problem,
@@ -27,7 +33,7 @@ from swarmstart.cases.kinds.problem.stated.model import (
 )
 from swarmstart.cases.kinds.problem.stated.parts import DualMode, Noise
 from swarmstart.cases.kinds.problem.stated.phases import pose_phases
-from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario
+from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario, Vehicles
 from swarmstart.cases.kinds.problem.stated.symbols import (
     Signal,
     constants_of,
@@ -60,10 +66,11 @@ def pose(scenario: ProblemScenario) -> ProblemPosed:
         return pose_phases(scenario)
     shared = shared_of(scenario)
     members, constants = members_of(scenario, shared), constants_of(scenario)
-    together = scenario.vehicles is None or scenario.vehicles.planning == "joint"
+    vehicles = scenario.vehicles
+    together = vehicles is None or vehicles.planning == "joint"
     groups = [members] if together else [(member,) for member in members]
     agents = tuple(
-        _agent(scenario, constants, group, before=() if together else members[:number])
+        _agent(scenario, constants, group, seen=_seen(vehicles, members, number))
         for number, group in enumerate(groups)
     )
     laws = _linear_laws(scenario, groups, agents)
@@ -82,6 +89,7 @@ def pose(scenario: ProblemScenario) -> ProblemPosed:
         open_loop=scenario.feedback.law == "open_loop",
         repair=scenario.feedback.repair,
         dual_mode=laws,
+        committed=_committed(vehicles, constants),
         period=scenario.feedback.period_s,
         documents={
             # The first is certificate.json, with or without others.
@@ -99,10 +107,19 @@ def _agent(
     constants: Mapping[str, float],
     group: Sequence[Member],
     *,
-    before: Sequence[Member],
+    seen: Mapping[int, Member],
 ) -> PosedAgent:
-    """Return members that are planned together as one agent."""
-    problem = with_members(scenario, planning_problem(scenario, group, seen=before))
+    """Return members that are planned together as one agent.
+
+    Args:
+        scenario: The scenario.
+        constants: Constants of the file, as numbers.
+        group: The members.
+        seen: Number of a member -> the member, of those whose plans they see.
+    """
+    seen_ones = [*seen.values()]
+    problem = with_members(scenario, planning_problem(scenario, group, seen=seen_ones))
+    is_committed = scenario.vehicles is not None and scenario.vehicles.is_committed
     parameters = rows_over_time(planned_parameters(scenario), constants)
     feedback = scenario.feedback
     return PosedAgent(
@@ -114,10 +131,38 @@ def _agent(
         shift=feedback.last_plan == "shifted",
         first=_guessed(scenario, group, problem, constants),
         # Priority planning: it sees the plans of all that plan before it.
-        watches=tuple(range(len(before))),
+        watches=() if is_committed else tuple(seen),
+        hears=tuple(seen) if is_committed else (),
         shows=positions_of(scenario),
         previous=previous_controls(scenario, group),
         within=feedback.within_s,
+    )
+
+
+def _seen(
+    vehicles: Vehicles | None, members: Sequence[Member], number: int
+) -> dict[int, Member]:
+    """Return the members whose plans a member sees, by their numbers."""
+    if vehicles is None or vehicles.planning == "joint":
+        return {}
+    return {
+        other: member
+        for other, member in enumerate(members)
+        if other < number or (other > number and vehicles.is_committed)
+    }
+
+
+def _committed(
+    vehicles: Vehicles | None, constants: Mapping[str, float]
+) -> CommittedPlans | None:
+    """Return what vehicles keep that agree on committed plans."""
+    if vehicles is None or not vehicles.is_committed:
+        return None
+    error = number(vehicles.tracking_error, constants)
+    return CommittedPlans(
+        distance=committed_distance(vehicles, constants) - 2.0 * error,
+        tracking_error=error,
+        links=vehicles.links.links(),
     )
 
 

@@ -234,10 +234,13 @@ def _quantities(scenario: ProblemScenario) -> Iterator[tuple[Place, str]]:
             for name, text in getattr(scenario.dual_mode, key).items():
                 yield ("dual_mode", key, name), text
     separation = scenario.vehicles.separation if scenario.vehicles else None
-    for key in ("distance", "margin", "scale"):
-        text = getattr(separation, key, None)
-        if text is not None:
-            yield ("vehicles", "separation", key), text
+    numbers: dict[Place, str | None] = {
+        ("vehicles", "separation", key): getattr(separation, key, None)
+        for key in ("distance", "margin", "scale")
+    }
+    error = getattr(scenario.vehicles, "tracking_error", None)
+    numbers["vehicles", "tracking_error"] = error
+    yield from ((place, text) for place, text in numbers.items() if text is not None)
 
 
 def _for_all(members: Members, given: OverTime) -> Callable[[], object]:

@@ -45,7 +45,11 @@ from swarmstart.cases.kinds.problem.stated.model import (
     planning_problem,
 )
 from swarmstart.cases.kinds.problem.stated.parts import Equation
-from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario, Vehicle
+from swarmstart.cases.kinds.problem.stated.scenario import (
+    ProblemScenario,
+    Vehicle,
+    Vehicles,
+)
 from swarmstart.cases.kinds.problem.stated.symbols import number
 from swarmstart.errors import SwarmstartError
 from swarmstart.ocp import OptimalControlProblem
@@ -70,7 +74,7 @@ def _whole(scenario: ProblemScenario) -> OptimalControlProblem:
     """Return the problem of all vehicles that are planned together."""
     members = members_of(scenario, shared_of(scenario))
     # Vehicles that plan one by one have alike problems: the first stands for all.
-    one_by_one = scenario.vehicles and scenario.vehicles.planning == "priority"
+    one_by_one = scenario.vehicles and scenario.vehicles.planning != "joint"
     return planning_problem(scenario, members[:1] if one_by_one else members)
 
 
@@ -161,14 +165,51 @@ def _of_vehicles(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
         if name in names[:index]:
             place = ("vehicles", "members", index, "name")
             yield place, f"expected a new name, found {name!r}"
-    if scenario.vehicles is None or scenario.vehicles.separation is None:
+    if scenario.vehicles is None:
+        return
+    yield from _of_committed(scenario, scenario.vehicles)
+    if scenario.vehicles.separation is None:
         return
     for index, text in enumerate(scenario.vehicles.separation.of):
-        one_by_one = scenario.vehicles.planning == "priority"
-        # Later vehicles see only states of a plan: a coordinate must be one of them.
+        one_by_one = scenario.vehicles.planning != "joint"
+        # Other vehicles see only states of a plan: a coordinate must be one of them.
         if one_by_one and text.strip() not in scenario.states:
             where = ("vehicles", "separation", "of", index)
             yield where, unknown(text, scenario.states, "state")
+
+
+def _of_committed(scenario: ProblemScenario, part: Vehicles) -> Iterator[LocatedFlaw]:
+    """Yield errors of committed plans, and of their keys with other planning."""
+    place: Place = ("vehicles", "planning")
+    if not part.is_committed:
+        for key in ("links", "tracking_error"):
+            if key in part.model_fields_set:
+                found = f"expected planning: committed with it; found {part.planning}"
+                yield ("vehicles", key), found
+        return
+    needed = {
+        "vehicles.separation": part.separation is not None,
+        "two vehicles": len(part.members) > 1,
+        "dual_mode, in whose sets plans end,": scenario.dual_mode is not None,
+    }
+    missing = [what for what, is_there in needed.items() if not is_there]
+    for what in missing:
+        yield place, f"expected {what} with planning: committed; found none"
+    yield from _of_agreement(scenario, part)
+
+
+def _of_agreement(scenario: ProblemScenario, part: Vehicles) -> Iterator[LocatedFlaw]:
+    """Yield errors of the links of committed plans, and of a time for a plan."""
+    if scenario.feedback.within_s is not None:
+        yield ("feedback", "within_s"), "expected null with planning: committed"
+    for where, flaw in part.links.flaws():
+        yield ("vehicles", *where), flaw
+    late = [one.vehicle for one in part.links.silences]
+    if max(late, default=0) >= len(part.members):
+        yield (
+            ("vehicles", "links", "silences"),
+            f"expected vehicles 0 to {len(part.members) - 1}; found {max(late)}",
+        )
 
 
 def _of_feedback(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
@@ -186,7 +227,7 @@ def _of_feedback(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
     needs = "expected feedback: receding_horizon with it, found open_loop"
     if scenario.dual_mode is not None:
         yield ("dual_mode",), needs
-    if scenario.vehicles is not None and scenario.vehicles.planning == "priority":
+    if scenario.vehicles is not None and scenario.vehicles.planning != "joint":
         yield ("vehicles", "planning"), needs
 
 

@@ -148,9 +148,9 @@ def _not_whole(
 def combination_flaws(
     scenario: ProblemScenario, problem: OptimalControlProblem
 ) -> Iterator[LocatedFlaw]:
-    """Yield errors of parts that priority planning or a dual mode cannot have."""
+    """Yield errors of parts that planning one by one or a dual mode cannot have."""
     model, vehicles = problem.model, scenario.vehicles
-    one_by_one = vehicles is not None and vehicles.planning == "priority"
+    planning = "joint" if vehicles is None else vehicles.planning
     decides = {
         "an end time that is decided": isinstance(problem.horizon, Free),
         "decided parameters": bool(problem.decided),
@@ -165,13 +165,14 @@ def combination_flaws(
         "states with next": model.jumps,
         "controls of whole numbers": bool(problem.integer),
     }
-    if one_by_one:
-        yield from feature_flaws(scenario, "planning: priority, unlike joint,")
+    yield from _tracking_flaws(scenario)
+    if planning != "joint":
+        yield from feature_flaws(scenario, f"planning: {planning}, unlike joint,")
         found = [what for what, is_there in decides.items() if is_there]
         if found:
             yield (
                 ("vehicles", "planning"),
-                f"expected planning: joint with {', '.join(found)}; found priority",
+                f"expected planning: joint with {', '.join(found)}; found {planning}",
             )
     if scenario.dual_mode is not None:
         yield from feature_flaws(scenario, "dual_mode")
@@ -182,6 +183,25 @@ def combination_flaws(
                 f"expected a problem without {', '.join(found)}: the linear law and "
                 "its set are for a system that does not change in time",
             )
+
+
+def _tracking_flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
+    """Yield an error if committed plans have no room for errors of the plant."""
+    vehicles, plant = scenario.vehicles, scenario.plant
+    if vehicles is None or not vehicles.is_committed:
+        return
+    error, place = (
+        number(vehicles.tracking_error, constants_of(scenario)),
+        ("vehicles", "tracking_error"),
+    )
+    if not 0 <= error < math.inf:
+        yield place, f"expected at least 0, found {error:g}"
+    elif not error and (plant.parameters or plant.disturbance):
+        yield (
+            place,
+            "expected a number above 0 with a plant that differs from the model, "
+            "found 0",
+        )
 
 
 def feature_flaws(scenario: ProblemScenario, what: str) -> Iterator[LocatedFlaw]:

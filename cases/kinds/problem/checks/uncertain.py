@@ -93,9 +93,12 @@ def uncertain_names(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
                 )
     yield from _of_lengths(part)
     vehicles = scenario.vehicles
-    if vehicles is not None and vehicles.planning == "priority":
+    if vehicles is not None and vehicles.planning != "joint":
         place: Place = ("vehicles", "planning")
-        yield place, "expected planning: joint with uncertain; found priority"
+        yield (
+            place,
+            f"expected planning: joint with uncertain; found {vehicles.planning}",
+        )
     if scenario.instances is not None:
         yield ("instances",), "expected no instances with uncertain"
     if scenario.dual_mode is not None:

@@ -28,7 +28,7 @@ from swarmstart.cases.kinds.problem.stated.parts import (
 )
 from swarmstart.cases.kinds.problem.stated.scenario import (
     ProblemScenario,
-    SeparationPart,
+    Vehicles,
 )
 from swarmstart.cases.kinds.problem.stated.symbols import (
     decided_parameters,
@@ -148,16 +148,23 @@ def planning_problem(
     Args:
         scenario: The scenario.
         members: Members that are planned together.
-        seen: Other members, whose positions are the last signals.
+        seen: Other members, whose positions are the last signals; of committed plans
+            those of plans and candidates, and then a reserve.
     """
     first, grid = members[0], scenario.prediction
-    separation = None if scenario.vehicles is None else scenario.vehicles.separation
+    vehicles = scenario.vehicles
+    separation = None if vehicles is None else vehicles.separation
     dimensions = 0 if separation is None else len(separation.of)
-    others = [ca.SX.sym(f"position{m.suffix}", dimensions) for m in seen]
+    is_committed = vehicles is not None and vehicles.is_committed and bool(seen)
+    kinds = ("committed", "candidate") if is_committed else ("position",)
+    others = [
+        (m, ca.SX.sym(f"{kind}{m.suffix}", dimensions)) for kind in kinds for m in seen
+    ]
+    reserve = ca.SX.sym("reserve", int(is_committed))
     costs = {place: _cost(scenario, members, place) for place in COSTS}
     constraints = [
         *(path_constraint(c, member) for member in members for c in scenario.path),
-        *separations(separation, members, dict(zip(seen, others, strict=True))),
+        *separations(vehicles, members, others, reserve),
     ]
     terminal = [
         terminal_constraint(c, member) for member in members for c in scenario.terminal
@@ -188,7 +195,9 @@ def planning_problem(
         periodic=_periodic(scenario, members),
         decided=decided_parameters(scenario, first.constants),
         previous=previous if _uses(used, previous) else ca.SX(0, 1),
-        signals=column_of([*first.shared.signals.values(), *others]),
+        signals=column_of(
+            [*first.shared.signals.values(), *(symbol for _, symbol in others), reserve]
+        ),
         control_shape=grid.control_shape,
         scales=_scales(scenario, members),
         quadrature=grid.quadrature,
@@ -394,15 +403,24 @@ def terminal_constraint(given: Constraint, member: Member) -> TerminalConstraint
 
 
 def separations(
-    part: SeparationPart | None,
+    part: Vehicles | None,
     members: Sequence[Member],
-    others: Mapping[Member, ca.SX],
+    others: Sequence[tuple[Member, ca.SX]],
+    reserve: ca.SX,
 ) -> list[Separation]:
-    """Return the distances of all pairs of members, and to seen members."""
-    if part is None:
+    """Return the distances of all pairs of members, and to seen members.
+
+    Args:
+        part: The vehicles.
+        members: Members that are planned together.
+        others: Other members with positions.
+        reserve: What is added to the distance; empty: nothing.
+    """
+    if part is None or part.separation is None:
         return []
+    given, constants = part.separation, members[0].constants
     places = [
-        column_of(m.scopes["path"].symbol(text) for text in part.of) for m in members
+        column_of(m.scopes["path"].symbol(text) for text in given.of) for m in members
     ]
     pairs = [
         (a - b, f"distance{members[i].suffix}{members[j].suffix}")
@@ -411,22 +429,36 @@ def separations(
     pairs += [
         (place - position, f"distance{other.suffix}{member.suffix}")
         for member, place in zip(members, places, strict=True)
-        for other, position in others.items()
+        for other, position in others
     ]
-    constants = members[0].constants
-    margin = number(part.margin, constants)
+    margin, distance = (
+        number(given.margin, constants),
+        number(given.distance, constants),
+    )
+    if reserve.numel():
+        distance = committed_distance(part, constants)
+        # |r| >= d + reserve, with a distance that is a number.
+        share = distance / (distance + reserve)
+        pairs = [(relative * share, name) for relative, name in pairs]
     return [
         Separation(
             relative=relative,
-            distance=number(part.distance, constants),
+            distance=distance,
             margin=margin,
             smooth_margin=margin,
-            along=part.along,
-            scale=_optional(part.scale, members[0]),
+            along=given.along,
+            scale=_optional(given.scale, members[0]),
             name=name,
         )
         for relative, name in pairs
     ]
+
+
+def committed_distance(part: Vehicles, constants: Mapping[str, float]) -> float:
+    """Return the distance of committed plans, with room for errors of two vehicles."""
+    text = "0" if part.separation is None else part.separation.distance
+    error = number(part.tracking_error, constants)
+    return number(text, constants) + 2.0 * error
 
 
 def _limits(given: Constraint, member: Member) -> tuple[float, float]:

@@ -20,6 +20,7 @@ from swarmstart.cases.format.settings import (
     PlanningScenario,
     PolishPart,
 )
+from swarmstart.cases.kinds.links import LinksPart
 from swarmstart.cases.kinds.problem.stated.instances import Instances
 from swarmstart.cases.kinds.problem.stated.parts import (
     AlgebraicPart,
@@ -103,13 +104,24 @@ class Vehicles(Part):
         members: The vehicles, 1 to 100.
         planning: Method of planning: joint decides for all vehicles at once, priority
             for one after another, which keeps its distance from the plans of those
-            before it.
+            before it, and committed for each by itself, with plans that all others
+            have accepted.
         separation: Distance that every two vehicles keep; null means none.
+        links: Links of committed plans.
+        tracking_error: Largest distance of a vehicle from its committed plan, if the
+            plant differs; committed plans keep twice as much more than the distance.
     """
 
     members: list[Vehicle] = Field(min_length=1, max_length=100)
-    planning: Literal["joint", "priority"] = "joint"
+    planning: Literal["joint", "priority", "committed"] = "joint"
     separation: SeparationPart | None = None
+    links: LinksPart = LinksPart()
+    tracking_error: Quantity = "0"
+
+    @property
+    def is_committed(self) -> bool:
+        """True if vehicles agree on committed plans."""
+        return self.planning == "committed"
 
 
 class Uncertain(Part):
