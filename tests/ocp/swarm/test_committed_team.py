@@ -92,6 +92,25 @@ def test_three_cross_with_losses_and_the_checker_proves_their_distances(
     assert "no two of 3 vehicles" in verdict(last.vehicles.certificate(), tmp_path)
 
 
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize(("delay", "loss"), [(3, 0.05), (6, 0.3)])
+def test_from_random_starts_all_arrive_and_none_meet(
+    three: list[Made], delay: int, loss: float, seed: int, tmp_path: Path
+) -> None:
+    team = team_of(three, links=ss.Links(most_delay=delay, loss=loss))
+    rng = np.random.default_rng([7, seed])
+    apart, starts = 0.0, np.empty((3, 2))
+    while apart < 1.3 * DISTANCE:
+        starts = rng.uniform(-5.0, 5.0, (3, 2))
+        pairs = itertools.combinations(starts, 2)
+        apart = min(float(np.linalg.norm(a - b)) for a, b in pairs)
+    x0 = starts_of(starts.tolist())
+    run, last = flown(three, team, x0, steps=120, seed=seed)
+    assert last.vehicles.have_arrived.all()
+    assert least(run, 3) >= DISTANCE
+    assert "no two of 3 vehicles" in verdict(last.vehicles.certificate(), tmp_path)
+
+
 def test_the_same_vehicles_would_meet_if_each_were_alone() -> None:
     paths = []
     for goal, start in zip(GOALS[:2], STARTS[:2], strict=True):
