@@ -167,6 +167,8 @@ def test_who_cannot_pass_waits(line: list[Made]) -> None:
     path = run.dense_states.reshape(2, 2, -1)[:, 0]
     assert (path[1] - path[0]).min() >= DISTANCE
     assert not last.vehicles.have_arrived.all()
+    # What saves nothing is not proposed again and again.
+    assert len(last.vehicles.log().vehicle) < 10
 
 
 def test_vehicles_that_start_too_near_are_named(line: list[Made]) -> None:
