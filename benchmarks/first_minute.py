@@ -22,7 +22,7 @@ import time
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-ROOMS = ("ocp", "heuristics", "terminal_set", "machine_code", "cases")
+ROOMS = ("ocp", "heuristics", "terminal_set", "machine_code", "export", "cases")
 
 MINIMIZE = """
 from swarmstart.heuristics import minimize

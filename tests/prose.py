@@ -19,7 +19,15 @@ from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parent.parent
 ROOMS = (
-    *("machine_code", "ocp", "heuristics", "terminal_set", "cases", "benchmarks"),
+    *(
+        "machine_code",
+        "ocp",
+        "heuristics",
+        "terminal_set",
+        "export",
+        "cases",
+        "benchmarks",
+    ),
     "tests",
 )
 AIRCRAFT = re.compile(

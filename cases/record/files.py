@@ -108,6 +108,11 @@ def write_text(path: Path, text: str, *, sync: bool = True) -> None:
     write_atomically(path, lambda file: file.write(text.encode("utf-8")), sync=sync)
 
 
+def write_bytes(path: Path, content: bytes) -> None:
+    """Write bytes; see `write_atomically`."""
+    write_atomically(path, lambda file: file.write(content))
+
+
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """Write a JSON file atomically; numbers that are not finite become null."""
     write_text(path, to_json(content, indent=2) + "\n")

@@ -12,7 +12,7 @@ import swarmstart
 from swarmstart.tests.processes import python
 
 ROOT = Path(swarmstart.__file__).parent
-ROOMS = ("machine_code", "ocp", "heuristics", "terminal_set", "cases")
+ROOMS = ("machine_code", "ocp", "heuristics", "terminal_set", "export", "cases")
 RUN = ["run", "double_integrator", "--search", "none", "--polish", "ipopt"]
 
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from swarmstart.cases.commands.front.parsing import count, seed, share
+from swarmstart.cases.commands.front.parsing import count, finite, positive, seed, share
 from swarmstart.cases.format.registry import BEST_KNOWN, KINDS, POLISHES, SEARCHES
 from swarmstart.cases.record.record import FIGURE_FORMATS
 
@@ -25,6 +25,14 @@ TOPICS = {
     "kinds": "kinds of scenario",
 }
 """The parts of `swarmstart list`, and what each shows."""
+EXPORTS = {
+    "crazyswarm": "polynomials for Crazyflies, a CSV file each",
+    "skybrush": "a show of all, .skyc",
+    "qgc": "a mission for QGroundControl each, .plan, without times",
+    "wpl": "a mission for ArduPilot and PX4 each, .waypoints, without times",
+    "csv": "times and positions, a CSV file each",
+}
+"""Formats of `swarmstart export trajectory`, and what each is."""
 SHELLS = ("bash", "zsh", "tcsh")
 """Shells in which `swarmstart completion` completes."""
 
@@ -367,6 +375,58 @@ OPTIONS: Mapping[str, tuple[Option | OneOf, ...]] = {
             "value in all rows",
         ),
         _ONLY_JSON,
+    ),
+    "export": (
+        _option(
+            "what", metavar="WHAT", choices=("trajectory",),
+            help="what is exported: trajectory, the flight of vehicles",
+        ),
+        _option(
+            "record", metavar="RECORD", help="folder of a run, or of a saved result"
+        ),
+        _option(
+            "--format", default="csv", choices=[*EXPORTS], metavar="FORMAT",
+            help="; ".join(f"{name}: {what}" for name, what in EXPORTS.items())
+            + " (default: csv)",
+        ),
+        _out("folder of the files (default: export in the record)"),
+        _repeatable(
+            "--vehicle", metavar="NAME",
+            help="only this vehicle; repeatable (default: all)",
+        ),
+        _option(
+            "--positions", metavar="X,Y[,Z]",
+            help="states that are coordinates, without the end that names a vehicle "
+            "(default: x_m,y_m,z_m or x,y,z, without z if there is none)",
+        ),
+        _option(
+            "--height", type=finite, default=0.0, metavar="M",
+            help="height of vehicles in a plane [m] (default: 0)",
+        ),
+        _option(
+            "--error", type=positive, metavar="M",
+            help="largest distance from the flight [m] (default: crazyswarm 0.005, "
+            "skybrush 0.001, qgc and wpl 0.1)",
+        ),
+        _option(
+            "--max-speed", type=positive, metavar="M/S",
+            help="refuse a trajectory of crazyswarm that is faster (default: no limit)",
+        ),
+        _option(
+            "--max-acceleration", type=positive, metavar="M/S2",
+            help="refuse a trajectory of crazyswarm that accelerates more (default: no "
+            "limit)",
+        ),
+        _option(
+            "--origin", metavar="LAT,LON,ALT",
+            help="place of the origin on the earth, in degrees and metres, for qgc and "
+            "wpl; with a minus write --origin=-33.9,18.4,0 (default: none)",
+        ),
+        _option(
+            "--heading", type=finite, default=90.0, metavar="DEG",
+            help="direction of the x axis, clockwise from north; y is to its left "
+            "(default: 90, so that x is east and y is north)",
+        ),
     ),
     "schema": (
         _option(

@@ -98,6 +98,14 @@ examples:
 
 Exit code 2: the file does not fit the problem; 4: the trajectory is refused,
 with the place and the size of what it breaks; 5: a file could not be read."""
+_EXPORT = """\
+examples:
+  swarmstart export trajectory results/swarm_20/27a3 --format crazyswarm
+  swarmstart export trajectory my_run --format skybrush --out show
+  swarmstart export trajectory my_run --format qgc --origin 47.38,8.55,408
+
+Exit code 2: the record or the options do not fit, or the format is not as
+exact as asked; 5: a file could not be read or written."""
 _SCHEMA = """\
 examples:
   swarmstart schema > problem.schema.json
@@ -287,6 +295,13 @@ SUBCOMMANDS = {
         "the best known cost of a hard problem.",
         _JUDGE,
         f"{_ACTIONS}.judging:judge_command",
+    ),
+    "export": Subcommand(
+        "write the flight of a record for drones, simulators and autopilots",
+        "Write the positions of the vehicles of a record, along the simulated path, in "
+        "a format of others. Files that exist are never replaced.",
+        _EXPORT,
+        f"{_ACTIONS}.exporting:export_command",
     ),
     "schema": Subcommand(
         "print the JSON Schema of a kind of scenario, for editors",

@@ -1,6 +1,7 @@
 """Parts of the command line's parser: its errors, and the types of its options."""
 
 import argparse
+import math
 import textwrap
 from typing import Any, NoReturn
 
@@ -118,6 +119,26 @@ def share(text: str) -> float:
             f"expected a part such as 10%, below 100%; found {shown(text)}"
         )
     return part
+
+
+def finite(text: str) -> float:
+    """Return a finite number."""
+    return _finite(text, -math.inf, "a finite number")
+
+
+def positive(text: str) -> float:
+    """Return a finite number above 0."""
+    return _finite(text, 0.0, "a finite number above 0")
+
+
+def _finite(text: str, above: float, expected: str) -> float:
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan  # Refused below.
+    if not above < number < math.inf:
+        raise argparse.ArgumentTypeError(f"expected {expected}, found {shown(text)}")
+    return number
 
 
 def count(text: str) -> int:

@@ -1,0 +1,136 @@
+"""`swarmstart export`: the flight of a record as files of others."""
+
+import argparse
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from swarmstart.cases.commands.terminal import DONE, answer
+from swarmstart.cases.format.document import printable
+from swarmstart.cases.record.files import RecordError, write_bytes
+from swarmstart.cases.record.results import load
+from swarmstart.cases.record.vehicle_paths import paths_of
+from swarmstart.errors import SwarmstartError
+from swarmstart.export.crazyswarm import crazyswarm_text
+from swarmstart.export.missions import plan_text, waypoints_text
+from swarmstart.export.paths import Origin, VehiclePath
+from swarmstart.export.skybrush import skybrush_bytes
+from swarmstart.export.tables import table_text
+
+Written = Mapping[str, bytes]
+"""Name of a file -> its content."""
+ERRORS = {"crazyswarm": 0.005, "skybrush": 0.001, "qgc": 0.1, "wpl": 0.1}
+"""Largest error of each format by default [m]."""
+
+
+class WrongExportError(SwarmstartError, ValueError):
+    """Options that do not fit a format or a record."""
+
+
+def export_command(options: argparse.Namespace) -> int:
+    """Write the files, and print their paths; return the exit code.
+
+    Raises:
+        WrongExportError: If the options do not fit.
+        RecordError: If the record cannot be read, or a file exists or cannot be
+            written.
+        ExportError: If a path cannot be written as exactly as asked.
+    """
+    paths = chosen_paths(options)
+    folder = Path(options.out or Path(options.record) / "export")
+    files = {
+        folder / name: content
+        for name, content in FORMATS[options.format](paths, options).items()
+    }
+    # exists() is false for a link whose target is missing.
+    present = [file for file in files if file.exists() or file.is_symlink()]
+    if present:
+        raise RecordError(
+            f"{present[0]}: expected a new file, found one; choose another --out"
+        )
+    for file, content in files.items():
+        file.parent.mkdir(parents=True, exist_ok=True)
+        write_bytes(file, content)
+    answer("\n".join(f"file  {printable(str(file))}" for file in files))
+    return DONE
+
+
+def chosen_paths(options: argparse.Namespace) -> list[VehiclePath]:
+    """Return the paths of the vehicles that are asked for."""
+    names = [name for name in (options.positions or "").split(",") if name]
+    if options.positions is not None and len(names) not in (2, 3):
+        raise WrongExportError(
+            f"--positions: expected two or three names, such as x,y,z; found "
+            f"{options.positions!r}"
+        )
+    paths = paths_of(load(options.record), names, height=options.height)
+    known = [path.name for path in paths]
+    for name in options.vehicle:
+        if name not in known:
+            raise WrongExportError(
+                f"--vehicle: expected one of {', '.join(known)}, found {name!r}"
+            )
+    wanted = options.vehicle or known
+    return [path for path in paths if path.name in wanted]
+
+
+def _error(options: argparse.Namespace) -> float:
+    found = ERRORS[options.format] if options.error is None else options.error
+    return float(found)
+
+
+def _crazyswarm(paths: list[VehiclePath], options: argparse.Namespace) -> Written:
+    limits = {"speed": options.max_speed, "acceleration": options.max_acceleration}
+    given = {name: most for name, most in limits.items() if most is not None}
+    return {
+        f"{path.name}.csv": crazyswarm_text(
+            path, error=_error(options), **given
+        ).encode()
+        for path in paths
+    }
+
+
+def _skybrush(paths: list[VehiclePath], options: argparse.Namespace) -> Written:
+    return {"show.skyc": skybrush_bytes(paths, error=_error(options))}
+
+
+def _plans(paths: list[VehiclePath], options: argparse.Namespace) -> Written:
+    at, error = _origin(options), _error(options)
+    return {f"{p.name}.plan": plan_text(p, at, error=error).encode() for p in paths}
+
+
+def _waypoints(paths: list[VehiclePath], options: argparse.Namespace) -> Written:
+    at, error = _origin(options), _error(options)
+    return {
+        f"{path.name}.waypoints": waypoints_text(path, at, error=error).encode()
+        for path in paths
+    }
+
+
+def _tables(paths: list[VehiclePath], options: argparse.Namespace) -> Written:
+    del options
+    return {f"{path.name}.csv": table_text(path).encode() for path in paths}
+
+
+def _origin(options: argparse.Namespace) -> Origin:
+    """Return the place of the frame on the earth."""
+    try:
+        numbers = [float(word) for word in (options.origin or "").split(",")]
+        latitude, longitude, altitude = numbers
+    except ValueError:
+        raise WrongExportError(
+            "--origin: expected LATITUDE,LONGITUDE,ALTITUDE in degrees and metres, "
+            f"which the format {options.format} needs; found {options.origin}"
+        ) from None
+    return Origin(
+        latitude=latitude, longitude=longitude, altitude=altitude,
+        heading=options.heading,
+    )  # fmt: skip
+
+
+FORMATS: dict[str, Callable[[list[VehiclePath], argparse.Namespace], Written]] = {
+    "crazyswarm": _crazyswarm,
+    "skybrush": _skybrush,
+    "qgc": _plans,
+    "wpl": _waypoints,
+    "csv": _tables,
+}

@@ -1,0 +1,71 @@
+"""Paths of the vehicles in a record."""
+
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+from swarmstart.cases.format.document import shown
+from swarmstart.cases.record.files import RecordError
+from swarmstart.cases.record.results import Record
+from swarmstart.export.paths import AXES, VehiclePath
+
+NAME = re.compile(r"[A-Za-z0-9_-]{1,80}")
+"""Names of vehicles; they come from a file that may be of a stranger."""
+USUAL = (("x_m", "y_m", "z_m"), ("x_m", "y_m"), ("x", "y", "z"), ("x", "y"))
+"""Names of coordinates that are looked for, if none are given."""
+
+
+def paths_of(
+    record: Record, names: Sequence[str] = (), *, height: float = 0.0
+) -> list[VehiclePath]:
+    """Return the paths of all vehicles along the simulated path.
+
+    Args:
+        record: The record of a run, or a saved result.
+        names: Names of two or three states that are coordinates, without the end that
+            names a vehicle; empty: x_m, y_m and z_m, or x, y and z.
+        height: Third coordinate, if there are two [m].
+
+    Raises:
+        RecordError: If no vehicle has states of these names, or the name of one could
+            not be that of a file.
+        ExportError: If a coordinate is not finite.
+    """
+    states = [str(name) for name in record.arrays.get("state_names", ())]
+    for wanted in (tuple(names),) if names else USUAL:
+        vehicles = _vehicles(states, wanted)
+        if vehicles:
+            break
+    else:
+        looked = " or ".join(", ".join(one) for one in ([names] if names else USUAL))
+        raise RecordError(
+            f"{record.folder}: expected states {looked} of a vehicle, with or without "
+            f"its name at the end; found {', '.join(states) or 'none'}"
+        )
+    times, path = record.arrays["dense_times"], record.arrays["dense_states"]
+    kept = np.append(np.diff(times) > 0, True)  # A jump has two states at its time.
+    found = []
+    for name, rows in vehicles.items():
+        if not NAME.fullmatch(name):
+            raise RecordError(
+                f"{record.folder}: expected names of vehicles of letters, digits, _ "
+                f"and -, found {shown(name)}"
+            )
+        places = np.full((AXES, times.size), height)
+        places[: len(rows)] = path[rows]
+        found.append(VehiclePath(name, times[kept], places.T[kept]))
+    return found
+
+
+def _vehicles(states: Sequence[str], names: Sequence[str]) -> dict[str, list[int]]:
+    """Return the rows of the coordinates of each vehicle that has all of them."""
+    found = {}
+    for state in states:
+        end = state.removeprefix(names[0])
+        if end == state or not (end == "" or end.startswith("_")):
+            continue
+        rows = [states.index(n + end) for n in names if n + end in states]
+        if len(rows) == len(names):
+            found[end.removeprefix("_") or "vehicle"] = rows
+    return found
