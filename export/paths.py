@@ -77,8 +77,8 @@ class Origin:
             [deg].
 
     Raises:
-        ExportError: If a number is not finite, or the place is none on the earth, or is
-            too near to a pole.
+        ExportError: If a number is not finite, or no place on the earth, or the place
+            is too near to a pole.
     """
 
     latitude: float
