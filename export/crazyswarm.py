@@ -43,8 +43,8 @@ def pieces_of(
         size, time = found.largest(derivative)
         if size > most:
             raise ExportError(
-                f"{path.name}: expected a {name} of at most {most:g} {unit}, found "
-                f"{size:.4g} {unit} at {time:.3g} s"
+                f"vehicle {path.name}: expected a {name} of at most {most:g} {unit}, "
+                f"found {size:.4g} {unit} at {time:.3g} s"
             )
     return found
 

@@ -11,6 +11,8 @@ from swarmstart.arrays import Array
 from swarmstart.errors import SwarmstartError
 
 AXES = 3
+FARTHEST = 1e9
+"""Largest time [s] and coordinate [m]; in larger ones a millimetre is rounding."""
 EQUATOR_M, FLATTENING = 6_378_137.0, 1.0 / 298.257223563
 """Semi-major axis [m] and flattening of WGS 84."""
 MOST_LATITUDE, MOST_LONGITUDE = 89.0, 180.0
@@ -33,8 +35,8 @@ class VehiclePath:
         positions: Positions, z up, shape (k, 3) [m].
 
     Raises:
-        ExportError: If shapes do not fit, a number is not finite, there are fewer than
-            two times, or they do not rise.
+        ExportError: If shapes do not fit, a number is not finite or larger than
+            FARTHEST, there are fewer than two times, or they do not rise.
     """
 
     name: str
@@ -47,13 +49,17 @@ class VehiclePath:
         places = np.array(positions, dtype=np.float64)
         if when.ndim != 1 or places.shape != (when.size, AXES) or when.size <= 1:
             raise ExportError(
-                f"{name}: expected two times or more and as many positions of {AXES} "
-                f"numbers, found shapes {when.shape} and {places.shape}"
+                f"vehicle {name}: expected two times or more and as many positions of "
+                f"{AXES} numbers, found shapes {when.shape} and {places.shape}"
             )
-        if not (np.isfinite(when).all() and np.isfinite(places).all()):
-            raise ExportError(f"{name}: expected finite times and positions")
+        for what, numbers in (("times", when), ("positions", places)):
+            if not (np.abs(numbers) <= FARTHEST).all():  # Nor is NaN.
+                raise ExportError(
+                    f"vehicle {name}: expected {what} between {-FARTHEST:g} and "
+                    f"{FARTHEST:g}, found {numbers[~(np.abs(numbers) <= FARTHEST)][0]}"
+                )
         if not (np.diff(when) > 0).all():
-            raise ExportError(f"{name}: expected times that rise")
+            raise ExportError(f"vehicle {name}: expected times that rise")
         for key, value in (("times", when - when[0]), ("positions", places)):
             value.flags.writeable = False
             object.__setattr__(self, key, value)

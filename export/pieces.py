@@ -92,7 +92,7 @@ def fitted(path: VehiclePath, degree: int, error: float, most: int) -> Pieces:
         found = _of_windows(path, through, degree, count)
     if not found.error <= error:
         raise ExportError(
-            f"{path.name}: expected an error of at most {error:g} m, found "
+            f"vehicle {path.name}: expected an error of at most {error:g} m, found "
             f"{found.error:.3g} m with {most} pieces of degree {degree}, the most that "
             f"the format has: {path.duration:g} s are {path.duration / most:.3g} s for "
             "each; allow a larger error, or export a shorter run"

@@ -28,9 +28,9 @@ def paths_of(
         height: Third coordinate, if there are two [m].
 
     Raises:
-        RecordError: If no vehicle has states of these names, or the name of one could
-            not be that of a file.
-        ExportError: If a coordinate is not finite.
+        RecordError: If no vehicle has states of these names, the name of one could not
+            be that of a file, or the record has not a state for each name and time.
+        ExportError: If a coordinate is not finite, or times do not rise.
     """
     states = [str(name) for name in record.arrays.get("state_names", ())]
     for wanted in (tuple(names),) if names else USUAL:
@@ -43,8 +43,17 @@ def paths_of(
             f"{record.folder}: expected states {looked} of a vehicle, with or without "
             f"its name at the end; found {', '.join(states) or 'none'}"
         )
-    times, path = record.arrays["dense_times"], record.arrays["dense_states"]
-    kept = np.append(np.diff(times) > 0, True)  # A jump has two states at its time.
+    times, path = (
+        np.asarray(record.arrays.get(name, ()), dtype=np.float64)
+        for name in ("dense_times", "dense_states")
+    )
+    if times.ndim != 1 or path.shape != (len(states), times.size):
+        raise RecordError(
+            f"{record.folder}: expected a state for each of {len(states)} names and "
+            f"{times.size} times, found the shape {path.shape}"
+        )
+    # A jump has two states at its time; other times that do not rise are refused.
+    kept = np.append(np.diff(times) != 0, True)
     found = []
     for name, rows in vehicles.items():
         if not NAME.fullmatch(name):
@@ -67,5 +76,5 @@ def _vehicles(states: Sequence[str], names: Sequence[str]) -> dict[str, list[int
             continue
         rows = [states.index(n + end) for n in names if n + end in states]
         if len(rows) == len(names):
-            found[end.removeprefix("_") or "vehicle"] = rows
+            found[end.removeprefix("_") or "flight"] = rows
     return found

@@ -17,14 +17,15 @@ from swarmstart.export.paths import ExportError, Origin, VehiclePath
         ([0], [[0, 0, 0]], "two times or more"),
         ([0, 1], [[0, 0], [1, 1]], "3 numbers"),
         ([0, 0], [[0, 0, 0], [1, 1, 1]], "times that rise"),
-        ([0, np.nan], [[0, 0, 0], [1, 1, 1]], "finite times"),
-        ([0, 1], [[0, 0, 0], [1, np.inf, 1]], "finite times and positions"),
+        ([0, 1], [[0, 0, 0], [1, 1e300, 1]], "positions between -1e\\+09 and 1e\\+09"),
+        ([0, np.nan], [[0, 0, 0], [1, 1, 1]], "times between .* found nan"),
+        ([0, 1], [[0, 0, 0], [1, np.inf, 1]], "positions between .* found inf"),
     ],
 )
 def test_a_path_that_is_none_is_refused_with_its_name(
     times: Any, positions: Any, said: str
 ) -> None:
-    with pytest.raises(ExportError, match=f"red: expected .*{said}"):
+    with pytest.raises(ExportError, match=f"vehicle red: expected .*{said}"):
         VehiclePath("red", times, positions)
 
 

@@ -57,5 +57,7 @@ def test_the_largest_speed_and_acceleration_are_found(derivative: int) -> None:
 
 
 def test_a_path_that_needs_more_pieces_is_refused_with_what_it_would_be() -> None:
-    with pytest.raises(ExportError, match=r"loop: expected an error of at most 1e-06"):
+    with pytest.raises(
+        ExportError, match=r"vehicle loop: expected an error of at most 1e-06"
+    ):
         fitted(loop(seconds=200.0, samples=4001), 7, 1e-6, 31)

@@ -1,5 +1,6 @@
 """Vehicles are found in a record by the names of their states."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import pytest
 from swarmstart.cases.record.files import RecordError
 from swarmstart.cases.record.results import Record
 from swarmstart.cases.record.vehicle_paths import paths_of
+from swarmstart.export.paths import ExportError
 
 TIMES = np.array([0.0, 0.5, 1.0])
 
@@ -35,7 +37,7 @@ def test_vehicles_have_the_ends_of_the_names() -> None:
 
 def test_one_system_has_no_name_and_a_plane_has_the_height_that_is_given() -> None:
     (path,) = paths_of(record_of("x", "vx", "y", "vy"), height=3.0)
-    assert path.name == "vehicle"
+    assert path.name == "flight"
     assert path.positions.tolist() == [[0, 2, 3], [0.5, 2.5, 3], [1, 3, 3]]
 
 
@@ -68,3 +70,25 @@ def test_of_a_jump_the_state_after_it_counts() -> None:
     (path,) = paths_of(record)
     assert path.times.tolist() == [0.0, 0.5, 1.0]
     assert path.positions[:, 0].tolist() == [0.0, 5.0, 6.0]
+
+
+@pytest.mark.parametrize(
+    ("times", "path"),
+    [
+        ([0.0, 1.0], np.zeros((1, 2))),
+        ([0.0, 1.0], np.zeros((2, 3))),
+        ([[0.0]], np.zeros((2, 1))),
+    ],
+)
+def test_a_record_without_a_state_for_each_name_and_time_is_refused(
+    times: Any, path: Any
+) -> None:
+    record = record_of("x", "y")
+    arrays = {**record.arrays, "dense_times": np.array(times), "dense_states": path}
+    with pytest.raises(RecordError, match="expected a state for each of 2 names"):
+        paths_of(replace(record, arrays=arrays))
+
+
+def test_times_that_fall_are_refused() -> None:
+    with pytest.raises(ExportError, match="vehicle flight: expected times that rise"):
+        paths_of(record_of("x", "y", times=[0.0, 2.0, 1.0]))
