@@ -4,6 +4,7 @@
     pieces         polynomials over windows of time, with their largest error
     crazyswarm     CSV of polynomials of degree 7
     skybrush       .skyc, a show of Bezier curves
+    ros            a bag of ROS 2 in MCAP
     missions       .plan of QGroundControl, and waypoints as text: no times
     tables         CSV with units
 

@@ -13,6 +13,7 @@ from swarmstart.errors import SwarmstartError
 from swarmstart.export.crazyswarm import crazyswarm_text
 from swarmstart.export.missions import plan_text, waypoints_text
 from swarmstart.export.paths import Origin, VehiclePath
+from swarmstart.export.ros import mcap_bytes
 from swarmstart.export.skybrush import skybrush_bytes
 from swarmstart.export.tables import table_text
 
@@ -93,6 +94,11 @@ def _skybrush(paths: list[VehiclePath], options: argparse.Namespace) -> Written:
     return {"show.skyc": skybrush_bytes(paths, error=_error(options))}
 
 
+def _bag(paths: list[VehiclePath], options: argparse.Namespace) -> Written:
+    del options
+    return {"flight.mcap": mcap_bytes(paths)}
+
+
 def _plans(paths: list[VehiclePath], options: argparse.Namespace) -> Written:
     at, error = _origin(options), _error(options)
     return {f"{p.name}.plan": plan_text(p, at, error=error).encode() for p in paths}
@@ -130,6 +136,7 @@ def _origin(options: argparse.Namespace) -> Origin:
 FORMATS: dict[str, Callable[[list[VehiclePath], argparse.Namespace], Written]] = {
     "crazyswarm": _crazyswarm,
     "skybrush": _skybrush,
+    "mcap": _bag,
     "qgc": _plans,
     "wpl": _waypoints,
     "csv": _tables,

@@ -28,6 +28,7 @@ TOPICS = {
 EXPORTS = {
     "crazyswarm": "polynomials for Crazyflies, a CSV file each",
     "skybrush": "a show of all, .skyc",
+    "mcap": "a bag of ROS 2 with the poses of all (extra ros)",
     "qgc": "a mission for QGroundControl each, .plan, without times",
     "wpl": "a mission for ArduPilot and PX4 each, .waypoints, without times",
     "csv": "times and positions, a CSV file each",

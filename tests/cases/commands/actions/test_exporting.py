@@ -1,6 +1,7 @@
 """`swarmstart export trajectory` writes files of a run, and replaces none."""
 
 import json
+import sys
 import zipfile
 from pathlib import Path
 
@@ -43,9 +44,11 @@ def test_the_formats_of_the_help_are_those_that_are_written() -> None:
 def test_each_format_has_a_file_for_each_vehicle_or_one_for_all(
     record: Path, tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    if name == "mcap":
+        pytest.importorskip("mcap_ros2")
     assert exported(record, tmp_path, "--format", name, *ORIGIN) == 0
     files = sorted(tmp_path.iterdir())
-    assert len(files) == (1 if name == "skybrush" else 3)
+    assert len(files) == (1 if name in ("mcap", "skybrush") else 3)
     assert all(file.stat().st_size > 100 for file in files)
     told = capsys.readouterr().out.splitlines()
     assert told == [f"file  {file}" for file in files]
@@ -123,6 +126,17 @@ def test_what_does_not_fit_is_said_in_one_line(
         code = int(str(ended.code))
     assert code in (2, 5)
     assert said in capsys.readouterr().err
+    assert not any(tmp_path.iterdir())
+
+
+def test_a_missing_extra_is_named(
+    record: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    monkeypatch.setitem(sys.modules, "mcap_ros2", None)
+    assert exported(record, tmp_path, "--format", "mcap") == 2
+    said = capsys.readouterr().err
+    assert "a bag of ROS 2 needs mcap_ros2" in said and "[ros]" in said
     assert not any(tmp_path.iterdir())
 
 
