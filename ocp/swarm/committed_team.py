@@ -56,7 +56,7 @@ from swarmstart.ocp.swarm.certificate import Log, certificate_text
 from swarmstart.ocp.swarm.plans import Plans, least_gap, no_plans
 from swarmstart.ocp.swarm.rule import Flags, is_clear
 from swarmstart.ocp.swarm.simulation import most_hops
-from swarmstart.ocp.swarm.swarm import AXES, Links
+from swarmstart.ocp.swarm.swarm import AXES, Links, pairwise_distances
 from swarmstart.ocp.swarm.team import lead_steps
 from swarmstart.ocp.swarm.tube import Body, NoRestError, Path, joined
 from swarmstart.terminal_set import TerminalSet
@@ -167,8 +167,8 @@ class CommittedTeam(Called):
         Raises:
             InvalidProblemError: If there is not one set for each vehicle, a vehicle
                 watches another or shows no position, its problem has features, signals
-                or a time in its dynamics, or too few signals for the others, or a
-                silent vehicle is unknown.
+                or a time in its dynamics, or too few signals for the others, a
+                silent vehicle is unknown, or two goals are too near.
             UncertifiedSetError: As in `DualMode`.
         """
         n = len(team.agents)
@@ -199,6 +199,19 @@ class CommittedTeam(Called):
             for agent, one in zip(team.agents, sets, strict=True)
         )  # fmt: skip
 
+        self._require_apart("goals", [one.x_ref for one in sets])
+
+    def _require_apart(self, name: str, states: Sequence[Array]) -> None:
+        """Raise if two vehicles are nearer than plans; they are named."""
+        pairs = zip(self.bodies, states, strict=True)
+        apart = pairwise_distances(np.array([b.position(x) for b, x in pairs]))
+        near = np.argwhere(np.triu(apart < self.plan_distance, 1))
+        for i, j in near.tolist():
+            raise InvalidProblemError(
+                f"{name} of vehicles {i} and {j} must be {self.plan_distance:g} m "
+                f"apart, they are {apart[i, j]:.4g} m apart"
+            )
+
     @property
     def dt(self) -> float:
         """Length of a control interval [s]."""
@@ -221,6 +234,7 @@ class CommittedTeam(Called):
                 the last one of its vehicles.
         """
         if previous is None:
+            self._require_apart("starts", self.team.split(state))
             vehicles = CommittedVehicles(self, time, self.team.split(state), rng)
         elif not isinstance(previous, CommittedDecision):
             raise InvalidProblemError(

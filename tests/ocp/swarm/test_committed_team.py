@@ -172,8 +172,12 @@ def test_who_cannot_pass_waits(line: list[Made]) -> None:
 
 
 def test_vehicles_that_start_too_near_are_named(line: list[Made]) -> None:
-    with pytest.raises(ss.InvalidProblemError, match="first plan of vehicle 1"):
+    with pytest.raises(ss.InvalidProblemError, match="starts of vehicles 0 and 1 must"):
         flown(line, team_of(line), starts_of([[0.0], [0.5]]))
+    # Both move towards each other, and cannot stop in time.
+    x0 = np.array([0.0, 3.0, 1.2, -3.0])
+    with pytest.raises(ss.InvalidProblemError, match="first plan of vehicle 1 must be"):
+        flown(line, team_of(line), x0)
 
 
 def test_a_first_plan_that_ends_in_no_set_is_named() -> None:
@@ -220,6 +224,7 @@ def test_teams_that_do_not_fit_are_refused(line: list[Made]) -> None:
         ("at least 3 signals", [few.agent, two.agent], {}),
         ("show 1 to 3 rows", [shown, two.agent], {}),
         ("expected within=None", [hurried, two.agent], {}),
+        ("goals of vehicles 0 and 1 must be 1 m", [], {"sets": [one.near] * 2}),
     ]
     for match, agents, changes in cases:
         options = {"sets": [one.near, two.near], "distance": DISTANCE, **changes}

@@ -17,6 +17,10 @@ from swarmstart.cases.kinds.problem.checks.attempts import (
     tried,
     unknown,
 )
+from swarmstart.cases.kinds.problem.checks.committed_flaws import (
+    committed_numbers,
+    committed_parts,
+)
 from swarmstart.cases.kinds.problem.checks.instance_flaws import (
     instance_names,
     instance_numbers,
@@ -45,11 +49,7 @@ from swarmstart.cases.kinds.problem.stated.model import (
     planning_problem,
 )
 from swarmstart.cases.kinds.problem.stated.parts import Equation
-from swarmstart.cases.kinds.problem.stated.scenario import (
-    ProblemScenario,
-    Vehicle,
-    Vehicles,
-)
+from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario, Vehicle
 from swarmstart.cases.kinds.problem.stated.symbols import number
 from swarmstart.errors import SwarmstartError
 from swarmstart.ocp import OptimalControlProblem
@@ -167,7 +167,7 @@ def _of_vehicles(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
             yield place, f"expected a new name, found {name!r}"
     if scenario.vehicles is None:
         return
-    yield from _of_committed(scenario, scenario.vehicles)
+    yield from committed_parts(scenario, scenario.vehicles)
     if scenario.vehicles.separation is None:
         return
     for index, text in enumerate(scenario.vehicles.separation.of):
@@ -176,40 +176,6 @@ def _of_vehicles(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
         if one_by_one and text.strip() not in scenario.states:
             where = ("vehicles", "separation", "of", index)
             yield where, unknown(text, scenario.states, "state")
-
-
-def _of_committed(scenario: ProblemScenario, part: Vehicles) -> Iterator[LocatedFlaw]:
-    """Yield errors of committed plans, and of their keys with other planning."""
-    place: Place = ("vehicles", "planning")
-    if not part.is_committed:
-        for key in ("links", "tracking_error"):
-            if key in part.model_fields_set:
-                found = f"expected planning: committed with it; found {part.planning}"
-                yield ("vehicles", key), found
-        return
-    needed = {
-        "vehicles.separation": part.separation is not None,
-        "two vehicles": len(part.members) > 1,
-        "dual_mode, in whose sets plans end,": scenario.dual_mode is not None,
-    }
-    missing = [what for what, is_there in needed.items() if not is_there]
-    for what in missing:
-        yield place, f"expected {what} with planning: committed; found none"
-    yield from _of_agreement(scenario, part)
-
-
-def _of_agreement(scenario: ProblemScenario, part: Vehicles) -> Iterator[LocatedFlaw]:
-    """Yield errors of the links of committed plans, and of a time for a plan."""
-    if scenario.feedback.within_s is not None:
-        yield ("feedback", "within_s"), "expected null with planning: committed"
-    for where, flaw in part.links.flaws():
-        yield ("vehicles", *where), flaw
-    late = [one.vehicle for one in part.links.silences]
-    if max(late, default=0) >= len(part.members):
-        yield (
-            ("vehicles", "links", "silences"),
-            f"expected vehicles 0 to {len(part.members) - 1}; found {max(late)}",
-        )
 
 
 def _of_feedback(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
@@ -296,6 +262,11 @@ _STAGES: tuple[Stage, ...] = (
     lambda s: tried(
         [*attempts.expressions(s), *uncertain_numbers(s), *instance_numbers(s)]
     ),
-    lambda s: [*number_flaws(s), *uncertain_ranges(s), *instance_ranges(s)],
+    lambda s: [
+        *number_flaws(s),
+        *uncertain_ranges(s),
+        *instance_ranges(s),
+        *committed_numbers(s),
+    ],
     algebraic_flaws,
 )

@@ -165,7 +165,6 @@ def combination_flaws(
         "states with next": model.jumps,
         "controls of whole numbers": bool(problem.integer),
     }
-    yield from _tracking_flaws(scenario)
     if planning != "joint":
         yield from feature_flaws(scenario, f"planning: {planning}, unlike joint,")
         found = [what for what, is_there in decides.items() if is_there]
@@ -183,25 +182,6 @@ def combination_flaws(
                 f"expected a problem without {', '.join(found)}: the linear law and "
                 "its set are for a system that does not change in time",
             )
-
-
-def _tracking_flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
-    """Yield an error if committed plans have no room for errors of the plant."""
-    vehicles, plant = scenario.vehicles, scenario.plant
-    if vehicles is None or not vehicles.is_committed:
-        return
-    error, place = (
-        number(vehicles.tracking_error, constants_of(scenario)),
-        ("vehicles", "tracking_error"),
-    )
-    if not 0 <= error < math.inf:
-        yield place, f"expected at least 0, found {error:g}"
-    elif not error and (plant.parameters or plant.disturbance):
-        yield (
-            place,
-            "expected a number above 0 with a plant that differs from the model, "
-            "found 0",
-        )
 
 
 def feature_flaws(scenario: ProblemScenario, what: str) -> Iterator[LocatedFlaw]:

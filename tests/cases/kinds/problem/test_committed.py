@@ -122,6 +122,16 @@ def test_the_distance_is_kept_with_the_largest_error_of_both() -> None:
         ),
         ("of: [x, y]", "of: [2*x, y]", "expected a state"),
         (
+            "start: {x: 4}",
+            "start: {x: -3.5}",
+            "starts at least 1 apart; those of",
+        ),
+        (
+            "to_x: -4}}",
+            "to_x: 3.5}}",
+            "goals at least 1 apart; those of one",
+        ),
+        (
             "feedback: receding_horizon",
             "feedback: {law: receding_horizon, within_s: 0.1}",
             "expected null with planning: committed",
