@@ -431,6 +431,7 @@ class CommittedVehicles:
                 return
             path = joined(committed, made, step)
             self._write(i, row, path, step, agreed.plans)
+            begin_as(row, int(agreed.members.committed[i]), team.lead, agreed.plans)
             if is_clear(i, row, step, team.plan_distance, agreed.members, agreed.plans):
                 self._paths[row], self._violations[row] = path, plan.violation
                 agreed.propose(i, tick, parting=begin, is_last=path.rest.is_goal)
@@ -539,6 +540,27 @@ def _parameters(loop: RecedingHorizon) -> Array:
     """Return the parameters at the start, with which sets are certified."""
     given = () if loop.parameters is None else loop.parameters(0.0)
     return np.asarray(given, dtype=np.float64)
+
+
+def begin_as(plan: int, committed: int, lead: int, plans: Plans) -> None:
+    """Let a plan have the samples and bulges of another one until they part.
+
+    If the other is in its rest by then, its sample is the centre of a ball in which the
+    vehicle is; the next bulge grows by the distance of the two.
+
+    Args:
+        plan: Row of the plan, which is written.
+        committed: Row of the plan from which it parts.
+        lead: Number of steps until then, from its first sample on.
+        plans: All plans.
+    """
+    steps = plans.first[plan] - plans.first[committed] + np.arange(lead + 1)
+    places = np.minimum(steps, plans.bulges.shape[1] - 1)
+    own = plans.samples[plan, lead].copy()
+    plans.samples[plan, : lead + 1] = plans.samples[committed, places]
+    plans.bulges[plan, :lead] = plans.bulges[committed, places[:-1]]
+    off = np.linalg.norm(own - plans.samples[plan, lead])
+    plans.bulges[plan, lead] += off
 
 
 def _window(path: Path, step: int, intervals: int) -> Array:

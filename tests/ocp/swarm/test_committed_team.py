@@ -14,7 +14,8 @@ import pytest
 
 import swarmstart as ss
 from swarmstart.arrays import Array
-from swarmstart.ocp.swarm.committed_team import CommittedDecision
+from swarmstart.ocp.swarm.committed_team import CommittedDecision, begin_as
+from swarmstart.ocp.swarm.plans import no_plans
 from swarmstart.tests.ocp.swarm.bodies import DISTANCE, Made, body, together, vehicle
 
 LOSSY = ss.Links(most_delay=2, loss=0.3)
@@ -146,6 +147,33 @@ def test_who_is_silent_for_ever_stops_at_the_end_of_its_plan(
     assert not last.vehicles.have_arrived[0]
     assert np.abs(run.states[2:4, -1]).max() < 1e-2
     assert least(run, 3) >= DISTANCE
+
+
+def test_who_has_rested_for_long_parts_from_its_rest(
+    three: list[Made], tmp_path: Path
+) -> None:
+    # Vehicle 0 is not heard for longer than the plans of the start have samples.
+    team = team_of(three, links=ss.Links(silences={0: (0.0, 20.0)}))
+    far = starts_of([[-9.0, 0.2], [9.0, 0.0], [0.0, 9.0]])
+    run, last = flown(three, team, far, steps=120)
+    log = last.vehicles.log()
+    assert log.parting[3] * team.dt > 20.0
+    assert last.vehicles.have_arrived.all()
+    assert least(run, 3) >= DISTANCE
+    assert "no two of 3 vehicles" in verdict(last.vehicles.certificate(), tmp_path)
+
+
+def test_a_plan_that_parts_from_a_rest_contains_the_path_in_its_tube() -> None:
+    plans = no_plans(2, 4)
+    plans.samples[0], plans.bulges[0] = 0.0, 0.1
+    plans.samples[0, :, 0] = [5.0, 4.0, 3.0, 2.0, 1.5]
+    plans.bulges[0, 4] = 0.02
+    plans.first[1] = 3
+    plans.samples[1], plans.bulges[1] = 0.0, 0.3
+    plans.samples[1, :, 0] = [9.0, 9.0, 1.51, 1.0, 0.5]
+    begin_as(1, 0, 2, plans)
+    assert plans.samples[1, :, 0].tolist() == [2.0, 1.5, 1.5, 1.0, 0.5]
+    np.testing.assert_allclose(plans.bulges[1], [0.1, 0.02, 0.31, 0.3, 0.3])
 
 
 def test_pushed_vehicles_keep_the_distance_within_the_tracking_error(
