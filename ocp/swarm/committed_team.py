@@ -229,10 +229,13 @@ class CommittedTeam(Called):
         """Return the controls that follow the committed plans; see Controller.
 
         Raises:
-            InvalidProblemError: If a first plan is not feasible, ends in no certified
-                set, or is not clear of the others; or if the previous decision is not
-                the last one of its vehicles.
+            InvalidProblemError: If the state is not finite, two vehicles start too
+                near, or a first plan is not feasible, ends in no certified set, or is
+                not clear of the others; or if the previous decision is not the last one
+                of its vehicles.
         """
+        if not np.isfinite(state).all():
+            raise InvalidProblemError(f"state must be finite, got {np.asarray(state)}")
         if previous is None:
             self._require_apart("starts", self.team.split(state))
             vehicles = CommittedVehicles(self, time, self.team.split(state), rng)

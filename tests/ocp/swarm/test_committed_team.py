@@ -224,6 +224,8 @@ def test_decisions_of_others_and_old_ones_are_refused(line: list[Made]) -> None:
     team, x0 = team_of(line), starts_of([[-6.0], [6.0]])
     rng = np.random.default_rng(0)
     first = team.decide(0.0, x0, None, rng=rng)
+    with pytest.raises(ss.InvalidProblemError, match="state must be finite"):
+        team.decide(team.dt, np.where(x0 > 0, np.nan, x0), first, rng=rng)
     team.decide(team.dt, x0, first, rng=rng)
     with pytest.raises(ss.InvalidProblemError, match="of step 2, got that of step 1"):
         team.decide(team.dt, x0, first, rng=rng)
