@@ -52,7 +52,7 @@ def pieces_of(
 def text_of(pieces: Pieces) -> str:
     """Return polynomials as CSV."""
     lines = [HEADER]
-    for piece in pieces.coefficients:
-        numbers = [pieces.length, *piece.T.ravel(), *[0.0] * (DEGREE + 1)]
+    for length, piece in zip(pieces.lengths, pieces.coefficients, strict=True):
+        numbers = [length, *piece.T.ravel(), *[0.0] * (DEGREE + 1)]
         lines.append(",".join(f"{number:.9g}" for number in numbers))
     return "\n".join(lines) + "\n"

@@ -60,9 +60,10 @@ def _trajectory(path: VehiclePath, error: float) -> dict[str, object]:
     rounding = 0.5 * 10.0**-DIGITS * np.sqrt(3.0)
     pieces = fitted(path, DEGREE, error - rounding, MOST_PIECES)
     points: list[object] = [[0.0, _rounded(pieces.coefficients[0, 0]), []]]
-    for number, piece in enumerate(pieces.coefficients):
-        _, first, second, end = bezier(piece, pieces.length)
-        time = round((number + 1) * pieces.length, 6)
+    every = zip(pieces.knots[1:], pieces.lengths, pieces.coefficients, strict=True)
+    for when, length, piece in every:
+        _, first, second, end = bezier(piece, length)
+        time = round(float(when), 6)
         points.append([time, _rounded(end), [_rounded(first), _rounded(second)]])
     return {"version": 1, "points": points}
 

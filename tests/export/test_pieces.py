@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from swarmstart.arrays import Array
 from swarmstart.export.paths import ExportError, VehiclePath
 from swarmstart.export.pieces import fitted
 from swarmstart.tests.export.flights import loop, loop_at
@@ -22,7 +21,7 @@ def test_a_polynomial_is_found_again() -> None:
     times = np.linspace(0.0, 2.0, 50)
     path = VehiclePath("cube", times, np.stack([times**3, 1 - times, 0 * times], 1))
     found = fitted(path, 7, 1e-6, 31)
-    assert len(found.coefficients) == 1 and found.length == 2.0
+    assert len(found.coefficients) == 1 and found.knots.tolist() == [0.0, 2.0]
     expected = np.zeros((8, 3))
     expected[3, 0], expected[:2, 1] = 1.0, (1.0, -1.0)
     np.testing.assert_allclose(found.coefficients[0], expected, atol=1e-5)
@@ -30,11 +29,20 @@ def test_a_polynomial_is_found_again() -> None:
 
 def test_pieces_meet_with_their_derivatives() -> None:
     found = fitted(loop(), 7, 1e-5, 31)
-    ends: Array = np.arange(1.0, len(found.coefficients)) * found.length
+    ends = found.knots[1:-1]
     for derivative in range(4):
         before = found.at(ends - 1e-9, derivative)
         after = found.at(ends + 1e-9, derivative)
         np.testing.assert_allclose(before, after, atol=1e-4)
+
+
+def test_windows_are_short_where_the_path_turns() -> None:
+    times = np.linspace(0.0, 40.0, 1601)
+    turn = 12 * np.tanh(times / 3)  # It rests from 15 s on.
+    places = np.stack([np.sin(turn), np.cos(turn), 0 * times], axis=1)
+    found = fitted(VehiclePath("turn", times, places), 7, 0.02, 31)
+    assert found.lengths.min() < 0.3 * found.lengths.max()
+    assert (found.knots < 10.0).sum() > len(found.coefficients) / 2
 
 
 def test_the_ends_are_those_of_the_path() -> None:
