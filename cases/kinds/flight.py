@@ -19,7 +19,6 @@ from swarmstart.cases.format.kind import (
 from swarmstart.cases.format.settings import Scenario
 from swarmstart.ocp import (
     Agent,
-    CommittedTeam,
     Controller,
     DualMode,
     Free,
@@ -148,6 +147,8 @@ def _controller(posed: Posed, planner: _Planning) -> Controller:
     if laws is None:
         return team
     if posed.committed is not None:
+        from swarmstart.ocp import CommittedTeam  # Few runs need its kernels.
+
         return CommittedTeam(
             team,
             sets=laws.sets,

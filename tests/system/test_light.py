@@ -186,6 +186,18 @@ def test_the_names_of_a_problem_import_no_compiler_and_no_scipy() -> None:
     assert not modules & (HEAVY - {"casadi", "numpy"})
 
 
+def test_runs_without_committed_plans_import_none_of_their_kernels() -> None:
+    code = (
+        "import sys, swarmstart.cases.campaign.running.run, "
+        "swarmstart.cases.kinds.problem.kind; print(*sys.modules)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    swarm = {n for n in done.stdout.split() if n.startswith("swarmstart.ocp.swarm")}
+    assert swarm == {"swarmstart.ocp.swarm", "swarmstart.ocp.swarm.swarm"}
+
+
 def test_a_run_that_designs_nothing_imports_no_drawing_and_no_control(
     tmp_path: Path,
 ) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 
@@ -32,10 +32,11 @@ from swarmstart.ocp import (
 from swarmstart.ocp.nlp import Multipliers
 from swarmstart.ocp.search import StartsAccount
 from swarmstart.ocp.statement import piece_at
-from swarmstart.ocp.swarm.committed_team import CommittedDecision, CommittedVehicles
 
 if TYPE_CHECKING:
     import control
+
+    from swarmstart.ocp.swarm.committed_team import CommittedDecision
 
 
 ROUNDED = 1e-9
@@ -80,9 +81,8 @@ def _status_of(flight: Flight[Posed], trajectory: Trajectory) -> RunStatus:
     if flight.posed.controller is not None:
         said = flight.posed.ended
         return RunStatus(True, plan=None, found=said, more="", all_found=True)
-    last = trajectory.decisions[-1]
-    if isinstance(last, CommittedDecision):
-        return _of_committed(last.vehicles)
+    if flight.posed.committed is not None:
+        return _of_committed(cast("CommittedDecision", trajectory.decisions[-1]))
     if flight.posed.open_loop:
         return _of_one_plan(flight, trajectory, unproven)
     found = [found_plans(d) for d in trajectory.decisions if planned(d)]
@@ -107,8 +107,9 @@ def _status_of(flight: Flight[Posed], trajectory: Trajectory) -> RunStatus:
     )
 
 
-def _of_committed(vehicles: CommittedVehicles) -> RunStatus:
+def _of_committed(last: CommittedDecision) -> RunStatus:
     """Return the status of vehicles that followed committed plans."""
+    vehicles = last.vehicles
     arrived = int(vehicles.have_arrived.sum())
     found = (
         f"each vehicle followed its committed plans; those of {arrived} of "

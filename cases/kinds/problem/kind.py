@@ -1,6 +1,9 @@
 """The kind of scenario "problem": a problem of the user's own."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
+from typing import TYPE_CHECKING, cast
 
 from swarmstart.cases.format.kind import Flight, Kind
 from swarmstart.cases.kinds.problem.checks.flaws import flaws
@@ -16,7 +19,9 @@ from swarmstart.cases.kinds.problem.stated.members import ProblemPosed
 from swarmstart.cases.kinds.problem.stated.names import MEASURES, UNDEFINED
 from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario
 from swarmstart.ocp import Trajectory
-from swarmstart.ocp.swarm.committed_team import CommittedDecision
+
+if TYPE_CHECKING:  # Few problems have committed plans.
+    from swarmstart.ocp.swarm.committed_team import CommittedDecision
 
 FLIGHT_CERTIFICATE = "flight.certificate.json"
 """Name of the certificate of committed plans in the folder of a record."""
@@ -26,10 +31,10 @@ def documents(
     scenario: ProblemScenario, flight: Flight[ProblemPosed], trajectory: Trajectory
 ) -> Mapping[str, str]:
     """Return the certificate of the flight, if vehicles agree on committed plans."""
-    del scenario, flight
-    last = trajectory.decisions[-1]
-    if not isinstance(last, CommittedDecision):
+    del scenario
+    if flight.posed.committed is None:
         return {}
+    last = cast("CommittedDecision", trajectory.decisions[-1])
     return {FLIGHT_CERTIFICATE: last.vehicles.certificate()}
 
 
