@@ -35,6 +35,8 @@ from swarmstart.ocp.statement import Appended
 from swarmstart.terminal_set import TerminalSet
 
 Measure = float | int | list[float | None] | None
+FLIGHT_CERTIFICATE = "flight.certificate.json"
+"""Name of the certificate of committed plans in the folder of a record."""
 NEVER = "never"
 """Reason of an undefined time: its event never comes, so it exceeds every bound."""
 
@@ -95,6 +97,11 @@ class PosedAgent:
         if not self.hears:
             return plans
         return (*plans, *plans, np.zeros((1, self.problem.nodes)))
+
+    def unseen(self) -> tuple[Array, ...]:
+        """Return zeros in place of these signals, of the same shapes."""
+        nothing = np.zeros((len(self.shows), self.problem.nodes))
+        return self.seen(lambda _: nothing)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

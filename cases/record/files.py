@@ -15,7 +15,7 @@ import re
 import tempfile
 import time
 import zipfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -105,12 +105,32 @@ def write_atomically(
 
 def write_text(path: Path, text: str, *, sync: bool = True) -> None:
     """Write a text file atomically, in UTF-8; see `write_atomically`."""
-    write_atomically(path, lambda file: file.write(text.encode("utf-8")), sync=sync)
+    write_bytes(path, text.encode("utf-8"), sync=sync)
 
 
-def write_bytes(path: Path, content: bytes) -> None:
-    """Write bytes; see `write_atomically`."""
-    write_atomically(path, lambda file: file.write(content))
+def write_bytes(path: Path, content: bytes, *, sync: bool = True) -> None:
+    """Write bytes atomically; see `write_atomically`."""
+    write_atomically(path, lambda file: file.write(content), sync=sync)
+
+
+class ExistingFileError(RecordError):
+    """A file that would be replaced."""
+
+
+def require_new(files: Iterable[Path], way: str) -> None:
+    """Raise if a file exists, also as a link whose target is missing.
+
+    Args:
+        files: The files.
+        way: What can be done, the end of the message.
+
+    Raises:
+        ExistingFileError: If one does.
+    """
+    for file in files:
+        # exists() is false for a link whose target is missing.
+        if file.exists() or file.is_symlink():
+            raise ExistingFileError(f"{file}: expected a new file, found one; {way}")
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:

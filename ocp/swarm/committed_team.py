@@ -56,8 +56,13 @@ from swarmstart.ocp.swarm.certificate import Log, certificate_text
 from swarmstart.ocp.swarm.plans import Plans, least_gap, no_plans
 from swarmstart.ocp.swarm.rule import Flags, is_clear
 from swarmstart.ocp.swarm.simulation import most_hops
-from swarmstart.ocp.swarm.swarm import AXES, Links, pairwise_distances
-from swarmstart.ocp.swarm.team import lead_steps
+from swarmstart.ocp.swarm.swarm import (
+    AXES,
+    Links,
+    pairwise_distances,
+    require_silences,
+)
+from swarmstart.ocp.swarm.team import branch, lead_steps
 from swarmstart.ocp.swarm.tube import Body, NoRestError, Path, joined
 from swarmstart.terminal_set import TerminalSet
 
@@ -180,11 +185,7 @@ class CommittedTeam(Called):
         problems = [agent.controller.planner.problem for agent in team.agents]
         _require_fit(team)
         require_certified(sets, team.dt, problems)
-        unknown = sorted(set(links.silences) - set(range(n)))
-        if unknown:
-            raise InvalidProblemError(
-                f"silences must name vehicles 0 to {n - 1}, got {unknown}"
-            )
+        require_silences(links, n)
         self.team, self.sets, self.links = team, tuple(sets), links
         self.tracking_error = float(tracking_error)
         self.plan_distance = distance + 2.0 * tracking_error
@@ -557,13 +558,10 @@ def begin_as(plan: int, committed: int, lead: int, plans: Plans) -> None:
         lead: Number of steps until then, from its first sample on.
         plans: All plans.
     """
-    steps = plans.first[plan] - plans.first[committed] + np.arange(lead + 1)
-    places = np.minimum(steps, plans.bulges.shape[1] - 1)
-    own = plans.samples[plan, lead].copy()
-    plans.samples[plan, : lead + 1] = plans.samples[committed, places]
-    plans.bulges[plan, :lead] = plans.bulges[committed, places[:-1]]
-    off = np.linalg.norm(own - plans.samples[plan, lead])
-    plans.bulges[plan, lead] += off
+    place, bulge = plans.samples[plan, lead].copy(), plans.bulges[plan, lead]
+    branch(plan, committed, (int(plans.first[plan]), lead), plans)
+    off = np.linalg.norm(place - plans.samples[plan, lead])
+    plans.bulges[plan, lead] = bulge + off
 
 
 def _window(path: Path, step: int, intervals: int) -> Array:

@@ -27,7 +27,12 @@ from swarmstart.arrays import Array
 from swarmstart.heuristics import generator_of
 from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.swarm.flight import RULES, SwarmFlight
-from swarmstart.ocp.swarm.swarm import Links, Swarm, pairwise_distances
+from swarmstart.ocp.swarm.swarm import (
+    Links,
+    Swarm,
+    pairwise_distances,
+    require_silences,
+)
 from swarmstart.ocp.swarm.team import Team, lead_steps
 
 LEAST_STEP_S = 1e-6
@@ -75,11 +80,7 @@ def sizes_of(swarm: Swarm, planning: Planning) -> tuple[int, int, int]:
             unknown, or two vehicles are not linked.
     """
     links, _, step_s, longest_s, tries, lead_s = planning
-    unknown = sorted(set(links.silences) - set(range(swarm.size)))
-    if unknown:
-        raise InvalidProblemError(
-            f"silences must name vehicles 0 to {swarm.size - 1}, got {unknown}"
-        )
+    require_silences(links, swarm.size)
     pieces = _pieces(swarm, longest_s, step_s)
     hops = max(
         most_hops("starts", swarm.starts, links.radio_range),

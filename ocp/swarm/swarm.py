@@ -346,3 +346,16 @@ class Links:
                 raise InvalidProblemError(
                     f"silences of vehicle {vehicle} must be (from, to), got {times}"
                 )
+
+
+def require_silences(links: Links, n: int) -> None:
+    """Raise if a vehicle that is silent is none of so many.
+
+    Raises:
+        InvalidProblemError: If one is not.
+    """
+    unknown = sorted(set(links.silences) - set(range(n)))
+    if unknown:
+        raise InvalidProblemError(
+            f"silences must name vehicles 0 to {n - 1}, got {unknown}"
+        )

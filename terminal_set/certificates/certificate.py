@@ -225,6 +225,18 @@ class Certificate:
             return None
         return self.refutation.alpha / self.alpha - 1
 
+    @property
+    def growth(self) -> float:
+        """Factor g with e'Pe <= g (e'Pe at the last sample) at all times.
+
+        It contains the errors of the integrator; 1 for a continuous input.
+        """
+        if self.held is None:
+            return 1.0
+        # V(flow) <= (sqrt(g) + c)^2 V, as in `certification.py`.
+        c = self.held.integrator_error + self.drift
+        return float((self.held.growth**0.5 + c) ** 2)
+
     def unproven(self) -> list[str]:
         """Return the statements that the library has not proven; empty if all are.
 
@@ -236,15 +248,10 @@ class Certificate:
         found = []
         if not (self.proof.proven and self.alpha <= self.proof.alpha):
             found.append("that e'Pe falls on all of the set")
-        growth = 1.0
-        if self.held is not None:
-            if not self.held.growth_is_proven:
-                found.append("its growth between samples, which is measured")
-            # V(flow) <= (sqrt(g) + c)^2 V, as in `certification.py`.
-            c = self.held.integrator_error + self.drift
-            growth = (self.held.growth**0.5 + c) ** 2
+        if self.held is not None and not self.held.growth_is_proven:
+            found.append("its growth between samples, which is measured")
         inputs = level_from_inputs(self.K, self.P, self.reference.u_max)
-        states = level_from_states(self.P, self.reference.e_max) / growth
+        states = level_from_states(self.P, self.reference.e_max) / self.growth
         if not self.alpha <= inputs:
             found.append("that the inputs stay within their bounds")
         if not self.alpha <= states:

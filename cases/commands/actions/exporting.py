@@ -6,7 +6,7 @@ from pathlib import Path
 
 from swarmstart.cases.commands.terminal import DONE, answer
 from swarmstart.cases.format.document import printable
-from swarmstart.cases.record.files import RecordError, write_bytes
+from swarmstart.cases.record.files import require_new, write_bytes
 from swarmstart.cases.record.results import load
 from swarmstart.cases.record.vehicle_paths import paths_of
 from swarmstart.errors import SwarmstartError
@@ -42,14 +42,8 @@ def export_command(options: argparse.Namespace) -> int:
         folder / name: content
         for name, content in FORMATS[options.format](paths, options).items()
     }
-    # exists() is false for a link whose target is missing.
-    present = [file for file in files if file.exists() or file.is_symlink()]
-    if present:
-        raise RecordError(
-            f"{present[0]}: expected a new file, found one; choose another --out"
-        )
+    require_new(files, "choose another --out")
     for file, content in files.items():
-        file.parent.mkdir(parents=True, exist_ok=True)
         write_bytes(file, content)
     answer("\n".join(f"file  {printable(str(file))}" for file in files))
     return DONE

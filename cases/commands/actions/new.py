@@ -16,7 +16,7 @@ from swarmstart.cases.commands.terminal import DONE, answer
 from swarmstart.cases.format.document import printable, shown
 from swarmstart.cases.format.registry import BEST_KNOWN, KINDS, words_of
 from swarmstart.cases.format.scenario import LONGEST_NAME, shipped
-from swarmstart.cases.record.files import RecordError, write_text
+from swarmstart.cases.record.files import RecordError, require_new, write_text
 from swarmstart.errors import SwarmstartError
 
 ENDINGS = (".yaml", ".yml")
@@ -31,10 +31,6 @@ class InvalidNameError(SwarmstartError, ValueError):
     """A name that no new scenario can have."""
 
 
-class ExistingFileError(RecordError):
-    """A file that would be replaced."""
-
-
 def new_command(options: argparse.Namespace) -> int:
     """Write the files, and print them with the next two commands; return the exit code.
 
@@ -45,13 +41,8 @@ def new_command(options: argparse.Namespace) -> int:
         RecordError: If a file exists, and --force is not given, or cannot be written.
     """
     texts = new_files(options.name, kind=options.kind)
-    # exists() is false for a link whose target is missing.
-    present = [file for file in texts if file.exists() or file.is_symlink()]
-    if present and not options.force:
-        raise ExistingFileError(
-            f"{present[0]}: expected a new file, found one; choose another name, or "
-            "replace it with --force"
-        )
+    if not options.force:
+        require_new(texts, "choose another name, or replace it with --force")
     for file, text in texts.items():
         _write(file, text)
     file = next(iter(texts))

@@ -100,9 +100,7 @@ def _paths(posed: Posed, flight: Trajectory, vehicles: int) -> Paths:
     def known(step: int, number: int) -> Known:
         agent = posed.agents[number]
         # The paths of others are in constraints alone, and do not move a vehicle.
-        nothing = np.zeros((len(agent.shows), agent.problem.nodes))
-        seen = agent.seen(lambda _: nothing)
-        time = float(flight.times[step])
+        time, seen = float(flight.times[step]), agent.unseen()
         found = known_at(agent.problem, time, agent.reference, agent.parameters, seen)
         return found._replace(previous=agent.previous)
 

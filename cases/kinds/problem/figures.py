@@ -59,8 +59,7 @@ def _to_replay(agent: PosedAgent, time: float, known: Callable[[], Known]) -> Kn
     """
     if not agent.hears:
         return known()
-    nothing = np.zeros((len(agent.shows), agent.problem.nodes))
-    seen = agent.seen(lambda _: nothing)
+    seen = agent.unseen()
     return known_at(agent.problem, time, agent.reference, agent.parameters, seen)
 
 

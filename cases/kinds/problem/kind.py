@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, cast
 
-from swarmstart.cases.format.kind import Flight, Kind
+from swarmstart.cases.format.kind import FLIGHT_CERTIFICATE, Flight, Kind
 from swarmstart.cases.kinds.problem.checks.flaws import flaws
 from swarmstart.cases.kinds.problem.checks.instance_flaws import instances_of
 from swarmstart.cases.kinds.problem.measuring.decided_measures import own_meanings
@@ -22,9 +22,6 @@ from swarmstart.ocp import Trajectory
 
 if TYPE_CHECKING:  # Few problems have committed plans.
     from swarmstart.ocp.swarm.committed_team import CommittedDecision
-
-FLIGHT_CERTIFICATE = "flight.certificate.json"
-"""Name of the certificate of committed plans in the folder of a record."""
 
 
 def documents(

@@ -24,7 +24,6 @@ from swarmstart.cases.kinds.problem.stated.members import (
     shared_of,
 )
 from swarmstart.cases.kinds.problem.stated.model import (
-    committed_distance,
     horizon_of,
     model_of,
     planning_problem,
@@ -156,12 +155,11 @@ def _committed(
     vehicles: Vehicles | None, constants: Mapping[str, float]
 ) -> CommittedPlans | None:
     """Return what vehicles keep that agree on committed plans."""
-    if vehicles is None or not vehicles.is_committed:
+    if vehicles is None or vehicles.separation is None or not vehicles.is_committed:
         return None
-    error = number(vehicles.tracking_error, constants)
     return CommittedPlans(
-        distance=committed_distance(vehicles, constants) - 2.0 * error,
-        tracking_error=error,
+        distance=number(vehicles.separation.distance, constants),
+        tracking_error=number(vehicles.tracking_error, constants),
         links=vehicles.links.links(),
     )
 

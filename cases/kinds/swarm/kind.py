@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from swarmstart.arrays import Array
-from swarmstart.cases.format.kind import Kind, Measure, WholeRun
+from swarmstart.cases.format.kind import FLIGHT_CERTIFICATE, Kind, Measure, WholeRun
 from swarmstart.cases.format.settings import LocatedFlaw
 from swarmstart.cases.kinds.swarm.names import MEASURES, UNDEFINED
 from swarmstart.cases.kinds.swarm.pose import SwarmRun, pose
@@ -14,8 +14,6 @@ from swarmstart.cases.kinds.swarm.scenario import SwarmScenario
 from swarmstart.ocp import SwarmFlight, Trajectory
 from swarmstart.ocp.swarm.controller import SwarmDecision
 
-CERTIFICATE = "flight.certificate.json"
-"""Name of the certificate in the folder of a record."""
 AT_GOAL_M = 1e-6
 """Distance from a goal that is rounding; the tracking error is added [m]."""
 
@@ -151,7 +149,7 @@ def documents(
     del flight
     if scenario.rule != "acknowledged":
         return {}
-    return {CERTIFICATE: flight_of(trajectory).certificate()}
+    return {FLIGHT_CERTIFICATE: flight_of(trajectory).certificate()}
 
 
 def flaws(scenario: SwarmScenario) -> Iterator[LocatedFlaw]:

@@ -8,7 +8,7 @@ import pytest
 from swarmstart.cases.campaign.running.finished_run import Run
 from swarmstart.cases.campaign.running.run import run
 from swarmstart.cases.commands.front.cli import main
-from swarmstart.cases.kinds.problem.kind import FLIGHT_CERTIFICATE
+from swarmstart.cases.format.kind import FLIGHT_CERTIFICATE
 from swarmstart.cases.record.record import Recording
 from swarmstart.ocp import Source
 from swarmstart.terminal_set import check

@@ -11,7 +11,8 @@ import pytest
 import swarmstart as ss
 from swarmstart.cases.campaign.running.run import run
 from swarmstart.cases.commands.front.cli import main
-from swarmstart.cases.kinds.swarm.kind import CERTIFICATE, least_gaps
+from swarmstart.cases.format.kind import FLIGHT_CERTIFICATE as CERTIFICATE
+from swarmstart.cases.kinds.swarm.kind import least_gaps
 from swarmstart.cases.record.record import Recording
 from swarmstart.terminal_set import check
 
