@@ -36,6 +36,12 @@ def export_command(options: argparse.Namespace) -> int:
             written.
         ExportError: If a path cannot be written as exactly as asked.
     """
+    for name, limit in _limits(options).items():
+        if limit is not None and options.format != "crazyswarm":
+            raise WrongExportError(
+                f"--max-{name}: expected --format crazyswarm with it, which alone "
+                f"keeps limits; found {options.format}"
+            )
     paths = chosen_paths(options)
     folder = Path(options.out or Path(options.record) / "export")
     files = {
@@ -73,8 +79,13 @@ def _error(options: argparse.Namespace) -> float:
     return float(found)
 
 
+def _limits(options: argparse.Namespace) -> dict[str, float | None]:
+    """Return the limits of derivatives by name; None: no limit."""
+    return {"speed": options.max_speed, "acceleration": options.max_acceleration}
+
+
 def _crazyswarm(paths: list[VehiclePath], options: argparse.Namespace) -> Written:
-    limits = {"speed": options.max_speed, "acceleration": options.max_acceleration}
+    limits = _limits(options)
     given = {name: most for name, most in limits.items() if most is not None}
     return {
         f"{path.name}.csv": crazyswarm_text(

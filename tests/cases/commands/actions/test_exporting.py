@@ -113,6 +113,11 @@ def test_a_file_that_exists_is_not_replaced(
             "expected a finite number above 0",
         ),
         (["--format", "csv", "--height", "inf"], "expected a finite number"),
+        (
+            ["--format", "skybrush", "--max-speed", "9"],
+            "--max-speed: expected --format",
+        ),
+        (["--max-acceleration", "9"], "expected --format crazyswarm with it"),
         (["--format", "gpx"], "expected one of crazyswarm"),
     ],
 )
