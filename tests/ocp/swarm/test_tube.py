@@ -118,6 +118,21 @@ def test_the_last_piece_of_a_tube_is_the_ball_about_its_rest(flyer: Body) -> Non
     assert bulges[-2] == 2 * bulges[-1]
 
 
+def test_the_ball_has_room_for_the_growth_between_samples() -> None:
+    made = vehicle(GOAL, 0)
+    certificate = made.near.certificate
+    assert certificate is not None and certificate.held is not None
+    held = certificate.held
+    root = held.growth**0.5 + held.integrator_error + certificate.drift
+    assert root > 1 and certificate.growth == pytest.approx(root**2, rel=1e-12)
+    value = made.near.alpha / 2
+    # The farthest position of e'Pe = g V.
+    reach = np.linalg.eigvalsh(np.linalg.inv(made.near.P)[:2, :2])[-1]
+    farthest = np.sqrt(root**2 * value * reach)
+    found = body_of(made.model, made.near, made.agent).radius(value)
+    assert farthest <= found <= farthest * (1 + 1e-8)
+
+
 def test_a_plan_that_ends_too_fast_has_no_rest(flyer: Body) -> None:
     with pytest.raises(ss.NoRestError, match="above the proven level"):
         flyer.rest_of(np.array([9.0, 0.0, 3.0, 0.0]))
