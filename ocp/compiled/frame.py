@@ -28,7 +28,6 @@ from swarmstart.ocp.compiled.vectors.vector_ir import (
     Module,
     Precision,
     VectorIR,
-    converted,
 )
 from swarmstart.tape import Tape
 
@@ -209,7 +208,7 @@ class Frame:
             f"call {doubles} {function}(ptr {address}, i32 8, "
             f"{ir.mask} {self.inside}, {doubles} zeroinitializer)"
         )
-        return converted(ir, loaded, DOUBLE, ir.form)
+        return ir.converted(loaded, DOUBLE, ir.form)
 
     def _fetch(self, address: str) -> None:
         """Prefetch memory that a later block of the same row reads.
@@ -239,7 +238,7 @@ class Frame:
         ir.module.declarations.add(
             f"declare void {function}({doubles}, ptr, i32, {ir.mask})"
         )
-        value = converted(ir, value, ir.form, DOUBLE)
+        value = ir.converted(value, ir.form, DOUBLE)
         address = self._row(self._outputs[output], str(row))
         ir.line(
             f"call void {function}({doubles} {value}, ptr {address}, i32 8, "

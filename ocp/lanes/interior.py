@@ -234,7 +234,7 @@ class InteriorLanes:
         one = posed(self._program, self._arguments, x0, known)
         return instances, Common(one, own_signals=False)
 
-    def kernels(self) -> Interior:
+    def kernels(self) -> Interior[Kernel]:
         """Return the machine code for instances with the same signals.
 
         Raises:
@@ -310,14 +310,14 @@ class _Made:
     """
 
     places: Places
-    kernels: Interior
+    kernels: Interior[Kernel]
     layout: Layout
     rows: Rows
     given: int
     own_signals: bool
 
     @staticmethod
-    def of(places: Places, kernels: Interior, own_signals: bool) -> "_Made":
+    def of(places: Places, kernels: Interior[Kernel], own_signals: bool) -> "_Made":
         """Return it with its layout."""
         layout, rows = _layout_of(kernels)
         given = sum(layout.places[name][1] for name in _given(places))
@@ -345,7 +345,7 @@ def _given(places: Places) -> list[str]:
     ]  # fmt: skip
 
 
-def _layout_of(kernels: Interior) -> tuple[Layout, Rows]:
+def _layout_of(kernels: Interior[Kernel]) -> tuple[Layout, Rows]:
     """Return the rows that kernels need, and those that the loop reads."""
     sizes = kernel_sizes(kernels[3:])
     following = [name for name in sizes if name.startswith("next.")]

@@ -16,12 +16,13 @@ line-search algorithm for large-scale nonlinear programming; Rao, Wright and Raw
 recursion.
 """
 
-from typing import NamedTuple
+from collections.abc import Iterator
+from typing import Generic, NamedTuple, TypeVar
 
 import casadi as ca
 
 from swarmstart.ocp.compiled.engine import NoCompilerError
-from swarmstart.ocp.compiled.scan import Role, compile_scan
+from swarmstart.ocp.compiled.scan import Role
 from swarmstart.ocp.lanes.barrier import inside, largest
 from swarmstart.ocp.lanes.interior_newton import (
     SUMS,
@@ -39,13 +40,14 @@ from swarmstart.ocp.lanes.interior_verdict import aimed, judged
 from swarmstart.ocp.lanes.kernels import (
     Kernel,
     Named,
+    Written,
     cholesky_solved,
-    flat_kernel,
     lower,
     simplified_function,
     symbols,
     symmetric,
     triangle,
+    written_flat,
 )
 
 OF_LANE = "parameters", "unit"
@@ -54,27 +56,30 @@ _WILD = 1e3
 """Largest scaled state that a roll-out of a start may lead to."""
 
 
-class Interior(NamedTuple):
+OneKernel = TypeVar("OneKernel", Kernel, Written)
+
+
+class Interior(NamedTuple, Generic[OneKernel]):
     """The kernels of a lane; the first three prepare its start."""
 
-    first: Kernel
-    prepare: Kernel
-    finish: Kernel
-    last: Kernel
-    backward: Kernel
-    start: Kernel
-    along: Kernel
-    aim: Kernel
-    move: Kernel
-    trial: Kernel
-    verdict: Kernel
-    keep: Kernel
+    first: OneKernel
+    prepare: OneKernel
+    finish: OneKernel
+    last: OneKernel
+    backward: OneKernel
+    start: OneKernel
+    along: OneKernel
+    aim: OneKernel
+    move: OneKernel
+    trial: OneKernel
+    verdict: OneKernel
+    keep: OneKernel
 
 
-def compile_interior(
+def written_interior(
     places: Places, *, own_signals: bool, tolerance: float, most: int, longest: int
-) -> Interior:
-    """Return the machine code.
+) -> Iterator[Written]:
+    """Yield the kernels of a problem in the order of `Interior`, not yet compiled.
 
     Args:
         places: The parts of the problem.
@@ -84,24 +89,37 @@ def compile_interior(
         longest: Largest number of instructions of an interval's part of a kernel.
 
     Raises:
+        NoCompilerError: If a kernel is too long.
+    """
+    maker = _Maker(places, own_signals, longest)
+    yield maker.first()
+    yield maker.prepare()
+    yield maker.finish()
+    yield maker.last()
+    yield maker.backward()
+    yield maker.start()
+    yield maker.along()
+    yield maker.flat(places.end, *aimed(places.end))
+    yield maker.move()
+    yield maker.trial()
+    yield maker.of_ends(*judged(places, tolerance, most))
+    yield maker.keep()
+
+
+def compile_interior(
+    places: Places, *, own_signals: bool, tolerance: float, most: int, longest: int
+) -> Interior[Kernel]:
+    """Return the machine code of a problem's kernels; arguments as above.
+
+    Raises:
         UnknownOperationError: If a function has an operation that is not compiled.
         NoCompilerError: If machine code cannot be made here, or would be too long.
     """
-    maker = _Maker(places, own_signals, longest)
-    return Interior(
-        first=maker.first(),
-        prepare=maker.prepare(),
-        finish=maker.finish(),
-        last=maker.last(),
-        backward=maker.backward(),
-        start=maker.start(),
-        along=maker.along(),
-        aim=maker.flat(places.end, *aimed(places.end)),
-        move=maker.move(),
-        trial=maker.trial(),
-        verdict=maker.of_ends(*judged(places, tolerance, most)),
-        keep=maker.keep(),
+    written = written_interior(
+        places, own_signals=own_signals, tolerance=tolerance, most=most, longest=longest
     )
+    # One is compiled, in a thread, while the next one is written.
+    return Interior(*(one.compiled() for one in written))
 
 
 class _Maker:
@@ -123,23 +141,23 @@ class _Maker:
         self._step = symbols(**{f"d.{n}": s.numel() for n, s in self._each.items()})
         self._gap = interval.after - self._xa
 
-    def of_ends(self, lane: Named, writes: Named) -> Kernel:
+    def of_ends(self, lane: Named, writes: Named) -> Written:
         """Return a kernel of a lane at both ends."""
         return self._flat(
             {**self._places.end.known, **self._places.begin.known}, lane, writes
         )
 
-    def flat(self, place: Place, lane: Named, writes: Named) -> Kernel:
+    def flat(self, place: Place, lane: Named, writes: Named) -> Written:
         """Return a kernel of a lane at an end."""
         return self._flat(place.known, lane, writes)
 
-    def _flat(self, known: Named, lane: Named, writes: Named) -> Kernel:
+    def _flat(self, known: Named, lane: Named, writes: Named) -> Written:
         own, shared = dict(lane), dict[str, ca.SX]()
         for name, one in known.items():
             kind = name.split(".")[1]
             is_own = kind in OF_LANE or (kind == "signals" and self._own)
             (own if is_own else shared)[name] = one
-        return flat_kernel(own, shared, writes)
+        return written_flat(own, shared, writes)
 
     def _scan(
         self,
@@ -149,7 +167,7 @@ class _Maker:
         writes: Named,
         *,
         backward: bool = False,
-    ) -> Kernel:
+    ) -> Written:
         """Return a kernel of all intervals."""
         known = self._places.interval.known
         roles: dict[str, Role] = dict.fromkeys(OF_LANE, "individual")
@@ -161,10 +179,12 @@ class _Maker:
         given += [roles.get(name.split(".")[1], "shared") for name in known]
         function = simplified_function(named, writes)
         require_short(function.n_instructions(), self._longest)
-        code = compile_scan(function, given, turns=self._places.N, backward=backward)
-        return Kernel(code, tuple(named), tuple(writes))
+        return Written(
+            function, tuple(given), self._places.N, backward, tuple(named),
+            tuple(writes),
+        )  # fmt: skip
 
-    def first(self) -> Kernel:
+    def first(self) -> Written:
         """Return the kernel of decisions moved inside their bounds."""
         begin = self._places.begin
         lane = symbols(fixed=self._nx, mu=1, rho=1)
@@ -184,7 +204,7 @@ class _Maker:
         z = mu / pairs.distances(ca.vertcat(own, w))
         return {f"{place.name}.w": w, f"{place.name}.z": z}
 
-    def prepare(self) -> Kernel:
+    def prepare(self) -> Written:
         """Return the kernel of states and controls inside their bounds.
 
         A lane that is `rolled` takes the states that its controls lead to, as long as
@@ -217,7 +237,7 @@ class _Maker:
         carried = {"x0": interval.x, "no_cost": spent, "no_slope": steep}
         return self._scan(carried, each, lane, writes)
 
-    def finish(self) -> Kernel:
+    def finish(self) -> Written:
         """Return the kernel of what goes with a start's end."""
         end, lane = self._places.end, symbols(mu=1, rho=1)
         writes = self._begun(end, end.own, lane["mu"], lane["rho"])
@@ -226,14 +246,14 @@ class _Maker:
         writes["size"] = ca.fmax(size, so_far["steep"])
         return self.flat(end, {"end": end.x, **so_far, **lane}, writes)
 
-    def last(self) -> Kernel:
+    def last(self) -> Written:
         """Return the kernel of the value at the end, where `backward` begins."""
         end, lane = self._places.end, symbols(mu=1, rho=1, delta=1)
         Q, q = quadratic(end, folded(end, *lane.values()), ca.SX(0))
         writes = {"slope": q, "bend": lower(Q)}
         return self.flat(end, {"end": end.x, **of_lane(end), **lane}, writes)
 
-    def backward(self) -> Kernel:
+    def backward(self) -> Written:
         """Return the kernel of the recursion from the end to the start."""
         interval, nx = self._places.interval, self._nx
         nu, z = interval.u.numel(), interval.z
@@ -260,7 +280,7 @@ class _Maker:
         each = {"x": interval.x, **self._each}
         return self._scan(carried, each, lane, writes, backward=True)
 
-    def start(self) -> Kernel:
+    def start(self) -> Written:
         """Return the kernel of the step of the decisions about the start."""
         begin, nx, tied = self._places.begin, self._nx, self._places.tied
         lane = symbols(mu=1, rho=1, delta=1)
@@ -283,7 +303,7 @@ class _Maker:
         reads = {"y": begin.own, **of_lane(begin), **lane, **carried}
         return self.flat(begin, reads, _at(begin, writes, x0))
 
-    def along(self) -> Kernel:
+    def along(self) -> Written:
         """Return the kernel of the step from the start to the end."""
         interval, nx = self._places.interval, self._nx
         nu = interval.u.numel()
@@ -308,7 +328,7 @@ class _Maker:
         each = {"x": interval.x, **self._each, **found}
         return self._scan(carried, each, lane, writes)
 
-    def move(self) -> Kernel:
+    def move(self) -> Written:
         """Return the kernel of the start of a trial."""
         y = self._places.begin.own
         lane = symbols(**{
@@ -316,9 +336,9 @@ class _Maker:
         })  # fmt: skip
         moved = lane["y"] + lane["alpha"] * lane["d.y"]
         writes = {"x0_new": lane["fixed"] + self._places.tied @ moved}
-        return flat_kernel(lane, {}, writes)
+        return written_flat(lane, {}, writes)
 
-    def trial(self) -> Kernel:
+    def trial(self) -> Written:
         """Return the kernel of the measures of a trial point."""
         interval, nx = self._places.interval, self._nx
         pending, before, sums, tops, begun = symbols(
@@ -367,7 +387,7 @@ class _Maker:
         found = ca.substitute(list(writes.values()), old, new)
         return dict(zip(writes, found, strict=True))
 
-    def keep(self) -> Kernel:
+    def keep(self) -> Written:
         """Return the kernel that takes an accepted step; it writes in place."""
         interval = self._places.interval
         x, walls = ca.SX.sym("x_before", self._nx), interval.walls

@@ -1,10 +1,11 @@
-"""Machine code whose arguments and outputs have names, and matrices written out."""
+"""Functions whose arguments and outputs have names, and matrices written out."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
 
 import casadi as ca
 
+from swarmstart.ocp.compiled.scan import Role, compile_scan
 from swarmstart.ocp.compiled.simd import SimdBatch, compile_flat
 
 _SMALLEST_PIVOT = 1e-10
@@ -27,12 +28,49 @@ class Kernel(NamedTuple):
     writes: tuple[str, ...]
 
 
-def flat_kernel(lane: Named, shared: Named, writes: Named) -> Kernel:
+class Written(NamedTuple):
+    """A kernel before it is compiled.
+
+    Attributes:
+        function: Its function; with intervals, that of one of them.
+        roles: Role of each argument, as in scan.py.
+        turns: Number of intervals; 0: it has none.
+        backward: Whether the last interval comes first.
+        reads: Names of its arguments.
+        writes: Names of its outputs.
+    """
+
+    function: ca.Function
+    roles: tuple[Role, ...]
+    turns: int
+    backward: bool
+    reads: tuple[str, ...]
+    writes: tuple[str, ...]
+
+    def compiled(self) -> Kernel:
+        """Return it as machine code.
+
+        Raises:
+            UnknownOperationError: If it has an operation that is not compiled.
+            NoCompilerError: If machine code cannot be made here.
+        """
+        if self.turns:
+            code = compile_scan(
+                self.function, self.roles, turns=self.turns, backward=self.backward
+            )
+        else:
+            own = tuple(role == "individual" for role in self.roles)
+            code = compile_flat(self.function, own)
+        return Kernel(code, self.reads, self.writes)
+
+
+def written_flat(lane: Named, shared: Named, writes: Named) -> Written:
     """Return a kernel without intervals, with individual and shared arguments."""
-    own = (True,) * len(lane) + (False,) * len(shared)
+    roles: list[Role] = ["individual"] * len(lane)
+    roles += ["shared"] * len(shared)
     named = {**lane, **shared}
-    code = compile_flat(simplified_function(named, writes), own)
-    return Kernel(code, tuple(named), tuple(writes))
+    function = simplified_function(named, writes)
+    return Written(function, tuple(roles), 0, False, tuple(named), tuple(writes))
 
 
 def simplified_function(reads: Named, writes: Named) -> ca.Function:

@@ -73,7 +73,7 @@ def _reduced_sin_and_cos(ir: VectorIR, x: str) -> tuple[str, str]:
 
     quadrant = ir.bits(shifted)
     odd = ir.integer_op("and", quadrant, ir.integer(1))
-    swap = ir.emit(f"icmp ne {ir.integers} {odd}, {ir.integer(0)}")
+    swap = ir.compare_integers("ne", odd, ir.integer(0))
     after = ir.integer_op("add", quadrant, ir.integer(1))
     return (
         _signed(ir, ir.select(swap, cosine, sine), quadrant),
@@ -356,7 +356,7 @@ def atan2(ir: VectorIR, y: str, x: str) -> str:
     ratio = ir.select(not_a_number, ir.constant(math.nan), ratio)
     base, low, small = _atan_parts(ir, ratio)
     # On the left pi less the angle, part by part: pi - base is exact.
-    left = ir.emit(f"icmp slt {ir.integers} {ir.bits(x)}, {ir.integer(0)}")
+    left = ir.compare_integers("slt", ir.bits(x), ir.integer(0))
     base = ir.select(left, ir.sub(ir.constant(2 * high), base), base)
     low = ir.select(left, ir.sub(ir.constant(2 * rest), low), low)
     small = ir.select(left, ir.neg(small), small)

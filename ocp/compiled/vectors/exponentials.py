@@ -26,7 +26,7 @@ from swarmstart.ocp.compiled.vectors.elementary import (
     served_by_library,
     with_ends_of_log,
 )
-from swarmstart.ocp.compiled.vectors.vector_ir import DOUBLE, VectorIR, converted
+from swarmstart.ocp.compiled.vectors.vector_ir import DOUBLE, VectorIR
 
 # 2/3 in two parts, then the series of log((1 + s) / (1 - s)) / s^5 in s^2.
 _TWO_THIRDS = (0.6666666666666666, 3.700743415417188e-17)
@@ -171,9 +171,9 @@ def power(ir: VectorIR, base: str, exponent: str) -> str:
 def _power(ir: VectorIR, base: str, exponent: str) -> tuple[str, str]:
     """Return base^exponent, and the mask of the lanes in which it is right."""
     wide = ir.in_format(DOUBLE)
-    given = [converted(ir, v, ir.form, DOUBLE) for v in (base, exponent)]
+    given = [ir.converted(v, ir.form, DOUBLE) for v in (base, exponent)]
     value, served = _power_of_doubles(wide, *given)
-    return converted(ir, value, DOUBLE, ir.form), served
+    return ir.converted(value, DOUBLE, ir.form), served
 
 
 def _power_of_doubles(ir: VectorIR, base: str, exponent: str) -> tuple[str, str]:
@@ -186,7 +186,7 @@ def _power_of_doubles(ir: VectorIR, base: str, exponent: str) -> tuple[str, str]
     inside = ir.compare("olt", ir.intrinsic("fabs", product), limit)
     served = ir.mask_op("and", served, ir.mask_op("and", finite, inside))
     # By its bits: a power of -0 may be -0.
-    zero = ir.emit(f"icmp eq {ir.integers} {ir.bits(base)}, {ir.integer(0)}")
+    zero = ir.compare_integers("eq", ir.bits(base), ir.integer(0))
     zero = ir.mask_op("and", zero, ir.compare("ogt", exponent, ir.constant(0.0)))
     value = ir.select(zero, ir.constant(0.0), exp_of_sum(ir, product, rest))
     return value, ir.mask_op("or", served, zero)

@@ -255,6 +255,10 @@ class VectorIR:
         """Return and, or, xor, add, sub, shl, lshr, ashr of two integer vectors."""
         return self.emit(f"{instruction} {self.integers} {a}, {b}")
 
+    def compare_integers(self, condition: str, a: str, b: str) -> str:
+        """Return the mask of a comparison of integers, such as eq, ne, slt."""
+        return self.emit(f"icmp {condition} {self.integers} {a}, {b}")
+
     def any(self, mask: str) -> str:
         """Return whether the mask is set in some lane, as one bit."""
         function = f"@llvm.vector.reduce.or.v{self.lanes}i1"
@@ -340,6 +344,14 @@ class VectorIR:
             for value, other in zip(values, mixed, strict=True)
         ]
 
+    def converted(self, value: str, given: Format, wanted: Format) -> str:
+        """Return a vector in another format, rounded if that is shorter."""
+        if given == wanted:
+            return value
+        instruction = "fpext" if given.bits < wanted.bits else "fptrunc"
+        types = (f"<{self.lanes} x {form.name}>" for form in (given, wanted))
+        return self.emit(f"{instruction} {next(types)} {value} to {next(types)}")
+
     def lane_by_lane(self, function: str, *arguments: str) -> str:
         """Return a function of the C library, of doubles, applied to every lane.
 
@@ -364,7 +376,7 @@ def _each_lane(ir: VectorIR, function: str, arguments: Sequence[str]) -> str:
     types = ", ".join(["double"] * len(arguments))
     ir.module.declarations.add(f"declare double @{function}({types})")
     doubles, result = f"<{ir.lanes} x double>", "poison"
-    given = [converted(ir, argument, ir.form, DOUBLE) for argument in arguments]
+    given = [ir.converted(argument, ir.form, DOUBLE) for argument in arguments]
     for lane in range(ir.lanes):
         scalars = [ir.emit(f"extractelement {doubles} {v}, i64 {lane}") for v in given]
         called = ", ".join(f"double {scalar}" for scalar in scalars)
@@ -372,16 +384,7 @@ def _each_lane(ir: VectorIR, function: str, arguments: Sequence[str]) -> str:
         result = ir.emit(
             f"insertelement {doubles} {result}, double {value}, i64 {lane}"
         )
-    return converted(ir, result, DOUBLE, ir.form)
-
-
-def converted(ir: VectorIR, value: str, given: Format, wanted: Format) -> str:
-    """Return a vector in another format, rounded if that is shorter."""
-    if given == wanted:
-        return value
-    instruction = "fpext" if given.bits < wanted.bits else "fptrunc"
-    types = (f"<{ir.lanes} x {form.name}>" for form in (given, wanted))
-    return ir.emit(f"{instruction} {next(types)} {value} to {next(types)}")
+    return ir.converted(result, DOUBLE, ir.form)
 
 
 class Loop:
