@@ -61,7 +61,7 @@ JUMP = 0.5
 """Rise of the cost, relative to its size, that counts as a jump."""
 _WORTH = 0.01
 """Relative saving needed by a plan that no polish has converged to."""
-_NOISE = 1e-3
+NOISE = 1e-3
 """Rise of the cost, relative to its natural size, that counts as noise."""
 
 
@@ -397,7 +397,7 @@ def is_enough(
         return True
     size = _size_along(fitness, warm, x0, known)
     natural = fitness.arguments.sizes(x0, known).cost
-    return bool(warm.cost - last_cost <= max(JUMP * size, _NOISE * natural))
+    return bool(warm.cost - last_cost <= max(JUMP * size, NOISE * natural))
 
 
 def better_plan(

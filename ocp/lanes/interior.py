@@ -13,7 +13,7 @@ about the start), x0, end, and w, m, z of both. Names of a lane: those of
 interior_verdict.py.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -25,7 +25,7 @@ from swarmstart.ocp.compiled.engine import NoCompilerError
 from swarmstart.ocp.compiled.scan import MOST_INSTRUCTIONS
 from swarmstart.ocp.lanes.answers import LaneAnswers, joined
 from swarmstart.ocp.lanes.barrier import RELAXED
-from swarmstart.ocp.lanes.blocks import Job, Layout, kernel_sizes, placed, results_of
+from swarmstart.ocp.lanes.blocks import NEXT, Job, Layout, kernel_sizes, placed, results_of
 from swarmstart.ocp.lanes.interior_kernels import (
     OF_LANE,
     Interior,
@@ -52,11 +52,11 @@ FIRST_MU, FIRST_RHO = 1e-2, 1.0
 """First parameter of the central path, and first price of broken rows, for a cost of
 size 1 at the start. A large mu leads away from the start, to an optimum that may be a
 worse one."""
-_LEAST_UNIT, _SAYING = 1e-8, 1e-6
+LEAST_UNIT, SAYING = 1e-8, 1e-6
 """Least unit of the cost, and least size of a start's cost that says something, both
 relative to its natural size. Where limits must be met first, the start's cost says less
-of that of the optimum: the unit is at least `_LIMITED`."""
-_LIMITED = 1e-2
+of that of the optimum: the unit is at least `LIMITED`."""
+LIMITED = 1e-2
 _CACHE = 1 << 20
 """Size of the memory of the lanes that are solved side by side [bytes], about that of a
 core's own cache."""
@@ -75,6 +75,12 @@ interval (16 to 80 were seen). Sweeps that must be too long are so refused witho
 counting, which would take seconds."""
 _TURNS = 64
 """Number of turns between two checks for Ctrl-C."""
+BLANK = {
+    "tries": 1.0, "paid": np.inf, "worst": np.inf, "filter_theta": 1e300,
+    "filter_phi": 1e300, "theta_most": 1e300,
+}  # fmt: skip
+"""First value of the numbers of a lane that do not begin at 0. Its first trial has the
+length 0."""
 _KEPT = "u", "y", "x", "end", "paid", "worst", "iterations", "met", "force_start"
 
 
@@ -324,7 +330,7 @@ class _Made:
         return _Made(places, kernels, layout, rows, given, own_signals)
 
 
-def _has_limits(places: Places) -> bool:
+def has_limits(places: Places) -> bool:
     """Return whether there are rows, or bounds of states."""
     nx, parts = places.nx, (places.interval, places.end, places.begin)
     bounded = any(entry < nx for entry in places.interval.walls.own.of)
@@ -345,13 +351,18 @@ def _given(places: Places) -> list[str]:
     ]  # fmt: skip
 
 
+def state_names(names: Iterable[str]) -> tuple[str, ...]:
+    """Return the names that follow from "next." ones, those of a sweep first."""
+    found = [
+        name.removeprefix(NEXT) for name in names if name.startswith(NEXT)
+    ]
+    return *AIMED, *(name for name in found if name not in AIMED)
+
+
 def _layout_of(kernels: Interior[Kernel]) -> tuple[Layout, Rows]:
     """Return the rows that kernels need, and those that the loop reads."""
     sizes = kernel_sizes(kernels[3:])
-    following = [name for name in sizes if name.startswith("next.")]
-    state = [name.removeprefix("next.") for name in following]
-    # Those that a sweep changes first, in their order.
-    state = [*AIMED, *(name for name in state if name not in AIMED)]
+    state = state_names(sizes)
     named = [
         *state, *(f"next.{name}" for name in state), *(f"aim.{name}" for name in AIMED),
     ]  # fmt: skip
@@ -383,7 +394,7 @@ class _Chunk:
     ) -> None:
         """Scale the starts and move them inside the bounds."""
         self._made, self._posed, self._instances = made, one, instances
-        self._shared = _shared(one, made.places)
+        self._shared = shared_numbers(one, made.places)
         M, nx, N = controls.shape[2], one.x0.size, one.intervals
         scaled = instances.x0 / one.sizes.states[:, None]
         tied = one.tied.sum(axis=1) > 0
@@ -412,10 +423,10 @@ class _Chunk:
         for kernel in made.kernels[:3]:
             numbers |= self._evaluated(kernel, numbers)
         size = np.nan_to_num(numbers["size"], nan=1.0)
-        least = _LEAST_UNIT
-        if _has_limits(made.places):
-            size = np.where(size < _SAYING, 1.0, size)
-            least = _LIMITED
+        least = LEAST_UNIT
+        if has_limits(made.places):
+            size = np.where(size < SAYING, 1.0, size)
+            least = LIMITED
         self._unit = np.where(size > 0, size, 1.0).clip(least, 1.0)
         for place in ("interval", "end", "begin"):
             numbers[f"{place}.unit"] = self._unit
@@ -465,7 +476,7 @@ class _Chunk:
         )
 
 
-def _shared(posed: Posed, places: Places) -> dict[str, Array]:
+def shared_numbers(posed: Posed, places: Places) -> dict[str, Array]:
     """Return the arguments that all lanes share, by their names in kernels."""
     numbers = dict[str, Array]()
     for place in (places.interval, places.end, places.begin):
@@ -517,11 +528,10 @@ def _signals(posed: Posed, signals: Array) -> dict[str, Array]:
 
 
 def _blank(layout: Layout) -> Array:
-    """Return the initial memory of a lane; its first trial has the length 0."""
+    """Return the initial memory of a lane."""
     blank = np.zeros(layout.size)
-    blank[layout.at("tries")] = 1.0
-    blank[layout.at("paid", "worst")] = np.inf
-    blank[layout.at("filter_theta", "filter_phi", "theta_most")] = 1e300
+    for name, value in BLANK.items():
+        blank[layout.at(name)] = value
     return blank
 
 

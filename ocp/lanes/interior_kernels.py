@@ -52,7 +52,7 @@ from swarmstart.ocp.lanes.kernels import (
 
 OF_LANE = "parameters", "unit"
 """Given numbers that each lane has."""
-_WILD = 1e3
+WILD = 1e3
 """Largest scaled state that a roll-out of a start may lead to."""
 
 
@@ -106,6 +106,40 @@ def written_interior(
     yield maker.keep()
 
 
+def small_interior(
+    places: Places, *, tolerance: float, most: int, longest: int
+) -> dict[str, Written]:
+    """Return the kernels of a lane with as little code as possible.
+
+    Second derivatives and the Jacobian are computed in `backward` only, and states are
+    given: `settle` takes the place of `prepare`.
+
+    Args:
+        places: The parts of the problem.
+        tolerance: Largest scaled error at which the lane ends.
+        most: Largest number of its steps.
+        longest: Largest number of instructions of an interval's part of a kernel.
+
+    Raises:
+        NoCompilerError: If a kernel is too long.
+    """
+    maker = _Maker(places, own_signals=False, longest=longest, keeps_jacobian=True)
+    return {
+        "first": maker.first(),
+        "settle": maker.settle(),
+        "finish": maker.finish(),
+        "last": maker.last(),
+        "backward": maker.backward(),
+        "start": maker.start(),
+        "along": maker.along(),
+        "aim": maker.flat(places.end, *aimed(places.end)),
+        "move": maker.move(),
+        "trial": maker.trial(),
+        "verdict": maker.of_ends(*judged(places, tolerance, most)),
+        "keep": maker.keep(),
+    }
+
+
 def compile_interior(
     places: Places, *, own_signals: bool, tolerance: float, most: int, longest: int
 ) -> Interior[Kernel]:
@@ -125,9 +159,17 @@ def compile_interior(
 class _Maker:
     """Kernels of the parts of a problem."""
 
-    def __init__(self, places: Places, own_signals: bool, longest: int) -> None:
+    def __init__(
+        self,
+        places: Places,
+        own_signals: bool,
+        longest: int,
+        *,
+        keeps_jacobian: bool = False,
+    ) -> None:
         """Remember the parts."""
         self._places, self._own, self._longest = places, own_signals, longest
+        self._keeps_jacobian = keeps_jacobian
         self._nx = places.nx
         interval = places.interval
         self._xa, self._u = ca.vertsplit(
@@ -219,7 +261,7 @@ class _Maker:
         following = ca.substitute(interval.after, interval.z, ca.vertcat(after, u))
         tame = ca.SX(1)
         for one in ca.vertsplit(ca.vertcat(after, following)):
-            tame = ca.logic_and(tame, ca.fabs(one) < _WILD)
+            tame = ca.logic_and(tame, ca.fabs(one) < WILD)
         led = ca.if_else(tame, after, lane["home"])
         start = ca.vertcat(ca.if_else(lane["rolled"], led, xa), u)
         start = ca.substitute(_pushed(interval, interval.own), interval.own, start)
@@ -236,6 +278,21 @@ class _Maker:
         each = {"xa": xa, "u": self._u}
         carried = {"x0": interval.x, "no_cost": spent, "no_slope": steep}
         return self._scan(carried, each, lane, writes)
+
+    def settle(self) -> Written:
+        """Return the kernel of given states and controls moved inside their bounds."""
+        interval = self._places.interval
+        lane = symbols(mu=1, rho=1)
+        start = _pushed(interval, interval.own)
+        begun = self._begun(interval, start, lane["mu"], lane["rho"])
+        begun = _at(interval, begun, ca.vertcat(interval.x, start[self._nx :]))
+        writes = {
+            "end": start[: self._nx], "x": interval.x, "xa": start[: self._nx],
+            "u": start[self._nx :], "w": begun["interval.w"],
+            "z": begun["interval.z"],
+        }  # fmt: skip
+        each = {"xa": self._xa, "u": self._u}
+        return self._scan({"x0": interval.x}, each, lane, writes)
 
     def finish(self) -> Written:
         """Return the kernel of what goes with a start's end."""
@@ -277,6 +334,8 @@ class _Maker:
             "wrong_start": ca.fmax(wrong, least <= 0),
             "k": k, "K": ca.vec(K), "V": lower(V), "v": v,
         }  # fmt: skip
+        if self._keeps_jacobian:
+            writes["J"] = ca.vec(J)
         each = {"x": interval.x, **self._each}
         return self._scan(carried, each, lane, writes, backward=True)
 
@@ -315,7 +374,11 @@ class _Maker:
         found = symbols(k=nu, K=nu * nx, V=len(triangle(nx)), v=nx)
         du = found["k"] + ca.reshape(found["K"], nu, nx) @ dx
         moved = ca.vertcat(dx, du)
-        after = ca.jtimes(interval.after, interval.z, moved) + self._gap
+        if self._keeps_jacobian:
+            found["J"] = ca.SX.sym("J", nx * (nx + nu))
+            after = ca.reshape(found["J"], nx, nx + nu) @ moved + self._gap
+        else:
+            after = ca.jtimes(interval.after, interval.z, moved) + self._gap
         part = folded(interval, *lane.values())
         steps, lengths = stepped(
             interval, part, moved, ca.vertcat(after, du), lane["mu"], Lengths(*so_far)

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import casadi as ca
 
-from swarmstart.ocp.compiled.scan import Role, compile_scan
+from swarmstart.ocp.compiled.scan import PER_INTERVAL, Role, compile_scan
 from swarmstart.ocp.compiled.simd import SimdBatch, compile_flat
 
 _SMALLEST_PIVOT = 1e-10
@@ -62,6 +62,20 @@ class Written(NamedTuple):
             own = tuple(role == "individual" for role in self.roles)
             code = compile_flat(self.function, own)
         return Kernel(code, self.reads, self.writes)
+
+
+def rows_of(kernel: Written) -> dict[str, int]:
+    """Return the number of entries of each name that a kernel reads or writes."""
+    function, turns = kernel.function, max(kernel.turns, 1)
+    carried = kernel.roles.count("carried")
+    found = {
+        name: function.numel_in(i) * (turns if role in PER_INTERVAL else 1)
+        for i, (name, role) in enumerate(zip(kernel.reads, kernel.roles, strict=True))
+    }
+    return found | {
+        name: function.numel_out(i) * (1 if i < carried else turns)
+        for i, name in enumerate(kernel.writes)
+    }
 
 
 def written_flat(lane: Named, shared: Named, writes: Named) -> Written:

@@ -6,7 +6,7 @@ The coefficients of exp, asin, sinh and erf interpolate at the nodes of Chebyshe
 polynomials (computed with mpmath).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from swarmstart.ocp.compiled.vectors.vector_ir import DOUBLE, Format
 
@@ -265,6 +265,22 @@ _SINGLE = Table(
 )
 
 
+_UNFUSED_DOUBLE = replace(
+    _DOUBLE,
+    pi_2=(1.5707963267341256, 6.077100506303966e-11, 2.0222662487111665e-21),
+    huge_angle=2.0**20,
+)
+"""Products with the parts of pi / 2, of 33 bits each, are exact by themselves."""
+_UNFUSED_SINGLE = replace(
+    _SINGLE,
+    pi_2=(1.5706787109375, 0.00011761486530303955, 9.920935739593517e-10),
+    huge_angle=2.0**10,
+)
+"""The same with parts of 14 bits."""
+
+
 def table(form: Format) -> Table:
     """Return the coefficients and limits for a format."""
-    return _DOUBLE if form == DOUBLE else _SINGLE
+    if form.is_fused:
+        return _DOUBLE if form == DOUBLE else _SINGLE
+    return _UNFUSED_DOUBLE if form.bits == DOUBLE.bits else _UNFUSED_SINGLE

@@ -27,6 +27,7 @@ class Format:
         significand: Bits of the significand that are stored.
         bias: Bias of the exponent.
         smallest: Smallest normal number.
+        is_fused: Whether a product in a sum is not rounded (`fma`).
     """
 
     name: str
@@ -35,6 +36,7 @@ class Format:
     significand: int
     bias: int
     smallest: float
+    is_fused: bool = True
 
     @property
     def integer(self) -> str:

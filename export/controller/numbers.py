@@ -1,0 +1,26 @@
+"""Numbers that the C file and its twin of the library share."""
+
+from enum import IntEnum
+
+FIRST_MU, WARM_MU = 1e-2, 1e-6
+"""First parameter of the central path from a seeded start, and from a shifted plan."""
+CLOSE = 1e-6
+"""Part of a plan's size by which a local optimum may be dearer than the shifted plan
+and still replace it."""
+TURNS = 2
+"""Largest number of trials of a local solve, for each of its steps."""
+
+
+class Status(IntEnum):
+    """What the control of a step is."""
+
+    PLANNED = 0
+    """The first of a local optimum, found from the shifted last plan."""
+    LINEAR = 1
+    """That of the linear law, inside the terminal set."""
+    SEARCHED = 2
+    """The first of the best answer from a seeded start."""
+    SHIFTED = 3
+    """The first of the shifted last plan: nothing better was found."""
+    INVALID = 4
+    """The same, since a number given was not finite."""

@@ -1,0 +1,240 @@
+"""A controller of the library as the numbers and functions that a C file is made of."""
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from swarmstart.arrays import Array
+from swarmstart.export.paths import ExportError
+from swarmstart.ocp.answer.plan import NOISE
+from swarmstart.ocp.lanes.one_lane import OneLane, one_lane
+from swarmstart.ocp.lanes.posed import NoLanesError
+from swarmstart.ocp.lanes.solver import random_starts
+from swarmstart.ocp.loop.controller import RecedingHorizon
+from swarmstart.ocp.loop.dual_mode import DualMode
+from swarmstart.ocp.rollout.fitness import Known
+from swarmstart.ocp.rollout.shooting import Shooting
+from swarmstart.ocp.statement.decisions import Free
+from swarmstart.ocp.statement.problem import OptimalControlProblem
+from swarmstart.terminal_set import TerminalSet
+
+KNOTS = 6
+"""Number of values between which a seeded start is linear."""
+_LONGEST = 12_000
+"""Largest number of instructions of an interval's part of a kernel: some 100 kB of
+code. The lanes themselves take 40,000."""
+_SAME = 1e-9
+"""Largest change of a target, relative to its size, that counts as rest."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class PosedController:
+    """What a C file is made of.
+
+    Attributes:
+        shooting: Functions of the problem.
+        x0: Initial state of the core, whose sizes numbers are divided by.
+        known: Known data of the core then.
+        stated: Number of states of the stated problem; further ones remember controls.
+        lane: Its lane.
+        remembered: First values of these further states.
+        first: Controls of the first plan, shape (nu, N).
+        starts: Knots of the seeded starts, shape (starts, nu, knots).
+        append_last: Whether a shifted plan ends with its last controls; else with
+            those nearest to zero.
+        terminal_set: The set in which the linear law acts; None: there is none.
+        noise: Rise of the cost that counts as noise.
+    """
+
+    shooting: Shooting
+    x0: Array
+    known: Known
+    stated: int
+    lane: OneLane
+    remembered: Array
+    first: Array
+    starts: Array
+    append_last: bool
+    terminal_set: TerminalSet | None
+    noise: float
+
+    @property
+    def problem(self) -> OptimalControlProblem:
+        """The core of the problem."""
+        return self.shooting.problem
+
+    @property
+    def interval(self) -> ca.Function:
+        """(x, u, p, S) -> (x after, cost, violation)."""
+        return self.shooting.stage_without_path
+
+    @property
+    def end(self) -> ca.Function:
+        """(x, p, s) -> (cost, violation)."""
+        return self.shooting.terminal
+
+    @property
+    def begin(self) -> ca.Function | None:
+        """The same at the start; None if nothing is added there."""
+        return self.shooting.begin if self.shooting.has_begin else None
+
+
+def posed_controller(
+    controller: RecedingHorizon | DualMode,
+    x0: ArrayLike,
+    *,
+    starts: int,
+    iterations: int,
+    rng: np.random.Generator,
+) -> PosedController:
+    """Return a controller with the sizes and the first plan of an initial state.
+
+    Args:
+        controller: The controller of one vehicle.
+        x0: Initial state of the stated problem, shape (nx,).
+        starts: Number of seeded starts.
+        iterations: Largest number of steps of a local solve.
+        rng: Source of the starts, and of the first plan's search.
+
+    Raises:
+        ExportError: If it cannot be written as C; the message names what would make it
+            possible.
+        InvalidProblemError: If a shape is not the problem's, or a value not finite.
+    """
+    loop, terminal_set = _parts(controller)
+    _require_plain(loop)
+    planner = loop.planner
+    known = loop.known(0.0)
+    start, core_known, _ = planner.posed(x0, known)
+    state = np.asarray(start, dtype=np.float64)
+    shooting, problem = planner.fitness.shooting, planner.problem
+    try:
+        lane = one_lane(
+            shooting, state, core_known, most=iterations, longest=_LONGEST
+        )
+    except NoLanesError as error:
+        raise ExportError(
+            f"the controller cannot be written as C: {error}. Fewer substeps, or "
+            "another statement of the problem, would make it possible"
+        ) from error
+    nx = planner.stated.model.nx
+    sized = planner.fitness.arguments.sizes(state, core_known).cost
+    return PosedController(
+        shooting=shooting,
+        x0=state,
+        known=core_known,
+        stated=nx,
+        lane=lane,
+        remembered=state[nx:],
+        first=_first_plan(loop, np.asarray(x0, dtype=np.float64), rng),
+        starts=_knots(problem, starts, rng),
+        append_last=loop.append == "last",
+        terminal_set=terminal_set,
+        noise=NOISE * sized,
+    )
+
+
+def _parts(
+    controller: RecedingHorizon | DualMode,
+) -> tuple[RecedingHorizon, TerminalSet | None]:
+    """Return the controller that plans, and the set in which it does not."""
+    if isinstance(controller, RecedingHorizon):
+        return controller, None
+    if not isinstance(controller, DualMode):
+        raise ExportError(
+            "expected a RecedingHorizon or a DualMode, found "
+            f"{type(controller).__name__}"
+        )
+    if len(controller.sets) != 1:
+        raise ExportError(
+            f"a C file is the controller of one vehicle, found {len(controller.sets)}: "
+            "export the controller of each, with the plans of the others as signals"
+        )
+    (one,), (target,) = controller.sets, controller.targets
+    loop = controller.team.agents[0].controller
+    at = [np.asarray(target(time), dtype=np.float64) for time in (0.0, 1.0, 1e3)]
+    if any(np.abs(x - at[0]).max() > _SAME * (1 + np.abs(at[0]).max()) for x in at):
+        raise ExportError(
+            "the target of the terminal set moves, found another one after 1 s: state "
+            "the problem in coordinates that move with it"
+        )
+    if np.abs(at[0] - one.x_ref).max() > _SAME * (1 + np.abs(at[0]).max()):
+        raise ExportError(
+            f"the target {at[0].tolist()} is not the reference {one.x_ref.tolist()} "
+            "that the terminal set is proven for: make the set at the target"
+        )
+    return loop, one
+
+
+def _require_plain(loop: RecedingHorizon) -> None:
+    """Raise unless a loop has only what a C file has."""
+    planner = loop.planner
+    stated, search = planner.stated, planner.search
+    beyond = [
+        link.rewrite.role
+        for link in planner.lowered.links
+        if not link.rewrite.is_remembered
+        and (link.after.model.nx, link.after.model.ns, link.after.model.np)
+        != (link.before.model.nx, link.before.model.ns, link.before.model.np)
+    ]
+    reasons = {
+        "it searches at every step (when='always'), and a C file has no population: "
+        "take when='needed'": search is not None and search.when == "always",
+        "it has no polish, whose method the C file has: give it one": planner.polish
+        is None,
+        "its end time is free: fix the horizon": isinstance(stated.horizon, Free),
+        "its controls are linear between knots: hold them": stated.has_knots,
+        "its plans are not shifted: take shift=True": not loop.shift,
+        "it is given candidates at each step: leave them out": loop.candidates
+        is not None,
+        "its plans have a time (within): a C file counts operations instead; leave it "
+        "out": loop.within is not None,
+        "its integrator has no fixed number of steps: take 'rk4' with substeps":
+        planner.problem.is_adaptive,
+        f"it has a feature that a C file has not ({', '.join(map(str, beyond))}): "
+        "state it by signals and states": bool(beyond),
+        "it decides its start, which a closed loop measures: leave `start` out": bool(
+            planner.problem.free_starts
+        ),
+    }  # fmt: skip
+    for reason, is_so in reasons.items():
+        if is_so:
+            raise ExportError(f"the controller cannot be written as C: {reason}")
+
+
+def _first_plan(loop: RecedingHorizon, x0: Array, rng: np.random.Generator) -> Array:
+    """Return the controls of the loop's first plan, shape (nu, N)."""
+    decision = loop.decide(0.0, x0, None, rng=rng)
+    return np.asarray(decision.plans[0].controls)
+
+
+def _knots(
+    problem: OptimalControlProblem, count: int, rng: np.random.Generator
+) -> Array:
+    """Return the knots of seeded starts, shape (count, nu, knots)."""
+    knots = min(KNOTS, problem.intervals)
+    controls, _ = random_starts(problem, 2 * count, rng)
+    # Every second one has KNOTS knots, which are values of the controls.
+    coarse = controls[:, :, ::2]
+    at = np.linspace(0, problem.intervals - 1, knots)
+    place = np.arange(problem.intervals)
+    found = np.empty((count, problem.model.nu, knots))
+    for i in range(count):
+        for row in range(problem.model.nu):
+            found[i, row] = np.interp(at, place, coarse[row, :, i])
+    return found
+
+
+def start_controls(knots: Array, intervals: int) -> Array:
+    """Return the controls of a seeded start, shape (nu, N).
+
+    Args:
+        knots: Its values, shape (nu, knots).
+        intervals: Number N of intervals.
+    """
+    count = knots.shape[1]
+    at = np.arange(intervals) * ((count - 1) / max(intervals - 1, 1))
+    return np.array([np.interp(at, np.arange(count), row) for row in knots])
+

@@ -1,0 +1,181 @@
+"""The controller of a C file by the library's own code: lanes in machine code.
+
+It decides as controller.c does, plan by plan, so that a C file can be compared with
+what was not written by the same generator.
+"""
+
+import numpy as np
+
+from swarmstart.arrays import Array
+from swarmstart.export.controller.numbers import (
+    CLOSE,
+    FIRST_MU,
+    WARM_MU,
+    Status,
+)
+from swarmstart.export.controller.posed import PosedController, start_controls
+from swarmstart.ocp.answer.plan import JUMP
+from swarmstart.ocp.lanes.interior import InteriorLanes
+from swarmstart.ocp.lanes.solver import RHO
+from swarmstart.ocp.nlp.polish import is_better
+from swarmstart.ocp.rollout.fitness import Known
+from swarmstart.ocp.statement.guesses import shifted_controls
+from swarmstart.terminal_set import TerminalSet
+
+_Value = tuple[float, float, float]
+"""Cost, sum of the sizes of its parts, and violation."""
+
+
+class Twin:
+    """A controller that decides as a C file does.
+
+    Its memory is its own: `reset` begins anew.
+    """
+
+    def __init__(self, one: PosedController, *, iterations: int) -> None:
+        """Compile the lanes.
+
+        Args:
+            one: What the C file is made of.
+            iterations: Largest number of steps of a local solve.
+        """
+        self._one, self._problem = one, one.problem
+        self._lanes = InteriorLanes(one.shooting, most=iterations)
+        _, self._common = self._lanes.repeated(one.x0, one.known, 1)
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin anew."""
+        self._plan, self._path = self._one.first, np.empty(0)
+        self._cost, self._begun = 0.0, False
+        self._remembered = self._one.remembered
+
+    def step(self, x: Array, known: Known | None = None) -> tuple[Array, Status]:
+        """Return the control of a step, shape (nu,), and what it is.
+
+        Args:
+            x: State of the stated problem, finite.
+            known: Known data of the core; None: those of the export.
+        """
+        known = self._one.known if known is None else known
+        here = np.concatenate([x, self._remembered])
+        if self._begun:
+            self._shift(known)
+        found = self._linear(here, known)
+        if found is None:
+            found = self._planned(here, known)
+        value, status = found
+        self._begun, self._cost = True, value[0]
+        self._remembered = self._path[self._one.stated :, 0]
+        return self._plan[:, 0].copy(), status
+
+    def _shift(self, known: Known) -> None:
+        last = self._path[:, -1]
+        append = "last" if self._one.append_last else "zero"
+        self._plan = shifted_controls(self._problem, self._plan, append)
+        after, _, _ = self._interval(last, self._plan[:, -1], known, -1)
+        self._path = np.hstack([self._path[:, 1:], after[:, None]])
+
+    def _linear(self, x: Array, known: Known) -> tuple[_Value, Status] | None:
+        """Return the value of the linear law's plan; None outside its set."""
+        near = self._one.terminal_set
+        if near is None or not bool(near.contains(x - near.x_ref)):
+            return None
+        self._plan = self._law(near, x, known)
+        value, self._path = self._rolled(x, self._plan, known)
+        return value, Status.LINEAR
+
+    def _law(self, near: TerminalSet, x: Array, known: Known) -> Array:
+        controls, limits = [], self._problem.control_limits
+        for k in range(self._problem.intervals):
+            u = np.clip(near.u_ref + near.feedback(x - near.x_ref), *limits)
+            controls.append(u)
+            x, _, _ = self._interval(x, u, known, k)
+        return np.array(controls).T
+
+    def _planned(self, x: Array, known: Known) -> tuple[_Value, Status]:
+        """Return the value of the best plan found."""
+        shifted, guess, status = self._plan, self._path, Status.SHIFTED
+        best, self._path = self._rolled(x, shifted, known)
+        states = np.hstack([x[:, None], guess]) if self._begun else None
+        mu, close = (WARM_MU if self._begun else FIRST_MU), CLOSE * best[1]
+        plan, value, is_optimal = self._solved(x, shifted, states, mu, known)
+        if self._takes(plan, value, best, is_optimal, close, x, known):
+            best, status = value, Status.PLANNED
+        rise = best[0] - self._cost
+        if not self._begun or not is_optimal or rise > max(
+            JUMP * best[1], self._one.noise
+        ):
+            for knots in self._one.starts:
+                start = start_controls(knots, self._problem.intervals)
+                plan, value, _ = self._solved(x, start, None, FIRST_MU, known)
+                if self._takes(plan, value, best, False, 0.0, x, known):
+                    best, status = value, Status.SEARCHED
+        return best, status
+
+    def _takes(  # noqa: PLR0913, PLR0917 - a plan, and what it is compared with
+        self,
+        plan: Array,
+        value: _Value,
+        best: _Value,
+        is_optimal: bool,
+        close: float,
+        x: Array,
+        known: Known,
+    ) -> bool:
+        """Keep a plan that is better, or nearly as good and optimal."""
+        tolerance = self._problem.tolerance
+        better = is_better(value[::2], best[::2], tolerance=tolerance)
+        if not (better or (is_optimal and value[0] - best[0] <= close)):
+            return False
+        self._plan, self._path = plan, self._rolled(x, plan, known)[1]
+        return True
+
+    def _solved(
+        self, x: Array, plan: Array, states: Array | None, mu: float, known: Known
+    ) -> tuple[Array, _Value, bool]:
+        """Return the answer of a lane, its value, and whether it is an optimum."""
+        instances, _ = self._lanes.repeated(x, known, 1)
+        lower, upper = self._problem.control_limits
+        start = np.clip(plan, lower[:, None], upper[:, None])[:, :, None]
+        found = self._lanes(
+            instances, start, np.empty((0, 1)),
+            None if states is None else states[:, :, None],
+            common=self._common, mu=mu, rho=RHO,
+        )  # fmt: skip
+        controls = found.controls[:, :, 0]
+        value, _ = self._rolled(x, controls, known)
+        fits = value[2] <= self._problem.tolerance
+        return controls, value, bool(found.optimal[0]) and fits
+
+    def _interval(
+        self, x: Array, u: Array, known: Known, k: int
+    ) -> tuple[Array, float, float]:
+        problem, signals = self._problem, np.atleast_2d(known.signals)
+        k %= problem.intervals
+        window = signals[:, k * problem.checks : (k + 1) * problem.checks + 1]
+        after, cost, broken = self._one.interval(x, u, self._parameters(known), window)
+        return np.array(after).ravel(), float(cost), float(broken)
+
+    def _parameters(self, known: Known) -> Array:
+        weights = self._one.lane.weights
+        return np.concatenate([np.asarray(known.parameters, dtype=float), weights])
+
+    def _rolled(
+        self, x: Array, plan: Array, known: Known
+    ) -> tuple[_Value, Array]:
+        """Return the value of a plan, and the states after each interval."""
+        one, p, path = self._one, self._parameters(known), []
+        signals, total = np.atleast_2d(known.signals), np.zeros(3)
+        if one.begin is not None:
+            cost, broken = map(float, one.begin(x, p, signals[:, 0]))
+            total += cost, abs(cost), broken
+        for k in range(self._problem.intervals):
+            x, cost, broken = self._interval(x, plan[:, k], known, k)
+            total += cost, abs(cost), broken
+            path.append(x)
+        cost, broken = map(float, one.end(x, p, signals[:, -1]))
+        total += cost, abs(cost), broken
+        if not np.isfinite([*total, *x]).all():
+            total[:] = np.inf
+        return (total[0], total[1], total[2]), np.array(path).T
