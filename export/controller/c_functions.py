@@ -43,23 +43,52 @@ class CFile:
         Raises:
             UnknownOperationError: If it has an operation that cannot be written.
         """
-        if not kernel.turns:
-            self._add_flat_kernel(name, kernel)
-            return
-        tape = simplified(with_inverses(read_tape(without_interpolants(kernel.function))))
-        count = sum(role == "carried" for role in kernel.roles)
-        lines, ends = [], tape.outputs[:count]
-        starts = [
-            (f"c{a}_{e}", self._entry(kernel.reads[a], str(e)))
-            for a, role in enumerate(kernel.roles) if role == "carried"
+        if kernel.turns:
+            self._add_scan(name, kernel)
+        else:
+            self._add_flat(name, kernel)
+
+    def _add_scan(self, name: str, kernel: Written) -> None:
+        """Add a loop over the intervals."""
+        function = without_interpolants(kernel.function)
+        tape = simplified(with_inverses(read_tape(function)))
+        count = kernel.roles.count("carried")
+        starts = {
+            f"c{a}_{e}": self._entry(kernel.reads[a], str(e))
+            for a, role in enumerate(kernel.roles)
+            if role == "carried"
             for e in range(tape.inputs[a])
-        ]  # fmt: skip
-        lines += [f"  real {variable} = {first};" for variable, first in starts]
-        step = f"k = {kernel.turns - 1}; k >= 0; --k" if kernel.backward else (
-            f"k = 0; k < {kernel.turns}; ++k"
-        )
-        lines += ["  int k;", f"  for ({step}) {{"]
+        }
         writer = CWriter(self.form, common=self.common)
+        found = emit_tape(writer, tape, _loaded(writer, self._reader(kernel, tape)))
+        for output, numbers in enumerate(tape.outputs[count:], start=count):
+            for entry, number in enumerate(numbers):
+                place = f"k * {len(numbers)} + {entry}"
+                written = self._entry(kernel.writes[output], place)
+                writer.line(f"{written} = {found[number]};")
+        # All are read before: the values are constants of the loop's body.
+        after = [found[n] for numbers in tape.outputs[:count] for n in numbers]
+        for variable, value in zip(starts, after, strict=True):
+            writer.line(f"{variable} = {value};")
+        ends = [
+            self._entry(kernel.writes[output], str(entry))
+            for output, numbers in enumerate(tape.outputs[:count])
+            for entry in range(len(numbers))
+        ]
+        turns = kernel.turns
+        order = f"k = {turns - 1}; k >= 0; --k"
+        lines = [
+            *(f"  real {variable} = {first};" for variable, first in starts.items()),
+            "  int k;",
+            f"  for ({order if kernel.backward else f'k = 0; k < {turns}; ++k'}) {{",
+            *(f"  {line}" for line in writer.body.lines),
+            "  }",
+            *(f"  {end} = {value};" for end, value in zip(ends, starts, strict=True)),
+        ]
+        self._add(name, "memory_t *m", lines, turns * writer.operations)
+
+    def _reader(self, kernel: Written, tape: Tape) -> Callable[[int, int], str]:
+        """Return what gives the C expression of an argument's entry in interval k."""
 
         def read(argument: int, entry: int) -> str:
             role, own = kernel.roles[argument], kernel.reads[argument]
@@ -69,25 +98,9 @@ class CFile:
                 return self._entry(own, f"k * {tape.inputs[argument]} + {entry}")
             return self._entry(own, str(entry))
 
-        found = emit_tape(writer, tape, _loaded(writer, read))
-        for output, numbers in enumerate(tape.outputs[count:], start=count):
-            for entry, number in enumerate(numbers):
-                place = f"k * {len(numbers)} + {entry}"
-                written = self._entry(kernel.writes[output], place)
-                writer.line(f"{written} = {found[number]};")
-        # All are read before: the values are constants of the loop's body.
-        after = [found[n] for numbers in ends for n in numbers]
-        for (variable, _), value in zip(starts, after, strict=True):
-            writer.line(f"{variable} = {value};")
-        lines += [f"  {line}" for line in writer.body.lines] + ["  }"]
-        variables = iter(variable for variable, _ in starts)
-        for output, numbers in enumerate(ends):
-            for entry in range(len(numbers)):
-                place = self._entry(kernel.writes[output], str(entry))
-                lines.append(f"  {place} = {next(variables)};")
-        self._add(name, "memory_t *m", lines, kernel.turns * writer.operations)
+        return read
 
-    def _add_flat_kernel(self, name: str, kernel: Written) -> None:
+    def _add_flat(self, name: str, kernel: Written) -> None:
         tape = simplified(read_tape(without_interpolants(kernel.function)))
         writer = CWriter(self.form, common=self.common)
 
@@ -138,9 +151,11 @@ class CFile:
         return f"{self.places[name]}[{index}]"
 
     def _add(self, name: str, given: str, lines: list[str], operations: int) -> None:
-        unused = ["  (void)m;"] if "memory_t" in given and not any(
-            "m->" in line for line in lines
-        ) else []
+        unused = (
+            ["  (void)m;"]
+            if "memory_t" in given and not any("m->" in line for line in lines)
+            else []
+        )
         head = f"static void {name}({given})"
         self.functions[name] = "\n".join([head, "{", *lines, *unused, "}", ""])
         self.operations[name] = operations

@@ -207,9 +207,7 @@ def _wide_power(ir: VectorIR, base: str, exponent: str) -> list[str]:
     return [ir.select(ir.compare("oeq", exponent, zero), one, value)]
 
 
-def _function_text(
-    name: str, count: int, inner: CWriter, values: Sequence[str]
-) -> str:
+def _function_text(name: str, count: int, inner: CWriter, values: Sequence[str]) -> str:
     """Return a static function of numbers."""
     given = ", ".join(f"real a{i}" for i in range(count))
     if len(values) == 1:
@@ -243,4 +241,3 @@ def c_table(name: str, values: ArrayLike, form: Format) -> str:
     lines = [", ".join(rows[i : i + 3]) for i in range(0, len(rows), 3)]
     inner = ",\n    ".join(lines)
     return f"static const real {name}[{len(rows)}] = {{\n    {inner}\n}};\n"
-

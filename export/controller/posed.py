@@ -17,6 +17,7 @@ from swarmstart.ocp.loop.dual_mode import DualMode
 from swarmstart.ocp.rollout.fitness import Known
 from swarmstart.ocp.rollout.shooting import Shooting
 from swarmstart.ocp.statement.decisions import Free
+from swarmstart.ocp.statement.guesses import Appended
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 from swarmstart.terminal_set import TerminalSet
 
@@ -42,8 +43,7 @@ class PosedController:
         remembered: First values of these further states.
         first: Controls of the first plan, shape (nu, N).
         starts: Knots of the seeded starts, shape (starts, nu, knots).
-        append_last: Whether a shifted plan ends with its last controls; else with
-            those nearest to zero.
+        append: The controls that a shifted plan ends with.
         terminal_set: The set in which the linear law acts; None: there is none.
         noise: Rise of the cost that counts as noise.
     """
@@ -56,7 +56,7 @@ class PosedController:
     remembered: Array
     first: Array
     starts: Array
-    append_last: bool
+    append: Appended
     terminal_set: TerminalSet | None
     noise: float
 
@@ -111,9 +111,7 @@ def posed_controller(
     state = np.asarray(start, dtype=np.float64)
     shooting, problem = planner.fitness.shooting, planner.problem
     try:
-        lane = one_lane(
-            shooting, state, core_known, most=iterations, longest=_LONGEST
-        )
+        lane = one_lane(shooting, state, core_known, most=iterations, longest=_LONGEST)
     except NoLanesError as error:
         raise ExportError(
             f"the controller cannot be written as C: {error}. Fewer substeps, or "
@@ -130,7 +128,7 @@ def posed_controller(
         remembered=state[nx:],
         first=_first_plan(loop, np.asarray(x0, dtype=np.float64), rng),
         starts=_knots(problem, starts, rng),
-        append_last=loop.append == "last",
+        append=loop.append,
         terminal_set=terminal_set,
         noise=NOISE * sized,
     )
@@ -237,4 +235,3 @@ def start_controls(knots: Array, intervals: int) -> Array:
     count = knots.shape[1]
     at = np.arange(intervals) * ((count - 1) / max(intervals - 1, 1))
     return np.array([np.interp(at, np.arange(count), row) for row in knots])
-

@@ -12,10 +12,16 @@ import numpy as np
 
 from swarmstart.export.controller.c_functions import CFile
 from swarmstart.export.controller.c_writer import c_number, c_table
-from swarmstart.export.controller.numbers import CLOSE, FIRST_MU, TURNS, WARM_MU
+from swarmstart.export.controller.numbers import (
+    CLOSE,
+    FIRST_MU,
+    LITTLE,
+    TURNS,
+    WARM_MU,
+)
 from swarmstart.export.controller.posed import PosedController
-from swarmstart.ocp.compiled.vectors.vector_ir import FORMATS
 from swarmstart.ocp.answer.plan import JUMP
+from swarmstart.ocp.compiled.vectors.vector_ir import FORMATS
 from swarmstart.ocp.lanes.interior_kernels import WILD
 from swarmstart.ocp.lanes.solver import RHO
 
@@ -36,7 +42,7 @@ _HELPERS = {
   return value;
 }
 """,
-    "shifted_right": """/* An arithmetic shift, which C leaves to the compiler for negative numbers. */
+    "shifted_right": """/* Arithmetic, which C leaves to the compiler. */
 static bits_t shifted_right(bits_t bits, bits_t count)
 {
   const bits_t sign = bits >> (8 * sizeof bits - 1);
@@ -58,6 +64,7 @@ static bits_t shifted_right(bits_t bits, bits_t count)
     ),
 }
 
+_HUGE = 1e300
 _STATUS = """/* Status of a step. */
 enum {
   NAME_PLANNED = 0,  /* a local optimum, from the shifted last plan */
@@ -152,7 +159,9 @@ _LINEAR = """  if (is_inside(here)) {
     return NAME_LINEAR;
   }
 """
-_RESCUE = """  if (!m->is_begun || !(warm & OPTIMAL)
+_RESCUE = """  if (!m->is_begun
+      || (best.size > LITTLE * NOISE && !(warm & OPTIMAL))
+      || !(best.violation <= TOLERANCE)
       || best.cost - m->cost > larger(JUMP * best.size, NOISE)) {
     for (i = 0; i < STARTS; ++i) {
       take_start(m, i);
@@ -277,7 +286,7 @@ class _Maker:
             "CHECKS": problem.checks, "NODES": problem.nodes,
             "TURNS": self._turns, "STARTS": len(one.starts),
             "KNOTS": one.starts.shape[2],
-            "LARGEST": self._number(1e300 if bits == 64 else 1e37),  # noqa: PLR2004
+            "LARGEST": self._number(_HUGE if bits == 64 else 1e37),  # noqa: PLR2004
             "TOLERANCE": self._number(problem.tolerance),
             "FIRST_MU": self._number(FIRST_MU), "WARM_MU": self._number(WARM_MU),
             "FIRST_RHO": self._number(RHO),
@@ -285,24 +294,31 @@ class _Maker:
             "LEAST_SIZE": self._number(lane.least_unit[1]),
             "JUMP": self._number(JUMP), "NOISE": self._number(one.noise),
             "CLOSE": self._number(CLOSE), "WILD": self._number(WILD),
+            "LITTLE": self._number(LITTLE),
             "OPERATIONS_START": f"{self._start_operations()}ul",
         }  # fmt: skip
         counted = {
             f"OPERATIONS_{name}": f"{count}ul"
             for name, count in self._file.operations.items()
         }
-        defined = [f"#define {key} {value}" for key, value in (numbers | counted).items()]
+        defined = [
+            f"#define {key} {value}" for key, value in (numbers | counted).items()
+        ]
         signals = "(m->signals + (k) * CHECKS * NS)"
-        defined.append(f"#define SIGNALS(k) {signals}" if problem.ns else "#define SIGNALS(k) m->signals")
+        defined.append(
+            f"#define SIGNALS(k) {signals}"
+            if problem.ns
+            else "#define SIGNALS(k) m->signals"
+        )
         includes = [
-            f'#include "{self._name}.h"', "", "#include <math.h>", "#include <stdint.h>",
+            '#include "NAME.h"', "", "#include <math.h>", "#include <stdint.h>",
             "#include <string.h>", "", "#ifdef __FAST_MATH__",
             "#error \"-ffast-math removes the tests for numbers that are not finite\"",
             "#endif", "", "typedef NAME_real real;", "typedef NAME_memory memory_t;",
             f"typedef uint{bits}_t bits_t;", "#define INFINITE ((real)INFINITY)",
             "#define NOT_A_NUMBER ((real)NAN)", "",
-            "/* A plan's cost, the sum of the sizes of its parts, and its violation. */",
-            f"typedef struct {{ real cost, size, violation; }} "
+            "/* Cost of a plan, sum of the sizes of its parts, and its violation. */",
+            "typedef struct { real cost, size, violation; } "
             "trial_t;", "",
         ]  # fmt: skip
         return "\n".join([self._remark, *includes, *defined, "", ""])
@@ -331,7 +347,7 @@ class _Maker:
             "TAKE_OVER": self._copies(one.lane.state, "next."),
             "AIM": self._copies(self._aimed(), "aim."),
             "APPEND": "    m->plan[(N - 1) * NU + i] = m->plan[(N - 2) * NU + i];\n"
-            if one.append_last and known.intervals > 1
+            if one.append == "last" and known.intervals > 1
             else "    m->plan[(N - 1) * NU + i] = u_zero[i];\n",
             "STARTS": _STARTS if len(one.starts) else "",
             "SET": _SET if one.terminal_set is not None else "",
@@ -369,7 +385,9 @@ class _Maker:
         return "".join(lines)
 
     def _large(self, value: float) -> str:
-        return "LARGEST" if value >= 1e300 and np.isfinite(value) else self._number(value)  # noqa: PLR2004
+        return (
+            "LARGEST" if value >= _HUGE and np.isfinite(value) else self._number(value)
+        )
 
     def _units(self, value: str) -> str:
         return "".join(
@@ -392,7 +410,7 @@ class _Maker:
             "size_x": sizes.states, "size_u": sizes.controls, "u_lower": lower,
             "u_upper": upper, "first_plan": one.first.T,
         }  # fmt: skip
-        if not (one.append_last and problem.intervals > 1):
+        if not (one.append == "last" and problem.intervals > 1):
             tables["u_zero"] = zero
         if one.lane.weights.size:
             tables["row_weights"] = one.lane.weights
@@ -481,7 +499,9 @@ class _Maker:
         """Return the largest number of operations of a step."""
         one, count = self._one, self._file.operations
         problem = one.problem
-        rolled = (problem.intervals + 1) * (count["f_interval"] + 3) + count["f_end"] + 4
+        rolled = (
+            (problem.intervals + 1) * (count["f_interval"] + 3) + count["f_end"] + 4
+        )
         rolled += count.get("f_begin", 0)
         turn = sum(count[f"k_{name}"] for name in (*_SWEEP, *_TRIAL))
         begin = count["k_first"] + count["k_finish"] + count["k_trial"]
@@ -519,7 +539,7 @@ class _Maker:
             f"#define NAME_DT {problem.dt!r}",
             f"#define NAME_MOST_OPERATIONS {self._most_operations()}ull", "",
             _STATUS, "typedef struct {",
-            f"  NAME_real plan[{N * nu}];       /* controls, interval after interval */",
+            f"  NAME_real plan[{N * nu}];  /* controls, one interval after another */",
             f"  NAME_real shifted[{N * nu}], found[{N * nu}];",
             f"  NAME_real start[{N * nu}], start_plan[{N * nu}];",
             f"  NAME_real path[{N * nx}], guess[{N * nx}], found_path[{N * nx}];",

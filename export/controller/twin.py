@@ -10,6 +10,7 @@ from swarmstart.arrays import Array
 from swarmstart.export.controller.numbers import (
     CLOSE,
     FIRST_MU,
+    LITTLE,
     WARM_MU,
     Status,
 )
@@ -30,6 +31,9 @@ class Twin:
     """A controller that decides as a C file does.
 
     Its memory is its own: `reset` begins anew.
+
+    Attributes:
+        size: Sum of the sizes of the parts of the last plan's cost.
     """
 
     def __init__(self, one: PosedController, *, iterations: int) -> None:
@@ -47,7 +51,7 @@ class Twin:
     def reset(self) -> None:
         """Begin anew."""
         self._plan, self._path = self._one.first, np.empty(0)
-        self._cost, self._begun = 0.0, False
+        self._cost, self.size, self._begun = 0.0, 0.0, False
         self._remembered = self._one.remembered
 
     def step(self, x: Array, known: Known | None = None) -> tuple[Array, Status]:
@@ -65,14 +69,18 @@ class Twin:
         if found is None:
             found = self._planned(here, known)
         value, status = found
-        self._begun, self._cost = True, value[0]
+        self._begun, self._cost, self.size = True, value[0], value[1]
         self._remembered = self._path[self._one.stated :, 0]
         return self._plan[:, 0].copy(), status
 
+    def model(self, x: Array, u: Array) -> Array:
+        """Return the state after an interval, with the known data of the export."""
+        here = np.concatenate([x, np.zeros(self._problem.model.nx - x.size)])
+        return self._interval(here, u, self._one.known, 0)[0][: x.size]
+
     def _shift(self, known: Known) -> None:
         last = self._path[:, -1]
-        append = "last" if self._one.append_last else "zero"
-        self._plan = shifted_controls(self._problem, self._plan, append)
+        self._plan = shifted_controls(self._problem, self._plan, self._one.append)
         after, _, _ = self._interval(last, self._plan[:, -1], known, -1)
         self._path = np.hstack([self._path[:, 1:], after[:, None]])
 
@@ -102,16 +110,23 @@ class Twin:
         plan, value, is_optimal = self._solved(x, shifted, states, mu, known)
         if self._takes(plan, value, best, is_optimal, close, x, known):
             best, status = value, Status.PLANNED
-        rise = best[0] - self._cost
-        if not self._begun or not is_optimal or rise > max(
-            JUMP * best[1], self._one.noise
-        ):
+        if self._must_search(best, is_optimal):
             for knots in self._one.starts:
                 start = start_controls(knots, self._problem.intervals)
                 plan, value, _ = self._solved(x, start, None, FIRST_MU, known)
                 if self._takes(plan, value, best, False, 0.0, x, known):
                     best, status = value, Status.SEARCHED
         return best, status
+
+    def _must_search(self, best: _Value, is_optimal: bool) -> bool:
+        """Return whether seeded starts are solved, too."""
+        noise = self._one.noise
+        return (
+            not self._begun
+            or (best[1] > LITTLE * noise and not is_optimal)
+            or not best[2] <= self._problem.tolerance
+            or best[0] - self._cost > max(JUMP * best[1], noise)
+        )
 
     def _takes(  # noqa: PLR0913, PLR0917 - a plan, and what it is compared with
         self,
@@ -161,9 +176,7 @@ class Twin:
         weights = self._one.lane.weights
         return np.concatenate([np.asarray(known.parameters, dtype=float), weights])
 
-    def _rolled(
-        self, x: Array, plan: Array, known: Known
-    ) -> tuple[_Value, Array]:
+    def _rolled(self, x: Array, plan: Array, known: Known) -> tuple[_Value, Array]:
         """Return the value of a plan, and the states after each interval."""
         one, p, path = self._one, self._parameters(known), []
         signals, total = np.atleast_2d(known.signals), np.zeros(3)

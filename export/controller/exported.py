@@ -1,0 +1,248 @@
+"""A controller in C: its text, and the same compiled here and called."""
+
+from __future__ import annotations
+
+import ctypes
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from swarmstart.arrays import Array
+from swarmstart.export.controller.numbers import Status
+from swarmstart.export.controller.posed import PosedController
+from swarmstart.export.paths import ExportError
+from swarmstart.ocp.loop.controller import Decision, Mode
+from swarmstart.ocp.rollout.fitness import Known
+
+FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fno-tree-vectorize")
+"""Flags for which all optimisations give the same bits."""
+COMPILERS = ("cc", "gcc", "clang")
+_SECONDS = 600.0
+
+
+class NoCCompilerError(ExportError):
+    """No C compiler is found here."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class CExport:
+    """A controller as text: one C99 file, its header and what goes with them.
+
+    Attributes:
+        name: Name of the controller, a C identifier.
+        files: Name of a file -> its text.
+        precision: "double" or "single".
+        most_operations: Largest number of operations of a step.
+        posed: What the files are made of.
+        iterations: Largest number of steps of a local solve.
+    """
+
+    name: str
+    files: Mapping[str, str]
+    precision: str
+    most_operations: int
+    posed: PosedController
+    iterations: int
+
+    def __repr__(self) -> str:
+        """Return name, files and the bound of a step in one line."""
+        return (
+            f"CExport: {self.name}, {', '.join(self.files)}; at most "
+            f"{self.most_operations:.3g} operations a step"
+        )
+
+    def controller(self, *flags: str, compiler: str = "") -> CompiledController:
+        """Compile the C file, and return it as a controller of a closed loop.
+
+        Args:
+            flags: Flags of the compiler; none: `FLAGS`.
+            compiler: Command of the compiler; empty: the first of cc, gcc, clang.
+
+        Raises:
+            NoCCompilerError: If there is no compiler.
+            ExportError: If the compiler fails.
+        """
+        return CompiledController(self, flags or FLAGS, compiler)
+
+
+class CompiledController:
+    """A controller that calls the compiled C file; its memory is the C file's own.
+
+    A decision without a decision before it begins anew. Known data are those of the
+    export.
+
+    Attributes:
+        dt: Length of a control interval [s].
+        status: What the last control was.
+    """
+
+    def __init__(self, made: CExport, flags: Sequence[str], compiler: str = "") -> None:
+        """Compile the file in a folder that is removed.
+
+        Args:
+            made: The export.
+            flags: Flags of the compiler.
+            compiler: Its command; empty: the first of COMPILERS that is found.
+
+        Raises:
+            NoCCompilerError: If there is none.
+            ExportError: If it fails.
+        """
+        self.dt, self.status = made.posed.problem.dt, Status.SHIFTED
+        self._made = made
+        kind = ctypes.c_double if made.precision == "double" else ctypes.c_float
+        self._kind, self._dtype = kind, np.dtype(kind)
+        with tempfile.TemporaryDirectory(prefix="swarmstart-") as folder:
+            library = compiled_library(made, Path(folder), flags, compiler)
+            self._library = ctypes.CDLL(str(library))
+        name = made.name
+        self._step = getattr(self._library, f"{name}_step")
+        self._step.restype = ctypes.c_int
+        size = getattr(self._library, f"{name}_size")
+        size.restype = ctypes.c_ulong
+        self._memory = ctypes.create_string_buffer(int(size()))
+        self._facts = getattr(self._library, f"{name}_facts")
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin anew."""
+        getattr(self._library, f"{self._made.name}_reset")(self._memory)
+
+    def step(self, x: Array, known: Known | None = None) -> Array:
+        """Return the control of a step, shape (nu,).
+
+        Args:
+            x: State, shape (nx,).
+            known: Known data of the core of the problem; None: those of the export.
+        """
+        one = self._made.posed
+        known = one.known if known is None else known
+        u = np.zeros(one.problem.model.nu, dtype=self._dtype)
+        given = [np.asarray(x)]
+        if one.problem.model.np:
+            given.append(np.asarray(known.parameters))
+        if one.problem.ns:
+            given.append(np.ravel(np.asarray(known.signals), order="F"))
+        arrays = [np.ascontiguousarray(a, dtype=self._dtype) for a in given]
+        pointers = [a.ctypes.data_as(ctypes.c_void_p) for a in (*arrays, u)]
+        self.status = Status(self._step(self._memory, *pointers))
+        return u.astype(np.float64)
+
+    def decide(
+        self,
+        time: float,
+        state: Array,
+        previous: Decision | None,
+        *,
+        rng: np.random.Generator,
+    ) -> Decision:
+        """Return the control of a step; see Controller."""
+        del time, rng
+        if previous is None:
+            self.reset()
+        control = self.step(state)
+        linear = self.status is Status.LINEAR
+        mode = Mode.LINEAR if linear else Mode.PLANNED
+        return Decision(control=control, plans=(), mode=mode)
+
+    @property
+    def operations(self) -> int:
+        """Number of operations of the last step."""
+        return self._numbers()[0]
+
+    @property
+    def iterations(self) -> int:
+        """Number of trials of the last step."""
+        return self._numbers()[1]
+
+    @property
+    def cost(self) -> float:
+        """Cost of the last plan."""
+        return self._values()[0]
+
+    @property
+    def violation(self) -> float:
+        """Violation of the last plan."""
+        return self._values()[1]
+
+    def _read(self) -> tuple[list[int], list[float]]:
+        counts, values = (ctypes.c_ulonglong * 2)(), (ctypes.c_double * 2)()
+        self._facts(self._memory, counts, values)
+        return list(counts), list(values)
+
+    def _numbers(self) -> list[int]:
+        return self._read()[0]
+
+    def _values(self) -> list[float]:
+        return self._read()[1]
+
+
+_PROBE = """
+#include "NAME.h"
+unsigned long NAME_size(void) { return (unsigned long)sizeof(NAME_memory); }
+void NAME_facts(const NAME_memory *m, unsigned long long counts[2], double values[2])
+{
+  counts[0] = m->operations;
+  counts[1] = m->iterations;
+  values[0] = (double)m->cost;
+  values[1] = (double)m->violation;
+}
+"""
+
+
+def compiler_command(asked: str = "") -> str:
+    """Return the command of a C compiler.
+
+    Raises:
+        NoCCompilerError: If it is not found.
+    """
+    for command in (asked,) if asked else COMPILERS:
+        found = shutil.which(command)
+        if found is not None:
+            return found
+    wanted = asked or " or ".join(COMPILERS)
+    raise NoCCompilerError(
+        f"no C compiler: expected the command {wanted}, found none; install one, for "
+        "example the package gcc"
+    )
+
+
+def compiled_library(
+    made: CExport, folder: Path, flags: Sequence[str], compiler: str
+) -> Path:
+    """Write the sources into a folder, and compile them as a shared library.
+
+    Raises:
+        NoCCompilerError: If there is no compiler.
+        ExportError: If it fails.
+    """
+    command = compiler_command(compiler)
+    probe = folder / "probe.c"
+    probe.write_text(_PROBE.replace("NAME", made.name))
+    for name, content in made.files.items():
+        (folder / name).write_text(content)
+    library = folder / f"{made.name}.so"
+    run(
+        [command, *flags, "-fPIC", "-shared", str(folder / f"{made.name}.c"),
+         str(probe), "-o", str(library), "-lm"]
+    )  # fmt: skip
+    return library
+
+
+def run(command: Sequence[str]) -> None:
+    """Run a compiler.
+
+    Raises:
+        ExportError: If it fails; with the first lines that it wrote.
+    """
+    done = subprocess.run(
+        command, capture_output=True, text=True, check=False, timeout=_SECONDS
+    )
+    if done.returncode:
+        said = "; ".join(done.stderr.strip().splitlines()[:3])
+        raise ExportError(f"the C compiler failed with code {done.returncode}: {said}")
