@@ -128,11 +128,19 @@ static void lead(memory_t *m)
 static void take_unit(memory_t *m)
 {
   real unit;
+  int i;
+  /* Without prices and forces of the walls, the residual is the slope of the cost. */
   memset(m->lane.z, 0, sizeof m->lane.z);
+  m->lane.rho[0] = 0;
   RUN(k_move);
   RUN(k_trial);
+  m->lane.rho[0] = FIRST_RHO;
   m->lane.spent[0] = m->lane.sums_new[0];
   m->lane.steep[0] = m->lane.tops_new[0];
+  for (i = 0; i < NX; ++i) {
+    const real slope = m->lane.force_start[i];
+    m->lane.steep[0] = larger(m->lane.steep[0], slope < 0 ? -slope : slope);
+  }
   RUN(k_finish);
   unit = m->lane.size[0];
   if (unit != unit || unit < LEAST_SIZE || unit <= 0) {
