@@ -19,7 +19,7 @@ from swarmstart.arguments import (
     reals,
     text,
 )
-from swarmstart.export.controller.c_writer import c_table
+from swarmstart.export.controller.c_writer import c_number, c_table
 from swarmstart.export.controller.exported import FLAGS, CExport
 from swarmstart.export.controller.numbers import Status
 from swarmstart.export.controller.posed import PosedController, posed_controller
@@ -41,8 +41,10 @@ FLOWN = 10.0
 MOST_STEPS = 2000
 _SAYING = 1e-3
 """Part of the noise of a cost above which a status does not depend on rounding."""
-APART = {"double": 1e-6, "single": 1e-4}
+APART = {"double": 1e-6, "single": 5e-3}
 """Largest difference of a control in the test main, relative to its range."""
+EXACTNESS = {"double": (1e-8, 2e-15), "single": (1e-6, 1e-6)}
+"""Largest scaled error at which a local solve ends, and rounding error of its cost."""
 _WORDS = frozenset(
     "auto break case char const continue default do double else enum extern float for "
     "goto if inline int long register restrict return short signed sizeof static "
@@ -117,7 +119,12 @@ def export_c(  # noqa: PLR0913 - what a file is made of, by name
     _require_name(name)
     rng = np.random.default_rng(seed)
     one = posed_controller(
-        controller, x0, starts=starts, iterations=iterations, rng=rng
+        controller,
+        x0,
+        starts=starts,
+        iterations=iterations,
+        exactness=EXACTNESS[precision],
+        rng=rng,
     )
     try:
         made = controller_text(
@@ -220,6 +227,8 @@ def _main_text(name: str, one: PosedController, precision: str, iterations: int)
     problem, form = one.problem, FORMATS[precision]
     steps = max(1, min(round(FLOWN / problem.dt), MOST_STEPS))
     controls, statuses = _flight(one, iterations, steps)
+    if precision == "single":  # Rounding decides which plan is better.
+        statuses = [-1 for _ in statuses]
     lower, upper = problem.control_limits
     span = np.maximum(np.ptp(controls, axis=0), 1e-9)
     bounded = np.isfinite(upper - lower)
@@ -231,7 +240,8 @@ def _main_text(name: str, one: PosedController, precision: str, iterations: int)
     }  # fmt: skip
     lines = [
         f"#define STEPS {steps}", "#define INFINITE ((real)INFINITY)",
-        "typedef NAME_real real;", f"static const real tolerance = {APART[precision]};",
+        "typedef NAME_real real;",
+        f"static const real tolerance = {c_number(APART[precision], form)};",
         f"static const int wanted[] = {{{', '.join(str(int(s)) for s in statuses)}}};",
         *(c_table(key, values, form) for key, values in tables.items()),
     ]  # fmt: skip

@@ -87,6 +87,7 @@ def posed_controller(
     *,
     starts: int,
     iterations: int,
+    exactness: tuple[float, float],
     rng: np.random.Generator,
 ) -> PosedController:
     """Return a controller with the sizes and the first plan of an initial state.
@@ -96,6 +97,8 @@ def posed_controller(
         x0: Initial state of the stated problem, shape (nx,).
         starts: Number of seeded starts.
         iterations: Largest number of steps of a local solve.
+        exactness: Largest scaled error at which a local solve ends, and the rounding
+            error of its cost.
         rng: Source of the starts, and of the first plan's search.
 
     Raises:
@@ -111,7 +114,15 @@ def posed_controller(
     state = np.asarray(start, dtype=np.float64)
     shooting, problem = planner.fitness.shooting, planner.problem
     try:
-        lane = one_lane(shooting, state, core_known, most=iterations, longest=_LONGEST)
+        lane = one_lane(
+            shooting,
+            state,
+            core_known,
+            most=iterations,
+            longest=_LONGEST,
+            tolerance=exactness[0],
+            rounding=exactness[1],
+        )
     except NoLanesError as error:
         raise ExportError(
             f"the controller cannot be written as C: {error}. Fewer substeps, or "

@@ -219,7 +219,7 @@ class _Maker:
     ) -> None:
         """Write the functions of the problem."""
         self._name, self._one, self._remark = name, one, remark
-        self._form = FORMATS[precision]
+        self._precision, self._form = precision, FORMATS[precision]
         self._turns = TURNS * iterations
         self._file = CFile(self._form, self._places())
         lane = one.lane
@@ -294,7 +294,7 @@ class _Maker:
             "LEAST_SIZE": self._number(lane.least_unit[1]),
             "JUMP": self._number(JUMP), "NOISE": self._number(one.noise),
             "CLOSE": self._number(CLOSE), "WILD": self._number(WILD),
-            "LITTLE": self._number(LITTLE),
+            "LITTLE": self._number(LITTLE[self._precision]),
             "OPERATIONS_START": f"{self._start_operations()}ul",
         }  # fmt: skip
         counted = {

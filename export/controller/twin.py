@@ -123,7 +123,7 @@ class Twin:
         noise = self._one.noise
         return (
             not self._begun
-            or (best[1] > LITTLE * noise and not is_optimal)
+            or (best[1] > LITTLE["double"] * noise and not is_optimal)
             or not best[2] <= self._problem.tolerance
             or best[0] - self._cost > max(JUMP * best[1], noise)
         )

@@ -25,7 +25,14 @@ from swarmstart.ocp.compiled.engine import NoCompilerError
 from swarmstart.ocp.compiled.scan import MOST_INSTRUCTIONS
 from swarmstart.ocp.lanes.answers import LaneAnswers, joined
 from swarmstart.ocp.lanes.barrier import RELAXED
-from swarmstart.ocp.lanes.blocks import NEXT, Job, Layout, kernel_sizes, placed, results_of
+from swarmstart.ocp.lanes.blocks import (
+    NEXT,
+    Job,
+    Layout,
+    kernel_sizes,
+    placed,
+    results_of,
+)
 from swarmstart.ocp.lanes.interior_kernels import (
     OF_LANE,
     Interior,
@@ -353,9 +360,7 @@ def _given(places: Places) -> list[str]:
 
 def state_names(names: Iterable[str]) -> tuple[str, ...]:
     """Return the names that follow from "next." ones, those of a sweep first."""
-    found = [
-        name.removeprefix(NEXT) for name in names if name.startswith(NEXT)
-    ]
+    found = [name.removeprefix(NEXT) for name in names if name.startswith(NEXT)]
     return *AIMED, *(name for name in found if name not in AIMED)
 
 

@@ -107,7 +107,7 @@ def written_interior(
 
 
 def small_interior(
-    places: Places, *, tolerance: float, most: int, longest: int
+    places: Places, *, tolerance: float, rounding: float, most: int, longest: int
 ) -> dict[str, Written]:
     """Return the kernels of a lane with as little code as possible.
 
@@ -117,6 +117,7 @@ def small_interior(
     Args:
         places: The parts of the problem.
         tolerance: Largest scaled error at which the lane ends.
+        rounding: Rounding error of the barrier's value, relative to it.
         most: Largest number of its steps.
         longest: Largest number of instructions of an interval's part of a kernel.
 
@@ -135,7 +136,7 @@ def small_interior(
         "aim": maker.flat(places.end, *aimed(places.end)),
         "move": maker.move(),
         "trial": maker.trial(),
-        "verdict": maker.of_ends(*judged(places, tolerance, most)),
+        "verdict": maker.of_ends(*judged(places, tolerance, most, rounding)),
         "keep": maker.keep(),
     }
 

@@ -37,7 +37,8 @@ _FILTER = 8
 _GAMMA_THETA, _GAMMA_PHI, _ETA = 1e-5, 1e-8, 1e-8
 _POWER_THETA, _POWER_PHI = 1.1, 2.3
 _LEAST_ALPHA, _SHORTEST = 0.05, 1e-12
-_ROUNDING = 2e-15
+ROUNDING = 2e-15
+"""Rounding error of the barrier's value, relative to it."""
 _KAPPA_ERROR, _KAPPA_MU, _POWER_MU = 10.0, 0.2, 1.5
 _FALLS = 3
 """Largest number of times that mu falls after one step."""
@@ -108,16 +109,19 @@ def aimed(end: Place) -> tuple[Named, Named]:
     return {"end": end.x, **of_lane(end), "d.end": moved, **lane}, writes
 
 
-def judged(places: Places, tolerance: float, most: int) -> tuple[Named, Named]:
+def judged(
+    places: Places, tolerance: float, most: int, rounding: float = ROUNDING
+) -> tuple[Named, Named]:
     """Return what follows from a trial: what it reads, and what it writes.
 
     Args:
         places: The parts of the problem.
         tolerance: Largest scaled error at which a lane ends.
         most: Largest number of steps of a lane.
+        rounding: Rounding error of the barrier's value, relative to it.
     """
     ends = _Ends(places)
-    writes = _Judged(ends, tolerance, most, _count(places)).writes()
+    writes = _Judged(ends, tolerance, most, _count(places), rounding).writes()
     return ends.reads, writes
 
 
@@ -197,10 +201,12 @@ class _Path(NamedTuple):
 class _Judged:
     """The judgement of a trial."""
 
-    def __init__(self, ends: _Ends, tolerance: float, most: int, count: int) -> None:
+    def __init__(
+        self, ends: _Ends, tolerance: float, most: int, count: int, rounding: float
+    ) -> None:
         """Judge the trial."""
-        self._ends, self._tolerance, self._most, self._count = (
-            ends, tolerance, most, count,
+        self._ends, self._tolerance, self._most, self._count, self._rounding = (
+            ends, tolerance, most, count, rounding,
         )  # fmt: skip
         sizes = {
             "delta": 1, "delta_last": 1, "tries": 1, "gain": 1, "least_alpha": 1,
@@ -218,7 +224,7 @@ class _Judged:
         # Largest values ignore NaN, sums do not.
         duals = self._ends.sums[SUMS.index("duals")]
         finite = all_of(ca.fabs(phi) < _FINITE, theta < _FINITE, duals < _FINITE)
-        fall, rounding = -now["gain"], _ROUNDING * ca.fabs(now["phi"])
+        fall, rounding = -now["gain"], self._rounding * ca.fabs(now["phi"])
         safe = ca.if_else(fall > 0, fall, 1)
         old = ca.fmax(now["theta"], 1e-300)
         steep = all_of(fall > 0, now["alpha"] * safe**_POWER_PHI > old**_POWER_THETA)

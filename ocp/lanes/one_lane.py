@@ -20,6 +20,7 @@ from swarmstart.ocp.lanes.interior import (
 )
 from swarmstart.ocp.lanes.interior_kernels import small_interior
 from swarmstart.ocp.lanes.interior_parts import places_of
+from swarmstart.ocp.lanes.interior_verdict import ROUNDING
 from swarmstart.ocp.lanes.kernels import Written, rows_of
 from swarmstart.ocp.lanes.posed import NoLanesError, posed, refused_by_lanes
 from swarmstart.ocp.nlp.transcription import multiple_shooting
@@ -65,6 +66,7 @@ def one_lane(
     most: int,
     longest: int,
     tolerance: float = TOLERANCE,
+    rounding: float = ROUNDING,
 ) -> OneLane:
     """Return the lane of a problem, with the sizes of an initial state.
 
@@ -75,6 +77,7 @@ def one_lane(
         most: Largest number of steps.
         longest: Largest number of instructions of an interval's part of a kernel.
         tolerance: Largest scaled error at which it ends.
+        rounding: Rounding error of the barrier's value, relative to it.
 
     Raises:
         NoLanesError: If lanes cannot solve the problem, or it is too long.
@@ -88,7 +91,11 @@ def one_lane(
     places = places_of(program)
     try:
         kernels = small_interior(
-            places, tolerance=tolerance, most=most, longest=longest
+            places,
+            tolerance=tolerance,
+            rounding=rounding,
+            most=most,
+            longest=longest,
         )
     except NoCompilerError as error:
         raise NoLanesError(str(error)) from error
