@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import textwrap
+from collections.abc import Sequence
 from importlib.resources import files
 from typing import Literal
 
@@ -28,7 +29,7 @@ from swarmstart.export.controller.twin import Twin
 from swarmstart.export.paths import ExportError
 from swarmstart.ocp.common.errors import refused
 from swarmstart.ocp.compiled.vectors.vector_ir import FORMATS
-from swarmstart.ocp.loop.controller import RecedingHorizon
+from swarmstart.ocp.loop.controller import SEEN, RecedingHorizon
 from swarmstart.ocp.loop.dual_mode import DualMode
 from swarmstart.tape import UnknownOperationError
 from swarmstart.terminal_set import certificate_text
@@ -61,6 +62,7 @@ _WORDS = frozenset(
     iterations=a_count(least=1, most=MOST_ITERATIONS),
     precision=choice(("double", "single")),
     main=FLAG,
+    seen=SEEN,
     seed=a_count(),
 )
 def export_c(  # noqa: PLR0913 - what a file is made of, by name
@@ -72,6 +74,7 @@ def export_c(  # noqa: PLR0913 - what a file is made of, by name
     iterations: int = 100,
     precision: Literal["double", "single"] = "double",
     main: bool = False,
+    seen: Sequence[ArrayLike] = (),
     seed: int = 0,
 ) -> CExport:
     """Write a receding-horizon controller as one C99 file, without heap and recursion.
@@ -92,6 +95,8 @@ def export_c(  # noqa: PLR0913 - what a file is made of, by name
         precision: Precision of all numbers in C.
         main: Whether to write a program that flies for 10 s, prints CSV and compares
             its controls with those of the library.
+        seen: Rows of the first plan's signals that follow those of the reference: plans
+            of others, each (k, nodes).
         seed: Seed of the starts and of the first plan.
 
     Returns:
@@ -124,6 +129,7 @@ def export_c(  # noqa: PLR0913 - what a file is made of, by name
         starts=starts,
         iterations=iterations,
         exactness=EXACTNESS[precision],
+        seen=seen,
         rng=rng,
     )
     try:

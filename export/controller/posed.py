@@ -1,5 +1,6 @@
 """A controller of the library as the numbers and functions that a C file is made of."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -81,13 +82,14 @@ class PosedController:
         return self.shooting.begin if self.shooting.has_begin else None
 
 
-def posed_controller(
+def posed_controller(  # noqa: PLR0913 - what a file is made of, by name
     controller: RecedingHorizon | DualMode,
     x0: ArrayLike,
     *,
     starts: int,
     iterations: int,
     exactness: tuple[float, float],
+    seen: Sequence[ArrayLike] = (),
     rng: np.random.Generator,
 ) -> PosedController:
     """Return a controller with the sizes and the first plan of an initial state.
@@ -99,6 +101,7 @@ def posed_controller(
         iterations: Largest number of steps of a local solve.
         exactness: Largest scaled error at which a local solve ends, and the rounding
             error of its cost.
+        seen: Rows of signals that follow those of the reference.
         rng: Source of the starts, and of the first plan's search.
 
     Raises:
@@ -109,7 +112,8 @@ def posed_controller(
     loop, terminal_set = _parts(controller)
     _require_plain(loop)
     planner = loop.planner
-    known = loop.known(0.0)
+    rows = tuple(np.atleast_2d(np.asarray(one, dtype=np.float64)) for one in seen)
+    known = loop.known(0.0, rows)
     start, core_known, _ = planner.posed(x0, known)
     state = np.asarray(start, dtype=np.float64)
     shooting, problem = planner.fitness.shooting, planner.problem
@@ -137,7 +141,7 @@ def posed_controller(
         stated=nx,
         lane=lane,
         remembered=state[nx:],
-        first=_first_plan(loop, np.asarray(x0, dtype=np.float64), rng),
+        first=_first_plan(loop, np.asarray(x0, dtype=np.float64), rows, rng),
         starts=_knots(problem, starts, rng),
         append=loop.append,
         terminal_set=terminal_set,
@@ -213,10 +217,12 @@ def _require_plain(loop: RecedingHorizon) -> None:
             raise ExportError(f"the controller cannot be written as C: {reason}")
 
 
-def _first_plan(loop: RecedingHorizon, x0: Array, rng: np.random.Generator) -> Array:
+def _first_plan(
+    loop: RecedingHorizon, x0: Array, seen: tuple[Array, ...], rng: np.random.Generator
+) -> Array:
     """Return the controls of the loop's first plan, shape (nu, N)."""
-    decision = loop.decide(0.0, x0, None, rng=rng)
-    return np.asarray(decision.plans[0].controls)
+    plan = loop.plan(0.0, x0, None, seen=seen, rng=rng)
+    return np.asarray(plan.controls)
 
 
 def _knots(

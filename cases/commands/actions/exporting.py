@@ -1,4 +1,4 @@
-"""`swarmstart export`: the flight of a record as files of others."""
+"""`swarmstart export`: flights as files of others, controllers as C."""
 
 import argparse
 from collections.abc import Callable, Mapping
@@ -23,6 +23,10 @@ ERRORS = {"crazyswarm": 0.005, "skybrush": 0.001, "qgc": 0.1, "wpl": 0.1}
 """Largest error of each format by default [m]."""
 
 
+_EAST = 90.0
+"""Direction of the x axis by default [deg]."""
+
+
 class WrongExportError(SwarmstartError, ValueError):
     """Options that do not fit a format or a record."""
 
@@ -34,25 +38,60 @@ def export_command(options: argparse.Namespace) -> int:
         WrongExportError: If the options do not fit.
         RecordError: If the record cannot be read, or a file exists or cannot be
             written.
-        ExportError: If a path cannot be written as exactly as asked.
+        ExportError: If a path or a controller cannot be written as asked.
     """
+    _require_own(options)
+    if options.what == "trajectory":
+        options.format = options.format or "csv"
+        folder, files = _of_trajectory(options)
+    else:
+        # CasADi and its neighbours are slow to import.
+        from swarmstart.cases.commands.actions.exporting_code import c_files
+
+        folder, files = c_files(options)
+    chosen = {folder / name: content for name, content in files.items()}
+    require_new(chosen, "choose another --out")
+    for file, content in chosen.items():
+        write_bytes(file, content)
+    answer("\n".join(f"file  {printable(str(file))}" for file in chosen))
+    return DONE
+
+
+OWN = {
+    "trajectory": (
+        "format", "positions", "height", "error", "max_speed", "max_acceleration",
+        "origin", "heading",
+    ),
+    "c": ("variant", "assignments", "name", "starts", "iterations", "precision", "seed", "main"),
+}  # fmt: skip
+"""What is exported -> the options that it alone has."""
+FLAGS = {"assignments": "set"}
+"""Name of an option in the code -> its name for users, if that is another."""
+
+
+def _require_own(options: argparse.Namespace) -> None:
+    """Raise if an option is given that belongs to another export."""
+    for what, names in OWN.items():
+        given = [
+            name for name in names if getattr(options, name) not in (None, False, [])
+        ]
+        if what != options.what and given:
+            raise WrongExportError(
+                f"--{FLAGS.get(given[0], given[0]).replace('_', '-')}: expected export {what} with it, "
+                f"found export {options.what}"
+            )
+
+
+def _of_trajectory(options: argparse.Namespace) -> tuple[Path, Written]:
+    """Return the folder and the files of a flight."""
     for name, limit in _limits(options).items():
         if limit is not None and options.format != "crazyswarm":
             raise WrongExportError(
                 f"--max-{name}: expected --format crazyswarm with it, which alone "
                 f"keeps limits; found {options.format}"
             )
-    paths = chosen_paths(options)
-    folder = Path(options.out or Path(options.record) / "export")
-    files = {
-        folder / name: content
-        for name, content in FORMATS[options.format](paths, options).items()
-    }
-    require_new(files, "choose another --out")
-    for file, content in files.items():
-        write_bytes(file, content)
-    answer("\n".join(f"file  {printable(str(file))}" for file in files))
-    return DONE
+    folder = Path(options.out or Path(options.source) / "export")
+    return folder, FORMATS[options.format](chosen_paths(options), options)
 
 
 def chosen_paths(options: argparse.Namespace) -> list[VehiclePath]:
@@ -63,7 +102,8 @@ def chosen_paths(options: argparse.Namespace) -> list[VehiclePath]:
             f"--positions: expected two or three names, such as x,y,z; found "
             f"{options.positions!r}"
         )
-    paths = paths_of(load(options.record), names, height=options.height)
+    height = options.height or 0.0
+    paths = paths_of(load(options.source), names, height=height)
     known = [path.name for path in paths]
     for name in options.vehicle:
         if name not in known:
@@ -134,7 +174,7 @@ def _origin(options: argparse.Namespace) -> Origin:
         ) from None
     return Origin(
         latitude=latitude, longitude=longitude, altitude=altitude,
-        heading=options.heading,
+        heading=_EAST if options.heading is None else options.heading,
     )  # fmt: skip
 
 

@@ -94,6 +94,12 @@ def _workers(what: str) -> Option:
     )  # fmt: skip
 
 
+_ASSIGNMENTS = _repeatable(
+    "--set", metavar="KEY.PATH=VALUE", dest="assignments",
+    help="change one value of the scenario, e.g. prediction.intervals=80; repeatable",
+)  # fmt: skip
+
+
 _QUIET = _flag("-q", "--quiet", help="do not show progress on stderr")
 _JSON = _flag("--json", help="print one JSON object instead of text")
 _ONLY_JSON = _flag("--json", help="print one JSON object")
@@ -107,11 +113,7 @@ _CHANGES = (
         help="variant of the scenario, e.g. literal (as printed) or corrected "
         "(default: corrected, if the scenario has variants)",
     ),
-    _repeatable(
-        "--set", metavar="KEY.PATH=VALUE", dest="assignments",
-        help="change one value of the scenario, e.g. prediction.intervals=80; "
-        "repeatable",
-    ),
+    _ASSIGNMENTS,
     _flag(
         "--allow-python",
         help="allow a scenario of kind python to run its Python file; do this only "
@@ -379,21 +381,24 @@ OPTIONS: Mapping[str, tuple[Option | OneOf, ...]] = {
     ),
     "export": (
         _option(
-            "what", metavar="WHAT", choices=("trajectory",),
-            help="what is exported: trajectory, the flight of vehicles",
+            "what", metavar="WHAT", choices=("trajectory", "c"),
+            help="what is exported: trajectory, the flight of vehicles; c, a "
+            "receding-horizon controller in C99",
         ),
         _option(
-            "record", metavar="RECORD", help="folder of a run, or of a saved result"
+            "source", metavar="SOURCE",
+            help="trajectory: folder of a run, or of a saved result; c: name of a "
+            "scenario, or path of its file",
         ),
         _option(
-            "--format", default="csv", choices=[*EXPORTS], metavar="FORMAT",
+            "--format", choices=[*EXPORTS], metavar="FORMAT",
             help="; ".join(f"{name}: {what}" for name, what in EXPORTS.items())
             + " (default: csv)",
         ),
-        _out("folder of the files (default: export in the record)"),
+        _out("folder of the files (default: export in the record; c: NAME)"),
         _repeatable(
             "--vehicle", metavar="NAME",
-            help="only this vehicle; repeatable (default: all)",
+            help="only this vehicle; repeatable (default: all; c: the first)",
         ),
         _option(
             "--positions", metavar="X,Y[,Z]",
@@ -401,7 +406,7 @@ OPTIONS: Mapping[str, tuple[Option | OneOf, ...]] = {
             "(default: x_m,y_m,z_m or x,y,z, without z if there is none)",
         ),
         _option(
-            "--height", type=finite, default=0.0, metavar="M",
+            "--height", type=finite, metavar="M",
             help="height of vehicles in a plane [m] (default: 0)",
         ),
         _option(
@@ -424,10 +429,37 @@ OPTIONS: Mapping[str, tuple[Option | OneOf, ...]] = {
             "wpl; with a minus write --origin=-33.9,18.4,0 (default: none)",
         ),
         _option(
-            "--heading", type=finite, default=90.0, metavar="DEG",
+            "--heading", type=finite, metavar="DEG",
             help="direction of the x axis, clockwise from north; y is to its left "
             "(default: 90, so that x is east and y is north)",
         ),
+        _option(
+            "--variant", metavar="NAME",
+            help="variant of the scenario (default: corrected, if there are variants)",
+        ),
+        _ASSIGNMENTS,
+        _option(
+            "--name", metavar="NAME",
+            help="name of the files and prefix in C (default: that of the scenario)",
+        ),
+        _option(
+            "--starts", type=seed, metavar="N",
+            help="seeded starts of a step whose plan is no optimum, or dearer "
+            "(default: 16)",
+        ),
+        _option(
+            "--iterations", type=count, metavar="N",
+            help="largest number of steps of a local solve (default: 100)",
+        ),
+        _option(
+            "--precision", choices=("double", "single"), metavar="NAME",
+            help="double or single (default: double)",
+        ),
+        _option(
+            "--seed", type=seed, metavar="N",
+            help="seed of the first plan and of the starts (default: 0)",
+        ),
+        _flag("--main", help="write a program that flies and compares"),
     ),
     "schema": (
         _option(

@@ -103,8 +103,9 @@ examples:
   swarmstart export trajectory results/swarm_20/27a3 --format crazyswarm
   swarmstart export trajectory my_run --format skybrush --out show
   swarmstart export trajectory my_run --format qgc --origin 47.38,8.55,408
+  swarmstart export c pendulum --main --out pendulum_c
 
-Exit code 2: the record or the options do not fit, or the format is not as
+Exit code 2: the source or the options do not fit, or the format is not as
 exact as asked; 5: a file could not be read or written."""
 _SCHEMA = """\
 examples:
@@ -297,9 +298,10 @@ SUBCOMMANDS = {
         f"{_ACTIONS}.judging:judge_command",
     ),
     "export": Subcommand(
-        "write the flight of a record for drones, simulators and autopilots",
+        "write flights for drones and autopilots, and controllers in C",
         "Write the positions of the vehicles of a record, along the simulated path, in "
-        "a format of others. Files that exist are never replaced.",
+        "a format of others; or the receding-horizon controller of a scenario as one "
+        "C99 file. Files that exist are never replaced.",
         _EXPORT,
         f"{_ACTIONS}.exporting:export_command",
     ),

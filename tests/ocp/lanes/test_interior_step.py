@@ -14,7 +14,7 @@ from swarmstart.arrays import Array
 from swarmstart.ocp.lanes.interior import FIRST_RHO, Instances, _Chunk
 from swarmstart.ocp.lanes.interior_newton import SUMS, TOPS
 from swarmstart.ocp.lanes.interior_parts import Place
-from swarmstart.ocp.lanes.interior_verdict import AIMED, _Ends, _Judged
+from swarmstart.ocp.lanes.interior_verdict import AIMED, ROUNDING, _Ends, _Judged
 from swarmstart.ocp.lanes.kernels import Kernel
 from swarmstart.ocp.nlp.nlp_assembly import inputs_of
 from swarmstart.tests.ocp.lanes.dense import Barrier, Point, Rows
@@ -282,7 +282,7 @@ def test_trials_are_taken_as_the_filter_says(
 ) -> None:  # fmt: skip
     """With phi = 0 before, and a change of -1 with the whole step, unless said."""
     ends = _Ends(case.made.places)
-    judged = _Judged(ends, 1e-8, 100, 1)
+    judged = _Judged(ends, 1e-8, 100, 1, ROUNDING)
     theta, phi = ca.SX.sym("theta_new"), ca.SX.sym("phi_new")
     given = {
         "alpha": 0.5, "gain": -1.0, "theta_least": 1e-4, "theta_most": 1e4,

@@ -1,0 +1,95 @@
+"""`swarmstart export c`: the controller of a scenario as C99."""
+
+import argparse
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from swarmstart.arrays import Array
+from swarmstart.cases.format.scenario import read_document, resolve
+from swarmstart.cases.kinds.flight import flight_of
+from swarmstart.errors import SwarmstartError
+from swarmstart.export.controller import export_c
+from swarmstart.ocp import DualMode, OpenLoop, RecedingHorizon, Team
+
+
+class WrongSourceError(SwarmstartError, ValueError):
+    """A scenario has no controller that can be exported."""
+
+
+def c_files(options: argparse.Namespace) -> tuple[Path, Mapping[str, bytes]]:
+    """Return the folder and the files of a controller.
+
+    Raises:
+        WrongSourceError: If the scenario has no receding-horizon controller, or not
+            the vehicle.
+        ExportError: If the controller cannot be written as C.
+    """
+    seed = options.seed or 0
+    resolved = resolve(
+        read_document(options.source),
+        variant=options.variant,
+        assignments=options.assignments or (),
+    )
+    posed, scenario = resolved.posed(), resolved.scenario
+    flight = flight_of(posed, scenario)
+    controller, x0, seen = _chosen(flight.controller, posed.x0, options.vehicle, seed)
+    name = options.name or re.sub(r"[^A-Za-z0-9_]", "_", scenario.name)
+    made = export_c(
+        controller, x0, name=name, seen=seen, seed=seed, main=options.main,
+        starts=16 if options.starts is None else options.starts,
+        iterations=options.iterations or 100,
+        precision=options.precision or "double",
+    )  # fmt: skip
+    files = {file: text.encode() for file, text in made.files.items()}
+    return Path(options.out or name), files
+
+
+def _chosen(
+    controller: object, x0: Array, vehicles: list[str], seed: int
+) -> tuple[RecedingHorizon | DualMode, Array, tuple[Array, ...]]:
+    """Return the controller of one vehicle, its initial state, and plans it sees."""
+    if isinstance(controller, OpenLoop):
+        controller = controller.loop  # In C its horizon recedes.
+    if isinstance(controller, DualMode) and len(controller.sets) > 1:
+        # All switch to their laws at once; one alone has none.
+        controller = controller.team
+    if isinstance(controller, RecedingHorizon | DualMode):
+        _number(vehicles, 1)
+        return controller, x0, ()
+    if not isinstance(controller, Team):
+        raise WrongSourceError(
+            "expected a receding-horizon controller, or a team of them that use the "
+            f"plans of all others; found {type(controller).__name__}"
+        )
+    number = _number(vehicles, len(controller.agents))
+    agent = controller.agents[number]
+    seen: tuple[Array, ...] = ()
+    if agent.watches:
+        rng = np.random.default_rng(seed)
+        plans = controller.decide(0.0, x0, None, rng=rng).plans
+        shows = [controller.agents[j].shows for j in agent.watches]
+        seen = tuple(
+            plans[j].states[list(rows)]
+            for j, rows in zip(agent.watches, shows, strict=True)
+        )
+    return agent.controller, controller.split(x0)[number], seen
+
+
+def _number(vehicles: list[str], count: int) -> int:
+    """Return the number of the vehicle that is asked for, from 0."""
+    if not vehicles:
+        return 0
+    if len(vehicles) > 1 or not re.fullmatch(r"[1-9][0-9]{0,5}", vehicles[0]):
+        raise WrongSourceError(
+            f"--vehicle: expected one number from 1 to {count}, since a C file is the "
+            f"controller of one vehicle; found {', '.join(vehicles)}"
+        )
+    number = int(vehicles[0])
+    if number > count:
+        raise WrongSourceError(
+            f"--vehicle: expected a number from 1 to {count}, found {number}"
+        )
+    return number - 1
