@@ -88,6 +88,163 @@ static int is_better(const trial_t *one, const trial_t *other)
     || (broken == other_broken && one->cost < other->cost);
 }
 
+/* Signals at both ends of a step of the integrator in interval k. */
+static void ends_of(const memory_t *m, int k, int step, real a[NS + 1], real b[NS + 1])
+{
+  const real *first = SIGNALS(k) + step / STEPS * NS;
+  const real here = (real)(step % STEPS) / (real)STEPS;
+  const real after = (real)(step % STEPS + 1) / (real)STEPS;
+  int i;
+  (void)k;
+  (void)first;
+  (void)here;
+  (void)after;
+  for (i = 0; i < NS; ++i) {
+    a[i] = first[i] + here * (first[i + NS] - first[i]);
+    b[i] = first[i] + after * (first[i + NS] - first[i]);
+  }
+}
+
+/* The states after all steps of interval k, in scaled numbers. Returns the cost. */
+static real follow(memory_t *m, int k, const real x[NX], const real u[INPUTS])
+{
+  real a[NS + 1], b[NS + 1], total = 0, cost;
+  int j;
+  memcpy(m->y, x, NX * sizeof m->y[0]);
+  for (j = 0; j < ALL_STEPS; ++j) {
+    ends_of(m, k, j, a, b);
+    f_step(m->y + j * NX, u, m->p, m->lane.interval_unit, c_interval_shared, a, b,
+           m->y + (j + 1) * NX, &cost);
+    total += cost;
+  }
+  m->operations += ALL_STEPS * (OPERATIONS_f_step + 1);
+  return total;
+}
+
+/* The integral, the state after each interval and their gradient, at a trial point. */
+static void derive_trial(memory_t *m)
+{
+  real x[NX], u[INPUTS], p[NX], g[NZ], a[NS + 1], b[NS + 1];
+  const real alpha = m->lane.alpha[0];
+  int k, i, j;
+  for (k = 0; k < N; ++k) {
+    for (i = 0; i < NX; ++i) {
+      x[i] = k == 0 ? m->lane.x0_new[i]
+        : m->lane.xa[(k - 1) * NX + i] + alpha * m->lane.d_xa[(k - 1) * NX + i];
+      p[i] = m->lane.lam[k * NX + i] + alpha * m->lane.d_lam[k * NX + i];
+    }
+    for (i = 0; i < INPUTS; ++i) {
+      u[i] = m->lane.u[k * INPUTS + i] + alpha * m->lane.d_u[k * INPUTS + i];
+      m->lane.G_new[k * NZ + NX + i] = 0;
+    }
+    m->lane.L_new[k] = follow(m, k, x, u);
+    memcpy(m->lane.F_new + k * NX, m->y + ALL_STEPS * NX, NX * sizeof x[0]);
+@PULL_NEW@    for (j = ALL_STEPS - 1; j >= 0; --j) {
+      ends_of(m, k, j, a, b);
+      f_adjoint(m->y + j * NX, u, p, m->p, m->lane.interval_unit, c_interval_shared, a,
+                b, g);
+      memcpy(p, g, sizeof p);
+      for (i = 0; i < INPUTS; ++i) {
+        m->lane.G_new[k * NZ + NX + i] += g[NX + i];
+      }
+    }
+    memcpy(m->lane.G_new + k * NZ, p, sizeof p);
+    m->operations += ALL_STEPS * (OPERATIONS_f_adjoint + INPUTS) + 4 * NZ;
+  }
+}
+
+/* H += Z' B Z for lower triangles B and H; Z is Z_x over the identity of controls. */
+static void add_chained(real H[NZ * (NZ + 1) / 2], const real B[NZ * (NZ + 1) / 2],
+                        const real Zx[NX * NZ])
+{
+  real T[NZ], row[NZ];
+  int c, i, j, r;
+  for (c = 0; c < NZ; ++c) {
+    /* T = B z, z the column c of Z. */
+    for (i = 0; i < NZ; ++i) {
+      row[i] = i < NX ? Zx[c * NX + i] : (real)(i == c);
+      T[i] = 0;
+    }
+    for (i = 0; i < NZ; ++i) {
+      for (j = 0; j < i; ++j) {
+        T[i] += B[i * (i + 1) / 2 + j] * row[j];
+        T[j] += B[i * (i + 1) / 2 + j] * row[i];
+      }
+      T[i] += B[i * (i + 1) / 2 + i] * row[i];
+    }
+    for (r = c; r < NZ; ++r) {
+      real sum = r < NX ? 0 : T[r];
+      for (i = 0; i < NX; ++i) {
+        sum += Zx[r * NX + i] * T[i];
+      }
+      H[r * (r + 1) / 2 + c] += sum;
+    }
+  }
+}
+
+/* State after each interval, its Jacobian, and second derivatives of the Lagrangian. */
+static void derive(memory_t *m)
+{
+  real a[NS + 1], b[NS + 1], p[NX], before[NX], B[NZ * (NZ + 1) / 2], cost;
+  int k, i, j, c, r;
+  for (k = 0; k < N; ++k) {
+    const real *u = m->lane.u + k * INPUTS;
+    real *J = m->lane.J + k * NX * NZ, *Gc = m->lane.Gc + k * NZ;
+    real *H = m->lane.H + k * (NZ * (NZ + 1) / 2);
+    memcpy(m->y, m->lane.x + k * NX, NX * sizeof m->y[0]);
+    memset(m->Z, 0, NX * NZ * sizeof m->Z[0]);
+    memset(Gc, 0, NZ * sizeof Gc[0]);
+    memset(H, 0, NZ * (NZ + 1) / 2 * sizeof H[0]);
+    for (i = 0; i < NX; ++i) {
+      m->Z[i * NX + i] = 1;
+    }
+    for (j = 0; j < ALL_STEPS; ++j) {
+      const real *Z = m->Z + j * NX * NZ, *S = m->S + j * NX * NZ;
+      const real *slope = m->slope + j * NZ;
+      real *next = m->Z + (j + 1) * NX * NZ;
+      ends_of(m, k, j, a, b);
+      f_slopes(m->y + j * NX, u, m->p, m->lane.interval_unit, c_interval_shared, a, b,
+               m->y + (j + 1) * NX, m->S + j * NX * NZ, m->slope + j * NZ, &cost);
+      for (c = 0; c < NZ; ++c) {
+        Gc[c] += c < NX ? 0 : slope[c];
+        for (i = 0; i < NX; ++i) {
+          real sum = c < NX ? 0 : S[c * NX + i];
+          for (r = 0; r < NX; ++r) {
+            sum += S[r * NX + i] * Z[c * NX + r];
+          }
+          next[c * NX + i] = sum;
+          Gc[c] += slope[i] * Z[c * NX + i];
+        }
+      }
+    }
+    memcpy(m->lane.F + k * NX, m->y + ALL_STEPS * NX, NX * sizeof p[0]);
+    memcpy(J, m->Z + ALL_STEPS * NX * NZ, NX * NZ * sizeof J[0]);
+    for (i = 0; i < NX; ++i) {
+      p[i] = m->lane.lam[k * NX + i];
+    }
+@PULL@    for (j = ALL_STEPS - 1; j >= 0; --j) {
+      ends_of(m, k, j, a, b);
+      f_bend(m->y + j * NX, u, p, m->p, m->lane.interval_unit, c_interval_shared, a, b,
+             B);
+      if (j > 0) {
+        add_chained(H, B, m->Z + j * NX * NZ);
+      } else {
+        for (i = 0; i < NZ * (NZ + 1) / 2; ++i) {
+          H[i] += B[i];
+        }
+      }
+      for (i = 0; i < NX; ++i) {
+        before[i] = m->slope[j * NZ + i];
+        for (r = 0; r < NX; ++r) {
+          before[i] += m->S[(j * NZ + i) * NX + r] * p[r];
+        }
+      }
+      memcpy(p, before, sizeof p);
+    }
+  }
+  m->operations += OPERATIONS_DERIVE;
+}
+
 /* The state after an interval in scaled numbers; 0 if it is not a tame one. */
 static int led(memory_t *m, const real x[NX], int k, real after[NX])
 {
@@ -130,9 +287,8 @@ static void take_unit(memory_t *m)
   real unit;
   int i;
   /* Without prices and forces of the walls, the residual is the slope of the cost. */
-  memset(m->lane.z, 0, sizeof m->lane.z);
+  @NO_DUALS@
   m->lane.rho[0] = 0;
-  RUN(k_move);
   RUN(k_trial);
   m->lane.rho[0] = FIRST_RHO;
   m->lane.spent[0] = m->lane.sums_new[0];
@@ -176,7 +332,10 @@ static void begin_lane(memory_t *m, const real x[NX], const real plan[N * NU],
     lead(m);
   }
   RUN(k_settle);
+  RUN(k_move);
+  derive_trial(m);
   take_unit(m);
+  /* By the rows at the states that follow. */
   RUN(k_settle);
 }
 
@@ -190,6 +349,7 @@ static int solved(memory_t *m, const real x[NX], const real plan[N * NU],
   for (turn = 0; turn < TURNS; ++turn) {
     if (m->lane.tries[0] != 0) {
       RUN(k_move);
+      derive_trial(m);
       RUN(k_trial);
       RUN(k_verdict);
 @TAKE_OVER@      RUN(k_keep);
@@ -199,6 +359,7 @@ static int solved(memory_t *m, const real x[NX], const real plan[N * NU],
       }
     }
     if (m->lane.tries[0] == 0) {
+      derive(m);
       RUN(k_last);
       RUN(k_backward);
       RUN(k_start);

@@ -225,6 +225,13 @@ class _Maker:
         lane = one.lane
         for kernel_name, kernel in lane.kernels.items():
             self._file.add_kernel(f"k_{kernel_name}", kernel)
+        steps = lane.steps
+        self._file.add_function(steps.value, "f_step")
+        self._file.add_function(steps.adjoint, "f_adjoint")
+        self._file.add_function(steps.slopes, "f_slopes")
+        self._file.add_function(steps.bend, "f_bend")
+        if lane.pull is not None:
+            self._file.add_function(lane.pull, "f_pull")
         self._file.add_function(one.interval, "f_interval")
         self._file.add_function(one.end, "f_end")
         if one.begin is not None:
@@ -284,6 +291,9 @@ class _Maker:
             "N": problem.intervals, "NX": problem.model.nx, "NU": problem.model.nu,
             "INPUTS": lane.inputs, "STATED": one.stated, "NS": problem.ns,
             "CHECKS": problem.checks, "NODES": problem.nodes,
+            "NZ": problem.model.nx + lane.inputs, "STEPS": lane.steps.count,
+            "ALL_STEPS": lane.steps.count * problem.checks,
+            "ROWS": max(lane.rows.get("m", 0) // problem.intervals, 1),
             "TURNS": self._turns, "STARTS": len(one.starts),
             "KNOTS": one.starts.shape[2],
             "LARGEST": self._number(_HUGE if bits == 64 else 1e37),  # noqa: PLR2004
@@ -296,6 +306,7 @@ class _Maker:
             "CLOSE": self._number(CLOSE), "WILD": self._number(WILD),
             "LITTLE": self._number(LITTLE[self._precision]),
             "OPERATIONS_START": f"{self._start_operations()}ul",
+            "OPERATIONS_DERIVE": f"{self._derive_operations()}ul",
         }  # fmt: skip
         counted = {
             f"OPERATIONS_{name}": f"{count}ul"
@@ -344,6 +355,13 @@ class _Maker:
             "BLANK": self._blank(),
             "UNITS": self._units("1"),
             "UNIT": self._units("unit"),
+            "NO_DUALS": "memset(m->lane.z, 0, sizeof m->lane.z);"
+            if one.lane.rows.get("z") else "",
+            "PULL": self._pull("m->lane.x + k * NX", "u", "m->lane.F + k * NX", ""),
+            "PULL_NEW": self._pull(
+                "x", "u", "m->lane.F_new + k * NX",
+                " + alpha * m->lane.d_m[k * ROWS + i]",
+            ),
             "TAKE_OVER": self._copies(one.lane.state, "next."),
             "AIM": self._copies(self._aimed(), "aim."),
             "APPEND": "    m->plan[(N - 1) * NU + i] = m->plan[(N - 2) * NU + i];\n"
@@ -363,6 +381,57 @@ class _Maker:
             "GIVEN_FINITE": self._finite(),
             "PASSED": self._passed(),
         }  # fmt: skip
+
+    def _pull(self, x: str, u: str, after: str, step: str) -> str:
+        """Return lines that put the costate behind the last step in place of lam."""
+        if self._one.lane.pull is None:
+            return ""
+        has_rows = bool(self._one.lane.rows.get("m"))
+        rows = f"m->lane.m[k * ROWS + i]{step}" if has_rows else "0"
+        lines = [
+            "    {",
+            "      real pull[NX], mult[ROWS];",
+            "      for (i = 0; i < ROWS; ++i) {",
+            f"        mult[i] = {rows};",
+            "      }",
+            f"      f_pull({x}, {u}, mult, p, {after}, m->p,",
+            f"             m->lane.interval_unit, c_interval_shared, {self._window()},",
+            "             pull);",
+            "      m->operations += OPERATIONS_f_pull + 2 * ROWS;",
+            "      memcpy(p, pull, sizeof p);",
+            "    }",
+            "",
+        ]
+        return "\n".join(lines)
+
+    def _window(self) -> str:
+        return "m->windows + k * (CHECKS + 1) * NS" if self._one.problem.ns else "m->p"
+
+    def _derive_operations(self) -> int:
+        """Return the operations of `derive`, besides those of rows."""
+        one, count = self._one, self._file.operations
+        nx, nz = one.problem.model.nx, one.problem.model.nx + one.lane.inputs
+        chained = nz * (nz * nz + 2 * nz + nz * nx + nx)
+        step = count["f_slopes"] + count["f_bend"] + nz * nx * (2 * nx + 3)
+        step += 2 * chained + 2 * nx * nx + 4 * one.problem.ns
+        steps = one.lane.steps.count * one.problem.checks
+        return one.problem.intervals * (steps * step + 2 * nz)
+
+    def _trial_operations(self) -> int:
+        """Return the operations of `derive_trial`."""
+        one, count = self._one, self._file.operations
+        nz = one.problem.model.nx + one.lane.inputs
+        steps = one.lane.steps.count * one.problem.checks
+        step = count["f_step"] + count["f_adjoint"] + one.lane.inputs + 1
+        return one.problem.intervals * (steps * step + 4 * nz + self._pulled())
+
+    def _pulled(self) -> int:
+        """Return the operations of what rows pull in one interval."""
+        one = self._one
+        if one.lane.pull is None:
+            return 0
+        rows = max(one.lane.rows.get("m", 0) // one.problem.intervals, 1)
+        return self._file.operations["f_pull"] + 2 * rows
 
     def _aimed(self) -> list[str]:
         names = self._one.lane.rows
@@ -404,7 +473,8 @@ class _Maker:
         tables = {
             f"c_{_plain(name)}": values
             for name, values in one.lane.shared.items()
-            if not name.endswith(".signals") and f"c_{_plain(name)}[" in self._uses()
+            if not name.endswith(".signals")
+            and (f"c_{_plain(name)}[" in self._uses() or name == "interval.shared")
         }
         tables |= {
             "size_x": sizes.states, "size_u": sizes.controls, "u_lower": lower,
@@ -504,7 +574,10 @@ class _Maker:
         )
         rolled += count.get("f_begin", 0)
         turn = sum(count[f"k_{name}"] for name in (*_SWEEP, *_TRIAL))
+        turn += self._trial_operations() + self._derive_operations()
+        turn += problem.intervals * self._pulled()
         begin = count["k_first"] + count["k_finish"] + count["k_trial"]
+        begin += count["k_move"] + self._trial_operations()
         begin += 2 * count["k_settle"]
         begin += 2 * problem.intervals * (count["f_interval"] + problem.model.nx)
         solved = begin + self._turns * turn + self._start_operations()
@@ -523,6 +596,7 @@ class _Maker:
             if count and not name.endswith(".parameters")
         ]
         N, nu, nx = problem.intervals, problem.model.nu, problem.model.nx
+        S, nz = lane.steps.count * problem.checks, nx + lane.inputs
         windows = N * (problem.checks + 1) * problem.ns
         p = problem.model.np + lane.weights.size
         signals = problem.ns * problem.nodes
@@ -545,6 +619,8 @@ class _Maker:
             f"  NAME_real path[{N * nx}], guess[{N * nx}], found_path[{N * nx}];",
             f"  NAME_real p[{max(p, 1)}], signals[{max(signals, 1)}];",
             f"  NAME_real windows[{max(windows, 1)}];",
+            f"  NAME_real y[{(S + 1) * nx}], Z[{(S + 1) * nx * nz}];",
+            f"  NAME_real S[{S * nx * nz}], slope[{S * nz}];",
             f"  NAME_real remembered[{max(one.remembered.size, 1)}];",
             "  NAME_real cost, size, violation; /* of the plan */",
             "  unsigned long iterations;        /* of the last step */",

@@ -35,7 +35,7 @@ from swarmstart.ocp.lanes.interior_newton import (
     quadratic,
     stepped,
 )
-from swarmstart.ocp.lanes.interior_parts import Place, Places
+from swarmstart.ocp.lanes.interior_parts import Place, Places, SteppedPlace
 from swarmstart.ocp.lanes.interior_verdict import aimed, judged
 from swarmstart.ocp.lanes.kernels import (
     Kernel,
@@ -109,13 +109,12 @@ def written_interior(
 def small_interior(
     places: Places, *, tolerance: float, rounding: float, most: int, longest: int
 ) -> dict[str, Written]:
-    """Return the kernels of a lane with as little code as possible.
+    """Return the kernels of a lane whose integrator is computed elsewhere.
 
-    Second derivatives and the Jacobian are computed in `backward` only, and states are
-    given: `settle` takes the place of `prepare`.
+    So they have little code. States are given: `settle` takes the place of `prepare`.
 
     Args:
-        places: The parts of the problem.
+        places: The parts of the problem, the interval a `SteppedPlace`.
         tolerance: Largest scaled error at which the lane ends.
         rounding: Rounding error of the barrier's value, relative to it.
         most: Largest number of its steps.
@@ -124,7 +123,7 @@ def small_interior(
     Raises:
         NoCompilerError: If a kernel is too long.
     """
-    maker = _Maker(places, own_signals=False, longest=longest, keeps_jacobian=True)
+    maker = _Maker(places, own_signals=False, longest=longest)
     return {
         "first": maker.first(),
         "settle": maker.settle(),
@@ -160,17 +159,9 @@ def compile_interior(
 class _Maker:
     """Kernels of the parts of a problem."""
 
-    def __init__(
-        self,
-        places: Places,
-        own_signals: bool,
-        longest: int,
-        *,
-        keeps_jacobian: bool = False,
-    ) -> None:
+    def __init__(self, places: Places, own_signals: bool, longest: int) -> None:
         """Remember the parts."""
         self._places, self._own, self._longest = places, own_signals, longest
-        self._keeps_jacobian = keeps_jacobian
         self._nx = places.nx
         interval = places.interval
         self._xa, self._u = ca.vertsplit(
@@ -292,8 +283,8 @@ class _Maker:
             "u": start[self._nx :], "w": begun["interval.w"],
             "z": begun["interval.z"],
         }  # fmt: skip
-        each = {"xa": self._xa, "u": self._u}
-        return self._scan({"x0": interval.x}, each, lane, writes)
+        each = {"xa": self._xa, "u": self._u, **self._given("F_new")}
+        return self._scan({"x0": interval.x}, each, lane, self._at_trial(writes))
 
     def finish(self) -> Written:
         """Return the kernel of what goes with a start's end."""
@@ -320,7 +311,10 @@ class _Maker:
         slope, bend, wrong = carried.values()
         part = folded(interval, *lane.values())
         Q, q = quadratic(interval, part, ca.dot(self._each["lam"], interval.after))
-        J = ca.jacobian(interval.after, z)
+        given = self._given("F", "Gc", "J", "H")
+        if isinstance(interval, SteppedPlace):
+            Q += symmetric(given["H"], nx + nu)
+        J = interval.slopes(interval.after)
         V = symmetric(bend, nx) + ca.diag(part.S[:nx])
         v = slope + part.slope[:nx]
         Q += J.T @ V @ J
@@ -335,9 +329,7 @@ class _Maker:
             "wrong_start": ca.fmax(wrong, least <= 0),
             "k": k, "K": ca.vec(K), "V": lower(V), "v": v,
         }  # fmt: skip
-        if self._keeps_jacobian:
-            writes["J"] = ca.vec(J)
-        each = {"x": interval.x, **self._each}
+        each = {"x": interval.x, **self._each, **given}
         return self._scan(carried, each, lane, writes, backward=True)
 
     def start(self) -> Written:
@@ -375,9 +367,8 @@ class _Maker:
         found = symbols(k=nu, K=nu * nx, V=len(triangle(nx)), v=nx)
         du = found["k"] + ca.reshape(found["K"], nu, nx) @ dx
         moved = ca.vertcat(dx, du)
-        if self._keeps_jacobian:
-            found["J"] = ca.SX.sym("J", nx * (nx + nu))
-            after = ca.reshape(found["J"], nx, nx + nu) @ moved + self._gap
+        if isinstance(interval, SteppedPlace):
+            after = interval.slopes(interval.after) @ moved + self._gap
         else:
             after = ca.jtimes(interval.after, interval.z, moved) + self._gap
         part = folded(interval, *lane.values())
@@ -389,7 +380,8 @@ class _Maker:
         writes |= {f"{name}_end": one for name, one in lengths._asdict().items()}
         writes |= {"d.xa": after, "d.u": du, "d.lam": lam}
         writes |= {f"d.{name}": one for name, one in steps.items()}
-        each = {"x": interval.x, **self._each, **found}
+        given = self._given("F", "Gc", "J")
+        each = {"x": interval.x, **self._each, **found, **given}
         return self._scan(carried, each, lane, writes)
 
     def move(self) -> Written:
@@ -409,8 +401,10 @@ class _Maker:
             pending=nx, before=nx, sums=len(SUMS), tops=len(TOPS), begun=1
         ).values()
         lane = symbols(alpha=1, alpha_dual=1, rho=1)
-        lam = self._each["lam"]
+        lam, given = self._each["lam"], self._given("F_new", "L_new", "G_new")
         force = forces(interval, ca.dot(lam, interval.after))
+        if given:
+            force += given["G_new"]
         of_x = force[:nx] + pending
         pushed = interval.walls.pairs.pushed(interval.kept["z"])[:nx]
         found = measured(
@@ -423,6 +417,8 @@ class _Maker:
             self._gap,
         )
         more = ca.vertcat(ca.SX.zeros(len(SUMS) - 1, 1), ca.sum1(ca.fabs(lam)))
+        if given:
+            more[SUMS.index("cost")] = given["L_new"]
         writes = {
             "end_new": self._xa,
             "pending_end": -lam - pushed,
@@ -432,12 +428,29 @@ class _Maker:
             "begun_end": ca.SX(1),
         }
         writes = self._moved(writes, lane["alpha"], lane["alpha_dual"])
+        writes = self._at_trial(writes)
         named = {
             "x0_new": interval.x, "nothing.x": pending, "nothing.force": before,
             "nothing.sums": sums, "nothing.tops": tops, "nothing": begun,
         }  # fmt: skip
-        reads = {**self._each, **self._step}
+        reads = {**self._each, **self._step, **given}
         return self._scan(named, reads, lane, writes)
+
+    def _given(self, *names: str) -> dict[str, ca.SX]:
+        """Return numbers that are computed elsewhere; none if the integrator is not."""
+        interval = self._places.interval
+        if not isinstance(interval, SteppedPlace):
+            return {}
+        return {name: interval.stepped[name] for name in names}
+
+    def _at_trial(self, writes: Named) -> dict[str, ca.SX]:
+        """Return expressions with the state after the interval at a trial point."""
+        interval = self._places.interval
+        if not isinstance(interval, SteppedPlace):
+            return dict(writes)
+        before, new = ([interval.stepped[name]] for name in ("F", "F_new"))
+        found = ca.substitute(list(writes.values()), before, new)
+        return dict(zip(writes, found, strict=True))
 
     def _moved(
         self, writes: Named, alpha: ca.SX, alpha_dual: ca.SX

@@ -45,7 +45,7 @@ def folded(place: Place, mu: ca.SX, rho: ca.SX, delta: ca.SX) -> Folded:
     S = walls.pairs.curvature(v, place.kept["z"]) + delta
     slope = walls.pairs.slope(v, mu) + walls.price(rho)
     rows = walls.eliminated(S, slope, place.excess)
-    return Folded(S, slope, rows, ca.jacobian(walls.rows, place.z))
+    return Folded(S, slope, rows, place.slopes(walls.rows))
 
 
 def quadratic(place: Place, part: Folded, more: ca.SX) -> tuple[ca.SX, ca.SX]:
@@ -57,8 +57,8 @@ def quadratic(place: Place, part: Folded, more: ca.SX) -> tuple[ca.SX, ca.SX]:
         more: Further terms of the Lagrangian.
     """
     rows, z = place.walls.rows, place.z
-    Q = ca.hessian(place.cost + ca.dot(place.kept["m"], rows) + more, z)[0]
-    q = ca.gradient(place.cost, z)
+    Q = place.bend(place.cost + ca.dot(place.kept["m"], rows) + more)
+    q = place.cost_slope
     if rows.numel():
         Q += part.C.T @ (part.C * ca.repmat(part.rows.weight, 1, z.numel()))
         q += part.C.T @ part.rows.force
@@ -98,7 +98,7 @@ def stepped(
     step = ca.vertcat(own, inner)
     z = walls.pairs.dual_step(v, kept["z"], mu, step)
     left = ca.fmax(0.99, 1 - mu)
-    gain = so_far.gain + ca.dot(ca.gradient(place.cost, place.z), moved)
+    gain = so_far.gain + ca.dot(place.cost_slope, moved)
     lengths = Lengths(
         gain + ca.dot(part.slope, step),
         most_of(

@@ -67,9 +67,76 @@ class Place:
         return {f"{self.name}.{name}": one for name, one in self.given.items()}
 
     @cached_property
+    def cost_slope(self) -> ca.SX:
+        """Gradient of its cost by state and controls."""
+        return ca.gradient(self.cost, self.z)
+
+    def slopes(self, rows: ca.SX) -> ca.SX:
+        """Return the Jacobian of expressions by state and controls."""
+        return ca.jacobian(rows, self.z)
+
+    def bend(self, one: ca.SX) -> ca.SX:
+        """Return the second derivatives of an expression by state and controls."""
+        return ca.hessian(one, self.z)[0]
+
+    @cached_property
     def excess(self) -> ca.SX:
         """Residual of its rows: c - s + p - n."""
         return self.walls.excess(self.v, self.walls.rows)
+
+
+@dataclass(frozen=True, eq=False)
+class SteppedPlace(Place):
+    """An interval whose integrator is computed elsewhere, step by step.
+
+    Its cost is that outside the integral. Rows, this cost and the jump to the state
+    after it may depend on the state F behind the last step, a given number here. Given
+    numbers, by name, at the point where a step is taken: "F", "Gc" (gradient of the integral),
+    "J" (Jacobian of F), "H" (lower triangle of the second derivatives of the
+    integral + p'F); at a trial point "F_new", "L_new" (integral) and "G_new"
+    (gradient of the integral + p'F). The costate p is that of `pull`.
+    """
+
+    stepped: dict[str, ca.SX]
+
+    @cached_property
+    def jacobian(self) -> ca.SX:
+        """Derivatives of F by state and controls."""
+        shape = self.x.numel(), self.z.numel()
+        return ca.reshape(self.stepped["J"], *shape)
+
+    @cached_property
+    def cost_slope(self) -> ca.SX:
+        """Gradient of its cost by state and controls."""
+        return self.slopes(self.cost).T + self.stepped["Gc"]
+
+    def slopes(self, rows: ca.SX) -> ca.SX:
+        """Return the Jacobian of expressions, also by way of F."""
+        direct = ca.jacobian(rows, self.z)
+        return direct + ca.jacobian(rows, self.stepped["F"]) @ self.jacobian
+
+    def bend(self, one: ca.SX) -> ca.SX:
+        """Return the second derivatives of an expression, in the same way.
+
+        Those of F are part of H.
+        """
+        both = ca.vertcat(self.z, self.stepped["F"])
+        chain = ca.vertcat(ca.SX.eye(self.z.numel()), self.jacobian)
+        return chain.T @ ca.hessian(one, both)[0] @ chain
+
+    def pull(self) -> ca.Function | None:
+        """Return the costate of F; None if it is that of the state after it, lam.
+
+        (x, u, m, lam, F, parameters, unit, shared, signals) -> shape (nx,).
+        """
+        lam, F = ca.SX.sym("lam", self.x.numel()), self.stepped["F"]
+        rows = ca.dot(self.kept["m"], self.walls.rows)
+        slope = ca.gradient(self.cost + rows + ca.dot(lam, self.after), F)
+        if (slope - lam).is_zero():
+            return None
+        given = [self.given[n] for n in ("parameters", "unit", "shared", "signals")]
+        arguments = [self.x, self.u, self.kept["m"], lam, F, *given]
+        return ca.Function("pull", arguments, [ca.cse(ca.densify(slope))])
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,15 +163,21 @@ class Places:
         return int(self.interval.x.numel())
 
 
-def places_of(program: NonlinearProgram) -> Places:
-    """Return the parts of a problem."""
+def places_of(program: NonlinearProgram, around: Part | None = None) -> Places:
+    """Return the parts of a problem.
+
+    Args:
+        program: Its NLP.
+        around: The interval by the state after it (transcription.py), if that is
+            computed elsewhere: then the interval is a `SteppedPlace`.
+    """
     problem, parts = program.problem, program.parts
     nx = problem.model.nx
     tied = ca.DM.zeros(nx, len(problem.free_starts))
     for column, one in enumerate(problem.free_starts):
         tied[list(one.states), column] = 1
     return Places(
-        _interval(problem, parts.interval),
+        _interval(problem, parts.interval, around),
         _at(problem, parts.end, "end", Pairs([], [], ca.SX(0, 1), 0), ca.SX(0, 1), {}),
         _begin(problem, parts.begin, tied.shape[1]),
         tied,
@@ -112,7 +185,7 @@ def places_of(program: NonlinearProgram) -> Places:
     )
 
 
-def _interval(problem: OptimalControlProblem, part: Part) -> Place:
+def _interval(problem: OptimalControlProblem, part: Part, around: Part | None) -> Place:
     nx, nu = problem.model.nx, inputs_of(problem)
     u, after = ca.SX.sym("u", nu), ca.SX.sym("xa", nx)
     bounds = symbols(x_least=nx, x_most=nx, least=nu, most=nu)
@@ -130,7 +203,22 @@ def _interval(problem: OptimalControlProblem, part: Part) -> Place:
             (-1.0, high, ca.vertcat(bounds["x_most"], bounds["most"])),
         ],
     )
-    return _at(problem, part, "interval", pairs, ca.vertcat(after, u), bounds, u=u)
+    own = ca.vertcat(after, u)
+    if around is None:
+        return _at(problem, part, "interval", pairs, own, bounds, u=u)
+    nz = nx + nu
+    stepped = symbols(
+        F=nx, Gc=nz, J=nx * nz, H=nz * (nz + 1) // 2, F_new=nx, L_new=1, G_new=nz
+    )
+    found = _at(
+        problem, around, "interval", pairs, own, bounds, u=u, after=stepped["F"]
+    )
+    # Without a jump it is F, multiplied by its sizes and divided by them.
+    reached = found.after if problem.model.jumps else stepped["F"]
+    return SteppedPlace(
+        found.name, found.x, u, own, found.given, found.cost, reached, found.walls,
+        stepped,
+    )  # fmt: skip
 
 
 def _begin(problem: OptimalControlProblem, part: Part | None, count: int) -> Place:
@@ -161,23 +249,25 @@ def _at(  # noqa: PLR0913 - a part of a problem
     bounds: dict[str, ca.SX],
     *,
     u: ca.SX | None = None,
+    after: ca.SX | None = None,
 ) -> Place:
     """Return a part as expressions."""
     nx, x = problem.model.nx, ca.SX.sym("x", problem.model.nx)
     u = ca.SX(0, 1) if u is None else u
-    cost, after, rows = ca.SX(0), ca.SX(0, 1), ca.SX(0, 1)
+    cost, reached, rows = ca.SX(0), ca.SX(0, 1), ca.SX(0, 1)
     given, limits = dict(bounds), (np.zeros(0), np.zeros(0))
     if part is not None:
         shared = ca.SX.sym("shared", part.values.numel_in(1))
         s = ca.SX.sym("s", *part.values.size_in(2))
-        cost, rows = part.values(ca.vertcat(x, u), shared, s)
+        z = ca.vertcat(x, u, ca.SX(0, 1) if after is None else after)
+        cost, rows = part.values(z, shared, s)
         if u.numel():
-            after, rows = ca.vertsplit(rows, [0, nx, rows.numel()])
+            reached, rows = ca.vertsplit(rows, [0, nx, rows.numel()])
         count = problem.model.np
         parameters = ca.SX.sym("parameters", count)
         others = ca.SX.sym("others", shared.numel() - count)
-        cost, after, rows = ca.substitute(
-            [cost, after, rows], [shared], [ca.vertcat(parameters, others)]
+        cost, reached, rows = ca.substitute(
+            [cost, reached, rows], [shared], [ca.vertcat(parameters, others)]
         )
         unit = ca.SX.sym("unit")
         cost /= unit
@@ -193,4 +283,4 @@ def _at(  # noqa: PLR0913 - a part of a problem
     lower, upper = (ca.SX.sym(side, rows.numel()) for side in ("lower", "upper"))
     given |= {"lower": lower, "upper": upper}
     walls = Walls(rows, lower, upper, kinds_of(*limits), own)
-    return Place(name, x, u, variables, given, cost, after, walls)
+    return Place(name, x, u, variables, given, cost, reached, walls)

@@ -1,13 +1,14 @@
-"""One lane of a problem as functions and numbers, for code that is written elsewhere."""
+"""One lane of a problem as functions and numbers, for code written elsewhere."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import numpy as np
+import casadi as ca
 from numpy.typing import ArrayLike
 
 from swarmstart.arrays import Array
 from swarmstart.ocp.compiled.engine import NoCompilerError
+from swarmstart.ocp.lanes.integrator_steps import IntegratorSteps, integrator_steps
 from swarmstart.ocp.lanes.interior import (
     BLANK,
     LEAST_UNIT,
@@ -19,11 +20,11 @@ from swarmstart.ocp.lanes.interior import (
     state_names,
 )
 from swarmstart.ocp.lanes.interior_kernels import small_interior
-from swarmstart.ocp.lanes.interior_parts import places_of
+from swarmstart.ocp.lanes.interior_parts import SteppedPlace, places_of
 from swarmstart.ocp.lanes.interior_verdict import ROUNDING
 from swarmstart.ocp.lanes.kernels import Written, rows_of
 from swarmstart.ocp.lanes.posed import NoLanesError, posed, refused_by_lanes
-from swarmstart.ocp.nlp.transcription import multiple_shooting
+from swarmstart.ocp.nlp.transcription import interval_around, multiple_shooting
 from swarmstart.ocp.rollout.fitness import Arguments, Known
 from swarmstart.ocp.rollout.scaling import Sizes
 from swarmstart.ocp.rollout.shooting import Shooting
@@ -44,7 +45,9 @@ class OneLane:
         weights: 1 / scale of the rows whose scale depends on the initial state.
         inputs: Number of variables of an interval besides its state.
         least_unit: Least unit of the cost, and least size of a start's cost that is
-            taken for it; see `unit_of`.
+            taken for it.
+        steps: The steps of the integrator.
+        pull: What cost and rows add to the costate after an interval; None: nothing.
     """
 
     kernels: Mapping[str, Written]
@@ -56,9 +59,11 @@ class OneLane:
     weights: Array
     inputs: int
     least_unit: tuple[float, float]
+    steps: IntegratorSteps
+    pull: ca.Function | None
 
 
-def one_lane(
+def one_lane(  # noqa: PLR0913 - a problem, and how exactly it is solved
     shooting: Shooting,
     x0: ArrayLike,
     known: Known,
@@ -88,7 +93,9 @@ def one_lane(
     if reason:
         raise NoLanesError(reason)
     program, arguments = multiple_shooting(shooting), Arguments(shooting)
-    places = places_of(program)
+    steps = integrator_steps(shooting, program)
+    places = places_of(program, interval_around(shooting))
+    interval = places.interval
     try:
         kernels = small_interior(
             places,
@@ -117,11 +124,6 @@ def one_lane(
         weights=arguments(x0, known)[1][problem.model.np :],
         inputs=one.least.size,
         least_unit=(LIMITED, SAYING) if limited else (LEAST_UNIT, 0.0),
+        steps=steps,
+        pull=interval.pull() if isinstance(interval, SteppedPlace) else None,
     )
-
-
-def unit_of(size: float, least_unit: tuple[float, float]) -> float:
-    """Return the unit of a lane's cost from the size of its start's cost."""
-    least, saying = least_unit
-    size = 1.0 if np.isnan(size) or size < saying or size <= 0 else size
-    return float(np.clip(size, least, 1.0))

@@ -436,10 +436,25 @@ def _shared_symbols(problem: OptimalControlProblem) -> _Shared:
     )
 
 
-def _interval_part(shooting: Shooting) -> Part:
+def interval_around(shooting: Shooting) -> Part:
+    """Return an interval whose state after it is given: z = (x, u, e, x after).
+
+    Its cost is that outside the integral. Rows inside the interval are not right.
+
+    Args:
+        shooting: The functions of a problem without collocation.
+    """
+    return _interval_part(shooting, ca.SX.sym("after", shooting.problem.model.nx))
+
+
+def _interval_part(shooting: Shooting, after: ca.SX | None = None) -> Part:
     """Return an interval: z = (x, u, e, c), g = (x after, rows of c, constraint rows).
 
     c are the collocation unknowns, see collocation.py.
+
+    Args:
+        shooting: The functions of the problem.
+        after: Given state after the interval, at the end of z; None: it follows from z.
     """
     problem = shooting.problem
     model, shared = problem.model, _shared_symbols(problem)
@@ -454,8 +469,11 @@ def _interval_part(shooting: Shooting) -> Part:
     parts = _rows_at(shooting, (state, u, p, s[:, 0]), shooting.rows_with_controls, 0)
     for k in range(problem.checks):
         ends = s[:, k], s[:, k + 1]
-        state, spent = inner.check(state, ends, k)
-        cost += spent
+        if after is None:
+            state, spent = inner.check(state, ends, k)
+            cost += spent
+        else:
+            state = after * shared.states
         points.append((state, s[:, k + 1], False))
         if not model.is_discrete:  # In discrete time only the jump moves the state.
             at = (state, u, p, s[:, k + 1])
@@ -480,7 +498,8 @@ def _interval_part(shooting: Shooting) -> Part:
         limited.values,
     )
     cost, g = inner.lifted(cost, g)
-    return _part(ca.vertcat(x_, u_), shared, s, cost, g, limited)
+    z = ca.vertcat(x_, u_, ca.SX(0, 1) if after is None else after)
+    return _part(z, shared, s, cost, g, limited)
 
 
 def _soft_rows(

@@ -22,7 +22,7 @@ def pendulum() -> Case:
     x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
     low = 1 + ca.cos(x[0])
     problem = ss.OptimalControlProblem(
-        ss.Model(states=x, controls=u, ode=ca.vertcat(x[1], u - 9.81 * ca.sin(x[0])),
+        ss.Model(states=x, controls=u, ode=ca.vertcat(x[1], u - 9.81 * ca.sin(x[0]))),
         horizon=2.0, intervals=20, bounds=ss.Bounds(controls=(-5, 5)),
         stage_cost=10 * low + 0.1 * x[1] ** 2 + 0.05 * u**2,
         terminal_cost=100 * low + 10 * x[1] ** 2,
@@ -34,8 +34,8 @@ def integrator() -> ss.OptimalControlProblem:
     """Return a double integrator with bounded force."""
     x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
     return ss.OptimalControlProblem(
-        ss.Model(states=x, controls=u, ode=ca.vertcat(x[1], u)), horizon=2.0, intervals=10,
-        substeps=1, stage_cost=ca.sumsqr(x) + 0.1 * u**2, terminal_cost=ca.sumsqr(x),
+        ss.Model(states=x, controls=u, ode=ca.vertcat(x[1], u)),
+        horizon=2.0, intervals=10, substeps=1, stage_cost=ca.sumsqr(x) + 0.1 * u**2, terminal_cost=ca.sumsqr(x),
         bounds=ss.Bounds(controls=(-1, 1)),
     )  # fmt: skip
 
@@ -56,8 +56,8 @@ def way_round() -> Case:
     x, u = ca.SX.sym("x", 4), ca.SX.sym("u", 2)
     distance = (x[0] - 2) ** 2 + (x[1] - 0.1) ** 2
     problem = ss.OptimalControlProblem(
-        ss.Model(states=x, controls=u, ode=ca.vertcat(x[2], x[3], u[0], u[1])), horizon=4.0,
-        intervals=20, substeps=1, terminal=[(x[0], 4), (x[1], 0)],
+        ss.Model(states=x, controls=u, ode=ca.vertcat(x[2], x[3], u[0], u[1])),
+        horizon=4.0, intervals=20, substeps=1, terminal=[(x[0], 4), (x[1], 0)],
         stage_cost=0.1 * ca.sumsqr(u) + (x[0] - 4) ** 2 + x[1] ** 2,
         constraints=[ss.PathConstraint(expression=distance, lower=1.0)],
         bounds=ss.Bounds(controls=(-4, 4), states=([-9, -9, -2, -2], [9, 9, 2, 2])),
