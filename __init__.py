@@ -66,6 +66,12 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         MissingPackageError as MissingPackageError,
         SwarmstartError as SwarmstartError,
     )
+    from swarmstart.export import (
+        CExport as CExport,
+        ExportError as ExportError,
+        NoCCompilerError as NoCCompilerError,
+        export_c as export_c,
+    )
     from swarmstart.heuristics import (
         CMAES as CMAES,
         LSHADE as LSHADE,
@@ -245,6 +251,7 @@ _NAMES = {
     "swarmstart.cases.record.record": "OccupiedFolderError",
     "swarmstart.cases.record.results": "Record load",
     "swarmstart.errors": "InvalidArgumentError MissingPackageError SwarmstartError",
+    "swarmstart.export": "CExport ExportError NoCCompilerError export_c",
     "swarmstart.heuristics": """
         CMAES LSHADE AskTellError Box Budget ChaoticPSO DifferentialEvolution
         GeneticAlgorithm Initial InvalidBoxError InvalidBudgetError

@@ -1,6 +1,6 @@
 """Check a certificate, without code of the program that wrote it.
 
-    python -m swarmstart.terminal_set.check FILE [--seconds 600]
+    python -m swarmstart.terminal_set.check FILE [--seconds 600] [--against NAME.c]
 
 The file is a certificate of a terminal set, of a lower bound, or of a swarm's flight.
 Everything that it labels "proven" is proven again, by branch and bound with Taylor
@@ -12,6 +12,9 @@ is executed or printed unescaped.
 
 The last line says what was only sampled: for a held input always the integrator's
 error, which the library proves and this program does not.
+
+With --against, the constants and the law of a controller in C must be those of the
+certificate of its terminal set, bit by bit (checker/c_text.py).
 
 Exit codes: 0 nothing was refused, and all but the samples was proven again; 2 the file
 or the call is invalid; 3 refused: a statement is false or the file was changed; 4
@@ -26,11 +29,13 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from swarmstart.terminal_set.checker import certificate_file
+from swarmstart.terminal_set.checker.c_text import compared
 from swarmstart.terminal_set.checker.certificate_file import Certificate
 from swarmstart.terminal_set.checker.command import Judged, checked, parsed
 from swarmstart.terminal_set.checker.file_content import (
     LOWER_BOUND,
     SWARM_FLIGHT,
+    CertificateFileError,
     read_content,
 )
 from swarmstart.terminal_set.checker.findings import (
@@ -59,11 +64,18 @@ def main(
         The exit code.
     """
     options = parsed(arguments, program=program)
-    return checked(options, lambda file: _judged(file, options.seconds))
+    return checked(
+        options, lambda file: _judged(file, options.seconds, options.against)
+    )
 
 
-def _judged(file: Path, seconds: float) -> Judged:
+def _judged(file: Path, seconds: float, against: Path | None) -> Judged:
     content = read_content(file)
+    if against is not None and content["format"] in (LOWER_BOUND, SWARM_FLIGHT):
+        raise CertificateFileError(
+            "--against is for the certificate of a terminal set, found a "
+            f"{content['format']}"
+        )
     # What a kind needs is imported here: it may be missing.
     if content["format"] == LOWER_BOUND:
         from swarmstart.terminal_set.checker.lower_bound import statements
@@ -83,7 +95,18 @@ def _judged(file: Path, seconds: float) -> Judged:
     import flint  # noqa: F401
 
     certificate = certificate_file.certificate_of(content)
-    return _in_balls(certificate, seconds), lambda sampled: _said(certificate, sampled)
+    found = _in_balls(certificate, seconds)
+    if against is not None:
+        # Before any line is printed: the C file may be unusable.
+        found = _both(list(compared(certificate, against)), found)
+    return found, lambda sampled: _said(certificate, sampled)
+
+
+def _both(first: list[Finding], rest: Iterator[Finding]) -> Iterator[Finding]:
+    """Yield the comparison with a C file, and the rest if it has what is proven."""
+    yield from first
+    if all(one.verdict is Verdict.PROVED for one in first):
+        yield from rest
 
 
 def _in_balls(certificate: Certificate, seconds: float) -> Iterator[Finding]:

@@ -8,7 +8,7 @@ import numpy as np
 from swarmstart.cases.format.document import shown
 from swarmstart.cases.record.files import RecordError
 from swarmstart.cases.record.results import Record
-from swarmstart.export.paths import AXES, VehiclePath
+from swarmstart.export import AXES, VehiclePath
 
 NAME = re.compile(r"[A-Za-z0-9_-]{1,80}")
 """Names of vehicles; they come from a file that may be of a stranger."""

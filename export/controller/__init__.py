@@ -9,6 +9,3 @@ twin         the same controller by the library's own code
 exported     its text, compiled here and called
 files        the files
 """
-
-from swarmstart.export.controller.exported import CExport as CExport
-from swarmstart.export.controller.files import export_c as export_c

@@ -184,13 +184,21 @@ class CWriter(VectorIR):
             a, b = arguments
             return self.intrinsic("sqrt", self.fma(a, a, self.mul(b, b)))
         if function == "remainder":
-            a, b = arguments
-            half = self.constant(0.5)
-            turns = self.intrinsic("floor", self.add(self.div(a, b), half))
-            return self.fma(self.neg(turns), b, a)
+            return self._remainder(*arguments)
         if function == "pow":
             return self.beside("wide_power", _wide_power, *arguments)[0]
         return self.constant(math.nan)
+
+    def _remainder(self, a: str, b: str) -> str:
+        """Return a - n b, n the whole number nearest to a / b, even in the middle."""
+        half, quotient = self.constant(0.5), self.div(a, b)
+        turns = self.intrinsic("floor", self.add(quotient, half))
+        middle = self.compare("oeq", self.sub(turns, quotient), half)
+        halves = self.mul(turns, half)
+        odd = self.compare("une", self.intrinsic("floor", halves), halves)
+        lower = self.sub(turns, self.constant(1.0))
+        turns = self.select(self.mask_op("and", middle, odd), lower, turns)
+        return self.fma(self.neg(turns), b, a)
 
 
 def _wide_power(ir: VectorIR, base: str, exponent: str) -> list[str]:

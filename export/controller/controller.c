@@ -1,6 +1,3 @@
-/* ---- numbers and their bits ------------------------------------------------ */
-
-@HELPERS@
 /* ---- elementary functions -------------------------------------------------- */
 
 @ELEMENTARY@
@@ -153,93 +150,36 @@ static void derive_trial(memory_t *m)
   }
 }
 
-/* H += Z' B Z for lower triangles B and H; Z is Z_x over the identity of controls. */
-static void add_chained(real H[NZ * (NZ + 1) / 2], const real B[NZ * (NZ + 1) / 2],
-                        const real Zx[NX * NZ])
-{
-  real T[NZ], row[NZ];
-  int c, i, j, r;
-  for (c = 0; c < NZ; ++c) {
-    /* T = B z, z the column c of Z. */
-    for (i = 0; i < NZ; ++i) {
-      row[i] = i < NX ? Zx[c * NX + i] : (real)(i == c);
-      T[i] = 0;
-    }
-    for (i = 0; i < NZ; ++i) {
-      for (j = 0; j < i; ++j) {
-        T[i] += B[i * (i + 1) / 2 + j] * row[j];
-        T[j] += B[i * (i + 1) / 2 + j] * row[i];
-      }
-      T[i] += B[i * (i + 1) / 2 + i] * row[i];
-    }
-    for (r = c; r < NZ; ++r) {
-      real sum = r < NX ? 0 : T[r];
-      for (i = 0; i < NX; ++i) {
-        sum += Zx[r * NX + i] * T[i];
-      }
-      H[r * (r + 1) / 2 + c] += sum;
-    }
-  }
-}
-
-/* State after each interval, its Jacobian, and second derivatives of the Lagrangian. */
+/* State behind the steps of each interval, its Jacobian, the gradient of the integral,
+   and the second derivatives of the Lagrangian. */
 static void derive(memory_t *m)
 {
-  real a[NS + 1], b[NS + 1], p[NX], before[NX], B[NZ * (NZ + 1) / 2], cost;
-  int k, i, j, c, r;
+  real a[NS + 1], b[NS + 1], p[NX], g[NZ], W[NX * NZ], V[NZ * (NZ + 1) / 2];
+  int k, i, j;
   for (k = 0; k < N; ++k) {
     const real *u = m->lane.u + k * INPUTS;
     real *J = m->lane.J + k * NX * NZ, *Gc = m->lane.Gc + k * NZ;
     real *H = m->lane.H + k * (NZ * (NZ + 1) / 2);
-    memcpy(m->y, m->lane.x + k * NX, NX * sizeof m->y[0]);
-    memset(m->Z, 0, NX * NZ * sizeof m->Z[0]);
-    memset(Gc, 0, NZ * sizeof Gc[0]);
-    memset(H, 0, NZ * (NZ + 1) / 2 * sizeof H[0]);
-    for (i = 0; i < NX; ++i) {
-      m->Z[i * NX + i] = 1;
-    }
-    for (j = 0; j < ALL_STEPS; ++j) {
-      const real *Z = m->Z + j * NX * NZ, *S = m->S + j * NX * NZ;
-      const real *slope = m->slope + j * NZ;
-      real *next = m->Z + (j + 1) * NX * NZ;
-      ends_of(m, k, j, a, b);
-      f_slopes(m->y + j * NX, u, m->p, m->lane.interval_unit, c_interval_shared, a, b,
-               m->y + (j + 1) * NX, m->S + j * NX * NZ, m->slope + j * NZ, &cost);
-      for (c = 0; c < NZ; ++c) {
-        Gc[c] += c < NX ? 0 : slope[c];
-        for (i = 0; i < NX; ++i) {
-          real sum = c < NX ? 0 : S[c * NX + i];
-          for (r = 0; r < NX; ++r) {
-            sum += S[r * NX + i] * Z[c * NX + r];
-          }
-          next[c * NX + i] = sum;
-          Gc[c] += slope[i] * Z[c * NX + i];
-        }
-      }
-    }
+    (void)follow(m, k, m->lane.x + k * NX, u);
     memcpy(m->lane.F + k * NX, m->y + ALL_STEPS * NX, NX * sizeof p[0]);
-    memcpy(J, m->Z + ALL_STEPS * NX * NZ, NX * NZ * sizeof J[0]);
     for (i = 0; i < NX; ++i) {
       p[i] = m->lane.lam[k * NX + i];
     }
-@PULL@    for (j = ALL_STEPS - 1; j >= 0; --j) {
+@PULL@    memset(Gc, 0, sizeof g);
+    memset(J, 0, sizeof W);
+    memset(H, 0, sizeof V);
+    for (i = 0; i < NX; ++i) {
+      J[i * NX + i] = 1;
+    }
+    for (j = ALL_STEPS - 1; j >= 0; --j) {
+      real q[NX];
       ends_of(m, k, j, a, b);
-      f_bend(m->y + j * NX, u, p, m->p, m->lane.interval_unit, c_interval_shared, a, b,
-             B);
-      if (j > 0) {
-        add_chained(H, B, m->Z + j * NX * NZ);
-      } else {
-        for (i = 0; i < NZ * (NZ + 1) / 2; ++i) {
-          H[i] += B[i];
-        }
-      }
-      for (i = 0; i < NX; ++i) {
-        before[i] = m->slope[j * NZ + i];
-        for (r = 0; r < NX; ++r) {
-          before[i] += m->S[(j * NZ + i) * NX + r] * p[r];
-        }
-      }
-      memcpy(p, before, sizeof p);
+      f_before(m->y + j * NX, u, p, Gc, J, H, m->p, m->lane.interval_unit,
+               c_interval_shared, a, b, q, g, W, V);
+      memcpy(p, q, sizeof p);
+      memcpy(Gc, g, sizeof g);
+      memcpy(J, W, sizeof W);
+      memcpy(H, V, sizeof V);
     }
   }
   m->operations += OPERATIONS_DERIVE;

@@ -4,6 +4,7 @@ The parts that are the same for all problems stand in controller.c, whose places
 (`@PLACE@`) are filled here.
 """
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import files
@@ -173,6 +174,31 @@ _RESCUE = """  if (!m->is_begun
 """
 
 
+def preamble(precision: str, body: str, *, real: str = "") -> str:
+    """Return includes, types and helpers that come before C functions.
+
+    Args:
+        precision: "double" or "single".
+        body: Text of the functions, which tells what they use.
+        real: Type of the numbers; empty: that of the precision.
+    """
+    bits = FORMATS[precision].bits
+    kind, suffix = {"double": ("double", ""), "single": ("float", "f")}[precision]
+    helpers = []
+    for name, text in _HELPERS.items():
+        if f"{name}(" in body:
+            helpers.append(re.sub(r"@(\w+)@", rf"\g<1>{suffix}", text))
+    lines = [
+        "#include <math.h>", "#include <stdint.h>", "#include <string.h>", "",
+        "#ifdef __FAST_MATH__",
+        '#error "-ffast-math removes the tests for numbers that are not finite"',
+        "#endif", "", f"typedef {real or kind} real;", f"typedef uint{bits}_t bits_t;",
+        "#define INFINITE ((real)INFINITY)", "#define NOT_A_NUMBER ((real)NAN)", "",
+        *helpers,
+    ]  # fmt: skip
+    return "\n".join(lines)
+
+
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ControllerText:
     """The text of a controller.
@@ -228,8 +254,7 @@ class _Maker:
         steps = lane.steps
         self._file.add_function(steps.value, "f_step")
         self._file.add_function(steps.adjoint, "f_adjoint")
-        self._file.add_function(steps.slopes, "f_slopes")
-        self._file.add_function(steps.bend, "f_bend")
+        self._file.add_function(steps.before, "f_before")
         if lane.pull is not None:
             self._file.add_function(lane.pull, "f_pull")
         self._file.add_function(one.interval, "f_interval")
@@ -254,35 +279,17 @@ class _Maker:
 
     def text(self) -> ControllerText:
         """Return the files."""
-        one, problem = self._one, self._one.problem
         template = files(__package__).joinpath("controller.c").read_text("utf-8")
         for place, text in self._filled().items():
             template = template.replace(f"@{place}@", text)
-        body = template
-        helpers = [
-            text.replace("@sqrt@", self._libm("sqrt"))
-            .replace("@floor@", self._libm("floor"))
-            .replace("@ceil@", self._libm("ceil"))
-            .replace("@fabs@", self._libm("fabs"))
-            .replace("@copysign@", self._libm("copysign"))
-            for helper, text in self._used_helpers(body)
-        ]
-        body = body.replace("@HELPERS@", "\n".join(helpers))
-        source = self._head() + body
-        del problem, one
+        source = self._head(template) + template
         return ControllerText(
             source=source.replace("NAME", self._name),
             header=self._header().replace("NAME", self._name),
             most_operations=self._most_operations(),
         )
 
-    def _libm(self, function: str) -> str:
-        return function if self._form.bits == 64 else f"{function}f"  # noqa: PLR2004
-
-    def _used_helpers(self, body: str) -> list[tuple[str, str]]:
-        return [(n, text) for n, text in _HELPERS.items() if f"{n}(" in body]
-
-    def _head(self) -> str:
+    def _head(self, body: str) -> str:
         """Return comments, includes and numbers of the source."""
         one, lane = self._one, self._one.lane
         problem = one.problem
@@ -305,6 +312,7 @@ class _Maker:
             "JUMP": self._number(JUMP), "NOISE": self._number(one.noise),
             "CLOSE": self._number(CLOSE), "WILD": self._number(WILD),
             "LITTLE": self._number(LITTLE[self._precision]),
+            "HOLD": float(problem.dt).hex(),
             "OPERATIONS_START": f"{self._start_operations()}ul",
             "OPERATIONS_DERIVE": f"{self._derive_operations()}ul",
         }  # fmt: skip
@@ -321,18 +329,14 @@ class _Maker:
             if problem.ns
             else "#define SIGNALS(k) m->signals"
         )
-        includes = [
-            '#include "NAME.h"', "", "#include <math.h>", "#include <stdint.h>",
-            "#include <string.h>", "", "#ifdef __FAST_MATH__",
-            "#error \"-ffast-math removes the tests for numbers that are not finite\"",
-            "#endif", "", "typedef NAME_real real;", "typedef NAME_memory memory_t;",
-            f"typedef uint{bits}_t bits_t;", "#define INFINITE ((real)INFINITY)",
-            "#define NOT_A_NUMBER ((real)NAN)", "",
+        lines = [
+            self._remark, '#include "NAME.h"', "",
+            preamble(self._precision, body, real="NAME_real"),
+            "typedef NAME_memory memory_t;", "",
             "/* Cost of a plan, sum of the sizes of its parts, and its violation. */",
-            "typedef struct { real cost, size, violation; } "
-            "trial_t;", "",
+            "typedef struct { real cost, size, violation; } trial_t;", "",
         ]  # fmt: skip
-        return "\n".join([self._remark, *includes, *defined, "", ""])
+        return "\n".join([*lines, *defined, "", ""])
 
     def _number(self, value: float) -> str:
         return c_number(value, self._form)
@@ -410,12 +414,9 @@ class _Maker:
     def _derive_operations(self) -> int:
         """Return the operations of `derive`, besides those of rows."""
         one, count = self._one, self._file.operations
-        nx, nz = one.problem.model.nx, one.problem.model.nx + one.lane.inputs
-        chained = nz * (nz * nz + 2 * nz + nz * nx + nx)
-        step = count["f_slopes"] + count["f_bend"] + nz * nx * (2 * nx + 3)
-        step += 2 * chained + 2 * nx * nx + 4 * one.problem.ns
         steps = one.lane.steps.count * one.problem.checks
-        return one.problem.intervals * (steps * step + 2 * nz)
+        step = count["f_before"] + count["f_step"] + 1
+        return one.problem.intervals * steps * step
 
     def _trial_operations(self) -> int:
         """Return the operations of `derive_trial`."""
@@ -596,7 +597,7 @@ class _Maker:
             if count and not name.endswith(".parameters")
         ]
         N, nu, nx = problem.intervals, problem.model.nu, problem.model.nx
-        S, nz = lane.steps.count * problem.checks, nx + lane.inputs
+        S = lane.steps.count * problem.checks
         windows = N * (problem.checks + 1) * problem.ns
         p = problem.model.np + lane.weights.size
         signals = problem.ns * problem.nodes
@@ -619,8 +620,7 @@ class _Maker:
             f"  NAME_real path[{N * nx}], guess[{N * nx}], found_path[{N * nx}];",
             f"  NAME_real p[{max(p, 1)}], signals[{max(signals, 1)}];",
             f"  NAME_real windows[{max(windows, 1)}];",
-            f"  NAME_real y[{(S + 1) * nx}], Z[{(S + 1) * nx * nz}];",
-            f"  NAME_real S[{S * nx * nz}], slope[{S * nz}];",
+            f"  NAME_real y[{(S + 1) * nx}];",
             f"  NAME_real remembered[{max(one.remembered.size, 1)}];",
             "  NAME_real cost, size, violation; /* of the plan */",
             "  unsigned long iterations;        /* of the last step */",

@@ -1,12 +1,15 @@
 """The steps of an integrator in scaled numbers, with their derivatives.
 
 An interval leads from (x, u) to F(x, u) by equal steps y+ = f(y, u), each of which
-costs l(y, u). With the costate p behind a step, and all derivatives by (y, u),
+costs l(y, u). Derivatives by (y, u) of what follows are carried from the last step to
+the first one: with S = d(f, u)/d(y, u), h = l + p'f, before a step
 
-    h = l + p'f,   p before = dh/dy,   dF/dz by the chain of the f
-    second derivatives of sum(l) + p'F:   sum over the steps of Z' (d2h) Z
+    costate p          dh/dy
+    gradient g of l    dl/d(y, u) + S'g
+    Jacobian W of F    W S
+    curvature V        d2h/d(y, u)2 + S'V S
 
-where Z is the derivative of (y, u) by z = (x, u).
+S has many zeros, which are left out.
 """
 
 from dataclasses import dataclass, replace
@@ -14,7 +17,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 
 from swarmstart.ocp.integration.integrators import INTEGRATORS
-from swarmstart.ocp.lanes.kernels import lower
+from swarmstart.ocp.lanes.kernels import lower, symmetric
 from swarmstart.ocp.lanes.posed import NoLanesError
 from swarmstart.ocp.nlp.nlp_assembly import inputs_of
 from swarmstart.ocp.nlp.transcription import NonlinearProgram
@@ -31,15 +34,14 @@ class IntegratorSteps:
     Attributes:
         value: (y, u, p, unit, shared, a, b) -> (f, l).
         adjoint: The same with the costate after u -> gradient of h by (y, u).
-        slopes: As `value` -> (f, Jacobian of f, gradient of l, l).
-        bend: As `adjoint` -> lower triangle of the second derivatives of h.
+        before: (y, u, p, g, W, lower triangle of V, ...) behind a step -> (p, g, W, V)
+            before it.
         count: Number of steps between two checks.
     """
 
     value: ca.Function
     adjoint: ca.Function
-    slopes: ca.Function
-    bend: ca.Function
+    before: ca.Function
     count: int
 
 
@@ -79,13 +81,29 @@ def integrator_steps(shooting: Shooting, program: NonlinearProgram) -> Integrato
     def function(name: str, given: list[ca.SX], found: list[ca.SX]) -> ca.Function:
         return ca.Function(name, given, ca.cse([ca.densify(one) for one in found]))
 
-    plain, pulled = [y, u, *rest], [y, u, lam, *rest]
     return IntegratorSteps(
-        value=function("step", plain, [f, l]),
-        adjoint=function("adjoint", pulled, [ca.gradient(h, z)]),
-        slopes=function(
-            "slopes", plain, [f, ca.vec(ca.jacobian(f, z)), ca.gradient(l, z), l]
-        ),
-        bend=function("bend", pulled, [lower(ca.hessian(h, z)[0])]),
+        value=function("step", [y, u, *rest], [f, l]),
+        adjoint=function("adjoint", [y, u, lam, *rest], [ca.gradient(h, z)]),
+        before=function("before", *_carried((y, u, lam), f, l, rest)),
         count=problem.substeps,
     )
+
+
+def _carried(
+    at: tuple[ca.SX, ca.SX, ca.SX], f: ca.SX, cost: ca.SX, rest: list[ca.SX]
+) -> tuple[list[ca.SX], list[ca.SX]]:
+    """Return what is carried over a step: arguments, and values before it."""
+    y, u, lam = at
+    z, h = ca.vertcat(y, u), cost + ca.dot(lam, f)
+    nx, nz = y.numel(), z.numel()
+    g, W = ca.SX.sym("g", nz), ca.SX.sym("W", nx * nz)
+    V = ca.SX.sym("V", nz * (nz + 1) // 2)
+    S = ca.jacobian(ca.vertcat(f, u), z)
+    bent = ca.hessian(h, z)[0] + S.T @ symmetric(V, nz) @ S
+    found = [
+        ca.gradient(h, y),
+        ca.gradient(cost, z) + S.T @ g,
+        ca.vec(ca.reshape(W, nx, nz) @ S),
+        lower(bent),
+    ]
+    return [y, u, lam, g, W, V, *rest], found

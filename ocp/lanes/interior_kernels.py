@@ -305,7 +305,7 @@ class _Maker:
     def backward(self) -> Written:
         """Return the kernel of the recursion from the end to the start."""
         interval, nx = self._places.interval, self._nx
-        nu, z = interval.u.numel(), interval.z
+        nu = interval.u.numel()
         carried = symbols(slope=nx, bend=len(triangle(nx)), nothing=1)
         lane = symbols(mu=1, rho=1, delta=1)
         slope, bend, wrong = carried.values()

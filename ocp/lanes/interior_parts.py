@@ -90,11 +90,14 @@ class SteppedPlace(Place):
     """An interval whose integrator is computed elsewhere, step by step.
 
     Its cost is that outside the integral. Rows, this cost and the jump to the state
-    after it may depend on the state F behind the last step, a given number here. Given
-    numbers, by name, at the point where a step is taken: "F", "Gc" (gradient of the integral),
-    "J" (Jacobian of F), "H" (lower triangle of the second derivatives of the
-    integral + p'F); at a trial point "F_new", "L_new" (integral) and "G_new"
-    (gradient of the integral + p'F). The costate p is that of `pull`.
+    after it may depend on the state F behind the last step, a given number here.
+
+    Attributes:
+        stepped: Symbols of given numbers by name. Where a step is taken: "F"; "Gc"
+            (gradient of the integral); "J" (Jacobian of F); "H" (lower triangle of the
+            second derivatives of the integral + p'F, p the costate of `pull`). At a
+            trial point: "F_new"; "L_new" (integral); "G_new" (gradient of the
+            integral + p'F).
     """
 
     stepped: dict[str, ca.SX]

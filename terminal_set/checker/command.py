@@ -28,7 +28,7 @@ Judged = tuple[Iterable[Finding], Callable[[Sequence[str]], str]]
 
 
 def parsed(arguments: Sequence[str] | None, *, program: str) -> argparse.Namespace:
-    """Return the options: `file` and `seconds`.
+    """Return the options: `file`, `seconds` and `against`.
 
     Args:
         arguments: Arguments of the command line; None means those of the process.
@@ -47,6 +47,11 @@ def parsed(arguments: Sequence[str] | None, *, program: str) -> argparse.Namespa
     parser.add_argument(
         "--seconds", type=_seconds, default=600.0, help="time for all of it [600]"
     )
+    parser.add_argument(
+        "--against", type=Path, metavar="NAME.c",
+        help="C file of a controller, whose gain, set, reference, bounds and law must "
+        "be those of the certificate [none]",
+    )  # fmt: skip
     return parser.parse_args(arguments)
 
 
@@ -84,7 +89,7 @@ def _checked(options: argparse.Namespace, judge: Callable[[Path], Judged]) -> in
     try:
         found, said = judge(file)
     except OSError as error:
-        complain(f"{file} cannot be read: {error.strerror}")
+        complain(f"{error.filename or file} cannot be read: {error.strerror}")
         return UNREADABLE
     except CertificateFileError as error:
         complain(f"{file} cannot be used: {error}")

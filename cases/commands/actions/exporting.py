@@ -10,12 +10,16 @@ from swarmstart.cases.record.files import require_new, write_bytes
 from swarmstart.cases.record.results import load
 from swarmstart.cases.record.vehicle_paths import paths_of
 from swarmstart.errors import SwarmstartError
-from swarmstart.export.crazyswarm import crazyswarm_text
-from swarmstart.export.missions import plan_text, waypoints_text
-from swarmstart.export.paths import Origin, VehiclePath
-from swarmstart.export.ros import mcap_bytes
-from swarmstart.export.skybrush import skybrush_bytes
-from swarmstart.export.tables import table_text
+from swarmstart.export import (
+    Origin,
+    VehiclePath,
+    crazyswarm_text,
+    mcap_bytes,
+    plan_text,
+    skybrush_bytes,
+    table_text,
+    waypoints_text,
+)
 
 Written = Mapping[str, bytes]
 """Name of a file -> its content."""
@@ -62,7 +66,10 @@ OWN = {
         "format", "positions", "height", "error", "max_speed", "max_acceleration",
         "origin", "heading",
     ),
-    "c": ("variant", "assignments", "name", "starts", "iterations", "precision", "seed", "main"),
+    "c": (
+        "variant", "assignments", "name", "starts", "iterations", "precision", "seed",
+        "main",
+    ),
 }  # fmt: skip
 """What is exported -> the options that it alone has."""
 FLAGS = {"assignments": "set"}
@@ -76,9 +83,9 @@ def _require_own(options: argparse.Namespace) -> None:
             name for name in names if getattr(options, name) not in (None, False, [])
         ]
         if what != options.what and given:
+            flag = FLAGS.get(given[0], given[0]).replace("_", "-")
             raise WrongExportError(
-                f"--{FLAGS.get(given[0], given[0]).replace('_', '-')}: expected export {what} with it, "
-                f"found export {options.what}"
+                f"--{flag}: expected export {what} with it, found export {options.what}"
             )
 
 

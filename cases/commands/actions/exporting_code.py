@@ -11,7 +11,9 @@ from swarmstart.arrays import Array
 from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.cases.kinds.flight import flight_of
 from swarmstart.errors import SwarmstartError
-from swarmstart.export.controller import export_c
+from swarmstart.export import (
+    export_c,
+)
 from swarmstart.ocp import DualMode, OpenLoop, RecedingHorizon, Team
 
 

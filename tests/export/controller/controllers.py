@@ -17,7 +17,7 @@ def loop_of(problem: ss.OptimalControlProblem, **more: object) -> ss.RecedingHor
     return ss.RecedingHorizon(planner=planner, **more)  # type: ignore[arg-type]
 
 
-def pendulum() -> Case:
+def pendulum(search: str | None = None) -> Case:
     """Return the swing-up of a pendulum with a weak motor."""
     x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
     low = 1 + ca.cos(x[0])
@@ -27,7 +27,8 @@ def pendulum() -> Case:
         stage_cost=10 * low + 0.1 * x[1] ** 2 + 0.05 * u**2,
         terminal_cost=100 * low + 10 * x[1] ** 2,
     )  # fmt: skip
-    return loop_of(problem), [0.0, 0.0]
+    planner = ss.Planner(problem, search=search, polish=ss.IpoptOptions())
+    return ss.RecedingHorizon(planner=planner), [0.0, 0.0]
 
 
 def integrator() -> ss.OptimalControlProblem:
@@ -35,7 +36,8 @@ def integrator() -> ss.OptimalControlProblem:
     x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
     return ss.OptimalControlProblem(
         ss.Model(states=x, controls=u, ode=ca.vertcat(x[1], u)),
-        horizon=2.0, intervals=10, substeps=1, stage_cost=ca.sumsqr(x) + 0.1 * u**2, terminal_cost=ca.sumsqr(x),
+        horizon=2.0, intervals=10, substeps=1,
+        stage_cost=ca.sumsqr(x) + 0.1 * u**2, terminal_cost=ca.sumsqr(x),
         bounds=ss.Bounds(controls=(-1, 1)),
     )  # fmt: skip
 
@@ -76,7 +78,11 @@ def tracking() -> Case:
         ss.Model(states=x, controls=u, ode=p * (u - x), parameters=p),
         horizon=2.0, intervals=10, substeps=2, signals=s, previous=before,
         stage_cost=(x - s) ** 2, step_cost=0.1 * (u - before) ** 2,
-        constraints=[ss.PathConstraint(expression=x, upper=1.2, weight=3.0, quadratic_weight=1.0)],
+        constraints=[
+            ss.PathConstraint(
+                expression=x, upper=1.2, weight=3.0, quadratic_weight=1.0
+            )
+        ],
         bounds=ss.Bounds(controls=(-3, 3)),
     )  # fmt: skip
     loop = loop_of(

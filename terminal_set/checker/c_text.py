@@ -1,0 +1,234 @@
+"""Comparison of a certificate with the C file of a controller.
+
+Read from the text of the file, bit by bit, are the gain, the matrix and the level of
+the set, the reference, the bounds of the inputs, the time of a hold and the number of
+steps in it; and the functions that apply the law must be the known ones, word by word.
+Nothing else of the file is judged: whether the rest of its code calls them, and what
+its header defines, a test program shows. A file that could say one thing to this reader
+and another to a compiler is refused: with other directives than the known ones, with a
+constant twice, or with words of the language defined anew.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from swarmstart.terminal_set.checker.certificate_file import Certificate
+from swarmstart.terminal_set.checker.file_content import CertificateFileError
+from swarmstart.terminal_set.checker.findings import Finding, Verdict
+
+LARGEST_C_FILE = 20_000_000  # bytes
+_DIRECTIVE = re.compile(
+    r'#(include ("\w+\.h"|<(math|stdint|string)\.h>)|ifdef __FAST_MATH__'
+    r'|error "[^"\\]*"|endif|define \w+(\(\w+\))? .*)'
+)
+_LAW = """
+static int is_inside(const real x[NX]) {
+  real value = 0;
+  int i, j;
+  for (i = 0; i < NX; ++i) {
+    real row = 0;
+    for (j = 0; j < NX; ++j) {
+      row += set_matrix[i * NX + j] * (x[j] - x_reference[j]);
+    }
+    value += (x[i] - x_reference[i]) * row;
+  }
+  return value <= set_level[0];
+}
+static void follow_law(memory_t *m, const real x[NX]) {
+  real here[NX], after[NX], cost, broken;
+  int k, i, j;
+  memcpy(here, x, sizeof here);
+  for (k = 0; k < N; ++k) {
+    for (i = 0; i < NU; ++i) {
+      real u = u_reference[i];
+      for (j = 0; j < NX; ++j) {
+        u -= gain[i * NX + j] * (here[j] - x_reference[j]);
+      }
+      m->plan[k * NU + i] = clipped(u, u_lower[i], u_upper[i]);
+    }
+    f_interval(here, m->plan + k * NU, m->p, SIGNALS(k), after, &cost, &broken);
+    m->operations += OPERATIONS_f_interval + 2 * NX * NU;
+    memcpy(here, after, sizeof here);
+  }
+}
+static real clipped(real value, real least, real most) {
+  return value > most ? most : value >= least ? value : least;
+}
+"""
+_TABLES = "gain set_matrix set_level x_reference u_reference u_lower u_upper".split()
+_INFINITE = {"INFINITE": float("inf"), "(-INFINITE)": float("-inf")}
+
+
+def compared(certificate: Certificate, path: Path) -> Iterator[Finding]:
+    """Compare a certificate with a C file; a finding for each constant that differs.
+
+    Args:
+        certificate: The statements of the certificate.
+        path: The C file.
+
+    Raises:
+        OSError: If the file cannot be read.
+        CertificateFileError: If it is not a controller in C of double precision.
+    """
+    lines, code = _read(path)
+    defined = _defined(lines)
+    differs = [*_changed(certificate, code), *_numbers(certificate, defined)]
+    differs += _law(code)
+    for text in differs:
+        yield Finding(Verdict.REFUSED, f"{path.name}: {text}")
+    if not differs:
+        yield Finding(
+            Verdict.PROVED,
+            f"{path.name} has the gain, the matrix, the level, the reference, the "
+            "bounds and the law of the certificate",
+        )
+
+
+def _unusable(text: str) -> CertificateFileError:
+    return CertificateFileError(f"the C file {text}")
+
+
+def _read(path: Path) -> tuple[list[str], str]:
+    """Return the directives, and the code without comments and directives."""
+    content = path.read_bytes()[: LARGEST_C_FILE + 1]
+    if len(content) > LARGEST_C_FILE:
+        raise _unusable(f"is larger than {LARGEST_C_FILE} bytes")
+    try:
+        text = _without_comments(content.decode("ascii"))
+    except UnicodeDecodeError:
+        raise _unusable("has other characters than ASCII") from None
+    directives, code = list[str](), list[str]()
+    for line in text.split("\n"):
+        if "#" in line:
+            directives.append(" ".join(line.split()))
+        else:
+            code.append(line)
+    for line in directives:
+        if not _DIRECTIVE.fullmatch(line):
+            raise _unusable(f"has a directive that is not a known one: {line[:60]}")
+    if any('"' in line for line in code):
+        raise _unusable("has a text in quotes outside a directive")
+    return directives, "\n".join(code)
+
+
+def _without_comments(text: str) -> str:
+    if "\\\n" in text or "??" in text or "//" in text or "\r" in text:
+        raise _unusable("has continued lines, trigraphs or comments after //")
+    text = re.sub(r"/\*.*?\*/", " ", text, flags=re.DOTALL)
+    if "/*" in text or "*/" in text or "'" in text:
+        raise _unusable("has an open comment or a character in quotes")
+    return text
+
+
+def _defined(directives: list[str]) -> Mapping[str, str]:
+    """Return the macros; words that the constants rest on must not be among them."""
+    found: dict[str, str] = {}
+    own = {*_TABLES, *re.findall(r"[a-z_]\w*", _LAW), "real", "typedef", "double"}
+    for line in directives:
+        match = re.fullmatch(r"#define (\w+)(\(\w+\))? (.*)", line)
+        if match is None:
+            continue
+        name = match[1]
+        if name in own or name in found:
+            raise _unusable(f"defines {name} anew")
+        found[name] = match[3]
+    return found
+
+
+def _changed(certificate: Certificate, code: str) -> Iterator[str]:
+    """Yield what differs among the tables."""
+    bounds = certificate.bounds
+    wanted: dict[str, list[float]] = {
+        "gain": [value for row in certificate.K for value in row],
+        "set_matrix": [value for row in certificate.P for value in row],
+        "set_level": [certificate.alpha],
+        "x_reference": [*certificate.x_ref],
+        "u_reference": [*certificate.u_ref],
+        "u_lower": [_limit(one, -1.0) for one in bounds["u_lower"]],
+        "u_upper": [_limit(one, 1.0) for one in bounds["u_upper"]],
+    }
+    for name in _TABLES:
+        found = _table(name, code)
+        if len(found) != len(wanted[name]):
+            count = len(wanted[name])
+            yield f"{name} has {len(found)} numbers, the certificate has {count}"
+            continue
+        for i, (one, other) in enumerate(zip(found, wanted[name], strict=True)):
+            if _bits(one) != _bits(other):
+                yield f"{name}[{i}] is {one!r}, in the certificate {other!r}"
+
+
+def _limit(value: float | None, sign: float) -> float:
+    return sign * float("inf") if value is None else value
+
+
+def _bits(value: float) -> bytes:
+    # Minus zero acts as zero does.
+    return struct.pack("<d", value + 0.0)
+
+
+def _table(name: str, code: str) -> list[float]:
+    """Return the numbers of a constant array, which must be there once."""
+    declared = re.findall(
+        rf"static\s+const\s+real\s+{name}\s*\[\s*(\d+)\s*\]\s*=\s*\{{([^{{}}]*)\}}\s*;",
+        code,
+    )
+    if len(declared) != 1:
+        raise _unusable(f"must have the constant {name} once, found {len(declared)}")
+    if len(re.findall(rf"\breal\s+\*?\s*{name}\b", code)) > 1:
+        raise _unusable(f"has another variable {name}")
+    ((count, body),) = declared
+    found = [_number(word.strip(), name) for word in body.split(",")]
+    if len(found) != int(count):
+        raise _unusable(f"says {count} numbers of {name}, and has {len(found)}")
+    return found
+
+
+def _number(word: str, name: str) -> float:
+    if word in _INFINITE:
+        return _INFINITE[word]
+    match = re.fullmatch(r"\(?(-?0x[01]\.[0-9a-f]+p[+-]\d+)\)?", word.removesuffix("f"))
+    if match is None or word.endswith("f"):
+        raise _unusable(
+            f"must have hexadecimal numbers of double precision in {name}, "
+            f"found {word[:40]}"
+        )
+    return float.fromhex(match[1])
+
+
+def _numbers(certificate: Certificate, defined: Mapping[str, str]) -> Iterator[str]:
+    """Yield what differs among sizes, the hold and its steps."""
+    wanted = {"NX": certificate.nx, "STATED": certificate.nx, "NU": certificate.nu}
+    for name, value in wanted.items():
+        if defined.get(name) != str(value):
+            yield f"{name} is {defined.get(name)}, in the certificate {value}"
+    if certificate.dt is None:
+        yield "it holds its inputs, the certificate is of a continuous input"
+        return
+    hold = defined.get("HOLD", "")
+    if _bits(_number(hold, "HOLD")) != _bits(certificate.dt):
+        yield f"HOLD is {hold}, in the certificate {certificate.dt!r} s"
+    steps = defined.get("ALL_STEPS", "")
+    if steps != str(certificate.substeps):
+        yield f"ALL_STEPS is {steps}, in the certificate {certificate.substeps}"
+
+
+def _law(code: str) -> Iterator[str]:
+    """Yield what differs in the functions of the law, which must be there once."""
+    words = _words(code)
+    joined = f" {' '.join(words)} "
+    for function in _LAW.strip().split("\nstatic"):
+        text = function if function.startswith("static") else f"static{function}"
+        name = re.search(r"(\w+)\(", text)
+        if name is None or joined.count(f" {' '.join(_words(text))} ") != 1:
+            yield f"the function {name[1] if name else ''} is not the known one"
+        elif len(re.findall(rf"\b(?:real|int|void)\s+{name[1]}\s*\(", code)) != 1:
+            yield f"the function {name[1]} is declared twice"
+
+
+def _words(code: str) -> list[str]:
+    return re.findall(r"\w+|[^\w\s]", code)
