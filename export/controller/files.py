@@ -38,7 +38,7 @@ MOST_STARTS, MOST_ITERATIONS = 256, 1000
 LONGEST_NAME, LONGEST_SOURCE = 40, 8_000_000
 """Largest number of characters of a name, and of the source."""
 FLOWN = 10.0
-"""Time that the test main flies [s]."""
+"""Time that the test main simulates [s]."""
 MOST_STEPS = 2000
 _SAYING = 1e-3
 """Part of the noise of a cost above which a status does not depend on rounding."""
@@ -93,7 +93,7 @@ def export_c(  # noqa: PLR0913 - what a file is made of, by name
         starts: Number of seeded starts; 0: none, and the header says so.
         iterations: Largest number of steps of a local solve.
         precision: Precision of all numbers in C.
-        main: Whether to write a program that flies for 10 s, prints CSV and compares
+        main: Whether to write a program that simulates 10 s, prints CSV and compares
             its controls with those of the library.
         seen: Rows of the first plan's signals that follow those of the reference: plans
             of others, each (k, nodes).
@@ -181,7 +181,7 @@ def _remark(name: str, one: PosedController, precision: str) -> str:
         "feasible optimum, or if the cost jumps"
         if len(one.starts)
         else "THERE IS NO RESCUE: a step stays in the optimum that is next to its last "
-        "plan, which may be a dear one"
+        "plan, which may cost far more than another"
     )
     law = (
         "the linear law acts inside the terminal set"
@@ -229,7 +229,7 @@ def _cmake(name: str, *, main: bool) -> str:
 
 
 def _main_text(name: str, one: PosedController, precision: str, iterations: int) -> str:
-    """Return the program that flies and compares."""
+    """Return the program that simulates and compares."""
     problem, form = one.problem, FORMATS[precision]
     steps = max(1, min(round(FLOWN / problem.dt), MOST_STEPS))
     controls, statuses = _flight(one, iterations, steps)

@@ -5,7 +5,7 @@ from enum import IntEnum
 FIRST_MU, WARM_MU = 1e-2, 1e-6
 """First parameter of the central path from a seeded start, and from a shifted plan."""
 CLOSE = 1e-6
-"""Part of a plan's size by which a local optimum may be dearer than the shifted plan
+"""Part of a plan's size by which a local optimum may cost more than the shifted plan
 and still replace it."""
 LITTLE = {"double": 1e-6, "single": 1e-1}
 """Part of the noise of a cost below which a plan has nothing to gain from a search."""
@@ -14,12 +14,12 @@ TURNS = 2
 
 
 class Status(IntEnum):
-    """What the control of a step is."""
+    """Origin of the control of a step."""
 
     PLANNED = 0
     """The first of a local optimum, found from the shifted last plan."""
     LINEAR = 1
-    """That of the linear law, inside the terminal set."""
+    """The linear law, inside the terminal set."""
     SEARCHED = 2
     """The first of the best answer from a seeded start."""
     SHIFTED = 3

@@ -33,7 +33,7 @@ _SAME = 1e-9
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class PosedController:
-    """What a C file is made of.
+    """Content of a C file.
 
     Attributes:
         shooting: Functions of the problem.

@@ -71,7 +71,7 @@ OWN = {
         "main",
     ),
 }  # fmt: skip
-"""What is exported -> the options that it alone has."""
+"""Word for an export -> the options that it alone has."""
 FLAGS = {"assignments": "set"}
 """Name of an option in the code -> its name for users, if that is another."""
 

@@ -444,8 +444,8 @@ OPTIONS: Mapping[str, tuple[Option | OneOf, ...]] = {
         ),
         _option(
             "--starts", type=seed, metavar="N",
-            help="seeded starts of a step whose plan is no optimum, or dearer "
-            "(default: 16)",
+            help="seeded starts of a step whose plan is no optimum, or costs "
+            "more (default: 16)",
         ),
         _option(
             "--iterations", type=count, metavar="N",
@@ -459,7 +459,7 @@ OPTIONS: Mapping[str, tuple[Option | OneOf, ...]] = {
             "--seed", type=seed, metavar="N",
             help="seed of the first plan and of the starts (default: 0)",
         ),
-        _flag("--main", help="write a program that flies and compares"),
+        _flag("--main", help="write a program that simulates and compares"),
     ),
     "schema": (
         _option(

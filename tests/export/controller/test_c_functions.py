@@ -48,7 +48,7 @@ def called(library: ctypes.CDLL, *arguments: float) -> float:
 
 @pytest.mark.parametrize("name", UNARY)
 def test_functions_of_one_number(name: str, tmp_path: Path, c_compiler: str) -> None:
-    """To 1e-14 of the larger of value and 1e-3; NaN and infinity where they are."""
+    """To 1e-14 of the larger of value and 1e-3; NaN and infinity, too."""
     x = ca.SX.sym("x")
     function = ca.Function("f", [x], [getattr(ca, name)(x)])
     library = compiled(function, tmp_path, c_compiler)
@@ -62,8 +62,8 @@ def test_functions_of_one_number(name: str, tmp_path: Path, c_compiler: str) -> 
 def test_functions_of_two_numbers(name: str, tmp_path: Path, c_compiler: str) -> None:
     """Powers of negative and zero bases, too."""
     x, y = ca.SX.sym("x"), ca.SX.sym("y")
-    made = {"power": lambda: x**y}.get(name, lambda: getattr(ca, name)(x, y))
-    function = ca.Function("f", [x, y], [made()])
+    value = x**y if name == "power" else getattr(ca, name)(x, y)
+    function = ca.Function("f", [x, y], [value])
     library, rng = compiled(function, tmp_path, c_compiler), np.random.default_rng(0)
     pairs = [*rng.normal(size=(200, 2)) * 3, *np.ndindex(5, 5)]
     pairs += [(-2.0, 3.0), (-2.0, 11.0), (-2.0, 12.0), (-2.0, 0.5), (0.0, 2.5)]

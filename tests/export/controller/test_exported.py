@@ -140,7 +140,7 @@ def _with_friction() -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
 
 
 def test_it_flies_in_a_closed_loop(made: Made) -> None:
-    """As a controller of `simulate`; a second run begins anew."""
+    """`simulate` takes it as a controller; a second run begins anew."""
     export = made("dual_mode")
     controller = export.controller()
     plant = ss.Plant(export.posed.problem.model, dt=controller.dt, substeps=2)

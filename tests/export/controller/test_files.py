@@ -167,7 +167,7 @@ def test_a_target_that_moves_is_refused() -> None:
 
 
 def test_a_missing_state_is_refused() -> None:
-    """As in any call of the library."""
+    """The library says so in each of its calls."""
     controller, _ = pendulum()
     with pytest.raises(ss.InvalidProblemError, match="x0 must have shape"):
         ss.export_c(controller, [0.0], name="one")

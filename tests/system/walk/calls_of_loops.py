@@ -155,6 +155,10 @@ def _laws() -> Calls:
         "DualMode.errors": Call(dual.errors, {"time": 0.0, "state": made.START}),
         "DualMode.inside": Call(dual.inside, {"time": 0.0, "state": made.START}),
         "DualMode.linear_law": with_defaults(dual.linear_law),
+        "export_c": with_defaults(
+            ss.export_c, controller=made.loop(), x0=[0, 0], name="one", starts=0
+        ),
+        "CExport": record(ss.export_c(made.loop(), [0, 0], name="one", starts=0)),
         "terminal_set_of": with_defaults(
             ss.terminal_set_of,
             problem=made.problem(),

@@ -129,7 +129,7 @@ def test_a_right_table_in_a_comment_does_not_count(tmp_path: Path) -> None:
 
 
 def test_files_that_cannot_be_read_have_their_own_code(tmp_path: Path) -> None:
-    """As a missing certificate has."""
+    """A missing certificate has it, too."""
     assert judged(tmp_path, files()["law.c"]) == PROVED
     certificate = str(tmp_path / "law.certificate.json")
     assert main([certificate, "--against", str(tmp_path / "no.c")]) == UNREADABLE
