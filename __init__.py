@@ -71,6 +71,7 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         ExportError as ExportError,
         NoCCompilerError as NoCCompilerError,
         export_c as export_c,
+        export_fmu as export_fmu,
     )
     from swarmstart.heuristics import (
         CMAES as CMAES,
@@ -251,7 +252,7 @@ _NAMES = {
     "swarmstart.cases.record.record": "OccupiedFolderError",
     "swarmstart.cases.record.results": "Record load",
     "swarmstart.errors": "InvalidArgumentError MissingPackageError SwarmstartError",
-    "swarmstart.export": "CExport ExportError NoCCompilerError export_c",
+    "swarmstart.export": "CExport ExportError NoCCompilerError export_c export_fmu",
     "swarmstart.heuristics": """
         CMAES LSHADE AskTellError Box Budget ChaoticPSO DifferentialEvolution
         GeneticAlgorithm Initial InvalidBoxError InvalidBudgetError

@@ -26,6 +26,10 @@ if TYPE_CHECKING:  # Loaded when first used: a trajectory needs no compiler.
     from swarmstart.export.controller.files import (
         export_c as export_c,
     )
+    from swarmstart.export.controller.fmu import (
+        export_fmu as export_fmu,
+        is_compiled as is_compiled,
+    )
     from swarmstart.export.crazyswarm import (
         crazyswarm_text as crazyswarm_text,
     )
@@ -52,6 +56,7 @@ if TYPE_CHECKING:  # Loaded when first used: a trajectory needs no compiler.
 _NAMES = {
     "controller.exported": "CExport CompiledController NoCCompilerError",
     "controller.files": "export_c",
+    "controller.fmu": "export_fmu is_compiled",
     "crazyswarm": "crazyswarm_text",
     "missions": "plan_text waypoints_text",
     "paths": "AXES ExportError Origin VehiclePath",

@@ -8,4 +8,5 @@ source       the text of its files, from controller.c
 twin         the same controller by the library's own code
 exported     its text, compiled here and called
 files        the files
+fmu          the same as an FMU
 """

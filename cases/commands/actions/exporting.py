@@ -61,17 +61,18 @@ def export_command(options: argparse.Namespace) -> int:
     return DONE
 
 
+_OF_CODE = (
+    "variant", "assignments", "name", "starts", "iterations", "precision", "seed",
+)  # fmt: skip
 OWN = {
     "trajectory": (
         "format", "positions", "height", "error", "max_speed", "max_acceleration",
         "origin", "heading",
     ),
-    "c": (
-        "variant", "assignments", "name", "starts", "iterations", "precision", "seed",
-        "main",
-    ),
+    "c": (*_OF_CODE, "main"),
+    "fmu": (*_OF_CODE, "fmi"),
 }  # fmt: skip
-"""Word for an export -> the options that it alone has."""
+"""Word for an export -> the options that it has, besides those of all."""
 FLAGS = {"assignments": "set"}
 """Name of an option in the code -> its name for users, if that is another."""
 
@@ -79,14 +80,14 @@ FLAGS = {"assignments": "set"}
 def _require_own(options: argparse.Namespace) -> None:
     """Raise if an option is given that belongs to another export."""
     for what, names in OWN.items():
-        given = [
-            name for name in names if getattr(options, name) not in (None, False, [])
-        ]
-        if what != options.what and given:
-            flag = FLAGS.get(given[0], given[0]).replace("_", "-")
-            raise WrongExportError(
-                f"--{flag}: expected export {what} with it, found export {options.what}"
-            )
+        for name in names:
+            is_given = getattr(options, name) not in (None, False, [])
+            if is_given and name not in OWN[options.what]:
+                flag = FLAGS.get(name, name).replace("_", "-")
+                raise WrongExportError(
+                    f"--{flag}: expected export {what} with it, found export "
+                    f"{options.what}"
+                )
 
 
 def _of_trajectory(options: argparse.Namespace) -> tuple[Path, Written]:

@@ -1,4 +1,4 @@
-"""`swarmstart export c`: the controller of a scenario as C99."""
+"""`swarmstart export c` and `fmu`: the controller of a scenario as C99."""
 
 import argparse
 import re
@@ -8,12 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from swarmstart.arrays import Array
+from swarmstart.cases.commands.terminal import say
 from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.cases.kinds.flight import flight_of
 from swarmstart.errors import SwarmstartError
-from swarmstart.export import (
-    export_c,
-)
+from swarmstart.export import export_c, export_fmu, is_compiled
 from swarmstart.ocp import DualMode, OpenLoop, RecedingHorizon, Team
 
 
@@ -46,6 +45,10 @@ def c_files(options: argparse.Namespace) -> tuple[Path, Mapping[str, bytes]]:
         precision=options.precision or "double",
     )  # fmt: skip
     files = {file: text.encode() for file, text in made.files.items()}
+    if options.what == "fmu":
+        files = {f"{name}.fmu": export_fmu(made, options.fmi or "3.0")}
+        if not is_compiled(files[f"{name}.fmu"]):
+            say("no C compiler is here: the FMU has sources only")
     return Path(options.out or name), files
 
 

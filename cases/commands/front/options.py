@@ -381,24 +381,24 @@ OPTIONS: Mapping[str, tuple[Option | OneOf, ...]] = {
     ),
     "export": (
         _option(
-            "what", metavar="WHAT", choices=("trajectory", "c"),
+            "what", metavar="WHAT", choices=("trajectory", "c", "fmu"),
             help="what is exported: trajectory, the flight of vehicles; c, a "
-            "receding-horizon controller in C99",
+            "receding-horizon controller in C99; fmu, the same as an FMU",
         ),
         _option(
             "source", metavar="SOURCE",
-            help="trajectory: folder of a run, or of a saved result; c: name of a "
-            "scenario, or path of its file",
+            help="trajectory: folder of a run, or of a saved result; c and fmu: "
+            "name of a scenario, or path of its file",
         ),
         _option(
             "--format", choices=[*EXPORTS], metavar="FORMAT",
             help="; ".join(f"{name}: {what}" for name, what in EXPORTS.items())
             + " (default: csv)",
         ),
-        _out("folder of the files (default: export in the record; c: NAME)"),
+        _out("folder of the files (default: export in the record; c and fmu: NAME)"),
         _repeatable(
             "--vehicle", metavar="NAME",
-            help="only this vehicle; repeatable (default: all; c: the first)",
+            help="only this vehicle; repeatable (default: all; c and fmu: the first)",
         ),
         _option(
             "--positions", metavar="X,Y[,Z]",
@@ -459,7 +459,11 @@ OPTIONS: Mapping[str, tuple[Option | OneOf, ...]] = {
             "--seed", type=seed, metavar="N",
             help="seed of the first plan and of the starts (default: 0)",
         ),
-        _flag("--main", help="write a program that simulates and compares"),
+        _flag("--main", help="write a program in C that simulates and compares"),
+        _option(
+            "--fmi", choices=("3.0", "2.0"), metavar="VERSION",
+            help="version of FMI of the FMU, 3.0 or 2.0 (default: 3.0)",
+        ),
     ),
     "schema": (
         _option(

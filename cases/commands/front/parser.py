@@ -104,6 +104,7 @@ examples:
   swarmstart export trajectory my_run --format skybrush --out show
   swarmstart export trajectory my_run --format qgc --origin 47.38,8.55,408
   swarmstart export c pendulum --main --out pendulum_c
+  swarmstart export fmu pendulum --fmi 2.0
 
 Exit code 2: the source or the options do not fit, or the format is not as
 exact as asked; 5: a file could not be read or written."""
@@ -301,7 +302,7 @@ SUBCOMMANDS = {
         "write flights for drones and autopilots, and controllers in C",
         "Write the positions of the vehicles of a record, along the simulated path, in "
         "a format of others; or the receding-horizon controller of a scenario as one "
-        "C99 file. Files that exist are never replaced.",
+        "C99 file, or as an FMU. Files that exist are never replaced.",
         _EXPORT,
         f"{_ACTIONS}.exporting:export_command",
     ),

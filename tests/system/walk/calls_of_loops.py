@@ -158,6 +158,11 @@ def _laws() -> Calls:
         "export_c": with_defaults(
             ss.export_c, controller=made.loop(), x0=[0, 0], name="one", starts=0
         ),
+        "export_fmu": with_defaults(
+            ss.export_fmu,
+            made=ss.export_c(made.loop(), [0, 0], name="one", starts=0),
+            compiled=False,
+        ),
         "CExport": record(ss.export_c(made.loop(), [0, 0], name="one", starts=0)),
         "terminal_set_of": with_defaults(
             ss.terminal_set_of,

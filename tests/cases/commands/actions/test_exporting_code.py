@@ -1,5 +1,6 @@
-"""`swarmstart export c` writes the controller of a scenario, and replaces nothing."""
+"""`swarmstart export c` and `fmu` write the controller of a scenario."""
 
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -66,6 +67,7 @@ def test_the_files_have_the_name_of_the_scenario(
         (("--set", "search.when=always"), "take when='needed'"),
         (("--set", "prediction.intervals=x"), "intervals"),
         (("--variant", "fast"), "variant"),
+        (("--fmi", "2.0"), "--fmi: expected export fmu with it"),
     ],
 )
 def test_options_that_do_not_fit_have_exit_code_2(
@@ -101,3 +103,18 @@ def test_a_swarm_has_no_receding_horizon(
     """Its vehicles commit themselves to plans."""
     assert exported("swarm_20", "--out", tmp_path / "out") == 2
     assert "expected a receding-horizon controller" in capsys.readouterr().err
+
+
+def test_an_fmu_has_the_version_that_is_asked_for(
+    cart: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By default 3.0; a program in C is for C only."""
+    for words, version in (((), b"3.0"), (("--fmi", "2.0"), b"2.0")):
+        out = tmp_path / version.decode()
+        call = ["export", "fmu", cart, "--out", out, "--starts", "0", *words]
+        assert main([*map(str, call)]) == 0
+        with zipfile.ZipFile(out / "cart.fmu") as archive:
+            described = archive.read("modelDescription.xml")
+        assert b'fmiVersion="' + version in described
+    assert main(["export", "fmu", str(cart), "--main"]) == 2
+    assert "--main: expected export c with it" in capsys.readouterr().err
