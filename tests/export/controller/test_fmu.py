@@ -71,7 +71,7 @@ def test_fmpy_finds_it_valid_and_steps_it(
         assert u == compiled.step(x).tolist()
         assert (status, cost) == (compiled.status, compiled.cost)
         x = x + 0.1
-    with pytest.raises(Exception, match="doStep|DoStep"):
+    with pytest.raises(Exception, match=r"doStep|DoStep"):
         slave.doStep(currentCommunicationPoint=0.0, communicationStepSize=dt / 2)
     slave.freeInstance()
 
