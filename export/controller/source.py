@@ -412,19 +412,25 @@ class _Maker:
         return "m->windows + k * (CHECKS + 1) * NS" if self._one.problem.ns else "m->p"
 
     def _derive_operations(self) -> int:
-        """Return the operations of `derive`, besides those of rows."""
-        one, count = self._one, self._file.operations
-        steps = one.lane.steps.count * one.problem.checks
-        step = count["f_before"] + count["f_step"] + 1
-        return one.problem.intervals * steps * step
+        """Return the operations of `derive`, besides those that follow the steps."""
+        one = self._one
+        steps = one.problem.intervals * one.lane.steps.count * one.problem.checks
+        return steps * self._file.operations["f_before"]
+
+    def _follow_operations(self) -> int:
+        """Return the operations that follow the steps of all intervals."""
+        one = self._one
+        steps = one.problem.intervals * one.lane.steps.count * one.problem.checks
+        return steps * (self._file.operations["f_step"] + 1)
 
     def _trial_operations(self) -> int:
         """Return the operations of `derive_trial`."""
         one, count = self._one, self._file.operations
         nz = one.problem.model.nx + one.lane.inputs
         steps = one.lane.steps.count * one.problem.checks
-        step = count["f_step"] + count["f_adjoint"] + one.lane.inputs + 1
-        return one.problem.intervals * (steps * step + 4 * nz + self._pulled())
+        step = count["f_adjoint"] + one.lane.inputs
+        own = one.problem.intervals * (steps * step + 4 * nz + self._pulled())
+        return own + self._follow_operations()
 
     def _pulled(self) -> int:
         """Return the operations of what rows pull in one interval."""
@@ -576,6 +582,7 @@ class _Maker:
         rolled += count.get("f_begin", 0)
         turn = sum(count[f"k_{name}"] for name in (*_SWEEP, *_TRIAL))
         turn += self._trial_operations() + self._derive_operations()
+        turn += self._follow_operations()
         turn += problem.intervals * self._pulled()
         begin = count["k_first"] + count["k_finish"] + count["k_trial"]
         begin += count["k_move"] + self._trial_operations()
