@@ -396,9 +396,13 @@ int NAME_step(memory_t *m, const real x[NAME_NX]@GIVEN@, real u[NAME_NU])
   best = rolled(m, here, m->plan, m->path);
   /* The shifted plan stays in m->plan unless a better one is found. */
   memcpy(m->shifted, m->plan, sizeof m->plan);
-  warm = m->is_begun
-    ? tried(m, here, m->shifted, m->guess, WARM_MU, CLOSE, &best)
-    : tried(m, here, m->shifted, 0, FIRST_MU, CLOSE, &best);
+  if (m->is_begun && best.size <= LITTLE * NOISE && best.violation <= TOLERANCE) {
+    warm = OPTIMAL; /* There is nothing to gain. */
+  } else if (m->is_begun) {
+    warm = tried(m, here, m->shifted, m->guess, WARM_MU, CLOSE, &best);
+  } else {
+    warm = tried(m, here, m->shifted, 0, FIRST_MU, CLOSE, &best);
+  }
   if (warm & BETTER) {
     status = NAME_PLANNED;
   }

@@ -20,16 +20,24 @@ static int is_within(const NAME_real u[NAME_NU])
   return 1;
 }
 
-/* States that are no numbers, infinite and huge ones: the control must stay bounded. */
+/* After a state that is no number, or huge, the control must stay within its bounds;
+   without a number it is the next one of the last plan. */
 static int withstands(NAME_real value)
 {
-  NAME_real x[NAME_NX], u[NAME_NU];
-  int i;
+  NAME_real x[NAME_NX], u[NAME_NU], next[NAME_NU];
+  int i, status, is_right;
   for (i = 0; i < NAME_NX; ++i) {
     x[i] = value;
   }
-  i = NAME_step(&memory, x@PASSED@, u);
-  return is_within(u) && (i == NAME_INVALID) == !(value - value == 0);
+  for (i = 0; i < NAME_NU; ++i) {
+    next[i] = memory.plan[NAME_NU + i];
+  }
+  status = NAME_step(&memory, x@PASSED@, u);
+  is_right = (status == NAME_INVALID) == !(value - value == 0);
+  for (i = 0; i < NAME_NU && status == NAME_INVALID; ++i) {
+    is_right = is_right && !(u[i] < next[i]) && !(u[i] > next[i]);
+  }
+  return is_within(u) && is_right;
 }
 
 int main(void)

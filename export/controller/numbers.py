@@ -7,8 +7,8 @@ FIRST_MU, WARM_MU = 1e-2, 1e-6
 CLOSE = 1e-6
 """Part of a plan's size by which a local optimum may cost more than the shifted plan
 and still replace it."""
-LITTLE = {"double": 1e-6, "single": 1e-1}
-"""Part of the noise of a cost below which a plan has nothing to gain from a search."""
+LITTLE = {"double": 1e-6, "single": 1e-3}
+"""Part of the noise of a cost below which a shifted plan has nothing to gain."""
 TURNS = 2
 """Largest number of trials of a local solve, for each of its steps."""
 

@@ -160,9 +160,7 @@ _LINEAR = """  if (is_inside(here)) {
     return NAME_LINEAR;
   }
 """
-_RESCUE = """  if (!m->is_begun
-      || (best.size > LITTLE * NOISE && !(warm & OPTIMAL))
-      || !(best.violation <= TOLERANCE)
+_RESCUE = """  if (!m->is_begun || !(warm & OPTIMAL) || !(best.violation <= TOLERANCE)
       || best.cost - m->cost > larger(JUMP * best.size, NOISE)) {
     for (i = 0; i < STARTS; ++i) {
       take_start(m, i);

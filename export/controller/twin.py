@@ -106,10 +106,14 @@ class Twin:
         shifted, guess, status = self._plan, self._path, Status.SHIFTED
         best, self._path = self._rolled(x, shifted, known)
         states = np.hstack([x[:, None], guess]) if self._begun else None
-        mu, close = (WARM_MU if self._begun else FIRST_MU), CLOSE * best[1]
-        plan, value, is_optimal = self._solved(x, shifted, states, mu, known)
-        if self._takes(plan, value, best, is_optimal, close, x, known):
-            best, status = value, Status.PLANNED
+        little = LITTLE["double"] * self._one.noise
+        fits = best[2] <= self._problem.tolerance
+        is_optimal = self._begun and best[1] <= little and fits
+        if not is_optimal:  # Else there is nothing to gain.
+            mu, close = (WARM_MU if self._begun else FIRST_MU), CLOSE * best[1]
+            plan, value, is_optimal = self._solved(x, shifted, states, mu, known)
+            if self._takes(plan, value, best, is_optimal, close, x, known):
+                best, status = value, Status.PLANNED
         if self._must_search(best, is_optimal):
             for knots in self._one.starts:
                 start = start_controls(knots, self._problem.intervals)
@@ -123,7 +127,7 @@ class Twin:
         noise = self._one.noise
         return (
             not self._begun
-            or (best[1] > LITTLE["double"] * noise and not is_optimal)
+            or not is_optimal
             or not best[2] <= self._problem.tolerance
             or best[0] - self._cost > max(JUMP * best[1], noise)
         )
