@@ -199,6 +199,10 @@ def _require_plain(loop: RecedingHorizon) -> None:
         is None,
         "its end time is free: fix the horizon": isinstance(stated.horizon, Free),
         "its controls are linear between knots: hold them": stated.has_knots,
+        "its states are counted from near: state it in such coordinates": bool(
+            planner.lowered.origin.any()
+        ),
+        "it is an ensemble: export the problem of one member": stated.risk is not None,
         "its horizon has one interval: take two or more": stated.intervals == 1,
         "its plans are not shifted: take shift=True": not loop.shift,
         "it is given candidates at each step: leave them out": loop.candidates

@@ -47,7 +47,7 @@ class OneLane:
         least_unit: Least unit of the cost, and least size of a start's cost that is
             taken for it.
         steps: The steps of the integrator.
-        pull: What cost and rows add to the costate after an interval; None: nothing.
+        pull: Costate behind the last step of an interval; None: that after it.
     """
 
     kernels: Mapping[str, Written]
@@ -98,11 +98,7 @@ def one_lane(  # noqa: PLR0913 - a problem, and how exactly it is solved
     interval = places.interval
     try:
         kernels = small_interior(
-            places,
-            tolerance=tolerance,
-            rounding=rounding,
-            most=most,
-            longest=longest,
+            places, tolerance=tolerance, rounding=rounding, most=most, longest=longest
         )
     except NoCompilerError as error:
         raise NoLanesError(str(error)) from error

@@ -120,6 +120,14 @@ def _checks() -> ss.RecedingHorizon:
     return loop_of(replace(problem, checks=2, constraints=[limit]))
 
 
+def _of_one_interval() -> ss.RecedingHorizon:
+    return loop_of(replace(integrator(), intervals=1))
+
+
+def _from_near() -> ss.RecedingHorizon:
+    return loop_of(replace(integrator(), features=[ss.CountedFrom({"x_0": 1e9})]))
+
+
 def _of_time() -> ss.RecedingHorizon:
     x, u, t = ca.SX.sym("x"), ca.SX.sym("u"), ca.SX.sym("t")
     model = ss.Model(states=x, controls=u, ode=u + ca.sin(t), time=t)
@@ -142,6 +150,8 @@ def _of_time() -> ss.RecedingHorizon:
         (_unshifted, "take shift=True"),
         (_knots, "linear between knots: hold them"),
         (_checks, "constraints within an interval: take checks=1"),
+        (_of_one_interval, "one interval: take two or more"),
+        (_from_near, "counted from near"),
         (_of_time, "a feature that a C file has not"),
     ],
 )
