@@ -383,8 +383,7 @@ int NAME_step(memory_t *m, const real x[NAME_NX]@GIVEN@, real u[NAME_NU])
     shift(m);
   }
   if (!is_finite(x, STATED)@GIVEN_FINITE@) {
-    m->is_begun = 1;
-    memcpy(u, m->plan, NU * sizeof u[0]);
+@KEEP_INVALID@    memcpy(u, m->plan, NU * sizeof u[0]);
     m->status = NAME_INVALID;
     return NAME_INVALID;
   }

@@ -133,6 +133,12 @@ def posed_controller(  # noqa: PLR0913 - what a file is made of, by name
             "another statement of the problem, would make it possible"
         ) from error
     nx = planner.stated.model.nx
+    if terminal_set is not None and state.size > nx:
+        raise ExportError(
+            "the controller cannot be written as C: its problem remembers controls "
+            f"({', '.join(problem.model.state_names[nx:])}), which its terminal set "
+            "does not: leave out one of them"
+        )
     sized = planner.fitness.arguments.sizes(state, core_known).cost
     return PosedController(
         shooting=shooting,

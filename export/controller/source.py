@@ -95,6 +95,17 @@ _KEEP = """  for (i = STATED; i < NX; ++i) {
     m->remembered[i - STATED] = m->path[i];
   }
 """
+_KEEP_INVALID = """    /* What remembers controls does not depend on the state. */
+    real after[NX], cost, broken;
+    for (i = 0; i < NX; ++i) {
+      here[i] = i < STATED ? 0 : m->remembered[i - STATED];
+    }
+    f_interval(here, m->plan, m->p, SIGNALS(0), after, &cost, &broken);
+    m->operations += OPERATIONS_f_interval;
+    for (i = STATED; i < NX; ++i) {
+      m->remembered[i - STATED] = after[i];
+    }
+"""
 _STARTS = """
 /* The controls of a seeded start, linear between its knots. */
 static void take_start(memory_t *m, int number)
@@ -377,6 +388,7 @@ class _Maker:
             "REMEMBERED_RESET": "  memcpy(m->remembered, remembered, "
             "sizeof m->remembered);\n" if one.remembered.size else "",
             "KEEP": _KEEP if one.remembered.size else "",
+            "KEEP_INVALID": _KEEP_INVALID if one.remembered.size else "",
             "MODEL_GIVEN": self._given(),
             "MODEL": self._model(),
             "GIVEN": self._given(),

@@ -95,6 +95,34 @@ def test_any_state_gives_a_control_within_its_bounds(made: Made, name: str) -> N
         assert 0 <= compiled.operations <= export.most_operations
 
 
+def test_controls_are_remembered_without_a_state(made: Made) -> None:
+    """A step without a number applies the plan, whose control the next one follows.
+
+    A controller that is given the same state and the right control before finds the
+    same plan.
+    """
+    export = made("tracking")
+    compiled, x = export.controller(), np.array([0.5])
+    compiled.step(x)
+    control = compiled.step(np.array([np.nan]))
+    assert compiled.status is Status.INVALID
+    twin = Twin(export.posed, iterations=export.iterations)
+    twin.step(x)
+    twin._shift(export.posed.known)
+    twin._remembered = control
+    np.testing.assert_allclose(compiled.step(x), twin.step(x)[0], atol=1e-7)
+
+
+def test_a_first_state_that_is_no_number_begins_nothing(made: Made) -> None:
+    """The step after it is a first one."""
+    compiled = made("dual_mode").controller()
+    x = np.array([2.0, 0.0])
+    first = compiled.step(x)
+    again = made("dual_mode").controller()
+    again.step(np.array([np.nan, 0.0]))
+    assert np.array_equal(first, again.step(x))
+
+
 def test_the_operations_count_the_work(made: Made) -> None:
     """A step of the law costs two roll-outs; one with starts far more."""
     compiled = made("dual_mode").controller()

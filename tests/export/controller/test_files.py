@@ -176,6 +176,20 @@ def test_a_target_that_moves_is_refused() -> None:
             ss.export_c(moved, x0, name="moved")
 
 
+def test_a_law_does_not_remember_controls() -> None:
+    """Its set is one of the stated states."""
+    controller, x0 = dual_mode()
+    assert isinstance(controller, ss.DualMode)
+    before = ca.SX.sym("before")
+    plain = integrator()
+    costly = replace(
+        plain, previous=before, step_cost=(plain.model.controls - before) ** 2
+    )
+    law = ss.DualMode(loop_of(costly), sets=controller.sets, targets=controller.targets)
+    with pytest.raises(ExportError, match=r"remembers controls .*leave out one"):
+        ss.export_c(law, x0, name="law")
+
+
 def test_a_missing_state_is_refused() -> None:
     """The library says so in each of its calls."""
     controller, _ = pendulum()
