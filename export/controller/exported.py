@@ -40,6 +40,21 @@ class CExport:
         most_operations: Largest number of operations of a step.
         posed: What the files are made of.
         iterations: Largest number of steps of a local solve.
+
+    Example:
+        >>> import casadi as ca
+        >>> import swarmstart as ss
+        >>> x, u = ca.SX.sym("x"), ca.SX.sym("u")
+        >>> problem = ss.OptimalControlProblem(
+        ...     ss.Model(states=x, controls=u, ode=x + u), horizon=2.0, intervals=4,
+        ...     stage_cost=x**2 + u**2, bounds=ss.Bounds(controls=(-2, 2)),
+        ... )
+        >>> planner = ss.Planner(problem, search=None, polish=ss.IpoptOptions())
+        >>> made = ss.export_c(
+        ...     ss.RecedingHorizon(planner=planner), [1.0], name="one", starts=0
+        ... )
+        >>> "THERE IS NO RESCUE" in made.files["one.h"], made.most_operations < 1e7
+        (True, True)
     """
 
     name: str
