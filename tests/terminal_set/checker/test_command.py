@@ -51,9 +51,10 @@ def raising(error: BaseException) -> Callable[[object], NoReturn]:
 
 
 def test_the_options_are_a_file_and_ten_minutes_unless_told() -> None:
-    assert options_of("a.json") == {"file": Path("a.json"), "seconds": 600.0}
-    given = options_of("a.json", "--seconds", "2.5")
-    assert given == {"file": Path("a.json"), "seconds": 2.5}
+    alone = {"file": Path("a.json"), "seconds": 600.0, "against": None}
+    assert options_of("a.json") == alone
+    given = options_of("a.json", "--seconds", "2.5", "--against", "a.c")
+    assert given == {"file": Path("a.json"), "seconds": 2.5, "against": Path("a.c")}
 
 
 @pytest.mark.parametrize("seconds", ["0", "-1", "inf", "nan", "soon"])
