@@ -6,7 +6,8 @@ steps in it; and the functions that apply the law must be the known ones, word b
 Nothing else of the file is judged: whether the rest of its code calls them, and what
 its header defines, a test program shows. A file that could say one thing to this reader
 and another to a compiler is refused: with other directives than the known ones, with a
-constant twice, or with words of the language defined anew.
+constant twice, or with words of the language defined anew. A macro must be a number or
+one of the known ones: another one could do something where the law names it.
 """
 
 from __future__ import annotations
@@ -17,15 +18,22 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from swarmstart.terminal_set.checker.certificate_file import Certificate
-from swarmstart.terminal_set.checker.file_content import CertificateFileError
+from swarmstart.terminal_set.checker.file_content import (
+    CertificateFileError,
+    read_bounded,
+)
 from swarmstart.terminal_set.checker.findings import Finding, Verdict
 
-LARGEST_C_FILE = 20_000_000  # bytes
+_HEXADECIMAL = r"-?0x[01]\.[0-9a-f]{1,13}p[+-]\d{1,4}"
 _DIRECTIVE = re.compile(
     r'#(include ("\w+\.h"|<(math|stdint|string)\.h>)|ifdef __FAST_MATH__'
-    r'|error "[^"\\]*"|endif|define \w+(\(\w+\))? .*)'
+    rf'|error "[^"\\]*"|endif|define \w+ (\d+(ul)?|\(?{_HEXADECIMAL}\)?)'
+    r"|define INFINITE \(\(real\)INFINITY\)|define NOT_A_NUMBER \(\(real\)NAN\)"
+    r"|define SIGNALS\(k\) (m->signals|\(m->signals \+ \(k\) \* CHECKS \* NS\))"
+    r"|define RUN\(name\) \(name\(m\), m->operations \+= OPERATIONS_##name\))"
 )
-_LAW = """
+_LAW = (
+    """
 static int is_inside(const real x[NX]) {
   real value = 0;
   int i, j;
@@ -38,6 +46,8 @@ static int is_inside(const real x[NX]) {
   }
   return value <= set_level[0];
 }
+""",
+    """
 static void follow_law(memory_t *m, const real x[NX]) {
   real here[NX], after[NX], cost, broken;
   int k, i, j;
@@ -55,10 +65,13 @@ static void follow_law(memory_t *m, const real x[NX]) {
     memcpy(here, after, sizeof here);
   }
 }
+""",
+    """
 static real clipped(real value, real least, real most) {
   return value > most ? most : value >= least ? value : least;
 }
-"""
+""",
+)
 _TABLES = "gain set_matrix set_level x_reference u_reference u_lower u_upper".split()
 _INFINITE = {"INFINITE": float("inf"), "(-INFINITE)": float("-inf")}
 
@@ -94,9 +107,10 @@ def _unusable(text: str) -> CertificateFileError:
 
 def _read(path: Path) -> tuple[list[str], str]:
     """Return the directives, and the code without comments and directives."""
-    content = path.read_bytes()[: LARGEST_C_FILE + 1]
-    if len(content) > LARGEST_C_FILE:
-        raise _unusable(f"is larger than {LARGEST_C_FILE} bytes")
+    try:
+        content = read_bounded(path)
+    except CertificateFileError as error:
+        raise _unusable(f"is unusable: {error}") from error
     try:
         text = _without_comments(content.decode("ascii"))
     except UnicodeDecodeError:
@@ -127,7 +141,13 @@ def _without_comments(text: str) -> str:
 def _defined(directives: list[str]) -> Mapping[str, str]:
     """Return the macros; words that the constants rest on must not be among them."""
     found: dict[str, str] = {}
-    own = {*_TABLES, *re.findall(r"[a-z_]\w*", _LAW), "real", "typedef", "double"}
+    own = {
+        *_TABLES,
+        *re.findall(r"[a-z_]\w*", "".join(_LAW)),
+        "real",
+        "typedef",
+        "double",
+    }
     for line in directives:
         match = re.fullmatch(r"#define (\w+)(\(\w+\))? (.*)", line)
         if match is None:
@@ -191,13 +211,14 @@ def _table(name: str, code: str) -> list[float]:
 def _number(word: str, name: str) -> float:
     if word in _INFINITE:
         return _INFINITE[word]
-    match = re.fullmatch(r"\(?(-?0x[01]\.[0-9a-f]+p[+-]\d+)\)?", word.removesuffix("f"))
-    if match is None or word.endswith("f"):
+    match = re.fullmatch(rf"\(?({_HEXADECIMAL})\)?", word)
+    try:
+        return float.fromhex(match[1] if match else "")
+    except (OverflowError, ValueError):
         raise _unusable(
             f"must have hexadecimal numbers of double precision in {name}, "
             f"found {word[:40]}"
-        )
-    return float.fromhex(match[1])
+        ) from None
 
 
 def _numbers(certificate: Certificate, defined: Mapping[str, str]) -> Iterator[str]:
@@ -206,6 +227,8 @@ def _numbers(certificate: Certificate, defined: Mapping[str, str]) -> Iterator[s
     for name, value in wanted.items():
         if defined.get(name) != str(value):
             yield f"{name} is {defined.get(name)}, in the certificate {value}"
+    if not re.fullmatch(r"[1-9]\d*", defined.get("N", "")):
+        yield f"N is {defined.get('N')}, a plan has an interval or more"
     if certificate.dt is None:
         yield "it holds its inputs, the certificate is of a continuous input"
         return
@@ -219,15 +242,13 @@ def _numbers(certificate: Certificate, defined: Mapping[str, str]) -> Iterator[s
 
 def _law(code: str) -> Iterator[str]:
     """Yield what differs in the functions of the law, which must be there once."""
-    words = _words(code)
-    joined = f" {' '.join(words)} "
-    for function in _LAW.strip().split("\nstatic"):
-        text = function if function.startswith("static") else f"static{function}"
-        name = re.search(r"(\w+)\(", text)
-        if name is None or joined.count(f" {' '.join(_words(text))} ") != 1:
-            yield f"the function {name[1] if name else ''} is not the known one"
-        elif len(re.findall(rf"\b(?:real|int|void)\s+{name[1]}\s*\(", code)) != 1:
-            yield f"the function {name[1]} is declared twice"
+    joined = f" {' '.join(_words(code))} "
+    for text in _LAW:
+        name = text[: text.index("(")].split()[-1]
+        if joined.count(f" {' '.join(_words(text))} ") != 1:
+            yield f"the function {name} is not the known one"
+        elif len(re.findall(rf"\b(?:real|int|void)\s+{name}\s*\(", code)) != 1:
+            yield f"the function {name} is declared twice"
 
 
 def _words(code: str) -> list[str]:

@@ -67,7 +67,7 @@ def read_content(path: Path) -> dict[str, object]:
     """
     try:
         content = json.loads(
-            _read(path).decode(),
+            read_bounded(path).decode(),
             parse_constant=_refuse_constant,
             object_pairs_hook=_without_repetition,
         )
@@ -104,7 +104,13 @@ def unusable(where: str, expected: str, found: object) -> CertificateFileError:
     return CertificateFileError(f"{where}: expected {expected}, found {shown}")
 
 
-def _read(path: Path) -> bytes:
+def read_bounded(path: Path) -> bytes:
+    """Return the bytes of a file, which must be a regular one of at most LARGEST_FILE.
+
+    Raises:
+        OSError: If it cannot be read.
+        CertificateFileError: If it is another kind of file, or too large.
+    """
     # Without O_NONBLOCK, opening a pipe would block before its type can be checked.
     descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
     if not stat.S_ISREG(os.fstat(descriptor).st_mode):
