@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import casadi as ca
 
-from swarmstart.export.controller.c_writer import CModule, CWriter
+from swarmstart.export.controller.c_writer import CFunction, CWriter
 from swarmstart.ocp.compiled.emitter import simplified, with_inverses
 from swarmstart.ocp.compiled.scan import PER_INTERVAL
 from swarmstart.ocp.compiled.vectors.operations import emit_tape
@@ -33,7 +33,7 @@ class CFile:
 
     form: Format
     places: Mapping[str, str]
-    common: CModule = field(default_factory=CModule)
+    common: dict[str, CFunction] = field(default_factory=dict)
     functions: dict[str, str] = field(default_factory=dict)
     operations: dict[str, int] = field(default_factory=dict)
 
@@ -114,7 +114,7 @@ class CFile:
         self._add(name, "memory_t *m", writer.body.lines, writer.operations)
 
     def add_function(self, function: ca.Function, name: str) -> None:
-        """Add a function as `static void NAME(real const a0[], ..., real r0[], ...)`.
+        """Add a function as `static void NAME(const real a0[], ..., real r0[], ...)`.
 
         Args:
             function: An SX function.

@@ -9,13 +9,14 @@ the range of its own methods, the value is NaN.
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from swarmstart.ocp.compiled.vectors.operations import emit_operation
-from swarmstart.ocp.compiled.vectors.vector_ir import DOUBLE, Body, Format, VectorIR
+from swarmstart.ocp.compiled.vectors.vector_ir import DOUBLE, Format, VectorIR
 
 _COMPARED = {
     "olt": "{a} < {b}", "ole": "{a} <= {b}", "ogt": "{a} > {b}", "oge": "{a} >= {b}",
@@ -33,19 +34,18 @@ _FUNCTIONS = {
 """Name of an intrinsic -> the function of the file's preamble."""
 
 
-@dataclass(frozen=True, slots=True)
-class CModule:
-    """The parts that the functions of one C file share.
+class CFunction(NamedTuple):
+    """A function of a C file.
 
     Attributes:
-        functions: Text of the elementary functions by their names.
-        operations: Number of operations in each of them.
-        values: Number of values that each of them returns.
+        text: Its text.
+        operations: Number of operations in it.
+        values: Number of values that it returns.
     """
 
-    functions: dict[str, str] = field(default_factory=dict)
-    operations: dict[str, int] = field(default_factory=dict)
-    values: dict[str, int] = field(default_factory=dict)
+    text: str
+    operations: int
+    values: int
 
 
 class CWriter(VectorIR):
@@ -55,15 +55,14 @@ class CWriter(VectorIR):
         operations: Number of operations so far, those of called functions included.
     """
 
-    def __init__(self, form: Format, *, common: CModule, body: Body | None = None):
-        """Begin a function, or continue one.
+    def __init__(self, form: Format, *, common: dict[str, CFunction]) -> None:
+        """Begin a function.
 
         Args:
             form: Format of its numbers.
-            common: Module of the function.
-            body: The body so far; None means an empty one.
+            common: Elementary functions of the file by their names; added to.
         """
-        super().__init__(1, replace(form, is_fused=False), body=body)
+        super().__init__(1, replace(form, is_fused=False))
         self.common, self.operations = common, 0
         self._is_own = form.bits == DOUBLE.bits
 
@@ -154,18 +153,16 @@ class CWriter(VectorIR):
     ) -> list[str]:
         """Return a call of a function that is written once, beside this one."""
         own = name.removeprefix("vector_")
-        common = self.common
-        if own not in common.functions:
-            inner = CWriter(self.form, common=common)
+        if own not in self.common:
+            inner = CWriter(self.form, common=self.common)
             values = make(inner, *(f"a{i}" for i in range(len(arguments))))
-            common.functions[own] = _function_text(own, len(arguments), inner, values)
-            common.operations[own] = inner.operations
-            common.values[own] = len(values)
-        given = ", ".join(arguments)
-        self.operations += common.operations[own]
-        if common.values[own] == 1:
+            text = _function_text(own, len(arguments), inner, values)
+            self.common[own] = CFunction(text, inner.operations, len(values))
+        function, given = self.common[own], ", ".join(arguments)
+        self.operations += function.operations
+        if function.values == 1:
             return [self.real(f"{own}_of({given})")]
-        names = [self.name() for _ in range(common.values[own])]
+        names = [self.name() for _ in range(function.values)]
         self.line(f"real {', '.join(names)};")
         found = ", ".join(f"&{one}" for one in names)
         self.line(f"{own}_of({given}, {found});")

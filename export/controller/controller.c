@@ -62,8 +62,8 @@ static trial_t rolled(memory_t *m, const real x[NX], const real plan[N * NU],
   found.cost += cost;
   found.size += cost < 0 ? -cost : cost;
   found.violation += broken;
-  /* Not-a-number compares false: what is not finite breaks all limits. */
-  if (!(found.size + found.violation < LARGEST) || !is_finite(here, NX)) {
+  /* Not-a-number compares false. The violation of a state that is none is infinite. */
+  if (!(found.size + found.violation < LARGEST)) {
     found.violation = INFINITE;
     found.cost = INFINITE;
     found.size = INFINITE;

@@ -17,7 +17,7 @@ from swarmstart.export.controller.numbers import Status
 from swarmstart.export.controller.posed import PosedController
 from swarmstart.export.paths import ExportError
 from swarmstart.ocp.loop.controller import Decision, Mode
-from swarmstart.ocp.rollout.fitness import Known
+from swarmstart.ocp.rollout.fitness import Known, flatten
 
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fno-tree-vectorize")
 """Flags for which all optimisations give the same bits."""
@@ -109,13 +109,19 @@ class CompiledController:
             ExportError: If it fails.
         """
         self.dt, self.status = made.posed.problem.dt, Status.SHIFTED
-        self._made = made
-        kind = ctypes.c_double if made.precision == "double" else ctypes.c_float
-        self._kind, self._dtype = kind, np.dtype(kind)
+        self._made, name = made, made.name
+        self._dtype = np.dtype(made.precision)
+        command = compiler_command(compiler)
+        sources = {
+            f"{name}.c": made.files[f"{name}.c"],
+            f"{name}.h": made.files[f"{name}.h"],
+            f"{name}_probe.c": _PROBE.replace("NAME", name),
+        }
         with tempfile.TemporaryDirectory(prefix="swarmstart-") as folder:
-            library = compiled_library(made, Path(folder), flags, compiler)
+            library = compiled_library(
+                sources, f"{name}.so", Path(folder), command, flags
+            )
             self._library = ctypes.CDLL(str(library))
-        name = made.name
         self._step = getattr(self._library, f"{name}_step")
         self._step.restype = ctypes.c_int
         size = getattr(self._library, f"{name}_size")
@@ -142,7 +148,7 @@ class CompiledController:
         if one.problem.model.np:
             given.append(np.asarray(known.parameters))
         if one.problem.ns:
-            given.append(np.ravel(np.asarray(known.signals), order="F"))
+            given.append(flatten(np.asarray(known.signals)))
         arrays = [np.ascontiguousarray(a, dtype=self._dtype) for a in given]
         pointers = [a.ctypes.data_as(ctypes.c_void_p) for a in (*arrays, u)]
         self.status = Status(self._step(self._memory, *pointers))
@@ -168,33 +174,27 @@ class CompiledController:
     @property
     def operations(self) -> int:
         """Number of operations of the last step."""
-        return self._numbers()[0]
+        return self._read()[0][0]
 
     @property
     def iterations(self) -> int:
         """Number of trials of the last step."""
-        return self._numbers()[1]
+        return self._read()[0][1]
 
     @property
     def cost(self) -> float:
         """Cost of the last plan."""
-        return self._values()[0]
+        return self._read()[1][0]
 
     @property
     def violation(self) -> float:
         """Violation of the last plan."""
-        return self._values()[1]
+        return self._read()[1][1]
 
     def _read(self) -> tuple[list[int], list[float]]:
         counts, values = (ctypes.c_ulonglong * 2)(), (ctypes.c_double * 2)()
         self._facts(self._memory, counts, values)
         return list(counts), list(values)
-
-    def _numbers(self) -> list[int]:
-        return self._read()[0]
-
-    def _values(self) -> list[float]:
-        return self._read()[1]
 
 
 _PROBE = """
@@ -228,36 +228,37 @@ def compiler_command(asked: str = "") -> str:
 
 
 def compiled_library(
-    made: CExport, folder: Path, flags: Sequence[str], compiler: str
+    sources: Mapping[str, str],
+    name: str,
+    folder: Path,
+    command: str,
+    flags: Sequence[str],
 ) -> Path:
-    """Write the sources into a folder, and compile them as a shared library.
+    """Write sources into a folder, and compile them as a shared library.
+
+    Args:
+        sources: Name of a file -> its text.
+        name: Name of the library's file.
+        folder: The folder.
+        command: Command of the compiler.
+        flags: Its flags.
 
     Raises:
-        NoCCompilerError: If there is no compiler.
-        ExportError: If it fails.
+        ExportError: If the compiler fails; with the first lines that it wrote.
     """
-    command = compiler_command(compiler)
-    probe = folder / "probe.c"
-    probe.write_text(_PROBE.replace("NAME", made.name))
-    for name, content in made.files.items():
-        (folder / name).write_text(content)
-    library = folder / f"{made.name}.so"
-    run(
-        [command, *flags, "-fPIC", "-shared", str(folder / f"{made.name}.c"),
-         str(probe), "-o", str(library), "-lm"]
-    )  # fmt: skip
-    return library
-
-
-def run(command: Sequence[str]) -> None:
-    """Run a compiler.
-
-    Raises:
-        ExportError: If it fails; with the first lines that it wrote.
-    """
-    done = subprocess.run(
-        command, capture_output=True, text=True, check=False, timeout=_SECONDS
-    )
+    for file, text in sources.items():
+        (folder / file).write_text(text)
+    files = [str(folder / file) for file in sources if file.endswith(".c")]
+    library = folder / name
+    shared = ("-fPIC", "-shared", *files, "-o", str(library), "-lm")
+    try:
+        done = subprocess.run(
+            [command, *flags, *shared],
+            capture_output=True, text=True, check=False, timeout=_SECONDS,
+        )  # fmt: skip
+    except subprocess.TimeoutExpired:
+        raise ExportError(f"the C compiler took longer than {_SECONDS:g} s") from None
     if done.returncode:
         said = "; ".join(done.stderr.strip().splitlines()[:3])
         raise ExportError(f"the C compiler failed with code {done.returncode}: {said}")
+    return library

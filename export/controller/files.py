@@ -31,6 +31,7 @@ from swarmstart.ocp.common.errors import refused
 from swarmstart.ocp.compiled.vectors.vector_ir import FORMATS
 from swarmstart.ocp.loop.controller import SEEN, RecedingHorizon
 from swarmstart.ocp.loop.dual_mode import DualMode
+from swarmstart.ocp.rollout.fitness import flatten
 from swarmstart.tape import UnknownOperationError
 from swarmstart.terminal_set import certificate_text
 
@@ -40,6 +41,8 @@ LONGEST_NAME, LONGEST_SOURCE = 40, 8_000_000
 FLOWN = 10.0
 """Time that the test main simulates [s]."""
 MOST_STEPS = 2000
+_LEAST_RANGE = 1e-9
+"""Least range of a control that a difference is divided by."""
 _SAYING = 1e-3
 """Part of the noise of a cost above which a status does not depend on rounding."""
 APART = {"double": 1e-6, "single": 5e-3}
@@ -236,13 +239,13 @@ def _main_text(name: str, one: PosedController, precision: str, iterations: int)
     if precision == "single":  # Rounding decides which plan is better.
         statuses = [-1 for _ in statuses]
     lower, upper = problem.control_limits
-    span = np.maximum(np.ptp(controls, axis=0), 1e-9)
-    bounded = np.isfinite(upper - lower)
-    span = np.where(bounded, np.where(bounded, upper - lower, 1.0), span)
+    span = upper - lower
+    span = np.where(np.isfinite(span), span, np.ptp(controls, axis=0))
     tables = {
         "begin": one.x0[: one.stated], "expected": controls, "least": lower,
-        "most": upper, "range": span, "parameters": one.known.parameters,
-        "signals": np.ravel(np.asarray(one.known.signals), order="F"),
+        "most": upper, "range": np.maximum(span, _LEAST_RANGE),
+        "parameters": one.known.parameters,
+        "signals": flatten(np.asarray(one.known.signals)),
     }  # fmt: skip
     lines = [
         f"#define STEPS {steps}", "#define INFINITE ((real)INFINITY)",
@@ -257,7 +260,7 @@ def _main_text(name: str, one: PosedController, precision: str, iterations: int)
     names = ["time", *model.state_names[: one.stated], *model.control_names]
     plain = [re.sub(r"[^A-Za-z0-9_]", "_", name) for name in names]
     filled = {
-        "REMARK": "", "SECONDS": f"{steps * problem.dt:g}",
+        "SECONDS": f"{steps * problem.dt:g}",
         "TOLERANCE": f"{APART[precision]:g}", "TABLES": "\n".join(lines),
         "PASSED": passed, "HEADINGS": ",".join([*plain, "status", "cost", "violation"]),
     }  # fmt: skip

@@ -11,7 +11,7 @@ import itertools
 import platform
 import tempfile
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Literal
@@ -24,8 +24,8 @@ from swarmstart.export.controller.exported import (
     FLAGS,
     CExport,
     NoCCompilerError,
+    compiled_library,
     compiler_command,
-    run,
 )
 from swarmstart.ocp.common.errors import refused
 
@@ -83,20 +83,20 @@ def export_fmu(
         'modelDescription.xml'
     """
     token = _token(made, version)
-    wrapper = _wrapper(made, version, token)
-    content = {
-        f"sources/{made.name}.c": made.files[f"{made.name}.c"].encode(),
-        f"sources/{made.name}.h": made.files[f"{made.name}.h"].encode(),
-        f"sources/{made.name}_fmu.c": wrapper.encode(),
-        "modelDescription.xml": _description(made, version, token),
+    sources = {
+        f"{made.name}.c": made.files[f"{made.name}.c"],
+        f"{made.name}_fmu.c": _wrapper(made, version, token),
+        f"{made.name}.h": made.files[f"{made.name}.h"],
     }
+    content = {f"sources/{name}": text.encode() for name, text in sources.items()}
+    content["modelDescription.xml"] = _description(made, version, token)
     if version == "3.0":
         content["sources/buildDescription.xml"] = _build(made)
     certificate = f"{made.name}.certificate.json"
     if certificate in made.files:
         content[f"resources/{certificate}"] = made.files[certificate].encode()
     if compiled:
-        content |= _library(made, version, wrapper)
+        content |= _library(made.name, version, sources)
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
         for name in sorted(content):
@@ -123,9 +123,8 @@ def _inputs(made: CExport) -> dict[str, float]:
     """Return names of the inputs, with their first values."""
     one, problem = made.posed, made.posed.problem
     model, known = problem.model, one.known
-    origin = one.shooting.lowered.origin
     states = model.state_names[: one.stated]
-    found = dict(zip(states, (one.x0 + origin)[: one.stated].tolist(), strict=True))
+    found = dict(zip(states, one.x0[: one.stated].tolist(), strict=True))
     parameters = np.asarray(known.parameters, dtype=float)
     found |= {f"parameter_{i + 1}": float(v) for i, v in enumerate(parameters)}
     signals = np.atleast_2d(np.asarray(known.signals, dtype=float))
@@ -173,8 +172,7 @@ def _description(made: CExport, version: str, token: str) -> bytes:
     steps = ET.SubElement(root, "CoSimulation", flags)
     if not is_new:
         sources = ET.SubElement(steps, "SourceFiles")
-        for name in (f"{made.name}.c", f"{made.name}_fmu.c"):
-            ET.SubElement(sources, "File", {"name": name})
+        _name_sources(sources, "File", made)
     ET.SubElement(root, "DefaultExperiment", {"startTime": "0", "stepSize": dt})
     variables = ET.SubElement(root, "ModelVariables")
     if is_new:
@@ -189,6 +187,17 @@ def _description(made: CExport, version: str, token: str) -> bytes:
         if value is None:
             outputs.append(str(number))
     root.append((_structure if is_new else _old_structure)(outputs))
+    return _xml(root)
+
+
+def _name_sources(parent: ET.Element, kind: str, made: CExport) -> None:
+    """Add an element for each source."""
+    for name in (f"{made.name}.c", f"{made.name}_fmu.c"):
+        ET.SubElement(parent, kind, {"name": name})
+
+
+def _xml(root: ET.Element) -> bytes:
+    """Return a document as text."""
     ET.indent(root)
     text: bytes = ET.tostring(root, encoding="UTF-8", xml_declaration=True)
     return text + b"\n"
@@ -236,12 +245,9 @@ def _build(made: CExport) -> bytes:
     )
     flags = {"language": "C99", "compilerOptions": " ".join(FLAGS[2:])}
     sources = ET.SubElement(build, "SourceFileSet", flags)
-    for name in (f"{made.name}.c", f"{made.name}_fmu.c"):
-        ET.SubElement(sources, "SourceFile", {"name": name})
+    _name_sources(sources, "SourceFile", made)
     ET.SubElement(build, "Library", {"name": "m"})
-    ET.indent(root)
-    text: bytes = ET.tostring(root, encoding="UTF-8", xml_declaration=True)
-    return text + b"\n"
+    return _xml(root)
 
 
 def _wrapper(made: CExport, version: str, token: str) -> str:
@@ -274,7 +280,7 @@ def _wrapper(made: CExport, version: str, token: str) -> str:
     return text.replace("NAME", made.name)
 
 
-def _library(made: CExport, version: str, wrapper: str) -> dict[str, bytes]:
+def _library(name: str, version: str, sources: Mapping[str, str]) -> dict[str, bytes]:
     """Return the library for this machine by its place; nothing without a compiler."""
     known = _PLATFORMS.get((platform.system(), platform.machine()))
     if known is None:
@@ -284,15 +290,9 @@ def _library(made: CExport, version: str, wrapper: str) -> dict[str, bytes]:
     except NoCCompilerError:
         return {}
     old, new, ending = known
+    file, flags = f"{name}_fmu{ending}", (*FLAGS, "-fvisibility=hidden")
     with tempfile.TemporaryDirectory(prefix="swarmstart-") as folder:
-        place = Path(folder)
-        sources = [place / f"{made.name}.c", place / f"{made.name}_fmu.c"]
-        for end in (".c", ".h"):
-            text = made.files[f"{made.name}{end}"]
-            (place / f"{made.name}{end}").write_text(text)
-        sources[1].write_text(wrapper)
-        library = place / f"{made.name}_fmu{ending}"
-        hidden = ("-fPIC", "-shared", "-fvisibility=hidden")
-        run([command, *FLAGS, *hidden, *map(str, sources), "-o", str(library), "-lm"])
-        target = f"binaries/{new if version == '3.0' else old}/{library.name}"
-        return {target: library.read_bytes()}
+        library = compiled_library(sources, file, Path(folder), command, flags)
+        return {
+            f"binaries/{new if version == '3.0' else old}/{file}": library.read_bytes()
+        }

@@ -1,4 +1,4 @@
-@REMARK@/* Simulates NAME with its own model for @SECONDS@ s, and prints CSV. The controls are compared
+/* Simulates NAME with its own model for @SECONDS@ s, and prints CSV. The controls are compared
    with those that the library found for the same flight by its own code; the exit code
    is 1 if one differs by more than @TOLERANCE@ of its range, or if a control is not finite
    and within its bounds after states that are no numbers. */

@@ -161,11 +161,6 @@ def _parts(
     """Return the controller that plans, and the set in which it does not."""
     if isinstance(controller, RecedingHorizon):
         return controller, None
-    if not isinstance(controller, DualMode):
-        raise ExportError(
-            "expected a RecedingHorizon or a DualMode, found "
-            f"{type(controller).__name__}"
-        )
     if len(controller.sets) != 1:
         raise ExportError(
             f"a C file is the controller of one vehicle, found {len(controller.sets)}: "
@@ -258,8 +253,8 @@ def start_controls(knots: Array, intervals: int) -> Array:
 
     Args:
         knots: Its values, shape (nu, knots).
-        intervals: Number N of intervals.
+        intervals: Number N of intervals, at least 2.
     """
     count = knots.shape[1]
-    at = np.arange(intervals) * ((count - 1) / max(intervals - 1, 1))
+    at = np.arange(intervals) * ((count - 1) / (intervals - 1))
     return np.array([np.interp(at, np.arange(count), row) for row in knots])

@@ -66,6 +66,8 @@ static bits_t shifted_right(bits_t bits, bits_t count)
 }
 
 _HUGE = 1e300
+_KINDS = {"double": "double", "single": "float"}
+"""Precision -> the type of its numbers in C."""
 _STATUS = """/* Status of a step. */
 enum {
   NAME_PLANNED = 0,  /* a local optimum, from the shifted last plan */
@@ -112,10 +114,9 @@ static void take_start(memory_t *m, int number)
 {
   int k, i;
   for (k = 0; k < N; ++k) {
-    const int left = N > 1 ? k * (KNOTS - 1) / (N - 1) : 0;
+    const int left = k * (KNOTS - 1) / (N - 1);
     const int right = left + 1 < KNOTS ? left + 1 : left;
-    const real part
-      = N > 1 ? (real)(k * (KNOTS - 1) - left * (N - 1)) / (real)(N - 1) : 0;
+    const real part = (real)(k * (KNOTS - 1) - left * (N - 1)) / (real)(N - 1);
     for (i = 0; i < NU; ++i) {
       const real a = start_knots[(number * KNOTS + left) * NU + i];
       const real b = start_knots[(number * KNOTS + right) * NU + i];
@@ -192,7 +193,7 @@ def preamble(precision: str, body: str, *, real: str = "") -> str:
         real: Type of the numbers; empty: that of the precision.
     """
     bits = FORMATS[precision].bits
-    kind, suffix = {"double": ("double", ""), "single": ("float", "f")}[precision]
+    suffix = {"double": "", "single": "f"}[precision]
     helpers = []
     for name, text in _HELPERS.items():
         if f"{name}(" in body:
@@ -201,7 +202,8 @@ def preamble(precision: str, body: str, *, real: str = "") -> str:
         "#include <math.h>", "#include <stdint.h>", "#include <string.h>", "",
         "#ifdef __FAST_MATH__",
         '#error "-ffast-math removes the tests for numbers that are not finite"',
-        "#endif", "", f"typedef {real or kind} real;", f"typedef uint{bits}_t bits_t;",
+        "#endif", "", f"typedef {real or _KINDS[precision]} real;",
+        f"typedef uint{bits}_t bits_t;",
         "#define INFINITE ((real)INFINITY)", "#define NOT_A_NUMBER ((real)NAN)", "",
         *helpers,
     ]  # fmt: skip
@@ -301,18 +303,16 @@ class _Maker:
     def _head(self, body: str) -> str:
         """Return comments, includes and numbers of the source."""
         one, lane = self._one, self._one.lane
-        problem = one.problem
-        bits = self._form.bits
+        problem, is_double = one.problem, self._precision == "double"
         numbers = {
             "N": problem.intervals, "NX": problem.model.nx, "NU": problem.model.nu,
             "INPUTS": lane.inputs, "STATED": one.stated, "NS": problem.ns,
-            "CHECKS": problem.checks, "NODES": problem.nodes,
+            "CHECKS": problem.checks,
             "NZ": problem.model.nx + lane.inputs, "STEPS": lane.steps.count,
-            "ALL_STEPS": lane.steps.count * problem.checks,
-            "ROWS": max(lane.rows.get("m", 0) // problem.intervals, 1),
+            "ALL_STEPS": self._steps, "ROWS": self._rows,
             "TURNS": self._turns, "STARTS": len(one.starts),
             "KNOTS": one.starts.shape[2],
-            "LARGEST": self._number(_HUGE if bits == 64 else 1e37),  # noqa: PLR2004
+            "LARGEST": self._number(_HUGE if is_double else 1e37),
             "TOLERANCE": self._number(problem.tolerance),
             "FIRST_MU": self._number(FIRST_MU), "WARM_MU": self._number(WARM_MU),
             "FIRST_RHO": self._number(RHO),
@@ -353,9 +353,8 @@ class _Maker:
     def _filled(self) -> dict[str, str]:
         """Return the text of each place of controller.c, in the order of filling."""
         one = self._one
-        known = one.problem
         return {
-            "ELEMENTARY": "\n".join(self._file.common.functions.values()),
+            "ELEMENTARY": "\n".join(one.text for one in self._file.common.values()),
             "TABLES": self._tables(),
             "FUNCTIONS": "\n".join(self._file.functions.values()),
             "KNOWN": self._known(),
@@ -378,7 +377,7 @@ class _Maker:
             "TAKE_OVER": self._copies(one.lane.state, "next."),
             "AIM": self._copies(self._aimed(), "aim."),
             "APPEND": "    m->plan[(N - 1) * NU + i] = m->plan[(N - 2) * NU + i];\n"
-            if one.append == "last" and known.intervals > 1
+            if one.append == "last"
             else "    m->plan[(N - 1) * NU + i] = u_zero[i];\n",
             "STARTS": _STARTS if len(one.starts) else "",
             "SET": _SET if one.terminal_set is not None else "",
@@ -421,34 +420,40 @@ class _Maker:
     def _window(self) -> str:
         return "m->windows + k * (CHECKS + 1) * NS" if self._one.problem.ns else "m->p"
 
+    @property
+    def _steps(self) -> int:
+        """Number of steps of the integrator in an interval."""
+        return self._one.lane.steps.count * self._one.problem.checks
+
+    @property
+    def _rows(self) -> int:
+        """Number of rows of an interval, at least 1 for the size of an array."""
+        rows = self._one.lane.rows.get("m", 0)
+        return max(rows // self._one.problem.intervals, 1)
+
     def _derive_operations(self) -> int:
         """Return the operations of `derive`, besides those that follow the steps."""
-        one = self._one
-        steps = one.problem.intervals * one.lane.steps.count * one.problem.checks
+        steps = self._one.problem.intervals * self._steps
         return steps * self._file.operations["f_before"]
 
     def _follow_operations(self) -> int:
         """Return the operations that follow the steps of all intervals."""
-        one = self._one
-        steps = one.problem.intervals * one.lane.steps.count * one.problem.checks
+        steps = self._one.problem.intervals * self._steps
         return steps * (self._file.operations["f_step"] + 1)
 
     def _trial_operations(self) -> int:
         """Return the operations of `derive_trial`."""
         one, count = self._one, self._file.operations
         nz = one.problem.model.nx + one.lane.inputs
-        steps = one.lane.steps.count * one.problem.checks
         step = count["f_adjoint"] + one.lane.inputs
-        own = one.problem.intervals * (steps * step + 4 * nz + self._pulled())
+        own = one.problem.intervals * (self._steps * step + 4 * nz + self._pulled())
         return own + self._follow_operations()
 
     def _pulled(self) -> int:
         """Return the operations of what rows pull in one interval."""
-        one = self._one
-        if one.lane.pull is None:
+        if self._one.lane.pull is None:
             return 0
-        rows = max(one.lane.rows.get("m", 0) // one.problem.intervals, 1)
-        return self._file.operations["f_pull"] + 2 * rows
+        return self._file.operations["f_pull"] + 2 * self._rows
 
     def _aimed(self) -> list[str]:
         names = self._one.lane.rows
@@ -486,7 +491,6 @@ class _Maker:
         one = self._one
         problem, sizes = one.problem, one.lane.sizes
         lower, upper = problem.control_limits
-        zero = np.clip(0.0, lower, upper)
         tables = {
             f"c_{_plain(name)}": values
             for name, values in one.lane.shared.items()
@@ -497,8 +501,8 @@ class _Maker:
             "size_x": sizes.states, "size_u": sizes.controls, "u_lower": lower,
             "u_upper": upper, "first_plan": one.first.T,
         }  # fmt: skip
-        if not (one.append == "last" and problem.intervals > 1):
-            tables["u_zero"] = zero
+        if one.append != "last":
+            tables["u_zero"] = np.clip(0.0, lower, upper)
         if one.lane.weights.size:
             tables["row_weights"] = one.lane.weights
         if one.remembered.size:
@@ -607,20 +611,18 @@ class _Maker:
     def _header(self) -> str:
         """Return the header."""
         one, lane, problem = self._one, self._one.lane, self._one.problem
-        kind = "double" if self._form.bits == 64 else "float"  # noqa: PLR2004
         arrays = [
             f"    NAME_real {_plain(name)}[{count}];"
             for name, count in lane.rows.items()
             if count and not name.endswith(".parameters")
         ]
         N, nu, nx = problem.intervals, problem.model.nu, problem.model.nx
-        S = lane.steps.count * problem.checks
         windows = N * (problem.checks + 1) * problem.ns
         p = problem.model.np + lane.weights.size
         signals = problem.ns * problem.nodes
         lines = [
             self._remark, "#ifndef NAME_H", "#define NAME_H", "",
-            f"typedef {kind} NAME_real;", "",
+            f"typedef {_KINDS[self._precision]} NAME_real;", "",
             f"#define NAME_NX {one.stated}", f"#define NAME_NU {nu}",
         ]  # fmt: skip
         if problem.model.np:
@@ -637,7 +639,7 @@ class _Maker:
             f"  NAME_real path[{N * nx}], guess[{N * nx}], found_path[{N * nx}];",
             f"  NAME_real p[{max(p, 1)}], signals[{max(signals, 1)}];",
             f"  NAME_real windows[{max(windows, 1)}];",
-            f"  NAME_real y[{(S + 1) * nx}];",
+            f"  NAME_real y[{(self._steps + 1) * nx}];",
             f"  NAME_real remembered[{max(one.remembered.size, 1)}];",
             "  NAME_real cost, size, violation; /* of the plan */",
             "  unsigned long iterations;        /* of the last step */",

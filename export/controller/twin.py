@@ -4,6 +4,8 @@ It decides as controller.c does, plan by plan, so that a C file can be compared 
 what was not written by the same generator.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from swarmstart.arrays import Array
@@ -25,6 +27,15 @@ from swarmstart.terminal_set import TerminalSet
 
 _Value = tuple[float, float, float]
 """Cost, sum of the sizes of its parts, and violation."""
+
+
+class _Answer(NamedTuple):
+    """Answer of a local solve: controls, states after each interval, and value."""
+
+    plan: Array
+    path: Array
+    value: _Value
+    is_optimal: bool
 
 
 class Twin:
@@ -111,15 +122,17 @@ class Twin:
         is_optimal = self._begun and best[1] <= little and fits
         if not is_optimal:  # Else there is nothing to gain.
             mu, close = (WARM_MU if self._begun else FIRST_MU), CLOSE * best[1]
-            plan, value, is_optimal = self._solved(x, shifted, states, mu, known)
-            if self._takes(plan, value, best, is_optimal, close, x, known):
-                best, status = value, Status.PLANNED
+            answer = self._solved(x, shifted, states, mu, known)
+            is_optimal = answer.is_optimal
+            is_close = is_optimal and answer.value[0] - best[0] <= close
+            if is_close or self._is_better(answer.value, best):
+                best, status = self._kept(answer), Status.PLANNED
         if self._must_search(best, is_optimal):
             for knots in self._one.starts:
                 start = start_controls(knots, self._problem.intervals)
-                plan, value, _ = self._solved(x, start, None, FIRST_MU, known)
-                if self._takes(plan, value, best, False, 0.0, x, known):
-                    best, status = value, Status.SEARCHED
+                answer = self._solved(x, start, None, FIRST_MU, known)
+                if self._is_better(answer.value, best):
+                    best, status = self._kept(answer), Status.SEARCHED
         return best, status
 
     def _must_search(self, best: _Value, is_optimal: bool) -> bool:
@@ -132,28 +145,20 @@ class Twin:
             or best[0] - self._cost > max(JUMP * best[1], noise)
         )
 
-    def _takes(  # noqa: PLR0913, PLR0917 - a plan, and what it is compared with
-        self,
-        plan: Array,
-        value: _Value,
-        best: _Value,
-        is_optimal: bool,
-        close: float,
-        x: Array,
-        known: Known,
-    ) -> bool:
-        """Keep a plan that is better, or nearly as good and optimal."""
+    def _is_better(self, value: _Value, best: _Value) -> bool:
+        """Return whether a plan is better, violation first."""
         tolerance = self._problem.tolerance
-        better = is_better(value[::2], best[::2], tolerance=tolerance)
-        if not (better or (is_optimal and value[0] - best[0] <= close)):
-            return False
-        self._plan, self._path = plan, self._rolled(x, plan, known)[1]
-        return True
+        return is_better(value[::2], best[::2], tolerance=tolerance)
+
+    def _kept(self, answer: _Answer) -> _Value:
+        """Keep an answer as the plan; return its value."""
+        self._plan, self._path = answer.plan, answer.path
+        return answer.value
 
     def _solved(
         self, x: Array, plan: Array, states: Array | None, mu: float, known: Known
-    ) -> tuple[Array, _Value, bool]:
-        """Return the answer of a lane, its value, and whether it is an optimum."""
+    ) -> _Answer:
+        """Return the answer of a lane."""
         instances, _ = self._lanes.repeated(x, known, 1)
         lower, upper = self._problem.control_limits
         start = np.clip(plan, lower[:, None], upper[:, None])[:, :, None]
@@ -163,9 +168,9 @@ class Twin:
             common=self._common, mu=mu, rho=RHO,
         )  # fmt: skip
         controls = found.controls[:, :, 0]
-        value, _ = self._rolled(x, controls, known)
+        value, path = self._rolled(x, controls, known)
         fits = value[2] <= self._problem.tolerance
-        return controls, value, bool(found.optimal[0]) and fits
+        return _Answer(controls, path, value, bool(found.optimal[0]) and fits)
 
     def _interval(
         self, x: Array, u: Array, known: Known, k: int
@@ -193,6 +198,6 @@ class Twin:
             path.append(x)
         cost, broken = map(float, one.end(x, p, signals[:, -1]))
         total += cost, abs(cost), broken
-        if not np.isfinite([*total, *x]).all():
+        if not np.isfinite(total).all():
             total[:] = np.inf
         return (total[0], total[1], total[2]), np.array(path).T

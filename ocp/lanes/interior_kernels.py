@@ -312,7 +312,7 @@ class _Maker:
         part = folded(interval, *lane.values())
         Q, q = quadratic(interval, part, ca.dot(self._each["lam"], interval.after))
         given = self._given("F", "Gc", "J", "H")
-        if isinstance(interval, SteppedPlace):
+        if given:
             Q += symmetric(given["H"], nx + nu)
         J = interval.slopes(interval.after)
         V = symmetric(bend, nx) + ca.diag(part.S[:nx])
@@ -367,7 +367,8 @@ class _Maker:
         found = symbols(k=nu, K=nu * nx, V=len(triangle(nx)), v=nx)
         du = found["k"] + ca.reshape(found["K"], nu, nx) @ dx
         moved = ca.vertcat(dx, du)
-        if isinstance(interval, SteppedPlace):
+        given = self._given("F", "Gc", "J")
+        if given:
             after = interval.slopes(interval.after) @ moved + self._gap
         else:
             after = ca.jtimes(interval.after, interval.z, moved) + self._gap
@@ -380,7 +381,6 @@ class _Maker:
         writes |= {f"{name}_end": one for name, one in lengths._asdict().items()}
         writes |= {"d.xa": after, "d.u": du, "d.lam": lam}
         writes |= {f"d.{name}": one for name, one in steps.items()}
-        given = self._given("F", "Gc", "J")
         each = {"x": interval.x, **self._each, **found, **given}
         return self._scan(carried, each, lane, writes)
 
@@ -445,11 +445,10 @@ class _Maker:
 
     def _at_trial(self, writes: Named) -> dict[str, ca.SX]:
         """Return expressions with the state after the interval at a trial point."""
-        interval = self._places.interval
-        if not isinstance(interval, SteppedPlace):
+        given = self._given("F", "F_new")
+        if not given:
             return dict(writes)
-        before, new = ([interval.stepped[name]] for name in ("F", "F_new"))
-        found = ca.substitute(list(writes.values()), before, new)
+        found = ca.substitute(list(writes.values()), [given["F"]], [given["F_new"]])
         return dict(zip(writes, found, strict=True))
 
     def _moved(

@@ -26,7 +26,9 @@ def compiled(function: ca.Function, folder: Path, command: str) -> ctypes.CDLL:
     file.add_function(function, "inner")
     count = function.n_in()
     given = ", ".join(f"a + {i}" for i in range(count))
-    body = "\n".join([*file.common.functions.values(), *file.functions.values()])
+    body = "\n".join(
+        [*(one.text for one in file.common.values()), *file.functions.values()]
+    )
     text = preamble("double", body) + body
     text += f"void outer(const double a[], double r[]) {{ inner({given}, r); }}\n"
     (folder / "one.c").write_text(text)

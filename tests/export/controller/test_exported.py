@@ -1,5 +1,6 @@
 """Compiled controllers decide as the library's lanes do, with the same bits always."""
 
+import re
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
@@ -121,6 +122,24 @@ def test_a_first_state_that_is_no_number_begins_nothing(made: Made) -> None:
     again = made("dual_mode").controller()
     again.step(np.array([np.nan, 0.0]))
     assert np.array_equal(first, again.step(x))
+
+
+def test_the_bound_covers_turns_that_do_everything(made: Made) -> None:
+    """All kernels of a step and of a trial, and both derivatives, in each turn.
+
+    Counted here by the numbers in the C text; how many operations a flight takes is
+    below that, since few turns do both.
+    """
+    export = made("pendulum")
+    known = dict(re.findall(r"#define (\w+) (\d+)", export.files["pendulum.c"]))
+    count = {name: int(value) for name, value in known.items()}
+    kernels = "last backward start along aim move trial verdict keep".split()
+    followed = count["N"] * count["ALL_STEPS"] * count["OPERATIONS_f_step"]
+    pulled = count["N"] * count["ALL_STEPS"] * count["OPERATIONS_f_adjoint"]
+    turn = sum(count[f"OPERATIONS_k_{name}"] for name in kernels)
+    turn += count["OPERATIONS_DERIVE"] + 2 * followed + pulled
+    solves = 1 + count["STARTS"]
+    assert 1.0 < export.most_operations / (solves * count["TURNS"] * turn) < 1.1
 
 
 def test_the_operations_count_the_work(made: Made) -> None:

@@ -2,11 +2,14 @@
 
 import subprocess
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+import swarmstart as ss
 from swarmstart.export import CExport
+from swarmstart.tests.export.controller.controllers import integrator, loop_of
 
 pytestmark = pytest.mark.usefixtures("c_compiler")
 Made = Callable[[str], CExport]
@@ -71,3 +74,13 @@ def test_a_change_of_the_code_is_noticed(
             break
     assert codes
     assert codes[-1] == 1
+
+
+def test_a_control_without_freedom_is_no_difference(
+    tmp_path: Path, c_compiler: str
+) -> None:
+    """Equal bounds have no range to divide by."""
+    problem = integrator()
+    fixed = replace(problem, bounds=ss.Bounds(controls=(0.5, 0.5)))
+    made = ss.export_c(loop_of(fixed), [1.0, 0.0], name="fixed", starts=0, main=True)
+    assert flown(tmp_path, dict(made.files), c_compiler) == 0
