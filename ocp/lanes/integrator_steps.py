@@ -55,7 +55,8 @@ def integrator_steps(shooting: Shooting, program: NonlinearProgram) -> Integrato
     inside = [at for at in part.rows.at if at not in (0, problem.checks)]
     reasons = {
         "its model moves in whole intervals only": problem.model.is_discrete,
-        "it has constraints within an interval: take checks=1": bool(inside),
+        "it has constraints within an interval: take checks=1, and distances at points "
+        "only": bool(inside),
         f"its integrator is {problem.integrator}": problem.integrator
         not in INTEGRATORS,
     }

@@ -2,15 +2,16 @@
 
 import argparse
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from swarmstart.arrays import Array
 from swarmstart.cases.commands.terminal import say
-from swarmstart.cases.format.scenario import read_document, resolve
+from swarmstart.cases.format.scenario import Resolved, read_document, resolve
 from swarmstart.cases.kinds.flight import flight_of
+from swarmstart.cases.record.files import require_new
 from swarmstart.errors import SwarmstartError
 from swarmstart.export import export_c, export_fmu, is_compiled
 from swarmstart.ocp import DualMode, OpenLoop, RecedingHorizon, Team
@@ -34,10 +35,11 @@ def c_files(options: argparse.Namespace) -> tuple[Path, Mapping[str, bytes]]:
         variant=options.variant,
         assignments=options.assignments or (),
     )
-    posed, scenario = resolved.posed(), resolved.scenario
-    flight = flight_of(posed, scenario)
-    controller, x0, seen = _chosen(flight.controller, posed.x0, options.vehicle, seed)
-    name = options.name or re.sub(r"[^A-Za-z0-9_]", "_", scenario.name)
+    name = options.name or re.sub(r"[^A-Za-z0-9_]", "_", resolved.scenario.name)
+    folder, ending = Path(options.out or name), options.what
+    # Refused before it takes time; all files are asked for when they are written.
+    require_new([folder / f"{name}.{ending}"], "choose another --out")
+    controller, x0, seen = controller_of(resolved, options.vehicle, seed)
     made = export_c(
         controller, x0, name=name, seen=seen, seed=seed, main=options.main,
         starts=16 if options.starts is None else options.starts,
@@ -49,13 +51,24 @@ def c_files(options: argparse.Namespace) -> tuple[Path, Mapping[str, bytes]]:
         files = {f"{name}.fmu": export_fmu(made, options.fmi or "3.0")}
         if not is_compiled(files[f"{name}.fmu"]):
             say("no C compiler is here: the FMU has sources only")
-    return Path(options.out or name), files
+    return folder, files
 
 
-def _chosen(
-    controller: object, x0: Array, vehicles: list[str], seed: int
+def controller_of(
+    resolved: Resolved, vehicles: Sequence[str] = (), seed: int = 0
 ) -> tuple[RecedingHorizon | DualMode, Array, tuple[Array, ...]]:
-    """Return the controller of one vehicle, its initial state, and plans it sees."""
+    """Return the controller of one vehicle, its initial state, and plans it sees.
+
+    Args:
+        resolved: The scenario.
+        vehicles: Number of the vehicle, as on the command line; none: the first one.
+        seed: Seed of the plans that it sees.
+
+    Raises:
+        WrongSourceError: As `c_files`.
+    """
+    posed = resolved.posed()
+    controller, x0 = flight_of(posed, resolved.scenario).controller, posed.x0
     if isinstance(controller, OpenLoop):
         controller = controller.loop  # In C its horizon recedes.
     if isinstance(controller, DualMode) and len(controller.sets) > 1:
@@ -83,7 +96,7 @@ def _chosen(
     return agent.controller, controller.split(x0)[number], seen
 
 
-def _number(vehicles: list[str], count: int) -> int:
+def _number(vehicles: Sequence[str], count: int) -> int:
     """Return the number of the vehicle that is asked for, from 0."""
     if not vehicles:
         return 0
