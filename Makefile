@@ -10,7 +10,7 @@ INSTALL := $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check
 TESTS := $(VENV)/bin/python -m pytest -q -n auto --dist loadfile --no-loadscope-reorder \
 	--durations 60 --durations-min 4
 
-ROOMS := machine_code ocp heuristics terminal_set export cases *.py
+ROOMS := machine_code ocp heuristics terminal_set export simulators cases *.py
 
 .PHONY: run test test-long lint docs clean
 

@@ -195,6 +195,13 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
     from swarmstart.ocp.lower_bound.bounding import (
         lower_bound as lower_bound,
     )
+    from swarmstart.simulators import (
+        AircraftPlant as AircraftPlant,
+        Autopilot as Autopilot,
+        CommandPlant as CommandPlant,
+        FmuPlant as FmuPlant,
+        SimulatorError as SimulatorError,
+    )
     from swarmstart.terminal_set import (
         AsymmetricMatrixError as AsymmetricMatrixError,
         Certificate as Certificate,
@@ -279,6 +286,9 @@ _NAMES = {
         swarm_model table terminal_set_of warm_start
     """,
     "swarmstart.ocp.lower_bound.bounding": "lower_bound",
+    "swarmstart.simulators": (
+        "AircraftPlant Autopilot CommandPlant FmuPlant SimulatorError"
+    ),
     "swarmstart.terminal_set": """
         AsymmetricMatrixError Certificate CoarseHoldError
         ForeignCertificateError HeldTooLongError IndefiniteMatrixError

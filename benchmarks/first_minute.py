@@ -22,7 +22,10 @@ import time
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-ROOMS = ("ocp", "heuristics", "terminal_set", "machine_code", "export", "cases")
+ROOMS = (
+    "ocp", "heuristics", "terminal_set", "machine_code", "export", "simulators",
+    "cases",
+)  # fmt: skip
 
 MINIMIZE = """
 from swarmstart.heuristics import minimize

@@ -113,6 +113,7 @@ if TYPE_CHECKING:  # Loaded when first used: few commands need all of these.
     )
     from swarmstart.ocp.loop.plant import (
         Plant as Plant,
+        Simulator as Simulator,
         SteppedPlant as SteppedPlant,
         Steps as Steps,
     )
@@ -255,7 +256,7 @@ _NAMES = {
     "loop.dual_mode": "DualMode UncertifiedSetError terminal_set_of",
     "loop.local_team": "LocalAgent LocalTeam",
     "loop.phased_horizon": "PhasedHorizon phased_horizon",
-    "loop.plant": "Plant SteppedPlant Steps",
+    "loop.plant": "Plant Simulator SteppedPlant Steps",
     "loop.team": "Agent Team",
     "lower_bound.stated.answer": "BoundKind LowerBound",
     "nlp.multipliers": "Multipliers",

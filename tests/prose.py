@@ -25,6 +25,7 @@ ROOMS = (
         "heuristics",
         "terminal_set",
         "export",
+        "simulators",
         "cases",
         "benchmarks",
     ),

@@ -230,6 +230,8 @@ def fly(  # noqa: PLR0913 - a closed loop and where to begin in it
     if previous is not None and previous.is_last:
         return
     before = previous.dt if previous else None
+    if not done:
+        state = _begun(plant, state)
     for number in range(done, steps):
         # Intervals that a plan decides have one length; phases keep the time as a
         # state.
@@ -238,11 +240,8 @@ def fly(  # noqa: PLR0913 - a closed loop and where to begin in it
             decision = controller.decide(time, state, previous, rng=rng)
             seconds = watch.seconds
         if number == 0 and decision.start is not None:
-            state = decision.start
-        if decision.dt is not None and decision.dt != plant.dt:
-            plant = plant.with_interval(decision.dt)
-        if decision.decided and isinstance(plant, Plant):
-            plant = plant.with_decided(decision.decided)
+            state = _begun(plant, decision.start)
+        plant = _as_decided(plant, decision)
         before = decision.dt
         dense = _driven(plant, state, decision, time)
         if not np.isfinite(dense).all():
@@ -262,6 +261,22 @@ def fly(  # noqa: PLR0913 - a closed loop and where to begin in it
         if decision.is_last:
             return
         state, previous = dense[:, -1], decision
+
+
+def _begun(plant: Plant | SteppedPlant, state: Array) -> Array:
+    """Return the state at which a run begins; a simulator of others is put there."""
+    return plant.start_at(state) if isinstance(plant, SteppedPlant) else state
+
+
+def _as_decided(
+    plant: Plant | SteppedPlant, decision: Decision
+) -> Plant | SteppedPlant:
+    """Return the plant with the interval and the parameters that were decided."""
+    if decision.dt is not None and decision.dt != plant.dt:
+        plant = plant.with_interval(decision.dt)
+    if decision.decided and isinstance(plant, Plant):
+        plant = plant.with_decided(decision.decided)
+    return plant
 
 
 def _checked(

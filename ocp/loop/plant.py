@@ -409,6 +409,22 @@ class Steps(Protocol):
         """
 
 
+@runtime_checkable
+class Simulator(Steps, Protocol):
+    """Interface of a plant that keeps its state inside, such as an FMU.
+
+    A run begins with `start_at`. After that `step` accepts no other state than the one
+    that was returned last.
+    """
+
+    def start_at(self, x: Array, /) -> ArrayLike:
+        """Begin a run, and return the state at which it begins, shape (nx,).
+
+        Args:
+            x: The state that is asked for, shape (nx,).
+        """
+
+
 @checked(
     refused, steps=having("step", words="an object with step(x, u, dt)"), dt=_SECONDS
 )
@@ -460,13 +476,20 @@ class SteppedPlant(Called):
         else:
             # Copies: a user's object may change its arguments.
             after = self._steps.step(state.copy(), control.copy(), self.dt)
-        after = numbers_of("the state that step() returns", after)
-        if after.size != state.size:
-            raise InvalidProblemError(
-                f"step() must return a state of shape ({state.size},), got "
-                f"{after.shape}"
-            )
-        return after.reshape(-1, 1)
+        return _returned("step", after, state).reshape(-1, 1)
+
+    @checked(refused, state=reals(axes=1))
+    def start_at(self, state: Array) -> Array:
+        """Begin a run, and return the state at which it begins, shape (nx,).
+
+        That is another one only if a simulator says so; see Simulator.
+
+        Args:
+            state: The state that is asked for, shape (nx,).
+        """
+        if not isinstance(self._steps, Simulator):
+            return state
+        return _returned("start_at", self._steps.start_at(state.copy()), state)
 
     @property
     def nx(self) -> int | None:
@@ -482,6 +505,16 @@ class SteppedPlant(Called):
         if self._system is None:
             return np.empty((0, times.size))
         return self._system.outputs(states, controls, times)
+
+
+def _returned(call: str, found: ArrayLike, state: Array) -> Array:
+    """Return a state that a user's object has returned, shape (nx,), checked."""
+    after = numbers_of(f"the state that {call}() returns", found)
+    if after.size != state.size:
+        raise InvalidProblemError(
+            f"{call}() must return a state of shape ({state.size},), got {after.shape}"
+        )
+    return after.reshape(-1)
 
 
 AnyPlant = Plant | SteppedPlant | Steps

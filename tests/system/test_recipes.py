@@ -12,7 +12,10 @@ import swarmstart
 from swarmstart.tests.processes import python
 
 ROOT = Path(swarmstart.__file__).parent
-ROOMS = ("machine_code", "ocp", "heuristics", "terminal_set", "export", "cases")
+ROOMS = (
+    "machine_code", "ocp", "heuristics", "terminal_set", "export", "simulators",
+    "cases",
+)  # fmt: skip
 RUN = ["run", "double_integrator", "--search", "none", "--polish", "ipopt"]
 
 

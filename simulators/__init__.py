@@ -1,0 +1,39 @@
+"""Simulators of others as plants of closed loops.
+
+    fmu        an FMU for co-simulation, FMI 2.0 or 3.0, called through FMPy
+    command    a program in any language that speaks JSON lines
+    aircraft   aircraft of JSBSim behind an autopilot
+
+Each keeps its state inside, as `swarmstart.Simulator` states, or gets it with each
+step. Code of others runs here: nothing in the other rooms imports this one but when a
+user asks for a simulator.
+"""
+
+# ruff: noqa: I001  (it would write one statement for each name)
+from typing import TYPE_CHECKING
+
+from swarmstart.doors import door
+
+if TYPE_CHECKING:  # Loaded when first used: most runs need none.
+    from swarmstart.simulators.aircraft import (
+        AircraftPlant as AircraftPlant,
+        Autopilot as Autopilot,
+    )
+    from swarmstart.simulators.command import (
+        CommandPlant as CommandPlant,
+    )
+    from swarmstart.simulators.common import (
+        SimulatorError as SimulatorError,
+    )
+    from swarmstart.simulators.fmu import (
+        FmuPlant as FmuPlant,
+    )
+
+_NAMES = {
+    "aircraft": "AircraftPlant Autopilot",
+    "command": "CommandPlant",
+    "common": "SimulatorError",
+    "fmu": "FmuPlant",
+}
+_HOMES, __getattr__, __dir__ = door(__name__, _NAMES)
+__all__ = list(_HOMES)

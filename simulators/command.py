@@ -1,0 +1,310 @@
+"""A program in any language as a plant: JSON lines on its standard input and output.
+
+    to the program                              from it
+    {"swarmstart": 1}                           {"states": ["angle", "speed"],
+                                                 "controls": ["torque"],
+                                                 "keeps_state": false}
+    {"start_at": [0.0, 0.0]}                    {"x": [0.0, 0.0]}
+    {"x": [0.0, 0.0], "u": [1.0], "dt": 0.1}    {"x": [0.0049, 0.0993]}
+
+In place of an answer it can send {"error": "words"}. With `"keeps_state": true` the
+program keeps a state of its own beside x; then a step accepts the state that was
+returned last, and no other. Else a program that ends or is late is started again once.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import select
+import shlex
+import signal
+import subprocess
+import tempfile
+import time
+import weakref
+from collections.abc import Mapping, Sequence
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from swarmstart.arguments import a_number, checked, reals, several, text
+from swarmstart.arrays import Array
+from swarmstart.errors import brief
+from swarmstart.ocp.common.errors import refused
+from swarmstart.ocp.common.pickling import Called
+from swarmstart.simulators.common import (
+    SimulatorError,
+    require_last,
+    require_size,
+    require_start,
+)
+
+MOST_BYTES = 1 << 20
+"""Longest answer [bytes]."""
+_PART = 65536
+
+
+class _LostError(Exception):
+    """A program has ended, or is late."""
+
+
+@checked(
+    refused,
+    command=several(text(longest=4000), "a sequence of words"),
+    limit_s=a_number(above=0),
+)
+class CommandPlant(Called):
+    """A program as a plant.
+
+    Attributes:
+        state_names: Its names of the states.
+        control_names: Its names of the controls.
+        keeps_state: True if it keeps a state of its own beside x.
+        restarts: How often it was started again, since it had ended or was late.
+
+    Example:
+        >>> import sys
+        >>> import swarmstart as ss
+        >>> program = '''
+        ... import json, sys
+        ... for line in sys.stdin:
+        ...     asked = json.loads(line)
+        ...     if "swarmstart" in asked:
+        ...         found = {"states": ["level"], "controls": ["inflow"]}
+        ...     elif "start_at" in asked:
+        ...         found = {"x": asked["start_at"]}
+        ...     else:
+        ...         found = {"x": [asked["x"][0] + asked["dt"] * asked["u"][0]]}
+        ...     print(json.dumps(found), flush=True)
+        ... '''
+        >>> with ss.CommandPlant([sys.executable, "-c", program]) as plant:
+        ...     plant.state_names, plant.step([1.0], [0.5], 2.0)
+        (('level',), array([2.]))
+    """
+
+    def __init__(self, command: Sequence[str], *, limit_s: float = 10.0) -> None:
+        """Start the program, and ask for its names.
+
+        Args:
+            command: The program and its arguments; no shell reads them.
+            limit_s: Longest time to an answer, wall time [s].
+
+        Raises:
+            SimulatorError: If it cannot be started, or answers something else.
+        """
+        if not command:
+            raise SimulatorError("the command", "expected a program, found no word")
+        self._command, self._limit = tuple(command), limit_s
+        self._name = shlex.join(command)
+        self._last: Array | None = None
+        self._is_closed, self.restarts = False, 0
+        hello = self._greeted()
+        self.state_names = self._names(hello, "states")
+        self.control_names = self._names(hello, "controls")
+        self.keeps_state = hello.get("keeps_state", False) is True
+
+    def __enter__(self) -> CommandPlant:
+        """Return the plant."""
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """End the program."""
+        self.close()
+
+    @checked(refused, x=reals(axes=1))
+    def start_at(self, x: ArrayLike) -> Array:
+        """Begin a run, and return the state at which it begins, shape (nx,).
+
+        Args:
+            x: State, shape (nx,).
+
+        Raises:
+            SimulatorError: If the program begins elsewhere, fails, or is late twice.
+        """
+        asked = np.asarray(x, dtype=np.float64)
+        require_size(self._name, "the state", asked, self.state_names)
+        found = self._asked({"start_at": asked.tolist()}, again=True)
+        require_start(self._name, asked, found, self.state_names)
+        self._last = found
+        return found.copy()
+
+    @checked(refused, x=reals(axes=1), u=reals(axes=1), dt=a_number(above=0))
+    def step(self, x: ArrayLike, u: ArrayLike, dt: float) -> Array:
+        """Return the state after a step, shape (nx,).
+
+        Args:
+            x: State, shape (nx,); the one that was returned last, if the program keeps
+                a state of its own.
+            u: Controls held over the step, shape (nu,).
+            dt: Length of the step [s].
+
+        Raises:
+            SimulatorError: If the program fails, is late, or sends something else.
+        """
+        state, control = (np.asarray(one, dtype=np.float64) for one in (x, u))
+        if self.keeps_state:
+            require_last(self._name, state, self._last)
+        require_size(self._name, "the state", state, self.state_names)
+        require_size(self._name, "the controls", control, self.control_names)
+        asked = {"x": state.tolist(), "u": control.tolist(), "dt": float(dt)}
+        self._last = None  # Until the step has succeeded.
+        self._last = self._asked(asked, again=not self.keeps_state)
+        return self._last.copy()
+
+    def close(self) -> None:
+        """End the program; that happens by itself, too."""
+        self._is_closed = True
+        self._process.close()
+
+    def _greeted(self) -> Mapping[str, Any]:
+        """Start the program, and return what it says of itself."""
+        self._process = _Process(self._command, self._name)
+        return self._answered({"swarmstart": 1})
+
+    def _asked(self, question: Mapping[str, Any], *, again: bool) -> Array:
+        """Return the state of an answer, shape (nx,).
+
+        Args:
+            question: What is sent.
+            again: Whether it is sent once more if the program is lost.
+        """
+        if self._is_closed:
+            raise SimulatorError(
+                self._name, "expected a program in use, found it closed"
+            )
+        try:
+            answer = self._answered(question)
+        except SimulatorError as error:
+            if not (again and isinstance(error.__cause__, _LostError)):
+                raise
+            self.restarts += 1
+            self._greeted()
+            answer = self._answered(question)
+        try:
+            found = np.array(answer["x"], dtype=np.float64)
+        except (KeyError, TypeError, ValueError) as error:
+            raise self._unexpected('"x" and a list of numbers', answer) from error
+        if found.shape != (len(self.state_names),):
+            raise self._unexpected(f'{len(self.state_names)} numbers as "x"', answer)
+        return found
+
+    def _answered(self, question: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return the program's answer, a JSON object.
+
+        Raises:
+            SimulatorError: If it is none, or says that there is an error; because of
+                `_LostError` if there is no answer.
+        """
+        try:
+            line = self._process.asked(json.dumps(question), self._limit)
+        except _LostError as lost:
+            words = self._process.last_words()
+            self._process.close()
+            raise SimulatorError(self._name, f"{lost}{words}") from lost
+        try:
+            answer = json.loads(line)
+        except ValueError:
+            answer = None
+        if not isinstance(answer, dict):
+            raise self._unexpected("a JSON object on one line", line)
+        if "error" in answer:
+            raise SimulatorError(self._name, f"it said: {brief(answer['error'])}")
+        return answer
+
+    def _names(self, hello: Mapping[str, Any], role: str) -> tuple[str, ...]:
+        """Return names that the program says."""
+        names = hello.get(role)
+        if (
+            not isinstance(names, list)
+            or not names
+            or not all(isinstance(name, str) for name in names)
+            or len(set(names)) < len(names)
+        ):
+            raise self._unexpected(f'"{role}" and a list of different names', hello)
+        return tuple(names)
+
+    def _unexpected(self, wanted: str, found: object) -> SimulatorError:
+        """Return an error about an answer, after which the program is ended."""
+        self._process.close()  # What it would send next belongs to no question.
+        return SimulatorError(self._name, f"expected {wanted}, found {brief(found)}")
+
+
+class _Process:
+    """A running program and its answers."""
+
+    def __init__(self, command: tuple[str, ...], name: str) -> None:
+        """Start it in a group of its own, so that it can be ended with its children.
+
+        Raises:
+            SimulatorError: If it cannot be started.
+        """
+        # Open as long as the program may write to it.
+        self._words: IO[bytes] = tempfile.TemporaryFile()
+        try:
+            self._process = subprocess.Popen(
+                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                stderr=self._words, start_new_session=True,
+            )  # fmt: skip
+        except (OSError, ValueError) as error:
+            self._words.close()
+            raise SimulatorError(
+                name, f"expected a program to start; {error}"
+            ) from error
+        self._rest = b""
+        self.close = weakref.finalize(self, _ended, self._process, self._words)
+
+    def asked(self, line: str, limit: float) -> str:
+        """Send a line, and return the next one.
+
+        Raises:
+            _LostError: If the program has ended, or the time is over.
+        """
+        end = time.monotonic() + limit
+        try:
+            assert self._process.stdin is not None  # noqa: S101 - a pipe was asked for
+            self._process.stdin.write(line.encode() + b"\n")
+            self._process.stdin.flush()
+        except (OSError, ValueError) as error:
+            raise _LostError("the program has ended") from error
+        while b"\n" not in self._rest:
+            self._rest += self._read(end, limit)
+            if len(self._rest) > MOST_BYTES:
+                raise _LostError(f"an answer is longer than {MOST_BYTES:,} bytes")
+        found, self._rest = self._rest.split(b"\n", 1)
+        return found.decode("utf-8", "replace")
+
+    def _read(self, end: float, limit: float) -> bytes:
+        """Return what the program sends next."""
+        assert self._process.stdout is not None  # noqa: S101 - a pipe was asked for
+        pipe = self._process.stdout.fileno()
+        ready, _, _ = select.select([pipe], [], [], max(0.0, end - time.monotonic()))
+        if not ready:
+            raise _LostError(f"expected an answer within {limit:g} s, found none")
+        part = os.read(pipe, _PART)
+        if not part:
+            raise _LostError("the program has ended")
+        return part
+
+    def last_words(self) -> str:
+        """Return the last line that it wrote as an error, for a message."""
+        if self._words.closed:
+            return ""
+        self._words.seek(0, os.SEEK_END)
+        self._words.seek(max(0, self._words.tell() - _PART))
+        lines = self._words.read().decode("utf-8", "replace").split("\n")
+        said = [line.strip() for line in lines if line.strip()]
+        return f"; it wrote: {brief(said[-1])}" if said else ""
+
+
+def _ended(process: subprocess.Popen[bytes], words: IO[bytes]) -> None:
+    """End a program and its children, and close what they were connected by."""
+    with contextlib.suppress(OSError):
+        os.killpg(process.pid, signal.SIGKILL)
+    for pipe in (process.stdin, process.stdout, words):
+        with contextlib.suppress(OSError):
+            if pipe is not None:
+                pipe.close()
+    process.wait()

@@ -1,0 +1,102 @@
+"""Parts that all simulators share: their error, and the state that they must be in."""
+
+import difflib
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from swarmstart.arrays import Array
+from swarmstart.errors import SwarmstartError, brief
+
+NEAR = 1e-9
+"""Largest difference of a start from the one that is asked for, relative to 1 or it."""
+_SHOWN = 20
+
+
+class SimulatorError(SwarmstartError):
+    """A simulator cannot be loaded, started or stepped as it is asked to be.
+
+    Attributes:
+        simulator: The file, command or aircraft.
+    """
+
+    def __init__(self, simulator: str, why: str) -> None:
+        """Name the simulator."""
+        super().__init__(f"{simulator}: {why}")
+        self.simulator = simulator
+
+
+def require_known(
+    simulator: str, role: str, names: Iterable[str], known: Sequence[str]
+) -> None:
+    """Raise if a simulator does not have what is asked for, with the nearest name.
+
+    Raises:
+        SimulatorError: If a name is not known.
+    """
+    for name in names:
+        if name in known:
+            continue
+        near = difflib.get_close_matches(name, known, n=1)
+        shown = ", ".join(known[:_SHOWN]) + (", ..." if len(known) > _SHOWN else "")
+        hint = f"did you mean {near[0]!r}?" if near else f"it has {shown or 'none'}"
+        raise SimulatorError(
+            simulator, f"expected {role} of the simulator, found {name!r}; {hint}"
+        )
+
+
+def require_last(simulator: str, x: Array, last: Array | None) -> None:
+    """Raise if a state is not the one that a simulator returned last.
+
+    Raises:
+        SimulatorError: If it is another one, or no run has begun.
+    """
+    if last is None:
+        raise SimulatorError(
+            simulator, "expected start_at() before a step; a failed step ends a run"
+        )
+    if not np.array_equal(x, last):
+        raise SimulatorError(
+            simulator,
+            "expected the state that was returned last, since the simulator keeps its "
+            f"own; found {brief(x.tolist())} for {brief(last.tolist())}; start_at() "
+            "begins a new run",
+        )
+
+
+def require_size(
+    simulator: str, role: str, values: Array, names: Sequence[str]
+) -> None:
+    """Raise if a vector has another length than there are names, or is not finite.
+
+    Raises:
+        SimulatorError: If so.
+    """
+    if values.shape != (len(names),) or not np.isfinite(values).all():
+        raise SimulatorError(
+            simulator,
+            f"expected {len(names)} finite numbers as {role} ({', '.join(names)}), "
+            f"found {brief(values.tolist())}",
+        )
+
+
+def require_start(
+    simulator: str, asked: Array, found: Array, names: Sequence[str], near: float = NEAR
+) -> None:
+    """Raise if a simulator does not begin where it is asked to.
+
+    Raises:
+        SimulatorError: With the states that differ.
+    """
+    apart = np.abs(found - asked) > near * np.maximum(1.0, np.abs(asked))
+    if apart.any() or not np.isfinite(found).all():
+        differing = [
+            f"{name} = {is_:.9g} for {want:.9g}"
+            for name, is_, want, differs in zip(names, found, asked, apart, strict=True)
+            if differs or not np.isfinite(is_)
+        ]
+        raise SimulatorError(
+            simulator,
+            "expected a run that begins at the given state, found "
+            f"{', '.join(differing)}",
+        )

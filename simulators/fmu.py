@@ -1,0 +1,277 @@
+"""An FMU for co-simulation as a plant; FMPy calls it.
+
+The FMU keeps its state: a step accepts the state that was returned last, and no other.
+A run begins at the given state if the FMU lets its states be set before a run (initial
+"exact" or "approx"), or begins there by itself.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import tempfile
+import weakref
+from collections import deque
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from swarmstart.arguments import NAMES, PATH, a_number, checked, mapping, reals
+from swarmstart.arrays import Array
+from swarmstart.errors import brief, load_optional
+from swarmstart.ocp.common.errors import refused
+from swarmstart.ocp.common.pickling import Called
+from swarmstart.simulators.archive import Described, described, require_variables
+from swarmstart.simulators.common import (
+    SimulatorError,
+    require_last,
+    require_size,
+    require_start,
+)
+
+_NOTHING: Mapping[str, float] = {}
+_KEPT_WORDS = 5
+"""Number of the FMU's own messages that are kept, the last ones."""
+
+
+@checked(
+    refused,
+    file=PATH,
+    states=NAMES,
+    controls=NAMES,
+    parameters=mapping(words="a mapping of names to numbers"),
+)
+class FmuPlant(Called):
+    """An FMU as a plant.
+
+    Attributes:
+        state_names: Names of the variables that are the state.
+        control_names: Names of the inputs that are the controls.
+        units: Name of a variable -> its unit, of those that have one.
+        bounds: Least and largest values of the controls, each (nu,).
+        start: State at which the FMU begins by itself, shape (nx,).
+        can_restore: True if its state can be kept and set again.
+
+    Example:
+        >>> import swarmstart as ss
+        >>> try:
+        ...     ss.FmuPlant("missing.fmu", states=["angle"], controls=["torque"])
+        ... except ss.SimulatorError as error:
+        ...     print(error)
+        missing.fmu: expected an FMU, found no file
+    """
+
+    def __init__(
+        self,
+        file: str | Path,
+        *,
+        states: Sequence[str],
+        controls: Sequence[str],
+        parameters: Mapping[str, float] = _NOTHING,
+    ) -> None:
+        """Unpack and load an FMU: its code runs with all rights of this process.
+
+        Args:
+            file: The FMU.
+            states: Names of variables that are the state, each a number; outputs are
+                allowed.
+            controls: Names of inputs that are the controls; they are held over a step.
+            parameters: Name of a parameter -> its value.
+
+        Raises:
+            SimulatorError: If it is no FMU that this machine can run, lacks a variable,
+                or fails.
+            MissingPackageError: If FMPy is not installed (`swarmstart[fmi]`).
+        """
+        self._name = str(file)
+        self._described = found = described(Path(file))
+        require_variables(found, "states", states)
+        require_variables(found, "controls", controls, "input")
+        require_variables(found, "parameters", list(parameters), "parameter")
+        self.state_names, self.control_names = tuple(states), tuple(controls)
+        self.units = found.units([*states, *controls])
+        self.bounds = found.bounds(controls)
+        self.can_restore = found.can_restore
+        self._states = found.references(states)
+        self._controls = found.references(controls)
+        given = zip(found.references([*parameters]), parameters.values(), strict=True)
+        self._given = {reference: float(value) for reference, value in given}
+        settable = [name for name in states if found.can_be_set(name)]
+        self._settable = [self.state_names.index(name) for name in settable]
+        self._last: Array | None = None
+        self._is_broken = False
+        self._library = _Library(found)
+        self.start = self._begun({})
+
+    @checked(refused, x=reals(axes=1))
+    def start_at(self, x: ArrayLike) -> Array:
+        """Begin a run, and return the state at which it begins, shape (nx,).
+
+        Args:
+            x: State, shape (nx,).
+
+        Raises:
+            SimulatorError: If the FMU fails, or cannot begin there.
+        """
+        asked = np.asarray(x, dtype=np.float64)
+        require_size(self._name, "the state", asked, self.state_names)
+        first = {self._states[row]: float(asked[row]) for row in self._settable}
+        found = self._begun(first)
+        require_start(self._name, asked, found, self.state_names)
+        self._last = found
+        return found.copy()
+
+    @checked(refused, x=reals(axes=1), u=reals(axes=1), dt=a_number(above=0))
+    def step(self, x: ArrayLike, u: ArrayLike, dt: float) -> Array:
+        """Return the state after a step, shape (nx,).
+
+        Args:
+            x: The state that was returned last, shape (nx,).
+            u: Controls held over the step, shape (nu,).
+            dt: Length of the step [s].
+
+        Raises:
+            SimulatorError: If the state is another one, or the FMU fails.
+        """
+        require_last(self._name, np.asarray(x, dtype=np.float64), self._last)
+        control = np.asarray(u, dtype=np.float64)
+        require_size(self._name, "the controls", control, self.control_names)
+        self._last, self._is_broken = None, True  # Until the step has succeeded.
+        after = self._library.stepped(
+            self._controls, control.tolist(), self._time, dt, self._states
+        )
+        self._time += dt
+        self._last, self._is_broken = np.array(after), False
+        return self._last.copy()
+
+    def close(self) -> None:
+        """Unload the FMU, and remove its folder; that happens by itself, too."""
+        self._last = None
+        self._library.close()
+
+    def _begun(self, first: Mapping[int, float]) -> Array:
+        """Return the state at the begin of a new run, shape (nx,)."""
+        if self._is_broken:  # Its own memory may be damaged.
+            self._library.close()
+            self._library = _Library(self._described)
+        self._last, self._time, self._is_broken = None, 0.0, True
+        found = np.array(self._library.begun({**self._given, **first}, self._states))
+        self._is_broken = False
+        return found
+
+
+class _Library:
+    """The loaded library of an FMU: both versions by the same calls."""
+
+    def __init__(self, found: Described) -> None:
+        """Unpack, load and instantiate it.
+
+        Raises:
+            SimulatorError: If that fails.
+        """
+        self._name, self._is_new = str(found.file), True
+        self._words: deque[str] = deque(maxlen=_KEPT_WORDS)
+        folder = tempfile.TemporaryDirectory(prefix="swarmstart-fmu-")
+        self._is_3 = found.version.startswith("3")
+        try:
+            # FMPy leaves the working folder changed if a library cannot be loaded.
+            with contextlib.chdir("."):
+                self._slave = _instance(found, folder.name, self._words)
+        except Exception as error:
+            folder.cleanup()
+            raise self._failed("load", error) from error
+        self._close = weakref.finalize(self, _ended, self._slave, folder)
+
+    def close(self) -> None:
+        """Free the instance, unload the library, remove the folder."""
+        self._close()
+
+    def begun(self, values: Mapping[int, float], read: list[int]) -> list[float]:
+        """Begin a run with given values, and return those of variables."""
+        slave = self._slave
+        if not self._close.alive:
+            raise SimulatorError(self._name, "expected an FMU in use, found it closed")
+        try:
+            if not self._is_new:
+                slave.reset()
+            self._is_new = False
+            if values:
+                self._set(list(values), list(values.values()))
+            if not self._is_3:
+                slave.setupExperiment(startTime=0.0)
+                slave.enterInitializationMode()
+            else:
+                slave.enterInitializationMode(startTime=0.0)
+            slave.exitInitializationMode()
+            return self._get(read)
+        except Exception as error:
+            raise self._failed("begin a run", error) from error
+
+    def stepped(
+        self, to: list[int], values: list[float], time: float, dt: float,
+        read: list[int],
+    ) -> list[float]:  # fmt: skip
+        """Set inputs, make a step, and return the values of variables."""
+        try:
+            self._set(to, values)
+            done = self._slave.doStep(
+                currentCommunicationPoint=time, communicationStepSize=dt
+            )
+            found = self._get(read)
+        except Exception as error:
+            raise self._failed(f"step at {time:g} s", error) from error
+        if self._is_3 and (done[1] or done[2]):
+            what = "ended the simulation" if done[1] else "returned early"
+            raise SimulatorError(self._name, f"it {what} at {done[3]:g} s")
+        return found
+
+    def _set(self, which: list[int], values: list[float]) -> None:
+        (self._slave.setFloat64 if self._is_3 else self._slave.setReal)(which, values)
+
+    def _get(self, which: list[int]) -> list[float]:
+        read = self._slave.getFloat64 if self._is_3 else self._slave.getReal
+        return [float(value) for value in read(which)]
+
+    def _failed(self, what: str, error: Exception) -> SimulatorError:
+        said = f"; it said: {brief(' / '.join(self._words))}" if self._words else ""
+        return SimulatorError(
+            self._name, f"the FMU failed to {what}: {brief(str(error))}{said}"
+        )
+
+
+def _instance(found: Described, folder: str, words: deque[str]) -> Any:
+    """Unpack an FMU, and return its instance, whose messages are kept."""
+    fmpy = load_optional("fmpy", extra="fmi", need="an FMU")
+    fmpy.extract(str(found.file), folder)
+
+    def keep(*message: Any) -> None:
+        words.append(message[-1].decode("utf-8", "replace"))
+
+    parts = {
+        "guid": found.token, "unzipDirectory": folder,
+        "modelIdentifier": found.identifier, "instanceName": "plant",
+    }  # fmt: skip
+    if found.version.startswith("3"):
+        fmi3 = load_optional("fmpy.fmi3", extra="fmi", need="an FMU").fmi3
+        slave = fmi3.FMU3Slave(**parts)
+        slave.instantiate(logMessage=keep)
+        return slave
+    fmi2 = load_optional("fmpy.fmi2", extra="fmi", need="an FMU").fmi2
+    slave = fmi2.FMU2Slave(**parts)
+    callbacks = fmi2.fmi2CallbackFunctions()
+    callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(keep)
+    callbacks.allocateMemory = fmi2.defaultCallbacks.allocateMemory
+    callbacks.freeMemory = fmi2.defaultCallbacks.freeMemory
+    slave.instantiate(callbacks=callbacks)
+    return slave
+
+
+def _ended(slave: Any, folder: tempfile.TemporaryDirectory[str]) -> None:
+    """Free an instance; an FMU that fails now has done its work."""
+    try:
+        slave.freeInstance()
+    except Exception:  # noqa: BLE001 - nothing depends on it
+        pass
+    folder.cleanup()
