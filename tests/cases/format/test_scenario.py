@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 import yaml
 
+from swarmstart.cases import hard
 from swarmstart.cases.format.document import UnreadableFileError, YamlError
 from swarmstart.cases.format.flaws import InvalidScenarioError
 from swarmstart.cases.format.parts import GridPart
@@ -54,6 +55,23 @@ def test_every_shipped_scenario_is_valid_in_every_variant(
     if scenario.source.startswith("Chapter 5"):  # With the search of the text.
         assert scenario.polish_name == "none"
         assert scenario.search_name == SEARCH[scenario.kind]
+
+
+@pytest.mark.parametrize(("name", "variant"), EVERY)
+def test_settings_of_every_shipped_scenario_are_read_again(
+    name: str, variant: str | None
+) -> None:
+    """By each run of a comparison, and from a record: they give every key."""
+    one = resolved(name, variant=variant)
+    again = resolved_again(one.settings, one.variant)
+    assert again.settings == {**one.settings, "name": again.scenario.name}
+
+
+def test_settings_of_every_hard_problem_are_read_again() -> None:
+    """Among them those of vehicles that are planned jointly."""
+    for file in sorted(Path(hard.__file__).parent.glob("problems/*.yaml")):
+        one = resolved(str(file))
+        assert resolved_again(one.settings, one.variant).scenario.kind == "problem"
 
 
 def test_corrected_is_the_default_variant() -> None:

@@ -22,7 +22,9 @@ def committed_parts(scenario: ProblemScenario, part: Vehicles) -> Iterator[Locat
     place: Place = ("vehicles", "planning")
     if not part.is_committed:
         for key in ("links", "tracking_error"):
-            if key in part.model_fields_set:
+            # Settings of a record give each key, so what differs counts.
+            default = Vehicles.model_fields[key].get_default(call_default_factory=True)
+            if getattr(part, key) != default:
                 found = f"expected planning: committed with it; found {part.planning}"
                 yield ("vehicles", key), found
         return
