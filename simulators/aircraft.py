@@ -16,18 +16,27 @@ import os
 import re
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from swarmstart.arguments import a_count, a_number, checked, of_kind, reals, text
+from swarmstart.arguments import (
+    a_count,
+    a_number,
+    checked,
+    of_kind,
+    optional,
+    reals,
+    text,
+)
 from swarmstart.arrays import Array
-from swarmstart.errors import brief, load_optional
+from swarmstart.errors import load_optional
 from swarmstart.ocp.common.errors import refused
 from swarmstart.ocp.common.pickling import Called
 from swarmstart.simulators.common import (
+    STEP,
     SimulatorError,
     require_last,
     require_size,
@@ -47,8 +56,14 @@ _BANK_LIFT = 0.05
 _STEPS_PER_COMMAND = 4
 """Steps of JSBSim from one command of the autopilot to the next."""
 _NEAR = 1e-6
+_GAIN = a_number(least=0, most=1e6)
 
 
+@checked(
+    refused, throttle=_GAIN, throttle_integral=_GAIN, heading=_GAIN, bank_max=_GAIN,
+    roll=_GAIN, roll_rate=_GAIN, climb=_GAIN, climb_max=_GAIN, path_integral=_GAIN,
+    pitch=_GAIN, pitch_rate=_GAIN,
+)  # fmt: skip
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Autopilot:
     """Gains of the autopilot; the defaults are those of the F-16.
@@ -84,23 +99,12 @@ class Autopilot:
     pitch: float = 3.0
     pitch_rate: float = 0.6
 
-    def __post_init__(self) -> None:
-        """Refuse gains that are no finite numbers of at least 0."""
-        for one in fields(self):
-            value = getattr(self, one.name)
-            if not (isinstance(value, int | float) and 0 <= value < math.inf):
-                raise SimulatorError(
-                    "the autopilot",
-                    f"expected a finite number of at least 0 as {one.name}, found "
-                    f"{brief(value)}",
-                )
-
 
 @checked(
     refused,
     aircraft=text(longest=100),
     count=a_count(least=1, most=1000),
-    autopilot=of_kind(Autopilot, "an Autopilot"),
+    autopilot=optional(of_kind(Autopilot, "an Autopilot")),
     rate_hz=a_number(least=30, most=1000),
 )
 class AircraftPlant(Called):
@@ -132,7 +136,7 @@ class AircraftPlant(Called):
         autopilot: Autopilot | None = None,
         rate_hz: float = 120.0,
     ) -> None:
-        """Keep what is flown; aircraft are loaded by `start_at`.
+        """Keep the choice; aircraft are loaded by `start_at`.
 
         Args:
             aircraft: Name of one of JSBSim's own aircraft.
@@ -186,7 +190,7 @@ class AircraftPlant(Called):
         self._last = found
         return found.copy()
 
-    @checked(refused, x=reals(axes=1), u=reals(axes=1), dt=a_number(above=0))
+    @checked(refused, x=reals(axes=1), u=reals(axes=1), dt=STEP)
     def step(self, x: ArrayLike, u: ArrayLike, dt: float) -> Array:
         """Return the state after a step, shape (nx,).
 
@@ -279,7 +283,7 @@ class _Aircraft:
         ])  # fmt: skip
 
     def fly(self, speed: float, heading: float, height: float, *, steps: int) -> None:
-        """Fly with set points held over so many steps."""
+        """Move on with set points held over so many steps."""
         model = self._model
         for step in range(steps):
             if step % _STEPS_PER_COMMAND == 0:

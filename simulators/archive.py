@@ -23,7 +23,7 @@ _FIXED = "constant"
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Described:
-    """What an FMU says of itself.
+    """Facts that an FMU states of itself.
 
     Attributes:
         file: The FMU.
@@ -77,8 +77,7 @@ def described(file: Path) -> Described:
     """Return what an FMU says of itself.
 
     Raises:
-        SimulatorError: If it is none, or not one that this machine can run in
-            co-simulation.
+        SimulatorError: If it is no FMU that this machine can run in co-simulation.
         MissingPackageError: If FMPy is not installed.
     """
     fmpy = load_optional("fmpy", extra="fmi", need="an FMU")
@@ -129,6 +128,8 @@ def require_variables(
     Raises:
         SimulatorError: With the nearest name.
     """
+    if not len(names) and role != "parameters":
+        raise SimulatorError(str(found.file), f"expected some {role}, found no name")
     known = [
         name
         for name, one in found.variables.items()

@@ -36,6 +36,7 @@ from swarmstart.errors import brief
 from swarmstart.ocp.common.errors import refused
 from swarmstart.ocp.common.pickling import Called
 from swarmstart.simulators.common import (
+    STEP,
     SimulatorError,
     require_last,
     require_size,
@@ -45,6 +46,7 @@ from swarmstart.simulators.common import (
 MOST_BYTES = 1 << 20
 """Longest answer [bytes]."""
 _PART = 65536
+_LONGEST_S = 1e6
 
 
 class _LostError(Exception):
@@ -54,7 +56,7 @@ class _LostError(Exception):
 @checked(
     refused,
     command=several(text(longest=4000), "a sequence of words"),
-    limit_s=a_number(above=0),
+    limit_s=a_number(above=0, most=_LONGEST_S),
 )
 class CommandPlant(Called):
     """A program as a plant.
@@ -95,7 +97,7 @@ class CommandPlant(Called):
         Raises:
             SimulatorError: If it cannot be started, or answers something else.
         """
-        if not command:
+        if not len(command):
             raise SimulatorError("the command", "expected a program, found no word")
         self._command, self._limit = tuple(command), limit_s
         self._name = shlex.join(command)
@@ -131,7 +133,7 @@ class CommandPlant(Called):
         self._last = found
         return found.copy()
 
-    @checked(refused, x=reals(axes=1), u=reals(axes=1), dt=a_number(above=0))
+    @checked(refused, x=reals(axes=1), u=reals(axes=1), dt=STEP)
     def step(self, x: ArrayLike, u: ArrayLike, dt: float) -> Array:
         """Return the state after a step, shape (nx,).
 
@@ -195,8 +197,8 @@ class CommandPlant(Called):
         """Return the program's answer, a JSON object.
 
         Raises:
-            SimulatorError: If it is none, or says that there is an error; because of
-                `_LostError` if there is no answer.
+            SimulatorError: If it has another form, or says that there is an error;
+                because of `_LostError` if there is no answer.
         """
         try:
             line = self._process.asked(json.dumps(question), self._limit)

@@ -4,12 +4,18 @@ import difflib
 from collections.abc import Iterable, Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from swarmstart.arguments import a_number
 from swarmstart.arrays import Array
 from swarmstart.errors import SwarmstartError, brief
 
 NEAR = 1e-9
 """Largest difference of a start from the one that is asked for, relative to 1 or it."""
+LONGEST_STEP = 3600.0
+"""Longest step [s]."""
+STEP = a_number(above=0, most=LONGEST_STEP)
+"""Lengths of a step [s]."""
 _SHOWN = 20
 
 
@@ -45,7 +51,7 @@ def require_known(
         )
 
 
-def require_last(simulator: str, x: Array, last: Array | None) -> None:
+def require_last(simulator: str, x: Array, last: ArrayLike | None) -> None:
     """Raise if a state is not the one that a simulator returned last.
 
     Raises:
@@ -59,31 +65,32 @@ def require_last(simulator: str, x: Array, last: Array | None) -> None:
         raise SimulatorError(
             simulator,
             "expected the state that was returned last, since the simulator keeps its "
-            f"own; found {brief(x.tolist())} for {brief(last.tolist())}; start_at() "
-            "begins a new run",
+            f"own; found {brief(x.tolist())} for {brief(np.array(last).tolist())}; "
+            "start_at() begins a new run",
         )
 
 
 def require_size(
-    simulator: str, role: str, values: Array, names: Sequence[str]
+    simulator: str, role: str, values: ArrayLike, names: Sequence[str]
 ) -> None:
     """Raise if a vector has another length than there are names, or is not finite.
 
     Raises:
         SimulatorError: If so.
     """
-    if values.shape != (len(names),) or not np.isfinite(values).all():
+    found = np.array(values)
+    if found.shape != (len(names),) or not np.isfinite(found).all():
         raise SimulatorError(
             simulator,
             f"expected {len(names)} finite numbers as {role} ({', '.join(names)}), "
-            f"found {brief(values.tolist())}",
+            f"found {brief(found.tolist())}",
         )
 
 
 def require_start(
     simulator: str, asked: Array, found: Array, names: Sequence[str], near: float = NEAR
 ) -> None:
-    """Raise if a simulator does not begin where it is asked to.
+    """Raise if a simulator does not begin at the state that is asked for.
 
     Raises:
         SimulatorError: With the states that differ.

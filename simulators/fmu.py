@@ -8,23 +8,28 @@ A run begins at the given state if the FMU lets its states be set before a run (
 from __future__ import annotations
 
 import contextlib
+import math
 import tempfile
 import weakref
 from collections import deque
 from collections.abc import Mapping, Sequence
+from ctypes import c_double, c_uint
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from swarmstart.arguments import NAMES, PATH, a_number, checked, mapping, reals
+from swarmstart.arguments import NAMES, PATH, checked, mapping, reals
 from swarmstart.arrays import Array
 from swarmstart.errors import brief, load_optional
 from swarmstart.ocp.common.errors import refused
+from swarmstart.ocp.common.limits import numbers_of, require_number
 from swarmstart.ocp.common.pickling import Called
 from swarmstart.simulators.archive import Described, described, require_variables
 from swarmstart.simulators.common import (
+    LONGEST_STEP,
+    STEP,
     SimulatorError,
     require_last,
     require_size,
@@ -94,16 +99,16 @@ class FmuPlant(Called):
         self.units = found.units([*states, *controls])
         self.bounds = found.bounds(controls)
         self.can_restore = found.can_restore
-        self._states = found.references(states)
+        self._states, self._inputs = found.references(states), len(controls)
         self._controls = found.references(controls)
         given = zip(found.references([*parameters]), parameters.values(), strict=True)
         self._given = {reference: float(value) for reference, value in given}
         settable = [name for name in states if found.can_be_set(name)]
         self._settable = [self.state_names.index(name) for name in settable]
-        self._last: Array | None = None
+        self._last: list[float] | None = None
         self._is_broken = False
-        self._library = _Library(found)
-        self.start = self._begun({})
+        self._library = self._loaded()
+        self.start = np.array(self._begun({}))
 
     @checked(refused, x=reals(axes=1))
     def start_at(self, x: ArrayLike) -> Array:
@@ -119,11 +124,10 @@ class FmuPlant(Called):
         require_size(self._name, "the state", asked, self.state_names)
         first = {self._states[row]: float(asked[row]) for row in self._settable}
         found = self._begun(first)
-        require_start(self._name, asked, found, self.state_names)
+        require_start(self._name, asked, np.array(found), self.state_names)
         self._last = found
-        return found.copy()
+        return np.array(found)
 
-    @checked(refused, x=reals(axes=1), u=reals(axes=1), dt=a_number(above=0))
     def step(self, x: ArrayLike, u: ArrayLike, dt: float) -> Array:
         """Return the state after a step, shape (nx,).
 
@@ -135,29 +139,38 @@ class FmuPlant(Called):
         Raises:
             SimulatorError: If the state is another one, or the FMU fails.
         """
-        require_last(self._name, np.asarray(x, dtype=np.float64), self._last)
-        control = np.asarray(u, dtype=np.float64)
-        require_size(self._name, "the controls", control, self.control_names)
+        # As lists: an FMU may take no longer for a step than one call of NumPy.
+        state, control = _numbers("x", x), _numbers("u", u)
+        dt = dt if type(dt) is float else require_number("dt", dt)
+        if state != self._last:
+            require_last(self._name, np.array(state), self._last)
+        if len(control) != self._inputs or not all(map(math.isfinite, control)):
+            require_size(
+                self._name, "the controls", np.array(control), self.control_names
+            )
+        if not 0.0 < dt <= LONGEST_STEP:
+            raise refused("dt", dt, STEP.allowed)
         self._last, self._is_broken = None, True  # Until the step has succeeded.
-        after = self._library.stepped(
-            self._controls, control.tolist(), self._time, dt, self._states
-        )
+        after = self._library.stepped(control, self._time, dt)
         self._time += dt
-        self._last, self._is_broken = np.array(after), False
-        return self._last.copy()
+        self._last, self._is_broken = after, False
+        return np.array(after)
 
     def close(self) -> None:
         """Unload the FMU, and remove its folder; that happens by itself, too."""
-        self._last = None
+        self._last, self._is_broken = None, False
         self._library.close()
 
-    def _begun(self, first: Mapping[int, float]) -> Array:
-        """Return the state at the begin of a new run, shape (nx,)."""
+    def _loaded(self) -> _Library:
+        return _Library(self._described, read=self._states, set_=self._controls)
+
+    def _begun(self, first: Mapping[int, float]) -> list[float]:
+        """Return the state at the begin of a new run."""
         if self._is_broken:  # Its own memory may be damaged.
             self._library.close()
-            self._library = _Library(self._described)
+            self._library = self._loaded()
         self._last, self._time, self._is_broken = None, 0.0, True
-        found = np.array(self._library.begun({**self._given, **first}, self._states))
+        found = self._library.begun({**self._given, **first})
         self._is_broken = False
         return found
 
@@ -165,8 +178,13 @@ class FmuPlant(Called):
 class _Library:
     """The loaded library of an FMU: both versions by the same calls."""
 
-    def __init__(self, found: Described) -> None:
+    def __init__(self, found: Described, *, read: list[int], set_: list[int]) -> None:
         """Unpack, load and instantiate it.
+
+        Args:
+            found: What the FMU says of itself.
+            read: References of what is read after each step.
+            set_: References of what is set before each step.
 
         Raises:
             SimulatorError: If that fails.
@@ -183,13 +201,16 @@ class _Library:
             folder.cleanup()
             raise self._failed("load", error) from error
         self._close = weakref.finalize(self, _ended, self._slave, folder)
+        # Arrays of C are made once: FMPy's own calls make them at each step.
+        self._read, self._values = _references(read), (c_double * len(read))()
+        self._set, self._given = _references(set_), (c_double * len(set_))()
 
     def close(self) -> None:
         """Free the instance, unload the library, remove the folder."""
         self._close()
 
-    def begun(self, values: Mapping[int, float], read: list[int]) -> list[float]:
-        """Begin a run with given values, and return those of variables."""
+    def begun(self, values: Mapping[int, float]) -> list[float]:
+        """Begin a run with given values of variables, and return what is read."""
         slave = self._slave
         if not self._close.alive:
             raise SimulatorError(self._name, "expected an FMU in use, found it closed")
@@ -198,47 +219,68 @@ class _Library:
                 slave.reset()
             self._is_new = False
             if values:
-                self._set(list(values), list(values.values()))
+                put = slave.setFloat64 if self._is_3 else slave.setReal
+                put(list(values), list(values.values()))
             if not self._is_3:
                 slave.setupExperiment(startTime=0.0)
                 slave.enterInitializationMode()
             else:
                 slave.enterInitializationMode(startTime=0.0)
             slave.exitInitializationMode()
-            return self._get(read)
+            return self._found()
         except Exception as error:
             raise self._failed("begin a run", error) from error
 
-    def stepped(
-        self, to: list[int], values: list[float], time: float, dt: float,
-        read: list[int],
-    ) -> list[float]:  # fmt: skip
-        """Set inputs, make a step, and return the values of variables."""
+    def stepped(self, values: list[float], time: float, dt: float) -> list[float]:
+        """Set inputs, make a step, and return what is read."""
+        slave, one = self._slave, self._slave.component
+        count = len(values)
+        self._given[:] = values  # type: ignore[assignment]  # Floats are taken.
         try:
-            self._set(to, values)
-            done = self._slave.doStep(
-                currentCommunicationPoint=time, communicationStepSize=dt
-            )
-            found = self._get(read)
+            if self._is_3:
+                slave.fmi3SetFloat64(one, self._set, count, self._given, count)
+                _, is_over, is_early, until = slave.doStep(time, dt)
+            else:
+                slave.fmi2SetReal(one, self._set, count, self._given)
+                slave.fmi2DoStep(one, time, dt, 1)
+                is_over = is_early = False
+            found = self._found()
         except Exception as error:
             raise self._failed(f"step at {time:g} s", error) from error
-        if self._is_3 and (done[1] or done[2]):
-            what = "ended the simulation" if done[1] else "returned early"
-            raise SimulatorError(self._name, f"it {what} at {done[3]:g} s")
+        if is_over or is_early:
+            what = "ended the simulation" if is_over else "returned early"
+            raise SimulatorError(self._name, f"it {what} at {until:g} s")
         return found
 
-    def _set(self, which: list[int], values: list[float]) -> None:
-        (self._slave.setFloat64 if self._is_3 else self._slave.setReal)(which, values)
-
-    def _get(self, which: list[int]) -> list[float]:
-        read = self._slave.getFloat64 if self._is_3 else self._slave.getReal
-        return [float(value) for value in read(which)]
+    def _found(self) -> list[float]:
+        """Return what is read."""
+        slave, one, count = self._slave, self._slave.component, len(self._values)
+        if self._is_3:
+            slave.fmi3GetFloat64(one, self._read, count, self._values, count)
+        else:
+            slave.fmi2GetReal(one, self._read, count, self._values)
+        return self._values[:]
 
     def _failed(self, what: str, error: Exception) -> SimulatorError:
         said = f"; it said: {brief(' / '.join(self._words))}" if self._words else ""
         return SimulatorError(
             self._name, f"the FMU failed to {what}: {brief(str(error))}{said}"
         )
+
+
+def _references(which: list[int]) -> Any:
+    """Return value references as C has them."""
+    return (c_uint * len(which))(*which)
+
+
+def _numbers(role: str, values: ArrayLike) -> list[float]:
+    """Return a vector as a list of floats."""
+    if not (isinstance(values, np.ndarray) and values.dtype == np.float64):
+        values = numbers_of(role, values)
+    if values.ndim != 1:
+        raise refused(role, values, "a vector")
+    found: list[float] = values.tolist()
+    return found
 
 
 def _instance(found: Described, folder: str, words: deque[str]) -> Any:

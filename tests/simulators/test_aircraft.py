@@ -1,5 +1,6 @@
-"""Aircraft of JSBSim fly as commanded, repeat their bits, and refuse what fails."""
+"""Aircraft of JSBSim follow commands, repeat their bits, and refuse what fails."""
 
+import pickle
 import subprocess
 import sys
 
@@ -66,6 +67,12 @@ def test_several_fly_as_each_alone(level: Array) -> None:
     assert np.array_equal(first, again)
 
 
+def test_a_copy_by_pickle_flies_alike(level: Array) -> None:
+    """It loads its aircraft again."""
+    copy = pickle.loads(pickle.dumps(ss.AircraftPlant()))
+    assert np.array_equal(flown(copy, START, START[:3], 30), level)
+
+
 def test_a_heading_goes_on_beyond_a_full_turn() -> None:
     """JSBSim gives headings in [0, 2 pi); a controller needs them without a jump."""
     plant = ss.AircraftPlant()
@@ -94,7 +101,7 @@ def test_what_cannot_be_flown_is_refused_with_what_to_try() -> None:
         plant.step(after, [np.nan, 0.0, 0.0], 0.1)
     with pytest.raises(ss.SimulatorError, match="finite numbers as the state"):
         plant.start_at([np.inf, 0.0, 4572.0, 0.0, 0.0])
-    with pytest.raises(ss.SimulatorError, match="bank_max"):
+    with pytest.raises(ss.InvalidProblemError, match="bank_max"):
         ss.Autopilot(bank_max=float("nan"))
 
 

@@ -83,7 +83,7 @@ def test_no_library_for_this_machine(tmp_path: Path, inside: str, found: str) ->
 
 
 def test_a_library_that_is_none(tmp_path: Path) -> None:
-    """What the system says of it is in the message."""
+    """The message has the words of the system."""
     inside = f"binaries/{fmpy.platform}/pendulum{fmpy.sharedLibraryExtension}"
     file = pendulum.archived(
         tmp_path / "one.fmu", {"modelDescription.xml": TEXT, inside: b"no library"}

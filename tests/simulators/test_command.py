@@ -133,7 +133,7 @@ def test_what_it_says_of_an_error_is_in_the_message(tmp_path: Path) -> None:
     ],
 )
 def test_answers_of_another_form_are_shown(answers: list[str], message: str) -> None:
-    """What was expected, what was found."""
+    """With the form that was expected."""
     text = f"import sys\nfor a in {answers!r}:\n input(); print(a, flush=True)\n"
     with pytest.raises(ss.SimulatorError) as caught:
         ss.CommandPlant([sys.executable, "-c", text]).step([0.0], [0.0], 0.1)
@@ -141,7 +141,7 @@ def test_answers_of_another_form_are_shown(answers: list[str], message: str) -> 
 
 
 def test_a_start_elsewhere_is_refused() -> None:
-    """A program says where it begins."""
+    """The answer of a program has the state at which it begins."""
     text = (
         'input(); print(\'{"states": ["a"], "controls": ["u"]}\', flush=True)\n'
         "input(); print('{\"x\": [2.0]}', flush=True)\n"

@@ -2,6 +2,7 @@
 
 import gc
 import os
+import pickle
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +41,7 @@ def test_the_readmes_loop_has_the_bits_of_our_own_plant(
 
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
 def test_it_says_where_it_begins_its_units_and_bounds(fmu: Built, version: str) -> None:
-    """As its modelDescription.xml states them."""
+    """They are those of its modelDescription.xml."""
     plant = opened(fmu(version))
     assert plant.start.tolist() == [0.25, 0.0]
     assert plant.units == {"angle": "rad", "speed": "rad/s", "torque": "N.m"}
@@ -102,7 +103,7 @@ def test_a_failed_step_ends_a_run_and_the_next_one_is_whole(
 
 
 def test_a_state_that_is_no_number_ends_a_flight_with_its_time(fmu: Built) -> None:
-    """As with our own plant."""
+    """Our own plant does the same."""
 
     class Wild:
         dt = 0.1
@@ -151,6 +152,14 @@ def test_controls_that_are_no_numbers_never_reach_it(
     with pytest.raises(ss.SimulatorError, match="finite numbers as the controls"):
         plant.step(x, u, 0.1)
     plant.step(x, [1.0], 0.1)
+
+
+def test_it_is_loaded_again_in_another_process(fmu: Built) -> None:
+    """A copy by pickle has a library of its own, and the same bits."""
+    plant = opened(fmu(), parameters={"friction": 0.1})
+    copy = pickle.loads(pickle.dumps(plant))
+    one, other = (p.step(p.start_at([0.5, 0.0]), [1.0], 0.1) for p in (plant, copy))
+    assert np.array_equal(one, other)
 
 
 def test_its_folder_goes_with_it(

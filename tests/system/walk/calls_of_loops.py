@@ -48,6 +48,7 @@ def _plants() -> Calls:
         "SteppedPlant": Call(ss.SteppedPlant, {"steps": made.Tank(), "dt": 0.1}),
         "SteppedPlant.__call__": Call(stepped.__call__, one),
         "SteppedPlant.outputs": Call(stepped.outputs, times),
+        "SteppedPlant.start_at": Call(stepped.start_at, {"state": made.START}),
         "SteppedPlant.with_interval": Call(stepped.with_interval, {"dt": 0.1}),
     }
 

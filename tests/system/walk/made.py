@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from functools import cache
 from pathlib import Path
 from tempfile import mkdtemp
@@ -75,6 +76,20 @@ class Tank:
 
     def step(self, x: Array, u: Array, dt: float) -> Array:
         return x + dt * (u - x)
+
+
+TANK = [sys.executable, "-c", """
+import json, sys
+for line in sys.stdin:
+    asked = json.loads(line)
+    found = {"states": ["level"], "controls": ["inflow"]}
+    if "start_at" in asked:
+        found = {"x": asked["start_at"]}
+    elif "u" in asked:
+        found = {"x": [asked["x"][0] + asked["dt"] * asked["u"][0]]}
+    print(json.dumps(found), flush=True)
+"""]  # fmt: skip
+"""The command of a program that is a plant with one state."""
 
 
 @cache

@@ -25,7 +25,9 @@ import swarmstart as ss
 from swarmstart.tests.system.walk.wrong_values import WRONG, Call, Calls, outcome
 
 DOORS = ("ocp", "heuristics", "terminal_set", "")
-ROOMS = ("searches", "problems", "answers", "loops", "terminal_sets", "cases")
+ROOMS = (
+    "searches", "problems", "answers", "loops", "simulators", "terminal_sets", "cases",
+)  # fmt: skip
 SHORT = ("bytes", "complex", "object")
 TABLE = yaml.safe_load(Path(__file__).with_name("accepted.yaml").read_text("utf-8"))
 

@@ -1,0 +1,66 @@
+"""Calls of simulators of others; of FMUs and aircraft if they can be made here."""
+
+import importlib.util
+import shutil
+import tempfile
+from pathlib import Path
+
+import swarmstart as ss
+from swarmstart.tests.simulators import pendulum
+from swarmstart.tests.system.walk import made
+from swarmstart.tests.system.walk.wrong_values import Call, Calls, with_defaults
+
+
+def calls() -> Calls:
+    """Return the calls by name, each with valid arguments by name."""
+    return {**_commands(), **_fmus(), **_aircraft()}
+
+
+def _commands() -> Calls:
+    plant = ss.CommandPlant(made.TANK)
+    return {
+        "CommandPlant": with_defaults(ss.CommandPlant, command=made.TANK),
+        "CommandPlant.start_at": Call(plant.start_at, {"x": [1.0]}),
+        "CommandPlant.step": Call(plant.step, {"x": [1.0], "u": [0.0], "dt": 0.1}),
+        "Autopilot": with_defaults(ss.Autopilot),
+    }
+
+
+def _fmus() -> Calls:
+    compiler = shutil.which("cc")
+    if compiler is None or importlib.util.find_spec("fmpy") is None:
+        return {}
+    file = pendulum.built(Path(tempfile.mkdtemp()), "2.0", compiler)
+    states, controls = ["angle", "speed"], ["torque"]
+    plant = ss.FmuPlant(file, states=states, controls=controls)
+
+    def step(x: object, u: object, dt: object) -> object:
+        # The valid call comes first, and ends at another state.
+        plant.start_at([0.0, 0.0])
+        return plant.step(x, u, dt)  # type: ignore[arg-type]
+
+    return {
+        "FmuPlant": with_defaults(
+            ss.FmuPlant, file=file, states=states, controls=controls
+        ),
+        "FmuPlant.start_at": Call(plant.start_at, {"x": [0.0, 0.0]}),
+        "FmuPlant.step": Call(step, {"x": [0.0, 0.0], "u": [1.0], "dt": 0.1}),
+    }
+
+
+def _aircraft() -> Calls:
+    if importlib.util.find_spec("jsbsim") is None:
+        return {}
+    plant = ss.AircraftPlant()
+    start = [222.0, 0.0, 4572.0, 0.0, 0.0]
+
+    def step(x: object, u: object, dt: object) -> object:
+        begun = plant.start_at(start)
+        x = begun if x is start else x
+        return plant.step(x, u, dt)  # type: ignore[arg-type]
+
+    return {
+        "AircraftPlant": with_defaults(ss.AircraftPlant),
+        "AircraftPlant.start_at": Call(plant.start_at, {"x": start}),
+        "AircraftPlant.step": Call(step, {"x": start, "u": start[:3], "dt": 0.1}),
+    }
