@@ -234,7 +234,8 @@ def page(flights: dict[str, list[Flown]], command: str, seeds: int) -> list[str]
         "Each number of a table is the worst of the flights; times are means of CPU "
         "time. Each follower knows what the leader's set points will be for the next "
         f"{HORIZON} s and plans with lags of {TAU_V:g} s (speed) and {TAU_PSI:g} s "
-        "(heading); no plan keeps a distance to the others, which the slots do.",
+        "(heading); the proportional law knows the present error alone. No plan keeps a "
+        "distance to the others; the slots do.",
         "",
         *table,
         "",
@@ -242,7 +243,7 @@ def page(flights: dict[str, list[Flown]], command: str, seeds: int) -> list[str]
         "",
         "- The heading turns by a bank angle, which the autopilot builds up at "
         "0.7 rad/s: a turn begins and ends later than a first-order lag says. Plans "
-        f"that steer hard swing up for that reason: with {HASTY / EFFORT:.0%} of the "
+        f"that steer hard oscillate more and more: with {HASTY / EFFORT:.0%} of the "
         "weight on the heading's set point the followers lose the formation (last row, "
         "one flight).",
         "- In a turn the lift has to carry the load factor too: the aircraft lose or "

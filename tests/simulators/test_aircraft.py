@@ -55,6 +55,16 @@ def test_it_reaches_its_set_points_as_measured() -> None:
         assert abs(reached - constant) <= 1.5
 
 
+def test_a_speed_beyond_the_thrust_leaves_nothing_behind() -> None:
+    """The throttle's integral rests at its bounds, else the return would be late."""
+    plant = ss.AircraftPlant()
+    x = plant.start_at(START)
+    for speed, seconds in ((600.0, 60), (222.0, 60)):
+        for _ in range(seconds):
+            x = plant.step(x, [speed, *START[1:3]], 1.0)
+    assert abs(x[0] - 222) < 2
+
+
 def test_several_fly_as_each_alone(level: Array) -> None:
     """They share nothing, and a second flight has the same bits."""
     plant = ss.AircraftPlant(count=2)

@@ -119,6 +119,21 @@ def test_what_it_says_of_an_error_is_in_the_message(tmp_path: Path) -> None:
         assert one.step([1.0], [0.0], 0.1).tolist() == [0.95]
 
 
+def test_what_follows_a_wrong_answer_belongs_to_no_question() -> None:
+    """A program that is out of step is started again."""
+    text = (
+        'print(input() and \'{"states": ["a"], "controls": ["u"]}\', flush=True)\n'
+        "asked = input()\n"
+        "if '1.5' in asked: print('oh')\n"
+        "print('{\"x\": [7.0]}' if '1.5' in asked else '{\"x\": [8.0]}', flush=True)\n"
+        "input()\n"
+    )
+    with ss.CommandPlant([sys.executable, "-c", text]) as one:
+        with pytest.raises(ss.SimulatorError, match="found 'oh'"):
+            one.step([1.0], [1.5], 0.1)
+        assert one.step([1.0], [0.0], 0.1).tolist() == [8.0]
+
+
 @pytest.mark.parametrize(
     ("answers", "message"),
     [

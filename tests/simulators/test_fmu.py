@@ -10,8 +10,25 @@ import numpy as np
 import pytest
 
 import swarmstart as ss
+from swarmstart.arrays import Array
 from swarmstart.tests.simulators import pendulum
 from swarmstart.tests.simulators.conftest import Built
+
+
+class Torques:
+    """A controller with given torques, and a start that it may decide."""
+
+    dt = 0.1
+
+    def __init__(self, torques: list[float], start: Array | None = None) -> None:
+        self._torques, self._start = torques, start
+
+    def decide(
+        self, time: float, state: object, previous: object, *, rng: object
+    ) -> ss.Decision:
+        del state, previous, rng
+        torque = self._torques[round(time / self.dt)]
+        return ss.Decision(control=np.array([torque]), plans=(), start=self._start)
 
 
 def opened(file: Path, **more: Any) -> ss.FmuPlant:
@@ -105,19 +122,29 @@ def test_a_failed_step_ends_a_run_and_the_next_one_is_whole(
 def test_a_state_that_is_no_number_ends_a_flight_with_its_time(fmu: Built) -> None:
     """Our own plant does the same."""
 
-    class Wild:
-        dt = 0.1
-
-        def decide(
-            self, time: float, state: object, previous: object, *, rng: object
-        ) -> ss.Decision:
-            del state, previous, rng
-            torque = pendulum.NAN if time > 0.15 else 1.0
-            return ss.Decision(control=np.array([torque]), plans=())
-
-    plant = opened(fmu())
+    wild = Torques([1.0, 1.0, pendulum.NAN, 1.0])
     with pytest.raises(ss.DivergedError, match=r"step 2, at 0\.2 s"):
-        ss.simulate(plant, Wild(), [0.5, 0.0], steps=5, seed=0)
+        ss.simulate(opened(fmu()), wild, [0.5, 0.0], steps=4, seed=0)
+
+
+def test_a_start_that_a_controller_decides_is_that_of_the_fmu(fmu: Built) -> None:
+    """A first plan may decide initial states; the FMU is put there."""
+    torques = Torques([1.0, 1.0], start=np.array([0.75, 0.0]))
+    run, same = (
+        ss.simulate(opened(fmu()), one, x0, steps=2, seed=0)
+        for one, x0 in ((torques, [0.5, 0.0]), (Torques([1.0, 1.0]), [0.75, 0.0]))
+    )
+    assert np.array_equal(run.states, same.states)
+
+
+def test_a_step_that_the_fmu_ends_early_is_none(fmu: Built) -> None:
+    """FMI 3.0 can return early, or end the simulation."""
+    for flags, words in (((0, 1, 0), "ended the"), ((0, 0, 1), "returned early")):
+        plant = opened(fmu("3.0"))
+        x = plant.start_at([0.5, 0.0])
+        plant._library._slave.doStep = lambda *_, found=flags: (*found, 0.05)
+        with pytest.raises(ss.SimulatorError, match=f"{words}.* at 0.05 s"):
+            plant.step(x, [1.0], 0.1)
 
 
 @pytest.mark.parametrize(
