@@ -234,8 +234,8 @@ def page(flights: dict[str, list[Flown]], command: str, seeds: int) -> list[str]
         "Each number of a table is the worst of the flights; times are means of CPU "
         "time. Each follower knows what the leader's set points will be for the next "
         f"{HORIZON} s and plans with lags of {TAU_V:g} s (speed) and {TAU_PSI:g} s "
-        "(heading); the proportional law knows the present error alone. No plan keeps a "
-        "distance to the others; the slots do.",
+        "(heading); the proportional law knows the present error alone. No plan keeps "
+        "a distance to the others; the slots do.",
         "",
         *table,
         "",
