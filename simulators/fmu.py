@@ -20,7 +20,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from swarmstart.arguments import NAMES, PATH, checked, mapping, reals
+from swarmstart.arguments import (
+    NAMES,
+    PATH,
+    a_number,
+    checked,
+    mapping,
+    reals,
+    text,
+)
 from swarmstart.arrays import Array
 from swarmstart.errors import brief, load_optional
 from swarmstart.ocp.common.errors import refused
@@ -46,7 +54,7 @@ _KEPT_WORDS = 5
     file=PATH,
     states=NAMES,
     controls=NAMES,
-    parameters=mapping(words="a mapping of names to numbers"),
+    parameters=mapping(text(), a_number(), words="a mapping of names to numbers"),
 )
 class FmuPlant(Called):
     """An FMU as a plant.

@@ -167,6 +167,13 @@ def test_names_that_it_lacks_are_named_with_the_nearest(
         opened(fmu(), **more)
 
 
+@pytest.mark.parametrize("value", ["0.2", np.nan, None])
+def test_a_parameter_is_a_number(fmu: Built, value: object) -> None:
+    """Text is not converted."""
+    with pytest.raises(ss.InvalidProblemError, match="parameters must be a mapping"):
+        opened(fmu(), parameters={"friction": value})
+
+
 @pytest.mark.parametrize(
     "u", [[np.nan], [np.inf], [1.0, 2.0]], ids=["nan", "inf", "two"]
 )
