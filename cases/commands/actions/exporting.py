@@ -73,6 +73,11 @@ OWN = {
     "fmu": (*_OF_CODE, "fmi"),
 }  # fmt: skip
 """Word for an export -> the options that it has, besides those of all."""
+_FORMATS_OF = {
+    "max_speed": ("crazyswarm",), "max_acceleration": ("crazyswarm",),
+    "error": tuple(ERRORS), "origin": ("qgc", "wpl"), "heading": ("qgc", "wpl"),
+}  # fmt: skip
+"""Option of a trajectory -> the formats that use it, if others do not."""
 FLAGS = {"assignments": "set"}
 """Name of an option in the code -> its name for users, if that is another."""
 
@@ -92,11 +97,11 @@ def _require_own(options: argparse.Namespace) -> None:
 
 def _of_trajectory(options: argparse.Namespace) -> tuple[Path, Written]:
     """Return the folder and the files of a flight."""
-    for name, limit in _limits(options).items():
-        if limit is not None and options.format != "crazyswarm":
+    for name, formats in _FORMATS_OF.items():
+        if getattr(options, name) is not None and options.format not in formats:
             raise WrongExportError(
-                f"--max-{name}: expected --format crazyswarm with it, which alone "
-                f"keeps limits; found {options.format}"
+                f"--{name.replace('_', '-')}: expected --format "
+                f"{' or '.join(formats)} with it, found {options.format}"
             )
     folder = Path(options.out or Path(options.source) / "export")
     return folder, FORMATS[options.format](chosen_paths(options), options)

@@ -46,7 +46,8 @@ def test_each_format_has_a_file_for_each_vehicle_or_one_for_all(
 ) -> None:
     if name == "mcap":
         pytest.importorskip("mcap_ros2")
-    assert exported(record, tmp_path, "--format", name, *ORIGIN) == 0
+    origin = ORIGIN if name in ("qgc", "wpl") else []
+    assert exported(record, tmp_path, "--format", name, *origin) == 0
     files = sorted(tmp_path.iterdir())
     assert len(files) == (1 if name in ("mcap", "skybrush") else 3)
     assert all(file.stat().st_size > 100 for file in files)
@@ -118,6 +119,12 @@ def test_a_file_that_exists_is_not_replaced(
             "--max-speed: expected --format",
         ),
         (["--max-acceleration", "9"], "expected --format crazyswarm with it"),
+        (["--origin", "47,8,0"], "--origin: expected --format qgc or wpl with it"),
+        (["--format", "skybrush", "--heading", "0"], "--heading: expected --format"),
+        (
+            ["--format", "mcap", "--error", "1"],
+            "--error: expected --format crazyswarm or skybrush or qgc or wpl with it",
+        ),
         (["--format", "gpx"], "expected one of crazyswarm"),
     ],
 )
