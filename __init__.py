@@ -200,6 +200,7 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         Autopilot as Autopilot,
         CommandPlant as CommandPlant,
         FmuPlant as FmuPlant,
+        OnnxPlant as OnnxPlant,
         SimulatorError as SimulatorError,
     )
     from swarmstart.terminal_set import (
@@ -287,7 +288,7 @@ _NAMES = {
     """,
     "swarmstart.ocp.lower_bound.bounding": "lower_bound",
     "swarmstart.simulators": (
-        "AircraftPlant Autopilot CommandPlant FmuPlant SimulatorError"
+        "AircraftPlant Autopilot CommandPlant FmuPlant OnnxPlant SimulatorError"
     ),
     "swarmstart.terminal_set": """
         AsymmetricMatrixError Certificate CoarseHoldError

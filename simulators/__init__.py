@@ -3,6 +3,7 @@
     fmu        an FMU for co-simulation, FMI 2.0 or 3.0, called through FMPy
     command    a program in any language that speaks JSON lines
     aircraft   aircraft of JSBSim behind an autopilot
+    network    a network in ONNX, evaluated by onnxruntime
 
 Each keeps its state inside, as `swarmstart.Simulator` states, or gets it with each
 step. Code of others runs here: nothing in the other rooms imports this one but when a
@@ -28,12 +29,16 @@ if TYPE_CHECKING:  # Loaded when first used: most runs need none.
     from swarmstart.simulators.fmu import (
         FmuPlant as FmuPlant,
     )
+    from swarmstart.simulators.network import (
+        OnnxPlant as OnnxPlant,
+    )
 
 _NAMES = {
     "aircraft": "AircraftPlant Autopilot",
     "command": "CommandPlant",
     "common": "SimulatorError",
     "fmu": "FmuPlant",
+    "network": "OnnxPlant",
 }
 _HOMES, __getattr__, __dir__ = door(__name__, _NAMES)
 __all__ = list(_HOMES)

@@ -20,7 +20,7 @@ from swarmstart.tests.system.walk import made
 
 REFUSED = {"Progress", "WarmStartedSolver"}
 """They belong to one process, and say so."""
-OF_PACKAGES = {"FmuPlant", "AircraftPlant"}
+OF_PACKAGES = {"FmuPlant", "AircraftPlant", "OnnxPlant"}
 """They need packages that may be missing; their own tests send them."""
 INTERFACES = {
     "Algorithm", "CompiledObjective", "Constraint", "Controller", "Integrator",

@@ -1,5 +1,6 @@
 """Calls of simulators of others; of FMUs and aircraft if they can be made here."""
 
+import importlib
 import importlib.util
 import shutil
 import tempfile
@@ -13,7 +14,7 @@ from swarmstart.tests.system.walk.wrong_values import Call, Calls, with_defaults
 
 def calls() -> Calls:
     """Return the calls by name, each with valid arguments by name."""
-    return {**_commands(), **_fmus(), **_aircraft()}
+    return {**_commands(), **_fmus(), **_aircraft(), **_networks()}
 
 
 def _commands() -> Calls:
@@ -28,7 +29,7 @@ def _commands() -> Calls:
 
 def _fmus() -> Calls:
     compiler = shutil.which("cc")
-    if compiler is None or importlib.util.find_spec("fmpy") is None:
+    if compiler is None or _is_missing("fmpy"):
         return {}
     file = pendulum.built(Path(tempfile.mkdtemp()), "2.0", compiler)
     states, controls = ["angle", "speed"], ["torque"]
@@ -49,7 +50,7 @@ def _fmus() -> Calls:
 
 
 def _aircraft() -> Calls:
-    if importlib.util.find_spec("jsbsim") is None:
+    if _is_missing("jsbsim"):
         return {}
     plant = ss.AircraftPlant()
     start = [222.0, 0.0, 4572.0, 0.0, 0.0]
@@ -64,3 +65,19 @@ def _aircraft() -> Calls:
         "AircraftPlant.start_at": Call(plant.start_at, {"x": start}),
         "AircraftPlant.step": Call(step, {"x": start, "u": start[:3], "dt": 0.1}),
     }
+
+
+def _networks() -> Calls:
+    if any(map(_is_missing, ("onnx", "onnxruntime"))):
+        return {}
+    made_by = importlib.import_module("swarmstart.tests.simulators.test_network")
+    file = made_by.network(Path(tempfile.mkdtemp()) / "net.onnx")
+    plant = ss.OnnxPlant(file, **made_by.NAMES)
+    return {
+        "OnnxPlant": with_defaults(ss.OnnxPlant, file=file, **made_by.NAMES),
+        "OnnxPlant.step": Call(plant.step, {"x": [0.0, 0.0], "u": [1.0], "dt": 0.1}),
+    }
+
+
+def _is_missing(package: str) -> bool:
+    return importlib.util.find_spec(package) is None
