@@ -276,7 +276,7 @@ def finding(results: Sequence[Measured]) -> str:
         f"{max(costs):.4f} times as much; "
     )
     return (
-        f"In each of {len(results)} controllers at least {worst:.1%} of the steps have "
+        f"In each of {len(results)} controllers at least {worst:.2%} of the steps have "
         f"the control of the library's lanes within {SAME:g} of its range, and all "
         f"optimisations give {equal}; {loop or ''}sanitizers find "
         f"{'nothing' if clean else 'ERRORS'}."

@@ -25,6 +25,7 @@ if TYPE_CHECKING:  # Loaded when first used: a trajectory needs no compiler.
     )
     from swarmstart.export.controller.files import (
         export_c as export_c,
+        require_name as require_name,
     )
     from swarmstart.export.controller.fmu import (
         export_fmu as export_fmu,
@@ -55,7 +56,7 @@ if TYPE_CHECKING:  # Loaded when first used: a trajectory needs no compiler.
 
 _NAMES = {
     "controller.exported": "CExport CompiledController NoCCompilerError",
-    "controller.files": "export_c",
+    "controller.files": "export_c require_name",
     "controller.fmu": "export_fmu is_compiled",
     "crazyswarm": "crazyswarm_text",
     "missions": "plan_text waypoints_text",

@@ -18,7 +18,6 @@ from swarmstart.simulators.common import SimulatorError, require_known
 MOST_BYTES = 2**30
 """Largest size of an FMU's files together [bytes]."""
 _REALS = ("Real", "Float64")
-_FIXED = "constant"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -65,12 +64,9 @@ class Described:
     def can_be_set(self, name: str) -> bool:
         """Return whether a variable can be set before a run begins."""
         one = self.variables[name]
-        if one.variability == _FIXED:
-            return False
-        return one.causality in ("input", "parameter") or one.initial in (
-            "exact",
-            "approx",
-        )
+        begins = one.initial in ("exact", "approx")
+        is_given = one.causality in ("input", "parameter")
+        return one.variability != "constant" and (begins or is_given)
 
 
 def described(file: Path) -> Described:
@@ -175,12 +171,12 @@ def _require_library(
     wanted = f"binaries/{here}/{identifier}{fmpy.sharedLibraryExtension}"
     if wanted in names:
         return
-    others = {name.split("/")[1] for name in names if name.count("/") > 1
-              and name.startswith("binaries/")}  # fmt: skip
-    have = ", ".join(sorted(others)) or "sources only" * any(
-        name.startswith("sources/") for name in names
-    )
+    parts = [name.split("/") for name in names]
+    others = {one[1] for one in parts if one[0] == "binaries" and len(one) > 2}  # noqa: PLR2004 - with a file
+    if not others and any(one[0] == "sources" for one in parts):
+        others = {"sources only"}
     raise SimulatorError(
         str(file),
-        f"expected a library for this machine, {wanted}; found {have or 'none'}",
+        f"expected a library for this machine, {wanted}; found "
+        f"{', '.join(sorted(others)) or 'none'}",
     )

@@ -33,14 +33,15 @@ from numpy.typing import ArrayLike
 from swarmstart.arguments import a_number, checked, reals, several, text
 from swarmstart.arrays import Array
 from swarmstart.errors import brief
-from swarmstart.ocp.common.errors import refused
+from swarmstart.ocp.common.errors import InvalidProblemError, refused
+from swarmstart.ocp.common.limits import numbers_of
 from swarmstart.ocp.common.pickling import Called
 from swarmstart.simulators.common import (
     STEP,
     SimulatorError,
     require_last,
-    require_size,
     require_start,
+    vector,
 )
 
 MOST_BYTES = 1 << 20
@@ -106,7 +107,9 @@ class CommandPlant(Called):
         hello = self._greeted()
         self.state_names = self._names(hello, "states")
         self.control_names = self._names(hello, "controls")
-        self.keeps_state = hello.get("keeps_state", False) is True
+        self.keeps_state = hello.get("keeps_state", False)
+        if not isinstance(self.keeps_state, bool):
+            raise self._unexpected('true or false as "keeps_state"', hello)
 
     def __enter__(self) -> CommandPlant:
         """Return the plant."""
@@ -126,8 +129,7 @@ class CommandPlant(Called):
         Raises:
             SimulatorError: If the program begins elsewhere, fails, or is late twice.
         """
-        asked = np.asarray(x, dtype=np.float64)
-        require_size(self._name, "the state", asked, self.state_names)
+        asked = vector(self._name, "the state", x, self.state_names)
         found = self._asked({"start_at": asked.tolist()}, again=True)
         require_start(self._name, asked, found, self.state_names)
         self._last = found
@@ -146,11 +148,10 @@ class CommandPlant(Called):
         Raises:
             SimulatorError: If the program fails, is late, or sends something else.
         """
-        state, control = (np.asarray(one, dtype=np.float64) for one in (x, u))
         if self.keeps_state:
-            require_last(self._name, state, self._last)
-        require_size(self._name, "the state", state, self.state_names)
-        require_size(self._name, "the controls", control, self.control_names)
+            require_last(self._name, np.asarray(x, dtype=np.float64), self._last)
+        state = vector(self._name, "the state", x, self.state_names)
+        control = vector(self._name, "the controls", u, self.control_names)
         asked = {"x": state.tolist(), "u": control.tolist(), "dt": float(dt)}
         self._last = None  # Until the step has succeeded.
         self._last = self._asked(asked, again=not self.keeps_state)
@@ -186,8 +187,8 @@ class CommandPlant(Called):
             self._greeted()
             answer = self._answered(question)
         try:
-            found = np.array(answer["x"], dtype=np.float64)
-        except (KeyError, TypeError, ValueError) as error:
+            found = numbers_of("x", answer["x"])
+        except (KeyError, OverflowError, InvalidProblemError) as error:
             raise self._unexpected('"x" and a list of numbers', answer) from error
         if found.shape != (len(self.state_names),):
             raise self._unexpected(f'{len(self.state_names)} numbers as "x"', answer)
@@ -208,7 +209,7 @@ class CommandPlant(Called):
             raise SimulatorError(self._name, f"{lost}{words}") from lost
         try:
             answer = json.loads(line)
-        except ValueError:
+        except (ValueError, RecursionError):  # The latter: lists within lists.
             answer = None
         if not isinstance(answer, dict):
             raise self._unexpected("a JSON object on one line", line)
@@ -256,6 +257,10 @@ class _Process:
                 name, f"expected a program to start; {error}"
             ) from error
         self._rest = b""
+        self._to, self._from = (
+            -1 if pipe is None else pipe.fileno()  # Both are there: they are asked for.
+            for pipe in (self._process.stdin, self._process.stdout)
+        )
         self.close = weakref.finalize(self, _ended, self._process, self._words)
 
     def asked(self, line: str, limit: float) -> str:
@@ -264,31 +269,33 @@ class _Process:
         Raises:
             _LostError: If the program has ended, or the time is over.
         """
+        if not self.close.alive:  # Its pipes may be files of others now.
+            raise _LostError("the program has ended")
         end = time.monotonic() + limit
+        late = _LostError(f"expected an answer within {limit:g} s, found none")
+        content = line.encode() + b"\n"
         try:
-            assert self._process.stdin is not None  # noqa: S101 - a pipe was asked for
-            self._process.stdin.write(line.encode() + b"\n")
-            self._process.stdin.flush()
-        except (OSError, ValueError) as error:
+            while content:  # It may be late to read, too.
+                if not select.select([], [self._to], [], _left(end))[1]:
+                    raise late
+                content = content[os.write(self._to, content[: select.PIPE_BUF]) :]
+            while b"\n" not in self._rest:
+                if not select.select([self._from], [], [], _left(end))[0]:
+                    raise late
+                self._receive()
+        except OSError as error:
             raise _LostError("the program has ended") from error
-        while b"\n" not in self._rest:
-            self._rest += self._read(end, limit)
-            if len(self._rest) > MOST_BYTES:
-                raise _LostError(f"an answer is longer than {MOST_BYTES:,} bytes")
         found, self._rest = self._rest.split(b"\n", 1)
         return found.decode("utf-8", "replace")
 
-    def _read(self, end: float, limit: float) -> bytes:
-        """Return what the program sends next."""
-        assert self._process.stdout is not None  # noqa: S101 - a pipe was asked for
-        pipe = self._process.stdout.fileno()
-        ready, _, _ = select.select([pipe], [], [], max(0.0, end - time.monotonic()))
-        if not ready:
-            raise _LostError(f"expected an answer within {limit:g} s, found none")
-        part = os.read(pipe, _PART)
+    def _receive(self) -> None:
+        """Add what the program has sent."""
+        part = os.read(self._from, _PART)
         if not part:
             raise _LostError("the program has ended")
-        return part
+        self._rest += part
+        if len(self._rest) > MOST_BYTES:
+            raise _LostError(f"an answer is longer than {MOST_BYTES:,} bytes")
 
     def last_words(self) -> str:
         """Return the last line that it wrote as an error, for a message."""
@@ -299,6 +306,11 @@ class _Process:
         lines = self._words.read().decode("utf-8", "replace").split("\n")
         said = [line.strip() for line in lines if line.strip()]
         return f"; it wrote: {brief(said[-1])}" if said else ""
+
+
+def _left(end: float) -> float:
+    """Return the time to an end [s], at least 0."""
+    return max(0.0, end - time.monotonic())
 
 
 def _ended(process: subprocess.Popen[bytes], words: IO[bytes]) -> None:

@@ -70,21 +70,20 @@ def require_last(simulator: str, x: Array, last: ArrayLike | None) -> None:
         )
 
 
-def require_size(
-    simulator: str, role: str, values: ArrayLike, names: Sequence[str]
-) -> None:
-    """Raise if a vector has another length than there are names, or is not finite.
+def vector(simulator: str, role: str, values: ArrayLike, names: Sequence[str]) -> Array:
+    """Return finite numbers, one for each name.
 
     Raises:
-        SimulatorError: If so.
+        SimulatorError: If there are more or fewer, or one is not finite.
     """
-    found = np.array(values)
+    found = np.asarray(values, dtype=np.float64)
     if found.shape != (len(names),) or not np.isfinite(found).all():
         raise SimulatorError(
             simulator,
             f"expected {len(names)} finite numbers as {role} ({', '.join(names)}), "
             f"found {brief(found.tolist())}",
         )
+    return found
 
 
 def require_start(

@@ -15,6 +15,7 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from ctypes import c_double, c_uint
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -40,11 +41,11 @@ from swarmstart.simulators.common import (
     STEP,
     SimulatorError,
     require_last,
-    require_size,
     require_start,
+    vector,
 )
 
-_NOTHING: Mapping[str, float] = {}
+_NOTHING: Mapping[str, float] = MappingProxyType({})
 _KEPT_WORDS = 5
 """Number of the FMU's own messages that are kept, the last ones."""
 
@@ -128,8 +129,7 @@ class FmuPlant(Called):
         Raises:
             SimulatorError: If the FMU fails, or cannot begin there.
         """
-        asked = np.asarray(x, dtype=np.float64)
-        require_size(self._name, "the state", asked, self.state_names)
+        asked = vector(self._name, "the state", x, self.state_names)
         first = {self._states[row]: float(asked[row]) for row in self._settable}
         found = self._begun(first)
         require_start(self._name, asked, np.array(found), self.state_names)
@@ -153,9 +153,7 @@ class FmuPlant(Called):
         if state != self._last:
             require_last(self._name, np.array(state), self._last)
         if len(control) != self._inputs or not all(map(math.isfinite, control)):
-            require_size(
-                self._name, "the controls", np.array(control), self.control_names
-            )
+            vector(self._name, "the controls", control, self.control_names)  # Raises.
         if not 0.0 < dt <= LONGEST_STEP:
             raise refused("dt", dt, STEP.allowed)
         self._last, self._is_broken = None, True  # Until the step has succeeded.

@@ -19,7 +19,7 @@ from swarmstart.arrays import Array
 from swarmstart.errors import brief, load_optional
 from swarmstart.ocp.common.errors import refused
 from swarmstart.ocp.common.pickling import Called
-from swarmstart.simulators.common import STEP, SimulatorError, require_size
+from swarmstart.simulators.common import STEP, SimulatorError, vector
 
 MOST_BYTES = 2**30
 """Largest file [bytes]."""
@@ -83,9 +83,8 @@ class OnnxPlant(Called):
         Raises:
             SimulatorError: If a size or the step is another one, or the network fails.
         """
-        state, control = (np.asarray(one, dtype=np.float64) for one in (x, u))
-        require_size(self._name, "the state", state, self.state_names)
-        require_size(self._name, "the controls", control, self.control_names)
+        state = vector(self._name, "the state", x, self.state_names)
+        control = vector(self._name, "the controls", u, self.control_names)
         if not math.isclose(dt, self.dt, rel_tol=1e-9):
             raise SimulatorError(
                 self._name, f"expected a step of {self.dt:g} s, found {dt:g} s"
@@ -111,19 +110,20 @@ class OnnxPlant(Called):
         Raises:
             SimulatorError: If the network has another form.
         """
-        inputs, output = self._session.get_inputs(), self._session.get_outputs()[0]
+        inputs, outputs = self._session.get_inputs(), self._session.get_outputs()
         if len(inputs) != 1:
             raise SimulatorError(
                 self._name,
                 "expected one input, states followed by controls; found "
                 f"{', '.join(one.name for one in inputs) or 'none'}",
             )
-        if inputs[0].type not in _TYPES:
-            raise SimulatorError(
-                self._name, f"expected an input of floats, found {inputs[0].type}"
-            )
         nx, nu = len(self.state_names), len(self.control_names)
-        for role, one, size in (("input", inputs[0], nx + nu), ("output", output, nx)):
+        ends = (("input", inputs[0], nx + nu), ("output", outputs[0], nx))
+        for role, one, size in ends:
+            if one.type not in _TYPES:
+                raise SimulatorError(
+                    self._name, f"expected an {role} of floats, found {one.type}"
+                )
             # A size that the network leaves open is a name, or None.
             fits = len(one.shape) == 2 and all(  # noqa: PLR2004 - rows and columns
                 not isinstance(found, int) or found == wanted

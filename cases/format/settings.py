@@ -27,7 +27,7 @@ from pydantic import (
     model_validator,
 )
 
-from swarmstart.cases.format.foreign_solvers import refused, silenced
+from swarmstart.cases.format.foreign_solvers import refused
 from swarmstart.cases.format.parts import (
     BudgetPart,
     NonNegative,
@@ -58,6 +58,7 @@ from swarmstart.ocp import (
     population_of,
 )
 from swarmstart.ocp.nlp import check_solver, has_solver
+from swarmstart.silence import silenced
 
 if TYPE_CHECKING:
     IntegratorName = str

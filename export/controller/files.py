@@ -124,7 +124,7 @@ def export_c(  # noqa: PLR0913 - what a file is made of, by name
         >>> sorted(ss.export_c(loop, [1.0], name="first").files)
         ['CMakeLists.txt', 'first.c', 'first.h']
     """
-    _require_name(name)
+    require_name(name)
     rng = np.random.default_rng(seed)
     one = posed_controller(
         controller,
@@ -164,8 +164,12 @@ def export_c(  # noqa: PLR0913 - what a file is made of, by name
     )  # fmt: skip
 
 
-def _require_name(name: str) -> None:
-    """Raise unless a name is a C identifier that is free."""
+def require_name(name: str) -> None:
+    """Raise unless a name is a C identifier that is free.
+
+    Raises:
+        ExportError: If it is not, or too long.
+    """
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name) or name in _WORDS:
         raise ExportError(
             "name: expected letters, digits and _, a letter first, and no word of C; "

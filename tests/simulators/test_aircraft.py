@@ -3,6 +3,7 @@
 import pickle
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -115,9 +116,22 @@ def test_what_cannot_be_flown_is_refused_with_what_to_try() -> None:
         ss.Autopilot(bank_max=float("nan"))
 
 
+def test_no_file_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Some aircraft name files of their own, here JSBout172B.csv."""
+    monkeypatch.chdir(tmp_path)
+    plant = ss.AircraftPlant("c172x")
+    x = plant.start_at([60.0, 0.0, 1000.0, 0.0, 0.0])
+    plant.step(x, [60.0, 0.0, 1000.0], 1.0)
+    assert not list(tmp_path.iterdir())
+
+
 def test_nothing_is_printed() -> None:
-    """JSBSim greets on standard output, where a run's JSON belongs."""
-    script = f"import swarmstart as ss\nss.AircraftPlant().start_at({START.tolist()})\n"
+    """JSBSim greets on standard output, the place of a run's JSON, and trims aloud."""
+    script = (
+        f"import swarmstart as ss\nss.AircraftPlant().start_at({START.tolist()})\n"
+        "try:\n    ss.AircraftPlant('c172x').start_at([150, 0, 3000, 0, 0])\n"
+        "except ss.SimulatorError:\n    pass\n"
+    )
     done = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, check=True, timeout=300
     )

@@ -144,6 +144,15 @@ def test_what_follows_a_wrong_answer_belongs_to_no_question() -> None:
         (['{"states": ["a"], "controls": []}'], '"controls"'),
         (['{"states": ["a"], "controls": ["u"]}', "{}"], '"x" and a list of numbers'),
         (['{"states": ["a"], "controls": ["u"]}', '{"x": ["b"]}'], "list of numbers"),
+        (['{"states": ["a"], "controls": ["u"]}', '{"x": ["1.5"]}'], "list of numbers"),
+        (
+            ['{"states": ["a"], "controls": ["u"]}', '{"x": [1%s]}' % ("0" * 400)],
+            "list of numbers",
+        ),
+        (
+            ['{"states": ["a"], "controls": ["u"], "keeps_state": "no"}'],
+            'true or false as "keeps_state"',
+        ),
         (['{"states": ["a"], "controls": ["u"]}', '{"x": [1, 2]}'], '1 numbers as "x"'),
     ],
 )
@@ -185,6 +194,41 @@ def test_no_program() -> None:
         ss.CommandPlant([sys.executable, "-c", "pass"])
     with pytest.raises(ss.InvalidProblemError, match="command"):
         ss.CommandPlant("python")
+
+
+def test_lists_within_lists_without_end() -> None:
+    """Their depth is that of Python's own reader."""
+    with pytest.raises(ss.SimulatorError, match="expected a JSON object on one line"):
+        ss.CommandPlant([sys.executable, "-c", "input(); print('[' * 200_000)"])
+
+
+def test_one_that_does_not_read_is_late() -> None:
+    """A question that fills the pipe has the same time limit."""
+    names = "[str(i) for i in range(20_000)]"
+    text = (
+        "import json, time\n"
+        f"found = dict(states={names}, controls=['u'])\n"
+        "input(); print(json.dumps(found), flush=True)\n"
+        "time.sleep(600)\n"
+    )
+    with ss.CommandPlant([sys.executable, "-c", text], limit_s=5.0) as one:
+        with pytest.raises(ss.SimulatorError, match="within 5 s"):
+            one.step(np.zeros(20_000), [0.0], 0.1)
+
+
+def test_nothing_is_written_to_files_that_took_the_place_of_its_pipes(
+    tmp_path: Path,
+) -> None:
+    """The system gives their numbers to whatever is opened next."""
+    with plant(tmp_path, "keeps") as one:
+        with pytest.raises(ss.SimulatorError, match="has ended"):
+            one.step(one.start_at([1.0]), [2.0], 0.1)
+        files = [(tmp_path / str(number)).open("w+b") for number in range(9)]
+        one.start_at([1.0])
+        sizes = [os.fstat(file.fileno()).st_size for file in files]
+        for file in files:
+            file.close()
+    assert not any(sizes)
 
 
 def test_a_closed_one_is_not_started_again(tmp_path: Path) -> None:

@@ -110,6 +110,21 @@ def test_a_network_of_another_shape(
         ss.OnnxPlant(file, **NAMES)
 
 
+def test_an_output_of_whole_numbers(tmp_path: Path) -> None:
+    """A state is none of them."""
+    helper, proto = onnx.helper, onnx.TensorProto
+    graph = helper.make_graph(
+        [helper.make_node("Cast", ["in0"], ["out"], to=proto.INT64)], "net",
+        [helper.make_tensor_value_info("in0", proto.FLOAT, [1, 3])],
+        [helper.make_tensor_value_info("out", proto.INT64, [1, 3])],
+    )  # fmt: skip
+    opset = helper.make_opsetid("", 17)
+    file = tmp_path / "net.onnx"
+    onnx.save(helper.make_model(graph, opset_imports=[opset], ir_version=8), str(file))
+    with pytest.raises(ss.SimulatorError, match=r"output of floats.*int64"):
+        ss.OnnxPlant(file, states=["a", "b", "c"], controls=[], dt=0.1)
+
+
 def test_what_is_no_network(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A text, a folder, no file, a file beyond the limit, data in another file."""
     file = tmp_path / "net.onnx"

@@ -29,7 +29,6 @@ from swarmstart.cases.campaign.running.finished_run import (
     key_of,
     measured_run,
 )
-from swarmstart.cases.format.foreign_solvers import silenced
 from swarmstart.cases.format.kind import (
     Flight,
     PlanningProblem,
@@ -80,6 +79,7 @@ from swarmstart.ocp import (
 from swarmstart.ocp.answer import BoundInterrupted, bounded
 from swarmstart.ocp.common import ProgressCallback, require_seconds, tell_nothing
 from swarmstart.ocp.nlp import Multipliers, multipliers_of
+from swarmstart.silence import silenced
 
 logger = logging.getLogger(__name__)
 

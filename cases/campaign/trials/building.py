@@ -18,7 +18,6 @@ import numpy as np
 from swarmstart.cases.campaign.trials.own_solver import OwnSolver
 from swarmstart.cases.campaign.trials.peer_names import PEERS
 from swarmstart.cases.campaign.trials.solver_names import IPOPT, Solver, polish_of
-from swarmstart.cases.format.foreign_solvers import silenced
 from swarmstart.cases.format.kind import PlanningProblem
 from swarmstart.heuristics import Budget, Order, default_order, minimize
 from swarmstart.machine_code import stopwatch
@@ -31,6 +30,7 @@ from swarmstart.ocp import (
 )
 from swarmstart.ocp.nlp import DEAF, PolishOptions, Relay, Unwatched, Work
 from swarmstart.ocp.search import SearchSpace, space_of
+from swarmstart.silence import silenced
 
 SEARCH_SHARE, LEAST_SHARE = 0.9, 0.5
 """Part of the budget that a search has if an NLP solver follows."""

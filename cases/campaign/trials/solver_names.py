@@ -375,8 +375,8 @@ def _nlp_options(plugin: str, options: Mapping[str, str], text: str) -> Options:
     # Here, since names alone are read without anything heavy.
     import casadi as ca
 
-    from swarmstart.cases.format.foreign_solvers import silenced
     from swarmstart.ocp.nlp import check_solver
+    from swarmstart.silence import silenced
 
     values = {key: _value(value) for key, value in options.items()}
     for key, value in values.items():

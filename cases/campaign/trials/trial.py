@@ -53,7 +53,6 @@ from swarmstart.cases.campaign.trials.peers import (
     penalised,
 )
 from swarmstart.cases.campaign.trials.result import PlanResult
-from swarmstart.cases.format.foreign_solvers import silenced
 from swarmstart.cases.format.kind import PlanningProblem
 from swarmstart.cases.record.files import replacing, to_json
 from swarmstart.errors import SwarmstartError
@@ -71,6 +70,7 @@ from swarmstart.ocp import (
 from swarmstart.ocp.answer import Plan, Source, improved, repaired
 from swarmstart.ocp.nlp import Answer, Start
 from swarmstart.ocp.rollout import Known
+from swarmstart.silence import silenced
 
 LATE, MOMENT_S = 1.1, 0.25
 """The hard limit: a factor of the budget, and a constant [s]."""

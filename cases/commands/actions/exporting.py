@@ -132,13 +132,8 @@ def _error(options: argparse.Namespace) -> float:
     return float(found)
 
 
-def _limits(options: argparse.Namespace) -> dict[str, float | None]:
-    """Return the limits of derivatives by name; None: no limit."""
-    return {"speed": options.max_speed, "acceleration": options.max_acceleration}
-
-
 def _crazyswarm(paths: list[VehiclePath], options: argparse.Namespace) -> Written:
-    limits = _limits(options)
+    limits = {"speed": options.max_speed, "acceleration": options.max_acceleration}
     given = {name: most for name, most in limits.items() if most is not None}
     return {
         f"{path.name}.csv": crazyswarm_text(

@@ -13,7 +13,7 @@ from swarmstart.cases.format.scenario import Resolved, read_document, resolve
 from swarmstart.cases.kinds.flight import flight_of
 from swarmstart.cases.record.files import require_new
 from swarmstart.errors import SwarmstartError
-from swarmstart.export import export_c, export_fmu, is_compiled
+from swarmstart.export import export_c, export_fmu, is_compiled, require_name
 from swarmstart.ocp import DualMode, OpenLoop, RecedingHorizon, Team
 
 
@@ -38,6 +38,7 @@ def c_files(options: argparse.Namespace) -> tuple[Path, Mapping[str, bytes]]:
     name = options.name or re.sub(r"[^A-Za-z0-9_]", "_", resolved.scenario.name)
     folder, ending = Path(options.out or name), options.what
     # Refused before it takes time; all files are asked for when they are written.
+    require_name(name)
     require_new([folder / f"{name}.{ending}"], "choose another --out")
     controller, x0, seen = controller_of(resolved, options.vehicle, seed)
     made = export_c(

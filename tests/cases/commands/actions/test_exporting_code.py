@@ -63,6 +63,7 @@ def test_the_files_have_the_name_of_the_scenario(
         (("--vehicle", "2"), "--vehicle: expected a number from 1 to 1, found 2"),
         (("--vehicle", "x"), "--vehicle: expected one number from 1 to 1"),
         (("--name", "a-b"), "name: expected letters, digits and _"),
+        (("--name", "a" * 300), "name: expected at most"),
         (("--starts", "257"), "starts must be"),
         (("--iterations", "1001"), "iterations must be"),
         (("--set", "search.when=always"), "take when='needed'"),
