@@ -201,6 +201,7 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         CommandPlant as CommandPlant,
         FmuPlant as FmuPlant,
         OnnxPlant as OnnxPlant,
+        SelectedPlant as SelectedPlant,
         SimulatorError as SimulatorError,
     )
     from swarmstart.terminal_set import (
@@ -287,9 +288,10 @@ _NAMES = {
         swarm_model table terminal_set_of warm_start
     """,
     "swarmstart.ocp.lower_bound.bounding": "lower_bound",
-    "swarmstart.simulators": (
-        "AircraftPlant Autopilot CommandPlant FmuPlant OnnxPlant SimulatorError"
-    ),
+    "swarmstart.simulators": """
+        AircraftPlant Autopilot CommandPlant FmuPlant OnnxPlant SelectedPlant
+        SimulatorError
+    """,
     "swarmstart.terminal_set": """
         AsymmetricMatrixError Certificate CoarseHoldError
         ForeignCertificateError HeldTooLongError IndefiniteMatrixError

@@ -4,6 +4,7 @@
     command    a program in any language that speaks JSON lines
     aircraft   aircraft of JSBSim behind an autopilot
     network    a network in ONNX, evaluated by onnxruntime
+    selected   a part of the states and controls of any of them
 
 Each keeps its state inside, as `swarmstart.Simulator` states, or gets it with each
 step. Code of others runs here: nothing in the other rooms imports this one but when a
@@ -32,6 +33,9 @@ if TYPE_CHECKING:  # Loaded when first used: most runs need none.
     from swarmstart.simulators.network import (
         OnnxPlant as OnnxPlant,
     )
+    from swarmstart.simulators.selected import (
+        SelectedPlant as SelectedPlant,
+    )
 
 _NAMES = {
     "aircraft": "AircraftPlant Autopilot",
@@ -39,6 +43,7 @@ _NAMES = {
     "common": "SimulatorError",
     "fmu": "FmuPlant",
     "network": "OnnxPlant",
+    "selected": "SelectedPlant",
 }
 _HOMES, __getattr__, __dir__ = door(__name__, _NAMES)
 __all__ = list(_HOMES)

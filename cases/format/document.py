@@ -4,6 +4,7 @@ import difflib
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path as FilePath
 from typing import TypeAlias
 
 from swarmstart.errors import SwarmstartError
@@ -114,6 +115,12 @@ class Document:
     data: dict[str, Value] = field(init=False)
     places: Mapping[Path, Place] = field(init=False, repr=False)
     key_places: Mapping[Path, Place] = field(init=False, repr=False)
+
+    @property
+    def beside(self) -> FilePath:
+        """The folder of the files that it names."""
+        folder = self.folder
+        return FilePath(self.name).parent if folder is None else FilePath(folder)
 
     def __post_init__(self) -> None:
         """Compute data and places from the tree."""

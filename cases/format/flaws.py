@@ -14,7 +14,6 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from swarmstart.cases.format.document import (
@@ -137,10 +136,8 @@ def checked(document: Document, model: type[M]) -> M:
     """
     import pydantic
 
-    folder = document.folder
-    beside = Path(document.name).parent if folder is None else Path(folder)
     try:
-        return model.model_validate(document.data, context={"folder": beside})
+        return model.model_validate(document.data, context={"folder": document.beside})
     except pydantic.ValidationError as error:
         by_path = _by_path(document, error)
         # An old name of a key is reported once, and not also the missing new key.

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any, Generic, NamedTuple, TypeVar
@@ -23,6 +24,7 @@ from swarmstart.ocp import (
     RecedingHorizon,
     Solution,
     Start,
+    Steps,
     Trajectory,
     TrajectoryFamily,
     verified,
@@ -105,6 +107,40 @@ class PosedAgent:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class PosedSimulator:
+    """A simulator of others that is not loaded yet.
+
+    Attributes:
+        load: Function that returns it, to be called once.
+        code: The file that it runs, or the program; None: no code of others.
+        is_allowed: Whether that may be run.
+    """
+
+    load: Callable[[], Steps]
+    code: str | None = None
+    is_allowed: bool = False
+
+    def require_allowed(self) -> None:
+        """Raise if its code may not be run.
+
+        Raises:
+            CodeNotAllowedError: If it has code of others, which was not allowed.
+        """
+        if self.code is not None and not self.is_allowed:
+            raise CodeNotAllowedError(self.code)
+
+    def loading(self) -> Callable[[], Steps]:
+        """Return a function that loads it at its first call."""
+
+        @cache
+        def loaded() -> Steps:
+            self.require_allowed()
+            return self.load()
+
+        return loaded
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class PosedPlant:
     """A plant that is not compiled yet, with the dt of the planning problems.
 
@@ -117,6 +153,7 @@ class PosedPlant:
         decided: Name of a parameter that plans decide -> its value before the first
             plan.
         differs: Whether it differs from the model of the planning problems on purpose.
+        simulator: The simulator of others that makes its steps; None: the model does.
     """
 
     model: Model
@@ -125,6 +162,7 @@ class PosedPlant:
     signals: Callable[[Array], Array] | None = None
     decided: Mapping[str, float] = field(default_factory=dict)
     differs: bool = False
+    simulator: PosedSimulator | None = None
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -203,6 +241,7 @@ class Posed:
             plan.
         ended: Words on a run that this controller has ended.
         documents: Further files of a run's folder: name -> text.
+        files: Files that are copied to it: name -> file.
     """
 
     agents: tuple[PosedAgent, ...]
@@ -218,6 +257,7 @@ class Posed:
     controller: Controller | None = None
     ended: str = ""
     documents: Mapping[str, str] = field(default_factory=dict)
+    files: Mapping[str, Path] = field(default_factory=dict)
 
     @property
     def vehicles(self) -> int:
@@ -347,13 +387,13 @@ class PlanningProblem:
 
 
 class CodeNotAllowedError(SwarmstartError):
-    """A scenario runs a file of the user's, which was not allowed."""
+    """A scenario runs code of the user's or of others, which was not allowed."""
 
-    def __init__(self, file: Path) -> None:
-        """Name the file and the option."""
+    def __init__(self, code: object) -> None:
+        """Name the file or the program, and the option."""
         super().__init__(
-            f"{printable(str(file))}: expected --allow-python (in Python "
-            "allow_python=True): this scenario runs the code of that file"
+            f"{printable(str(code))}: expected --allow-code (in Python "
+            "allow_code=True): this scenario runs that code"
         )
 
 
@@ -409,6 +449,12 @@ def no_documents(*run: object) -> dict[str, str]:
     return {}
 
 
+def no_code(scenario: Scenario) -> Path | None:
+    """Return None, for kinds whose scenarios run no code of others."""
+    del scenario
+    return None
+
+
 def no_instances(scenario: Scenario) -> GivenInstances | None:
     """Return None, for kinds whose scenarios have no instances."""
     del scenario
@@ -453,7 +499,9 @@ class Kind:
             -> files. It is a name because drawing does not change the numbers of a run.
         animated_by: Name of the module whose `animate` and `check_writer` make
             animations; empty if the kind has none.
-        code: Scenario -> the user's file that posing it runs; None if it runs none.
+        code: Scenario -> the user's file, of which it runs the code; None if it runs
+            none.
+        posed_by_code: Whether posing runs that file; else only a simulation does.
     """
 
     scenario: type[Scenario]
@@ -469,25 +517,40 @@ class Kind:
     instances: Callable[..., GivenInstances | None] = no_instances
     documents: Callable[..., Mapping[str, str]] = no_documents
     animated_by: str = ""
-    code: Callable[..., Path] | None = None
+    code: Callable[..., Path | None] = no_code
+    posed_by_code: bool = False
 
-    def pose(self, scenario: Scenario, *, allow_python: bool = False) -> Posed:
+    def pose(self, scenario: Scenario, *, allow_code: bool = False) -> Posed:
         """Return agents and plant, of which `kinds/flight.py` builds a closed loop.
 
         Args:
             scenario: The scenario, checked.
-            allow_python: Whether a user's file may be run; a file cannot set this
+            allow_code: Whether a user's file may be run; a file cannot set this
                 itself.
 
         Raises:
-            CodeNotAllowedError: If the scenario runs a file and `allow_python` is
-                false.
+            CodeNotAllowedError: If posing runs a file and `allow_code` is false.
             SwarmstartError: If it cannot be posed.
         """
-        if self.code is not None and not allow_python:
+        if self.posed_by_code:
             # Before `poses`, which imports the file and so runs it.
-            raise CodeNotAllowedError(self.code(scenario))
-        return _from_near(self.poses(scenario))
+            self.require_allowed(scenario, allow_code=allow_code)
+        posed = _from_near(self.poses(scenario))
+        simulator = posed.plant.simulator
+        if simulator is None:
+            return posed
+        allowed = replace(simulator, is_allowed=allow_code)
+        return replace(posed, plant=replace(posed.plant, simulator=allowed))
+
+    def require_allowed(self, scenario: Scenario, *, allow_code: bool) -> None:
+        """Raise if a scenario runs code of the user's that may not be run.
+
+        Raises:
+            CodeNotAllowedError: With the file or the program.
+        """
+        code = self.code(scenario)
+        if code is not None and not allow_code:
+            raise CodeNotAllowedError(code)
 
     def figures(
         self,

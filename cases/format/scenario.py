@@ -61,7 +61,8 @@ class Resolved:
         kind: Its kind, which builds, measures and draws it.
         variant: The variant's name; empty if the scenario has no variants.
         settings: The resolved scenario as plain data, complete with defaults.
-        allow_python: Whether a user's file may be run, if the kind runs one; only the
+        folder: Folder of the files that it names.
+        allow_code: Whether code of the user's may be run, if it runs any; only the
             current command or call can set this, never a file.
     """
 
@@ -69,33 +70,42 @@ class Resolved:
     kind: Kind
     variant: str
     settings: Mapping[str, Any]
-    allow_python: bool = False
+    folder: Path = Path()
+    allow_code: bool = False
 
     def __reduce__(self) -> tuple[Callable[..., Resolved], tuple[Any, ...]]:
         """Return how to resolve it again: its classes are made for the searches."""
-        folder = self.permissions().get("python_in")
-        again = partial(resolved_again, python_in=folder)
+        folder = str(self.folder.resolve())
+        again = partial(resolved_again, code_in=folder, allow_code=self.allow_code)
         return again, (self.settings, self.variant)
 
     @property
     def code(self) -> Path | None:
-        """The user's file that posing it runs; None if it runs none."""
-        return None if self.kind.code is None else self.kind.code(self.scenario)
+        """The user's file, of which it runs the code; None if it runs none."""
+        return self.kind.code(self.scenario)
 
     def posed(self) -> Posed:
         """Return agents and plant, posed by its kind.
 
         Raises:
-            CodeNotAllowedError: If that runs a file and `allow_python` is false.
+            CodeNotAllowedError: If that runs a file and `allow_code` is false.
             SwarmstartError: If it cannot be posed.
         """
-        return self.kind.pose(self.scenario, allow_python=self.allow_python)
+        return self.kind.pose(self.scenario, allow_code=self.allow_code)
+
+    def require_allowed(self) -> None:
+        """Raise if it runs code of the user's that may not be run.
+
+        Raises:
+            CodeNotAllowedError: With the file or the program.
+        """
+        self.kind.require_allowed(self.scenario, allow_code=self.allow_code)
 
     def permissions(self) -> dict[str, str]:
-        """Return the permission to run the user's file again, if it was given."""
-        if self.code is None or not self.allow_python:
+        """Return the permission to run the user's code again, if it was given."""
+        if self.code is None or not self.allow_code:
             return {}
-        return {"python_in": str(self.code.parent.resolve())}
+        return {"code_in": str(self.folder.resolve())}
 
     def anonymous_settings(self) -> dict[str, Any]:
         """Return the settings without title, name, source, claims and instances.
@@ -105,6 +115,13 @@ class Resolved:
         told = {"claims": [], "title": "", "source": "", "name": "cell"}
         settings = {**self.settings, **told}
         settings.pop("instances", None)
+        return settings
+
+    def planning_settings(self) -> dict[str, Any]:
+        """Return the same without code that only simulations run: for plans alone."""
+        settings = self.anonymous_settings()
+        if self.code is not None and not self.kind.posed_by_code:
+            settings.pop("plant")
         return settings
 
 
@@ -249,26 +266,33 @@ def resolve(
         kind=kind,
         variant=name,
         settings=scenario.model_dump(mode="json", by_alias=True),
+        folder=document.beside,
     )
 
 
 def resolved_again(
-    settings: Mapping[str, Any], variant: str, *, python_in: str | None = None
+    settings: Mapping[str, Any],
+    variant: str,
+    *,
+    code_in: str | None = None,
+    allow_code: bool = True,
 ) -> Resolved:
     """Return the result of an earlier `resolve`, from its settings.
 
     Args:
         settings: As in Resolved: plain data, complete and checked.
         variant: As in Resolved.
-        python_in: The folder of the file that may be run; None if no file may be run.
+        code_in: The folder of code that may be run; None if none may be run.
+        allow_code: Whether it may; if not, its files are only looked for there.
 
     Raises:
         InvalidScenarioError: If the settings are not those of a resolved scenario.
     """
     # A name in that folder: files that the scenario names are looked for beside it.
-    text, name = json.dumps(settings), str(Path(python_in or "") / "settings")
+    text, name = json.dumps(settings), str(Path(code_in or "") / "settings")
     resolved = resolve(parse_yaml(text.encode(), name=name))
-    return replace(resolved, variant=variant, allow_python=python_in is not None)
+    is_allowed = allow_code and code_in is not None
+    return replace(resolved, variant=variant, allow_code=is_allowed)
 
 
 def search_of(

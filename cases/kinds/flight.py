@@ -32,7 +32,7 @@ from swarmstart.ocp import (
     Team,
 )
 from swarmstart.ocp.integration import verifying_integrator
-from swarmstart.ocp.loop import known_at
+from swarmstart.ocp.loop import SimulatedPlant, known_at
 from swarmstart.ocp.rollout import replay
 
 P = TypeVar("P", bound=Posed)
@@ -53,9 +53,12 @@ def flight_of(posed: P, scenario: Scenario, *, threads: int | None = 1) -> Fligh
     plant, problem = posed.plant, posed.agents[0].problem
     is_decided = isinstance(problem.horizon, Free)
     controller = _controller(posed, partial(_planner, scenario, threads))
+    made: Callable[..., Plant] = Plant
+    if plant.simulator is not None:
+        made = partial(SimulatedPlant, load=plant.simulator.loading())
     return Flight(
         posed=posed,
-        plant=Plant(
+        plant=made(
             plant.model,
             # A decided end time has no dt of its own; the loop has the period, or a
             # guess.

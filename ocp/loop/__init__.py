@@ -3,12 +3,16 @@
 A controller decides from the state and its last decision; a plant makes the step.
 """
 
+from swarmstart.ocp.loop.closed_loop import flown_again
 from swarmstart.ocp.loop.controller import (
     ReferenceSignals,
     known_at,
 )
+from swarmstart.ocp.loop.simulated_plant import SimulatedPlant
 
 __all__ = [
     "ReferenceSignals",
+    "SimulatedPlant",
+    "flown_again",
     "known_at",
 ]

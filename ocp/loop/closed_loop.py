@@ -37,6 +37,7 @@ from swarmstart.ocp.common.presentation import (
 )
 from swarmstart.ocp.loop.controller import Controller, Decision
 from swarmstart.ocp.loop.plant import AnyPlant, Plant, SteppedPlant, plant_of
+from swarmstart.ocp.loop.simulated_plant import SimulatedPlant
 from swarmstart.ocp.statement.control_shape import piece_at, rows_at
 
 _MIDDLES = 100
@@ -265,7 +266,23 @@ def fly(  # noqa: PLR0913 - a closed loop and where to begin in it
 
 def _begun(plant: Plant | SteppedPlant, state: Array) -> Array:
     """Return the state at which a run begins; a simulator of others is put there."""
-    return plant.start_at(state) if isinstance(plant, SteppedPlant) else state
+    if isinstance(plant, SteppedPlant | SimulatedPlant):
+        return plant.start_at(state)
+    return state
+
+
+def flown_again(plant: SimulatedPlant, steps: Sequence[Step]) -> bool:
+    """Return whether a simulator, begun anew, makes the steps of an earlier run again.
+
+    It is then where that run has ended, so that the run can be continued.
+    """
+    if not np.array_equal(plant.start_at(steps[0].state), steps[0].state):
+        return False
+    for step in steps:
+        dense = _driven(plant, step.state, step.decision, step.number * plant.dt)
+        if not np.array_equal(dense, step.dense_states):
+            return False
+    return True
 
 
 def _as_decided(
@@ -315,8 +332,8 @@ def _driven(
     """
     profile = decision.profile
     if profile is None:
-        is_model = isinstance(plant, Plant)
-        return plant(state, decision.received if is_model else decision.control, time)
+        is_own = isinstance(plant, Plant) and not isinstance(plant, SimulatedPlant)
+        return plant(state, decision.received if is_own else decision.control, time)
     if isinstance(plant, Plant):
         if profile.is_held:
             return plant(state, profile.means(plant.dt, plant.substeps), time)

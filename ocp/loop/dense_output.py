@@ -45,6 +45,7 @@ from swarmstart.errors import brief
 from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.loop.closed_loop import Trajectory
 from swarmstart.ocp.loop.plant import Plant
+from swarmstart.ocp.loop.simulated_plant import SimulatedPlant
 from swarmstart.ocp.system.model import Model
 
 DEGREE = 5
@@ -109,6 +110,8 @@ class DenseOutput:
 def interpolate(plant: Plant, trajectory: Trajectory) -> DenseOutput:
     """Return the continuous path of a closed-loop run.
 
+    That of a simulator of others is linear between its steps.
+
     Only times, controls that the plant received, and dense states are used, so a saved
     record is enough.
 
@@ -142,6 +145,9 @@ def interpolate(plant: Plant, trajectory: Trajectory) -> DenseOutput:
     substeps = _substeps(plant, trajectory)
     states, steps = trajectory.dense_states, trajectory.controls.shape[1]
     a, b, h = states[:, :-1], states[:, 1:], plant.dt / substeps
+    if isinstance(plant, SimulatedPlant):  # Rates of the model are not its rates.
+        parts = np.arange(DEGREE + 1) / DEGREE
+        return DenseOutput(step=h, curves=a[..., None] + parts * (b - a)[..., None])
     held = np.repeat(trajectory.received, substeps, axis=1)
     # As the plant computes them: a parameter may jump at a step's beginning.
     begins = np.arange(steps)[:, None] * plant.dt + plant.dt * (

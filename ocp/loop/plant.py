@@ -34,7 +34,7 @@ from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import DivergedError, InvalidProblemError, refused
 from swarmstart.ocp.common.expressions import shortened, symbol_names
 from swarmstart.ocp.common.limits import numbers_of
-from swarmstart.ocp.common.pickling import Called
+from swarmstart.ocp.common.pickling import Called, made
 from swarmstart.ocp.integration.integrators import (
     INSIDE,
     MORE_PARTS,
@@ -308,16 +308,9 @@ class Plant(Called):
         Args:
             dt: Length of a control interval [s].
         """
-        return Plant(
-            self.model,
-            dt=dt,
-            substeps=self.substeps,
-            parameters=self._parameters,
-            signals=self._signals,
-            integrator=self._integrator,
-            decided=self._decided,
-            clock=self.clock,
-        )
+        args, named = self._called_with
+        again: Plant = made(type(self), args, named | {"dt": dt})
+        return again
 
     @checked(refused, values=mapping(words="a mapping of names to numbers"))
     def with_decided(self, values: Mapping[str, float]) -> Plant:
@@ -476,7 +469,7 @@ class SteppedPlant(Called):
         else:
             # Copies: a user's object may change its arguments.
             after = self._steps.step(state.copy(), control.copy(), self.dt)
-        return _returned("step", after, state).reshape(-1, 1)
+        return returned("step", after, state).reshape(-1, 1)
 
     @checked(refused, state=reals(axes=1))
     def start_at(self, state: Array) -> Array:
@@ -489,7 +482,7 @@ class SteppedPlant(Called):
         """
         if not isinstance(self._steps, Simulator):
             return state
-        return _returned("start_at", self._steps.start_at(state.copy()), state)
+        return returned("start_at", self._steps.start_at(state.copy()), state)
 
     @property
     def nx(self) -> int | None:
@@ -507,7 +500,7 @@ class SteppedPlant(Called):
         return self._system.outputs(states, controls, times)
 
 
-def _returned(call: str, found: ArrayLike, state: Array) -> Array:
+def returned(call: str, found: ArrayLike, state: Array) -> Array:
     """Return a state that a user's object has returned, shape (nx,), checked."""
     after = numbers_of(f"the state that {call}() returns", found)
     if after.size != state.size:

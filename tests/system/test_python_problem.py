@@ -1,4 +1,4 @@
-"""A user's file is run with --allow-python, and by no other command or file."""
+"""A user's file is run with --allow-code, and by no other command or file."""
 
 from __future__ import annotations
 
@@ -40,9 +40,9 @@ def test_no_command_runs_the_file_unless_told_to(
     assert checked.out == f"{file}: valid; {project.model} was not run\n"
     assert command("schema", "python").code == 0
     assert command("list").code == 0
-    shown = command("run", file, "--print-config", "--allow-python")
+    shown = command("run", file, "--print-config", "--allow-code")
     assert shown.code == 0 and "problem: my_model.py:build" in shown.out
-    expected = f"swarmstart: {project.model}: expected --allow-python "
+    expected = f"swarmstart: {project.model}: expected --allow-code "
     for refused in (
         command("run", file, *QUICK, "--out", tmp_path / "out"),
         command("compare", file, *COMPARED, "--out", tmp_path / "compared"),
@@ -60,11 +60,11 @@ def test_a_run_says_so_and_keeps_a_copy_that_can_be_run_again(
     project: Project, command: Command, tmp_path: Path
 ) -> None:
     out = tmp_path / "out"
-    arguments = [*QUICK, "--allow-python", "--json", "--quiet", "--out"]
+    arguments = [*QUICK, "--allow-code", "--json", "--quiet", "--out"]
     said = command("run", project.scenario, *arguments, out)
     assert said.code == 0 and project.runs == 1
     assert said.err == (
-        f"swarmstart: running {project.model}, as --allow-python allows\n"
+        f"swarmstart: running {project.model}, as --allow-code allows\n"
     )
     summary = json.loads(said.out)
     assert summary["documents"] == ["my_model.py"]
@@ -73,13 +73,13 @@ def test_a_run_says_so_and_keeps_a_copy_that_can_be_run_again(
     assert recorded["problem"] == "my_model.py:build" and len(recorded["sha256"]) == 64
 
     again = command(
-        "run", out / "scenario.yaml", "--allow-python", "--json", "-q", "--no-figures",
+        "run", out / "scenario.yaml", "--allow-code", "--json", "-q", "--no-figures",
         "--out", tmp_path / "again",
     )  # fmt: skip
     assert again.code == 0 and project.runs == 1  # It was the copy.
     assert json.loads(again.out)["key"] == summary["key"]
     (out / "my_model.py").write_text("raise SystemExit")
-    forged = command("run", out / "scenario.yaml", "--allow-python")
+    forged = command("run", out / "scenario.yaml", "--allow-code")
     assert forged.code == 2 and "the file has changed" in forged.err
 
 
@@ -87,11 +87,11 @@ def test_a_traceback_is_shown_only_with_debug(
     project: Project, command: Command, caplog: pytest.LogCaptureFixture
 ) -> None:
     project.model.write_text("def build(gravity):\n    return gravity / 0\n")
-    said = command("run", project.scenario, "--allow-python")
+    said = command("run", project.scenario, "--allow-code")
     assert said.code == 2 and "found ZeroDivisionError: " in said.err
     assert "Traceback" not in said.err
     with caplog.at_level("DEBUG", logger="swarmstart"):
-        main(["run", str(project.scenario), "--allow-python"])
+        main(["run", str(project.scenario), "--allow-code"])
     assert "return gravity / 0" in caplog.text
 
 
@@ -125,7 +125,7 @@ def test_the_file_itself_is_never_written_over(
     project: Project, command: Command
 ) -> None:
     said = command(
-        "run", project.scenario, "--allow-python", "--force", "--out", project.folder
+        "run", project.scenario, "--allow-code", "--force", "--out", project.folder
     )
     assert said.code == 2 and "another folder than that of the file" in said.err
     assert project.model.read_text() == MODEL and project.runs == 0
@@ -136,9 +136,9 @@ def test_workers_of_compare_have_the_permission_and_keep_none(
 ) -> None:
     out = tmp_path / "compared"
     arguments = ["compare", project.scenario, *COMPARED, "--out", out, "-q"]
-    said = command(*arguments, "--workers", "1", "--json", "--allow-python")
+    said = command(*arguments, "--workers", "1", "--json", "--allow-code")
     assert said.code == 0
-    assert said.err.count("as --allow-python allows") == 1
+    assert said.err.count("as --allow-code allows") == 1
     [entry] = json.loads(said.out)["scenarios"]
     rows = {row["solver"]: row for row in entry["rows"]}
     assert set(rows) == {"ipopt", "lshade", "repeated-ipopt"}
@@ -149,7 +149,7 @@ def test_workers_of_compare_have_the_permission_and_keep_none(
     assert len(marks) == 3
     for mark in marks:
         text = mark.read_text()
-        assert "python_in" not in text and str(project.folder) not in text
+        assert "code_in" not in text and str(project.folder) not in text
         with pytest.raises(InvalidScenarioError, match="No such file"):
             solve_cell(json.loads(text)["job"], out)
     refused = command(*arguments)  # Though all is there already.
@@ -169,13 +169,13 @@ def test_a_cell_has_the_permission_of_the_present_command_alone(
     without, with_permission = cells
     assert without.key == with_permission.key
     assert not without.permissions
-    assert with_permission.permissions == {"python_in": str(project.folder.resolve())}
+    assert with_permission.permissions == {"code_in": str(project.folder.resolve())}
 
 
 def test_the_library_runs_the_file_where_the_call_allows_it(project: Project) -> None:
-    finished = ss.run(project.scenario, seed=0, allow_python=True)
+    finished = ss.run(project.scenario, seed=0, allow_code=True)
     assert finished.measures["final_angle"] == pytest.approx(3.14159, abs=1e-4)
-    (row,) = ss.compare(project.scenario, "ipopt", seeds=1, allow_python=True)
+    (row,) = ss.compare(project.scenario, "ipopt", seeds=1, allow_code=True)
     assert row.costs == pytest.approx([36.7126], abs=1e-3)
 
 
@@ -188,10 +188,10 @@ def test_the_files_of_the_page_give_what_it_says(
     for language in ("python", "yaml"):
         (text,) = re.findall(rf"```{language}\n(# (\S+)\n.*?)```", page, re.DOTALL)
         (tmp_path / text[1]).write_text(text[0], "utf-8")
-    cost = re.search(r"--allow-python +# cost (\S+)", page)
+    cost = re.search(r"--allow-code +# cost (\S+)", page)
     assert cost is not None
     said = command(
-        "run", tmp_path / "mine.yaml", "--allow-python", "--json", "--no-figures",
+        "run", tmp_path / "mine.yaml", "--allow-code", "--json", "--no-figures",
         "--out", tmp_path / "out",
     )  # fmt: skip
     assert said.code == 0

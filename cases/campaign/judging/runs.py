@@ -77,7 +77,7 @@ def entry_of(
         repair: Whether answers that break constraints between the checks are solved
             again with a margin.
     """
-    settings, permissions = resolved.anonymous_settings(), resolved.permissions()
+    settings, permissions = resolved.planning_settings(), resolved.permissions()
     cells = [
         Cell(
             work="swarmstart.cases.campaign.trials.solvers:solve_cell",

@@ -307,7 +307,11 @@ class Run:
             "resumed_steps": self.resumed,
             "versions": versions(),
             "figures": [file.name for file in self.figures],
-            "documents": [*self.documents, *self._certificates()],
+            "documents": [
+                *self.documents,
+                *self.flight.posed.files,
+                *self._certificates(),
+            ],
             "out": str(self.folder) if self.folder else None,
         }
 

@@ -44,7 +44,13 @@ from swarmstart.cases.record.bound_content import (
     kept_bound,
     write_certificate,
 )
-from swarmstart.cases.record.files import locked, write_arrays, write_json, write_text
+from swarmstart.cases.record.files import (
+    locked,
+    write_arrays,
+    write_bytes,
+    write_json,
+    write_text,
+)
 from swarmstart.cases.record.multiplier_arrays import (
     multiplier_arrays,
     multipliers_from,
@@ -66,10 +72,10 @@ from swarmstart.cases.record.trajectory_arrays import (
     step_table,
     trajectory_arrays,
 )
+from swarmstart.errors import SwarmstartError
 from swarmstart.heuristics.running import heeded, put_off
 from swarmstart.machine_code import Stopwatch, stopwatch
 from swarmstart.ocp import (
-    DivergedError,
     LowerBound,
     Solution,
     Step,
@@ -78,6 +84,7 @@ from swarmstart.ocp import (
 )
 from swarmstart.ocp.answer import BoundInterrupted, bounded
 from swarmstart.ocp.common import ProgressCallback, require_seconds, tell_nothing
+from swarmstart.ocp.loop import SimulatedPlant, flown_again
 from swarmstart.ocp.nlp import Multipliers, multipliers_of
 from swarmstart.silence import silenced
 
@@ -164,7 +171,7 @@ def modules_of(job: Mapping[str, Any]) -> tuple[str, ...]:
 def _keep_original(resolved: Resolved, folder: Path) -> None:
     """Raise if the folder contains the file to run, which its copy would replace."""
     code = resolved.code
-    if code is not None and code.parent.resolve() == folder.resolve():
+    if code is not None and resolved.folder.resolve() == folder.resolve():
         raise OccupiedFolderError(
             folder,
             f"{code.name} itself",
@@ -199,6 +206,7 @@ def _timed(
     kind, scenario = resolved.kind, resolved.scenario
     if recording is not None and recording.animation:
         kind.check_animation(recording.animation)
+    resolved.require_allowed()
     progress(0, scenario.steps, "building")
     with heeded():
         flight = flight_of(resolved.posed(), scenario, threads=threads)
@@ -354,7 +362,7 @@ def _flown(
                     save()
                     saved = clock.perf_counter()
         save()  # The code below can fail or be interrupted.
-    except DivergedError:
+    except SwarmstartError:  # The plant has failed, or left the finite numbers.
         save()
         raise
     except KeyboardInterrupt:
@@ -403,6 +411,9 @@ def _kept(
     if kept is None:
         return [], rng, None
     steps, rng.bit_generator.state, arrays = kept
+    plant = flight.plant
+    if isinstance(plant, SimulatedPlant) and not flown_again(plant, steps):
+        return [], np.random.default_rng(seed), None
     return steps, rng, multipliers_from(arrays)
 
 
@@ -425,6 +436,8 @@ def _recorded(
     write_text(folder / STEPS, step_table(finished.trajectory))
     for name, content in finished.documents.items():
         write_text(folder / name, content)
+    for name, file in flight.posed.files.items():
+        write_bytes(folder / name, file.read_bytes())
     drawn: list[Path] = []
     if recording.figures:
         progress(0, 0, "drawing")

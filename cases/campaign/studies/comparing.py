@@ -392,7 +392,7 @@ def bound_cell_of(
     return Cell(
         work="swarmstart.cases.campaign.trials.bounds:bound_cell",
         job={
-            "settings": resolved.anonymous_settings(),
+            "settings": resolved.planning_settings(),
             "variant": resolved.variant,
             "seconds": seconds,
             "known": _best(contest, outcomes),

@@ -95,7 +95,7 @@ OF_RUNS = {
     "figures": FLAG,
     "figure_formats": NAMES,
     "force": FLAG,
-    "allow_python": FLAG,
+    "allow_code": FLAG,
     "threads": optional(a_count(least=1)),
     "settings": mapping(text(), words="a mapping from keys to values"),
     "progress": PROGRESS,
@@ -207,7 +207,7 @@ def run(  # noqa: PLR0913 - the options of a command
     figures: bool = True,
     figure_formats: Sequence[str] = PNG,
     force: bool = False,
-    allow_python: bool = False,
+    allow_code: bool = False,
     bound: float | None = None,
     threads: int | None = None,
     settings: Mapping[str, Any] = NO_SETTINGS,
@@ -225,8 +225,8 @@ def run(  # noqa: PLR0913 - the options of a command
         figures: Whether figures are drawn into the record.
         figure_formats: Formats of each figure, of "png", "svg" and "pdf".
         force: Whether files with the names of the record's are replaced, as --force.
-        allow_python: Whether a scenario of kind python may run the file that it names,
-            as --allow-python.
+        allow_code: Whether a scenario of kind python may run the file that it names,
+            as --allow-code.
         bound: Time for a lower bound of the cost of the one plan, as --bound [s]; None
             means that no bound is sought.
         threads: Largest number of threads and processes, as in `solve`.
@@ -246,7 +246,7 @@ def run(  # noqa: PLR0913 - the options of a command
         YamlError: If its file is not the format.
         OccupiedFolderError: If the folder holds anything but a record of this run.
         RecordError: If a file cannot be written.
-        CodeNotAllowedError: If the scenario runs a file and `allow_python` is false.
+        CodeNotAllowedError: If the scenario runs a file and `allow_code` is false.
         UserCodeError: If that file does not return a problem.
         InvalidProblemError: If `bound` is not a positive number.
         SeveralPlansError: If `bound` is given and the run makes more than one plan.
@@ -265,7 +265,7 @@ def run(  # noqa: PLR0913 - the options of a command
     resolved = resolved_with(
         scenario, settings, variant=variant, search=search, polish=polish
     )
-    resolved = replace(resolved, allow_python=allow_python)
+    resolved = replace(resolved, allow_code=allow_code)
     recording = recording_in(out, figures, figure_formats, force=force)
     with shown(progress, "run", "building") as told:
         return run_resolved(
@@ -284,7 +284,7 @@ def run(  # noqa: PLR0913 - the options of a command
     seeds=a_count(least=1, most=MOST_SEEDS),
     budget=of_kind((int, str), "a number of evaluations, or text"),
     repair=FLAG,
-    allow_python=FLAG,
+    allow_code=FLAG,
     settings=OF_RUNS["settings"],
     progress=PROGRESS,
 )
@@ -295,7 +295,7 @@ def compare(  # noqa: PLR0913 - the options of a command
     seeds: int = 10,
     budget: str | int = "4000evals",
     repair: bool = True,
-    allow_python: bool = False,
+    allow_code: bool = False,
     settings: Mapping[str, Any] = NO_SETTINGS,
     progress: ProgressGiven = True,
 ) -> list[Row]:
@@ -322,7 +322,7 @@ def compare(  # noqa: PLR0913 - the options of a command
             evaluations.
         repair: Whether an answer that breaks a constraint between the checks is solved
             again with a margin.
-        allow_python: As in `run`.
+        allow_code: As in `run`.
         settings: Settings of the scenarios, as in `run`.
         progress: True: shown on a terminal and in a notebook if it takes more than two
             seconds. False: not shown. A function is called with (finished cells, all
@@ -335,7 +335,7 @@ def compare(  # noqa: PLR0913 - the options of a command
         UnknownSolverError: If a solver is unknown, or two have one name.
         OwnSolverError: If a function does not take a solver's arguments.
         InvalidBudgetTextError: If the budget is invalid.
-        CodeNotAllowedError: If a scenario runs a file and `allow_python` is false.
+        CodeNotAllowedError: If a scenario runs a file and `allow_code` is false.
         UserCodeError: If that file does not return a problem.
         SeveralPlansError: If a solver of your own is to solve a scenario in closed
             loop, or with several agents that plan.
@@ -363,7 +363,7 @@ def compare(  # noqa: PLR0913 - the options of a command
             stated: PlanningProblem | None = _stated(problem)
         else:
             known = [solver for solver in chosen if solver.name not in own]
-            contest = _contest(problem, known, plan, share, settings, allow_python)
+            contest = _contest(problem, known, plan, share, settings, allow_code)
             each = [replace(entry, scenario=name) for entry in contest.entries]
             stated = first_problem(contest.resolved.posed()) if own else None
         for solver in chosen:
@@ -429,7 +429,7 @@ def _contest(
     plan: ComparisonPlan,
     budget: Mapping[str, float | int],
     settings: Mapping[str, Any],
-    allow_python: bool,
+    allow_code: bool,
 ) -> Contest:
     """Return the cells of a scenario."""
     chosen = Chosen(source=str(scenario), assignments=tuple(_assignments(settings)))
@@ -439,7 +439,7 @@ def _contest(
         solvers,
         plan,
         budget,
-        lambda resolved: replace(resolved, allow_python=allow_python),
+        lambda resolved: replace(resolved, allow_code=allow_code),
     )
 
 

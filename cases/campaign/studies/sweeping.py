@@ -328,7 +328,7 @@ def sweep(  # noqa: PLR0913 - the options of a command
     figures: bool = True,
     figure_formats: Sequence[str] = PNG,
     force: bool = False,
-    allow_python: bool = False,
+    allow_code: bool = False,
     threads: int | None = None,
     settings: Mapping[str, Any] = NO_SETTINGS,
     progress: ProgressGiven = True,
@@ -346,7 +346,7 @@ def sweep(  # noqa: PLR0913 - the options of a command
         figures: Whether the figure is drawn into the record.
         figure_formats: As in `run`.
         force: As in `run`.
-        allow_python: As in `run`.
+        allow_code: As in `run`.
         threads: Largest number of threads and processes, as in `solve_many`.
         settings: As in `run`.
         progress: As in `solve_many`.
@@ -372,7 +372,7 @@ def sweep(  # noqa: PLR0913 - the options of a command
     """
     resolved = resolved_with(scenario, settings, variant=variant, polish=polish)
     return swept(
-        replace(resolved, allow_python=allow_python),
+        replace(resolved, allow_code=allow_code),
         seed=seed,
         recording=recording_in(out, figures, figure_formats, force=force),
         strict=strict,

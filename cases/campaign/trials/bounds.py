@@ -31,7 +31,7 @@ def modules_of(job: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def bound_cell(
-    job: Mapping[str, Any], folder: Path, *, python_in: str | None = None
+    job: Mapping[str, Any], folder: Path, *, code_in: str | None = None
 ) -> dict[str, Any]:
     """Return a lower bound of a scenario's planning problem; called in a worker.
 
@@ -39,9 +39,9 @@ def bound_cell(
         job: "settings" and "variant" of the scenario, "seconds", and "known": the best
             cost found, as the problem states it, or None.
         folder: Folder of the certificate.
-        python_in: The folder whose files may be run; None if no file may be run.
+        code_in: The folder whose files may be run; None if no file may be run.
     """
-    resolved = resolved_again(job["settings"], job["variant"], python_in=python_in)
+    resolved = resolved_again(job["settings"], job["variant"], code_in=code_in)
     one = first_problem(resolved.posed())
     bound = bounded(job["known"], one.problem, one.x0, one.known, work=job["seconds"])
     certificate = write_certificate(folder, bound)

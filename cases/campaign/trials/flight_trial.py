@@ -49,7 +49,11 @@ def flight_cell(
         named: Whether its claims are judged; else runs that differ in name and claims
             only are one cell.
         by: The solver, for the label; empty means the scenario's own search.
+
+    Raises:
+        CodeNotAllowedError: If it runs code of the user's that may not be run.
     """
+    resolved.require_allowed()
     settings = dict(resolved.settings) if named else resolved.anonymous_settings()
     solver = f", {by}" if by else ""
     return Cell(
@@ -62,15 +66,15 @@ def flight_cell(
 
 
 def fly_cell(
-    job: Mapping[str, Any], folder: Path, *, python_in: str | None = None
+    job: Mapping[str, Any], folder: Path, *, code_in: str | None = None
 ) -> dict[str, Any]:
     """Return the result of a scenario with a seed; called in a worker.
 
-    Files of the folder `python_in` may be run only if the command has given it.
+    Files of the folder `code_in` may be run only if the command has given it.
     """
     del folder
     settings = seeded(job["settings"], job["seed"])
-    resolved = resolved_again(settings, job["variant"], python_in=python_in)
+    resolved = resolved_again(settings, job["variant"], code_in=code_in)
     return flown_trial(run(resolved, seed=job["seed"])).as_json()
 
 

@@ -161,33 +161,33 @@ def search_share(solver: Solver, budget: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def solve_cell(
-    job: Mapping[str, Any], folder: Path, *, python_in: str | None = None
+    job: Mapping[str, Any], folder: Path, *, code_in: str | None = None
 ) -> dict[str, Any]:
     """Return the answer of a solver to a scenario's problem; called in a worker.
 
-    Files of the folder `python_in` may be run only if the command has given it.
+    Files of the folder `code_in` may be run only if the command has given it.
 
     Args:
         job: "settings" and "variant" of the scenario, "solver" (its name), "budget",
             "seed", "repair".
         folder: Folder of the checkpoints.
-        python_in: The folder whose files may be run; None if no file may be run.
+        code_in: The folder whose files may be run; None if no file may be run.
     """
     text = _common(job)
-    trial = _trial(text, python_in, job)
-    return answer_of(_built(text, python_in), trial, folder).as_json()
+    trial = _trial(text, code_in, job)
+    return answer_of(_built(text, code_in), trial, folder).as_json()
 
 
 def judge_checkpoint(
-    job: Mapping[str, Any], folder: Path, *, python_in: str | None = None
+    job: Mapping[str, Any], folder: Path, *, code_in: str | None = None
 ) -> dict[str, Any]:
     """Return the result of a cell whose process the hard limit has ended.
 
     Its arguments are those of `solve_cell`.
     """
     text = _common(job)
-    posed, _ = _posed(text, python_in)
-    return judged_checkpoint(posed, _trial(text, python_in, job), folder).as_json()
+    posed, _ = _posed(text, code_in)
+    return judged_checkpoint(posed, _trial(text, code_in, job), folder).as_json()
 
 
 def modules_of(job: Mapping[str, Any]) -> tuple[str, ...]:
@@ -215,17 +215,17 @@ def _common(job: Mapping[str, Any]) -> str:
     return json.dumps({key: job[key] for key in keys})
 
 
-def _trial(text: str, python_in: str | None, job: Mapping[str, Any]) -> Trial:
-    _, first = _posed(text, python_in)
+def _trial(text: str, code_in: str | None, job: Mapping[str, Any]) -> Trial:
+    _, first = _posed(text, code_in)
     return replace(first, seed=job["seed"], repair=first.repair and job["repair"])
 
 
 # Keyed by JSON text, since a mapping cannot be a key.
 @functools.lru_cache(maxsize=KEPT)
-def _posed(text: str, python_in: str | None) -> tuple[PlanningProblem, Trial]:
+def _posed(text: str, code_in: str | None) -> tuple[PlanningProblem, Trial]:
     """Return the planning problem of jobs, and the trial with seed 0."""
     job = json.loads(text)
-    resolved = resolved_again(job["settings"], job["variant"], python_in=python_in)
+    resolved = resolved_again(job["settings"], job["variant"], code_in=code_in)
     scenario, solver = planning(resolved.scenario), solver_of(job["solver"])
     posed = resolved.posed()
     is_own = solver.family == "solve"
@@ -246,5 +246,5 @@ def _posed(text: str, python_in: str | None) -> tuple[PlanningProblem, Trial]:
 
 
 @functools.lru_cache(maxsize=KEPT)
-def _built(text: str, python_in: str | None) -> Built:
-    return built(*_posed(text, python_in))
+def _built(text: str, code_in: str | None) -> Built:
+    return built(*_posed(text, code_in))

@@ -53,10 +53,10 @@ def check(name_or_path: str) -> str:
         try:
             resolved = resolve(document, variant=variant)
             warnings |= dict.fromkeys(angle_warnings(resolved.settings))
-            if resolved.code is None:
+            if not resolved.kind.posed_by_code:
                 # A part of the errors shows only when the closed loop is built.
                 flight_of(resolved.posed(), resolved.scenario)
-            else:
+            if resolved.code is not None:
                 not_run[f"; {printable(str(resolved.code))} was not run"] = None
         except InvalidScenarioError as error:
             flaws |= dict.fromkeys(error.flaws)

@@ -48,7 +48,7 @@ def new_command(options: argparse.Namespace) -> int:
     file = next(iter(texts))
     written = " and ".join(printable(str(name)) for name in texts)
     typed = shlex.quote(str(file))
-    run = f"{typed} --allow-python" if words_of(options.kind).runs_code else typed
+    run = f"{typed} --allow-code" if words_of(options.kind).runs_code else typed
     answer(
         f"Wrote {written}. Next:\n  swarmstart check {typed}\n  swarmstart run {run}"
     )

@@ -1,4 +1,4 @@
-"""Options that several commands share: --fail-on and --allow-python.
+"""Options that several commands share: --fail-on and --allow-code.
 
 The first states conditions on measures, which the runs of `run` are checked for. The
 second is the permission to run a user's Python file, and only it gives that permission.
@@ -105,7 +105,7 @@ def allowing(
 ) -> Resolved:
     """Return the scenario with the permission that the options give, and print it."""
     # Without the permission posing raises, with the name of the option.
-    if resolved.code is None or not options.allow_python:
+    if resolved.code is None or not options.allow_code:
         return resolved
-    told(f"running {resolved.code}, as --allow-python allows")
-    return replace(resolved, allow_python=True)
+    told(f"running {resolved.code}, as --allow-code allows")
+    return replace(resolved, allow_code=True)

@@ -115,9 +115,10 @@ _CHANGES = (
     ),
     _ASSIGNMENTS,
     _flag(
-        "--allow-python",
-        help="allow a scenario of kind python to run its Python file; do this only "
-        "with files that you trust",
+        "--allow-code", "--allow-python",
+        help="allow the scenario to run code of its own: the file of kind python, an "
+        "FMU, a network or a program as its plant; do this only with files that you "
+        "trust",
     ),
 )  # fmt: skip
 """Options that change a scenario before it is run."""

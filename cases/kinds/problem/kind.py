@@ -45,6 +45,7 @@ KIND = Kind(
     own_meanings=own_meanings,
     undefined=UNDEFINED,
     instances=instances_of,
+    code=lambda scenario: scenario.simulator.code if scenario.simulator else None,
     documents=documents,
     flaws=flaws,
     drawn_by="swarmstart.cases.kinds.problem.figures:draw",

@@ -16,6 +16,7 @@ from swarmstart.cases.kinds.problem.checks.uncertain import (
     planned_parameters,
     with_members,
 )
+from swarmstart.cases.kinds.problem.simulated import posed_simulator
 from swarmstart.cases.kinds.problem.stated.members import (
     Member,
     ProblemPosed,
@@ -24,15 +25,16 @@ from swarmstart.cases.kinds.problem.stated.members import (
     shared_of,
 )
 from swarmstart.cases.kinds.problem.stated.model import (
-    horizon_of,
+    interval_of,
     model_of,
     planning_problem,
     positions_of,
     previous_controls,
 )
-from swarmstart.cases.kinds.problem.stated.parts import DualMode, Noise
+from swarmstart.cases.kinds.problem.stated.parts import DualMode, Noise, PlantPart
 from swarmstart.cases.kinds.problem.stated.phases import pose_phases
 from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario, Vehicles
+from swarmstart.cases.kinds.problem.stated.simulators import steps_within
 from swarmstart.cases.kinds.problem.stated.symbols import (
     Signal,
     constants_of,
@@ -45,7 +47,6 @@ from swarmstart.cases.kinds.problem.stated.symbols import (
     stacked,
 )
 from swarmstart.ocp import (
-    Free,
     OptimalControlProblem,
     Start,
     terminal_set_of,
@@ -76,7 +77,7 @@ def pose(scenario: ProblemScenario) -> ProblemPosed:
     sets = laws.sets if laws is not None else ()
     in_order = tuple(range(len(agents)))
     # The plant's own values replace those that plans are made with.
-    truly = {**known_parameters(scenario), **scenario.plant.parameters}
+    truly = {**known_parameters(scenario), **scenario.modelled.parameters}
     over = {**truly, **scenario.signals}
     known = {name: over_time(given, constants) for name, given in over.items()}
     return ProblemPosed(
@@ -96,6 +97,7 @@ def pose(scenario: ProblemScenario) -> ProblemPosed:
             for number, one in enumerate(sets)
             if one.certificate is not None
         },
+        files={} if scenario.simulator is None else scenario.simulator.files,
         known=known,
         members=members,
     )
@@ -203,10 +205,13 @@ def _plant(
     known: Mapping[str, Signal],
 ) -> PosedPlant:
     """Return the simulated system, with parameters and disturbances of its own."""
-    part = scenario.plant
+    part, interval = scenario.modelled, interval_of(scenario, constants)
+    simulator = scenario.simulator
+    if simulator is not None:
+        part = PlantPart(substeps=steps_within(simulator, interval))
     # In the order of the model's parameters: those of the file, then disturbances.
     rows = [known[name] for name in scenario.parameters if name in known]
-    step = interval_of(scenario, constants) / part.substeps
+    step = interval / part.substeps
     count = scenario.steps * part.substeps
     for place, _ in enumerate(members):
         for index, name in enumerate(scenario.states):
@@ -218,8 +223,9 @@ def _plant(
                     rows.append(_noise(given, constants, step, count, rng))
                 else:
                     rows.append(over_time(given, constants))
+    model = model_of(scenario, members, disturbed=True)
     return PosedPlant(
-        model=model_of(scenario, members, disturbed=True),
+        model=model,
         substeps=part.substeps,
         parameters=stacked(rows),
         signals=rows_over_time(scenario.signals, constants),
@@ -228,17 +234,9 @@ def _plant(
             for name, one in decided_parameters(scenario, constants).items()
             if name not in known
         },
-        differs=bool(part.parameters or part.disturbance),
+        differs=bool(part.parameters or part.disturbance or simulator),
+        simulator=posed_simulator(scenario, model, interval),
     )
-
-
-def interval_of(scenario: ProblemScenario, constants: Mapping[str, float]) -> float:
-    """Return the length of a control interval of the plant [s], also a guessed one."""
-    horizon = horizon_of(scenario, constants)
-    if scenario.feedback.period_s is not None:
-        return scenario.feedback.period_s
-    length = horizon.first if isinstance(horizon, Free) else horizon
-    return length / scenario.prediction.intervals
 
 
 def _noise(

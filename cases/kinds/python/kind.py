@@ -69,4 +69,5 @@ KIND = Kind(
     flaws=flaws,
     drawn_by="swarmstart.cases.kinds.problem.figures:draw_from_python",
     code=lambda scenario: scenario.problem.file,
+    posed_by_code=True,
 )

@@ -10,7 +10,7 @@ import hashlib
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from types import ModuleType
 from typing import Annotated, Any, Literal
 
@@ -30,6 +30,7 @@ from swarmstart.cases.format.document import (
     printable,
     shown,
 )
+from swarmstart.cases.format.foreign_files import file_below
 from swarmstart.cases.format.parts import Part
 from swarmstart.cases.format.yaml_reader import read_bytes
 from swarmstart.cases.kinds.problem.stated.scenario import UserScenario
@@ -37,7 +38,7 @@ from swarmstart.cases.kinds.problem.stated.values import Names
 from swarmstart.errors import SwarmstartError
 
 _LONGEST = 300
-"""Largest number of characters of a path, and of the user's error in a message."""
+"""Largest number of characters of the user's error in a message."""
 
 
 class UserCodeError(SwarmstartError):
@@ -79,15 +80,12 @@ def read_code(value: object, folder: Path) -> Code:
         ValueError: If the file does not exist, is too large or is not UTF-8.
     """
     given, _, function = value.partition(":") if isinstance(value, str) else ("",) * 3
-    path = PurePosixPath(given)
-    is_below = not path.is_absolute() and ".." not in path.parts and "\\" not in given
-    is_short = len(given) <= _LONGEST
-    if not (is_below and is_short and path.suffix == ".py" and function.isidentifier()):
+    file = file_below(given, folder, ".py")
+    if file is None or not function.isidentifier():
         raise ValueError(
             "expected problem to be a file in the scenario's folder or below and a "
             f"function in it, such as my_model.py:build; found {shown(str(value))}"
         )
-    file = folder / path
     try:
         text = read_bytes(file).decode()
     except (UnreadableFileError, YamlError) as error:

@@ -428,7 +428,7 @@ def _linear_breaks(tracks: Tracks) -> dict[str, bool]:
 def _command(summary: Mapping[str, Any]) -> str:
     """Return what runs the record's own scenario again, in its folder."""
     # int(): a forged seed must not become part of a command that readers copy.
-    code = " --allow-python" if words_of(summary["kind"]).runs_code else ""
+    code = " --allow-code" if words_of(summary["kind"]).runs_code else ""
     return (
         f"swarmstart run ./{SCENARIO} --seed {int(summary['seed'])}{code} --out again"
     )

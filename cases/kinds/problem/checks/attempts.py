@@ -217,8 +217,8 @@ def _over_time(scenario: ProblemScenario) -> Iterator[tuple[Place, OverTime | No
         ("signals",): scenario.signals,
         ("guess", "controls"): scenario.guess.controls,
         ("guess", "states"): scenario.guess.states,
-        ("plant", "parameters"): scenario.plant.parameters,
-        ("plant", "disturbance"): scenario.plant.disturbance,
+        ("plant", "parameters"): scenario.modelled.parameters,
+        ("plant", "disturbance"): scenario.modelled.disturbance,
     }
     for place, given in parts.items():
         yield from (((*place, name), one) for name, one in given.items())
@@ -318,7 +318,7 @@ def _mappings(
     scenario: ProblemScenario,
 ) -> Iterator[tuple[Place, Mapping[str, object], Collection[str], str]]:
     """Yield (place, mapping, allowed keys, role of the keys)."""
-    states, controls, plant = scenario.states, scenario.controls, scenario.plant
+    states, controls, plant = scenario.states, scenario.controls, scenario.modelled
     yield ("guess", "controls"), scenario.guess.controls, controls, "control"
     yield ("guess", "states"), scenario.guess.states, states, "state"
     yield ("plant", "parameters"), plant.parameters, scenario.parameters, "parameter"

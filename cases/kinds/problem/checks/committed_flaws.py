@@ -55,7 +55,7 @@ def _of_agreement(scenario: ProblemScenario, part: Vehicles) -> Iterator[Located
 
 def committed_numbers(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
     """Yield an error if committed plans have no room for errors of the plant."""
-    vehicles, plant = scenario.vehicles, scenario.plant
+    vehicles, plant = scenario.vehicles, scenario.modelled
     if vehicles is None or not vehicles.is_committed:
         return
     error, place = (
@@ -64,7 +64,7 @@ def committed_numbers(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
     )
     if not 0 <= error < math.inf:
         yield place, f"expected at least 0, found {error:g}"
-    elif not error and (plant.parameters or plant.disturbance):
+    elif not error and (scenario.simulator or plant.parameters or plant.disturbance):
         yield (
             place,
             "expected a number above 0 with a plant that differs from the model, "

@@ -35,6 +35,7 @@ from swarmstart.cases.kinds.problem.checks.number_flaws import (
     tied_flaws,
 )
 from swarmstart.cases.kinds.problem.checks.phase_flaws import Stage, phases_flaws
+from swarmstart.cases.kinds.problem.checks.simulator_flaws import simulator_flaws
 from swarmstart.cases.kinds.problem.checks.uncertain import (
     uncertain_names,
     uncertain_numbers,
@@ -267,6 +268,7 @@ _STAGES: tuple[Stage, ...] = (
         *uncertain_ranges(s),
         *instance_ranges(s),
         *committed_numbers(s),
+        *simulator_flaws(s),
     ],
     algebraic_flaws,
 )

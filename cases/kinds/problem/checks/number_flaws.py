@@ -285,7 +285,7 @@ def _of_free_end(scenario: ProblemScenario, has_rates: bool) -> Iterator[Located
             "expected the key 'period_s', the time from plan to plan, if the end time "
             "is decided",
         )
-    least, found = scenario.prediction.intervals, scenario.plant.substeps
+    least, found = scenario.prediction.intervals, scenario.modelled.substeps
     if not is_open and found < least:
         yield (
             ("plant", "substeps"),
@@ -297,7 +297,7 @@ def _of_free_end(scenario: ProblemScenario, has_rates: bool) -> Iterator[Located
             ("feedback", "period_s"),
             "expected no period_s with feedback: open_loop",
         )
-    for name, given in scenario.plant.disturbance.items():
+    for name, given in scenario.modelled.disturbance.items():
         if is_open and isinstance(given, Noise):
             yield (
                 ("plant", "disturbance", name),

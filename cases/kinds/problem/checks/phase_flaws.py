@@ -110,10 +110,12 @@ def _of_file(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
         ("uncertain",): scenario.uncertain,
         ("dual_mode",): scenario.dual_mode,
         ("instances",): scenario.instances,
-        ("plant", "disturbance"): scenario.plant.disturbance,
+        ("plant", "disturbance"): scenario.modelled.disturbance,
         ("prediction", "horizon_s"): scenario.prediction.horizon_s,
         ("prediction", "blocks"): scenario.prediction.blocks,
     }
+    if scenario.simulator is not None:
+        has["plant", scenario.simulator.key] = True
     for place, found in has.items():
         if found:
             yield place, f"expected no {place[-1]} with phases"
@@ -208,7 +210,10 @@ def _in_time(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
     yield from tried(attempts.in_time(whole))
     over: dict[Place, OverTime] = {
         **{("parameters", n): one for n, one in known_parameters(scenario).items()},
-        **{("plant", "parameters", n): p for n, p in scenario.plant.parameters.items()},
+        **{
+            ("plant", "parameters", n): p
+            for n, p in scenario.modelled.parameters.items()
+        },
     }
     for place, given in over.items():
         if _varies(given):

@@ -73,7 +73,7 @@ def model_of(
         timed: Whether the time is an input even if no rate depends on it.
     """
     shared = members[0].shared
-    pushed = scenario.plant.disturbance if disturbed else ()
+    pushed = scenario.modelled.disturbance if disturbed else ()
     pushes = {
         (member.suffix, name): ca.SX.sym(f"disturbance_{name}{member.suffix}")
         for member in members
@@ -253,6 +253,15 @@ def horizon_of(
     if given is None:
         return float(scenario.prediction.intervals)
     return free(given, constants) if isinstance(given, Decided) else given
+
+
+def interval_of(scenario: ProblemScenario, constants: Mapping[str, float]) -> float:
+    """Return the length of a control interval of the plant [s], also a guessed one."""
+    horizon = horizon_of(scenario, constants)
+    if scenario.feedback.period_s is not None:
+        return scenario.feedback.period_s
+    length = horizon.first if isinstance(horizon, Free) else horizon
+    return length / scenario.prediction.intervals
 
 
 def previous_controls(

@@ -91,7 +91,7 @@ def _of_phase(
             "steps": phase.intervals,
             "phases": [],
             # Plant, guess, candidates and measures are of all phases together.
-            "plant": PlantPart(substeps=scenario.plant.substeps),
+            "plant": PlantPart(substeps=scenario.modelled.substeps),
             "guess": Guess(),
             "candidates": [],
             "measures": {},
@@ -200,7 +200,7 @@ def pose_phases(scenario: ProblemScenario) -> ProblemPosed:
     together, members = joined(scenario)
     problem, fixed = together.problem, constants_of(scenario)
     given, feedback = known_parameters(scenario), scenario.feedback
-    over = {**given, **scenario.plant.parameters}
+    over = {**given, **scenario.modelled.parameters}
     truly = {name: over[name] for name in scenario.parameters if name in over}
     planned, whole = rows_over_time(given, fixed), whole_scenario(scenario)
     # Candidates are of all phases.
@@ -221,14 +221,14 @@ def pose_phases(scenario: ProblemScenario) -> ProblemPosed:
         x0=together.start(members[0].start),
         plant=PosedPlant(
             model=problem.model,
-            substeps=scenario.plant.substeps,
+            substeps=scenario.modelled.substeps,
             parameters=rows_over_time(truly, fixed),
             decided={
                 name: one.first
                 for name, one in problem.decided.items()
                 if name not in truly
             },
-            differs=bool(scenario.plant.parameters),
+            differs=bool(scenario.modelled.parameters),
         ),
         open_loop=True,
         repair=feedback.repair,

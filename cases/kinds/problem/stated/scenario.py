@@ -34,6 +34,10 @@ from swarmstart.cases.kinds.problem.stated.parts import (
     Prediction,
     State,
 )
+from swarmstart.cases.kinds.problem.stated.simulators import (
+    AnyPlantPart,
+    SimulatorPart,
+)
 from swarmstart.cases.kinds.problem.stated.values import (
     Expression,
     Horizon,
@@ -307,7 +311,7 @@ class ProblemScenario(UserScenario):
         prediction: Horizon of a plan and its grid.
         dual_mode: Linear law in a certified terminal set, for a receding horizon only;
             null means none.
-        plant: Simulated system.
+        plant: Simulated system: the model in finer steps, or a simulator of others.
     """
 
     kind: Literal["problem"]
@@ -333,7 +337,17 @@ class ProblemScenario(UserScenario):
     candidates: list[Mapping[Names, Expression]] = Field(default_factory=list)
     prediction: Prediction
     dual_mode: DualMode | None = None
-    plant: PlantPart = PlantPart()
+    plant: AnyPlantPart = PlantPart()
+
+    @property
+    def simulator(self) -> SimulatorPart | None:
+        """The simulator that makes the steps of the plant; None: the model does."""
+        return self.plant if isinstance(self.plant, SimulatorPart) else None
+
+    @property
+    def modelled(self) -> PlantPart:
+        """The plant that the model is; with a simulator it has nothing of its own."""
+        return self.plant if isinstance(self.plant, PlantPart) else PlantPart()
 
     @property
     def tabled(self) -> dict[str, LookupTable]:

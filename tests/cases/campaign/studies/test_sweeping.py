@@ -315,12 +315,12 @@ def test_names_of_a_python_problem_are_checked_when_it_has_run(
     text = "kind: python\nproblem: model.py:build\nsteps: 4\ninstances: "
     file.write_text(text + "{values: {x: [1, 2], k: [1, 2]}}\n")
     assert main(["sweep", str(file), "-q"]) == INVALID
-    assert "expected --allow-python" in capsys.readouterr().err
-    found = ss.sweep(file, seed=0, allow_python=True)
+    assert "expected --allow-code" in capsys.readouterr().err
+    found = ss.sweep(file, seed=0, allow_code=True)
     assert found.cost == pytest.approx([1.0, 1.0], rel=1e-6)  # (x / k)**2
     file.write_text(text + "{values: {y: [1]}}\n")
     with pytest.raises(ss.NoInstancesError, match=r"found 'y'.*known: x, k"):
-        ss.sweep(file, seed=0, allow_python=True)
+        ss.sweep(file, seed=0, allow_code=True)
 
 
 @pytest.mark.parametrize(

@@ -80,4 +80,4 @@ def project(tmp_path: Path) -> Project:
 
 def allowed(resolved: Resolved) -> Resolved:
     """Return a scenario whose file may be run."""
-    return replace(resolved, allow_python=True)
+    return replace(resolved, allow_code=True)

@@ -62,7 +62,7 @@ def posed(project: Project, *assignments: str) -> Posed:
 
 def test_it_is_not_run_without_permission(project: Project) -> None:
     resolved = project.resolved()
-    with pytest.raises(CodeNotAllowedError, match=r"my_model\.py: .*--allow-python"):
+    with pytest.raises(CodeNotAllowedError, match=r"my_model\.py: .*--allow-code"):
         resolved.posed()
     with pytest.raises(CodeNotAllowedError):
         resolved.kind.pose(resolved.scenario)
@@ -180,7 +180,7 @@ def test_settings_alone_give_no_permission(
 ) -> None:
     resolved = allowed(project.resolved())
     folder = str(project.folder)
-    assert resolved_again(resolved.settings, "", python_in=folder).posed().documents
+    assert resolved_again(resolved.settings, "", code_in=folder).posed().documents
     assert project.runs == 1
     with pytest.raises(InvalidScenarioError, match="No such file"):
         resolved_again(resolved.settings, "")
@@ -189,7 +189,7 @@ def test_settings_alone_give_no_permission(
         resolved_again(resolved.settings, "").posed()
     project.model.write_text(MODEL + "\n")
     with pytest.raises(InvalidScenarioError, match="the file has changed"):
-        resolved_again(resolved.settings, "", python_in=folder)
+        resolved_again(resolved.settings, "", code_in=folder)
     assert project.runs == 1
 
 

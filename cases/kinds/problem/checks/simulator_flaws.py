@@ -1,0 +1,76 @@
+"""Errors of a simulator of others that does not fit its scenario; none is loaded."""
+
+from collections.abc import Iterator, Sequence
+
+from swarmstart.cases.format.settings import LocatedFlaw
+from swarmstart.cases.kinds.problem.checks.attempts import unknown
+from swarmstart.cases.kinds.problem.stated.model import interval_of
+from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario
+from swarmstart.cases.kinds.problem.stated.simulators import (
+    CommandPart,
+    FmuPart,
+    JsbsimPart,
+    SimulatorPart,
+    steps_within,
+)
+from swarmstart.cases.kinds.problem.stated.symbols import constants_of, is_decided
+
+AIRCRAFT_STATES = ("speed_m_s", "heading_rad", "height_m", "north_m", "east_m")
+AIRCRAFT_COMMANDS = ("speed_m_s_set", "heading_rad_set", "height_m_set")
+
+
+def simulator_flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
+    """Yield errors of a simulator that does not fit the scenario."""
+    part = scenario.simulator
+    if part is None:
+        return
+    for name, state in scenario.states.items():
+        if state.next is not None:
+            yield (
+                ("states", name, "next"),
+                f"expected a rate with plant.{part.key}: measures know no changes at "
+                "the end of an interval from it",
+            )
+    if is_decided(scenario.prediction.horizon_s):
+        yield (
+            ("prediction", "horizon_s"),
+            f"expected a number with plant.{part.key}, whose steps have one length; "
+            "found an end time that is decided",
+        )
+        return
+    interval = interval_of(scenario, constants_of(scenario))
+    if part.step_s is not None and not steps_within(part, interval):
+        yield (
+            ("plant", "step_s"),
+            f"expected a whole number of steps in a control interval of {interval:g} "
+            f"s, found steps of {part.step_s:g} s",
+        )
+    yield from _of_names(scenario, part)
+
+
+def _of_names(scenario: ProblemScenario, part: SimulatorPart) -> Iterator[LocatedFlaw]:
+    """Yield errors of the names of a simulator's states and controls."""
+    count = len(scenario.vehicles.members) if scenario.vehicles else 1
+    nx, nu = len(scenario.states), len(scenario.controls)
+    if isinstance(part, JsbsimPart):
+        yield from _names(part.states, nx, AIRCRAFT_STATES, "states", "state")
+        yield from _names(part.commands, nu, AIRCRAFT_COMMANDS, "commands", "set point")
+    elif isinstance(part, FmuPart | CommandPart):
+        for key, size in (("states", nx * count), ("controls", nu * count)):
+            given = getattr(part, key)
+            if given is not None:
+                yield from _names(given, size, given, key, key[:-1])
+
+
+def _names(
+    given: Sequence[str], size: int, known: Sequence[str], key: str, what: str
+) -> Iterator[LocatedFlaw]:
+    """Yield errors of names of a simulator's variables."""
+    if len(given) != size:
+        yield ("plant", key), f"expected {size} names, found {len(given)}"
+    for index, name in enumerate(given):
+        place = ("plant", key, index)
+        if name not in known:
+            yield place, unknown(name, known, f"{what} of an aircraft")
+        elif name in given[:index]:
+            yield place, f"expected another name, found {name!r} again"

@@ -1,0 +1,322 @@
+"""Plants that are simulators of others: an FMU, a program, a network, aircraft.
+
+Each part names what is loaded, and which of its variables are the states and controls
+of the scenario, vehicle after vehicle. Reading a scenario hashes files and loads none.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import (
+    Discriminator,
+    Field,
+    PlainSerializer,
+    PlainValidator,
+    Tag,
+    ValidationInfo,
+    WithJsonSchema,
+    field_validator,
+)
+
+from swarmstart.cases.format.document import shown
+from swarmstart.cases.format.foreign_files import (
+    ForeignFile,
+    file_below,
+    foreign_file,
+    hash_of,
+)
+from swarmstart.cases.format.parts import Number, Part, Positive
+from swarmstart.cases.kinds.problem.stated.parts import PlantPart
+
+_MOST_WORDS = 1000
+_NAMES = Field(min_length=1, max_length=1000)
+
+
+def _folder(info: ValidationInfo) -> Path:
+    return Path((info.context or {}).get("folder", Path()))
+
+
+def _validator(key: str, suffix: str) -> PlainValidator:
+    def read(value: object, info: ValidationInfo) -> ForeignFile:
+        return foreign_file(value, _folder(info), key=key, suffix=suffix)
+
+    return PlainValidator(read)
+
+
+def _schema(example: str) -> WithJsonSchema:
+    return WithJsonSchema({"type": "string", "description": example})
+
+
+class SimulatorPart(Part):
+    """A simulator of others as the simulated system.
+
+    Attributes:
+        step_s: Length of its step [s]; a control interval has a whole number of them.
+            null means the interval itself.
+    """
+
+    step_s: Positive | None = None
+
+    @property
+    def key(self) -> str:
+        """The key of its kind."""
+        return next(key for key in _KEYS if hasattr(self, key))
+
+    @property
+    def code(self) -> Path | None:
+        """The file or the program that a simulation runs; None if it is no user's."""
+        return None
+
+    @property
+    def files(self) -> Mapping[str, Path]:
+        """Name -> file of those that a record keeps."""
+        return {}
+
+
+class FromFile(SimulatorPart):
+    """A simulator in a file.
+
+    Attributes:
+        sha256: SHA-256 hash that the file must have; by default the hash of the file as
+            it is.
+    """
+
+    sha256: str = Field(default="", validate_default=True)
+
+    @property
+    def of(self) -> ForeignFile:
+        """The file."""
+        raise NotImplementedError
+
+    @property
+    def code(self) -> Path | None:
+        """The file that a simulation runs."""
+        return self.of.file
+
+    @property
+    def files(self) -> Mapping[str, Path]:
+        """Name -> file of those that a record keeps."""
+        return {str(self.of): self.of.file}
+
+
+def _same(given: str, found: str, name: str) -> str:
+    """Return the hash of a file, which the given one must be."""
+    if given not in ("", found):
+        raise ValueError(
+            f"expected {name} with the hash {given}, found one with {found}: the file "
+            "has changed"
+        )
+    return found
+
+
+class FmuPart(FromFile):
+    """An FMU as the simulated system.
+
+    Attributes:
+        fmu: FMU for co-simulation, in the scenario's folder or below.
+        states: Its variables that are the states, in their order; null means those of
+            the same names.
+        controls: Its inputs that are the controls; null means those of the same names.
+        values: Values of parameters of the FMU, by name.
+    """
+
+    fmu: Annotated[
+        ForeignFile,
+        _validator("fmu", ".fmu"),
+        PlainSerializer(str),
+        _schema("pendulum.fmu"),
+    ]
+    states: Annotated[list[str], _NAMES] | None = None
+    controls: Annotated[list[str], _NAMES] | None = None
+    values: Mapping[str, Number] = Field(default_factory=dict)
+
+    @property
+    def of(self) -> ForeignFile:
+        """The file."""
+        return self.fmu
+
+    @field_validator("sha256")
+    @classmethod
+    def _unchanged(cls, given: str, info: ValidationInfo) -> str:
+        return _of_file(given, info.data.get("fmu"))
+
+
+class OnnxPart(FromFile):
+    """A network in ONNX as the simulated system.
+
+    Attributes:
+        onnx: Network, in the scenario's folder or below; its input is the states
+            followed by the controls.
+        gives_change: Whether it gives the change of the states over a step, and not the
+            states after it.
+    """
+
+    onnx: Annotated[
+        ForeignFile,
+        _validator("onnx", ".onnx"),
+        PlainSerializer(str),
+        _schema("network.onnx"),
+    ]
+    gives_change: bool = False
+
+    @property
+    def of(self) -> ForeignFile:
+        """The file."""
+        return self.onnx
+
+    @field_validator("sha256")
+    @classmethod
+    def _unchanged(cls, given: str, info: ValidationInfo) -> str:
+        return _of_file(given, info.data.get("onnx"))
+
+
+def _of_file(given: str, file: ForeignFile | None) -> str:
+    """Return the hash of a file, if it was read; else it has an error already."""
+    return given if file is None else _same(given, file.sha256, str(file))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Command:
+    """A program and its arguments, with the scenario's own files among them.
+
+    Attributes:
+        words: The words of the scenario.
+        files: Word -> the file of that name in the scenario's folder.
+    """
+
+    words: tuple[str, ...]
+    files: Mapping[str, ForeignFile]
+
+    @property
+    def called(self) -> list[str]:
+        """The words, with the paths of the files."""
+        files = self.files
+        return [str(files[w].file.resolve()) if w in files else w for w in self.words]
+
+
+def _command(value: object, info: ValidationInfo) -> Command:
+    words = value if isinstance(value, list) else []
+    if not (0 < len(words) <= _MOST_WORDS and all(isinstance(w, str) for w in words)):
+        raise ValueError(
+            "expected command to be a list of words, such as [python3, tank.py]; found "
+            f"{shown(str(value))}"
+        )
+    files = {}
+    for word in dict.fromkeys(words):
+        file = None if "/" in word else file_below(word, _folder(info))
+        if file is not None and file.is_file():
+            files[word] = ForeignFile(file=file, sha256=hash_of(file))
+    return Command(words=tuple(words), files=files)
+
+
+class CommandPart(SimulatorPart):
+    """A program as the simulated system: JSON lines, in any language.
+
+    Attributes:
+        command: Program and its arguments, for no shell; words that are names of files
+            in the scenario's folder are these files.
+        states: Its names of the states, in their order; null means the same names.
+        controls: Its names of the controls; null means the same names.
+        limit_s: Longest time to an answer, wall time [s].
+        sha256: SHA-256 hashes that these files must have, by name; by default those of
+            the files as they are.
+    """
+
+    command: Annotated[
+        Command,
+        PlainValidator(_command),
+        PlainSerializer(lambda command: list(command.words)),
+        WithJsonSchema({"type": "array", "items": {"type": "string"}}),
+    ]
+    states: Annotated[list[str], _NAMES] | None = None
+    controls: Annotated[list[str], _NAMES] | None = None
+    limit_s: Positive = 10.0
+    sha256: Mapping[str, str] = Field(default_factory=dict, validate_default=True)
+
+    @field_validator("sha256")
+    @classmethod
+    def _unchanged(
+        cls, given: Mapping[str, str], info: ValidationInfo
+    ) -> Mapping[str, str]:
+        command = info.data.get("command")
+        if command is None:  # It has an error already.
+            return given
+        for word in given:
+            if word not in command.files:
+                raise ValueError(
+                    f"expected the file {shown(word)} in the scenario's folder; found "
+                    "none"
+                )
+        return {
+            word: _same(given.get(word, ""), one.sha256, word)
+            for word, one in command.files.items()
+        }
+
+    @property
+    def code(self) -> Path | None:
+        """The first file that the command names; else the program."""
+        return next(iter(self.files.values()), Path(self.command.words[0]))
+
+    @property
+    def files(self) -> Mapping[str, Path]:
+        """Name -> file of those that a record keeps."""
+        return {word: one.file for word, one in self.command.files.items()}
+
+
+class JsbsimPart(SimulatorPart):
+    """Aircraft of JSBSim behind an autopilot, one for each vehicle.
+
+    Attributes:
+        jsbsim: Name of one of its own aircraft, such as f16.
+        states: State of an aircraft that each state is, in their order: speed_m_s,
+            heading_rad, height_m, north_m or east_m.
+        commands: Set point that each control is: speed_m_s_set, heading_rad_set or
+            height_m_set; others are held.
+        altitude_m: Height at the start, and its set point, if no state or control is
+            [m].
+        airspeed_m_s: True airspeed likewise [m/s].
+    """
+
+    jsbsim: str = Field(pattern=r"^[A-Za-z0-9_-]{1,100}$")
+    states: Annotated[list[str], _NAMES]
+    commands: Annotated[list[str], _NAMES]
+    altitude_m: Number
+    airspeed_m_s: Positive
+
+
+_KEYS = ("fmu", "onnx", "command", "jsbsim")
+
+
+def _form(value: Any) -> str:
+    """Return the form of a plant by its key; see `values.chosen`."""
+    for key in _KEYS:
+        if key in value if isinstance(value, dict) else hasattr(value, key):
+            return f"of {key}"
+    return "of substeps"
+
+
+AnyPlantPart = Annotated[
+    Annotated[PlantPart, Tag("of substeps")]
+    | Annotated[FmuPart, Tag("of fmu")]
+    | Annotated[OnnxPart, Tag("of onnx")]
+    | Annotated[CommandPart, Tag("of command")]
+    | Annotated[JsbsimPart, Tag("of jsbsim")],
+    Discriminator(_form),
+]
+"""The model in finer steps, or a simulator of others."""
+
+
+def steps_within(part: SimulatorPart, interval: float) -> int:
+    """Return the number of a simulator's steps in a control interval; 0 if none fits.
+
+    Args:
+        part: The simulator.
+        interval: Length of a control interval [s].
+    """
+    if part.step_s is None:
+        return 1
+    count = round(interval / part.step_s)
+    return count if math.isclose(count * part.step_s, interval, rel_tol=1e-9) else 0

@@ -1,0 +1,76 @@
+"""A simulator of others as the plant of a run that has a model, too.
+
+The simulator makes the steps. The model, that of the plans, has the names, and the
+parameters and signals that costs and constraints of the run are measured with.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from swarmstart.arguments import checked, function
+from swarmstart.arrays import Array
+from swarmstart.ocp.common.errors import refused
+from swarmstart.ocp.loop.plant import Plant, Simulator, Steps, returned
+from swarmstart.ocp.system.model import Model
+
+
+@checked(refused, load=function())
+class SimulatedPlant(Plant):
+    """A simulator beside a model of the same states and controls.
+
+    It gets the commands as they are decided: a delay is its own. Controls that change
+    within one of its steps are replaced by their mean.
+    """
+
+    def __init__(
+        self, model: Model, *, load: Callable[[], Steps], **about: Any
+    ) -> None:
+        """Keep the simulator, which is loaded for its first step.
+
+        Args:
+            model: The model.
+            load: Function that returns the simulator, the same one at each call; it
+                makes `substeps` steps in a control interval.
+            **about: As of `Plant`.
+        """
+        super().__init__(model, **about)
+        self._load = load
+
+    def start_at(self, state: Array) -> Array:
+        """Begin a run, and return the state at which it begins; see SteppedPlant."""
+        steps = self._load()
+        if not isinstance(steps, Simulator):
+            return state
+        return returned("start_at", steps.start_at(state.copy()), state)
+
+    def until_end(self, state: Array, control: Array, time: float = 0.0) -> Array:
+        """Return the states after each step, shape (nx, substeps); see Plant."""
+        del time
+        self._require_sizes(state, control)
+        held = control[:, None] if control.ndim == 1 else control
+        return self._stepped(state, np.repeat(held, self.substeps // held.shape[1], 1))
+
+    def along_until_end(
+        self, state: Array, controls: Array, time: float = 0.0
+    ) -> Array:
+        """Return the states after each step, with the mean of linear controls."""
+        del time
+        self._require_sizes(state, controls)
+        return self._stepped(state, (controls[:, :-1] + controls[:, 1:]) / 2)
+
+    def _ended(self, states: Array, last: Array, time: float) -> Array:
+        """Return the states as they are: jumps of the model are not the simulator's."""
+        del last, time
+        return states
+
+    def _stepped(self, state: Array, held: Array) -> Array:
+        """Return the states after steps with controls (nu, substeps)."""
+        steps, dt = self._load(), self.dt / self.substeps
+        found = []
+        for control in held.T:
+            after = steps.step(state.copy(), control.copy(), dt)
+            state = returned("step", after, state)
+            found.append(state)
+        return np.stack(found, axis=1)
