@@ -11,6 +11,9 @@ from swarmstart.heuristics.laws.algorithm import (
 from swarmstart.heuristics.laws.box import (
     Box,
 )
+from swarmstart.heuristics.laws.initial import (
+    smooth_in,
+)
 from swarmstart.heuristics.laws.order import (
     STATIC_PENALTY,
 )
@@ -20,4 +23,5 @@ __all__ = [
     "Box",
     "first_size_of",
     "require",
+    "smooth_in",
 ]

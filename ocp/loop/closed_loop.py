@@ -274,7 +274,7 @@ def _begun(plant: Plant | SteppedPlant, state: Array) -> Array:
 def flown_again(plant: SimulatedPlant, steps: Sequence[Step]) -> bool:
     """Return whether a simulator, begun anew, makes the steps of an earlier run again.
 
-    It is then where that run has ended, so that the run can be continued.
+    It has then the state at which that run ended, so that the run can be continued.
     """
     if not np.array_equal(plant.start_at(steps[0].state), steps[0].state):
         return False

@@ -21,6 +21,7 @@ from swarmstart.ocp.rollout.fitness import (
 from swarmstart.ocp.rollout.path import (
     signals_between,
 )
+from swarmstart.ocp.rollout.sampled import SampledValue
 from swarmstart.ocp.rollout.shooting import (
     Shooting,
     shooting_of,
@@ -32,6 +33,7 @@ __all__ = [
     "ConstraintRows",
     "Known",
     "Objective",
+    "SampledValue",
     "Shooting",
     "at_nodes",
     "core_known",

@@ -53,14 +53,9 @@ from swarmstart.ocp.rollout.fitness import (
     Objective,
     started,
 )
+from swarmstart.ocp.rollout.sampled import check_violation, node_terms
 from swarmstart.ocp.rollout.shooting import Shooting
-from swarmstart.ocp.rollout.violation import (
-    SoftRows,
-    infinite_unless_finite,
-    path_violation,
-    row_weights,
-    unless_finite,
-)
+from swarmstart.ocp.rollout.violation import infinite_unless_finite, unless_finite
 from swarmstart.ocp.search.settings import SearchSettings, population_of
 from swarmstart.ocp.statement.control_shape import control_of, first_of, variables_of
 from swarmstart.ocp.statement.decisions import FreeStart, whole, widened
@@ -311,7 +306,7 @@ def _member_value(shooting: Shooting, family: TrajectoryFamily) -> ca.Function:
     signals = ca.reshape(flat, problem.ns, nodes)
     parameters = ca.vertsplit(p, [0, model.np, p.numel()])[0]
     x, u = family.trajectory(c, x0, parameters)
-    at_node, at_check = _node_terms(problem), _check_violation(shooting)
+    at_node, at_check = node_terms(problem), check_violation(shooting)
     cost, violation = shooting.terminal(x[:, -1], p, signals[:, -1])
     weights = np.full(nodes, problem.dt / problem.checks)
     weights[[0, -1]] /= 2  # Trapezoidal rule.
@@ -324,43 +319,6 @@ def _member_value(shooting: Shooting, family: TrajectoryFamily) -> ca.Function:
     violation += infinite_unless_finite(ca.sum1(ca.vec(x)))
     violation = unless_finite(cost, violation)
     return ca.Function("member", [c, x0, p, flat], ca.cse([cost, violation]))
-
-
-def _node_terms(problem: OptimalControlProblem) -> ca.Function:
-    """Return (x, u, p, s) -> stage cost, and the scaled excess of control bounds."""
-    symbols = problem.symbols()
-    u = symbols["controls"]
-    lower, upper = problem.control_limits
-    width = np.where(np.isfinite(upper - lower), upper - lower, 1.0)
-    over = ca.fmax(ca.fmax(ca.DM(lower) - u, u - ca.DM(upper)), 0)
-    broken = ca.sum1(over / ca.DM(width))
-    cost = problem.stage_cost
-    if problem.soft:
-        cost += SoftRows(problem).rate()
-    return ca.Function("node", [*symbols.values()], [cost, broken])
-
-
-def _check_violation(shooting: Shooting) -> ca.Function:
-    """Return (x, u, p, s at both ends of a check) -> excess of the path constraints."""
-    problem = shooting.problem
-    before, after = (
-        [ca.SX.sym(n, s.numel()) for n, s in problem.symbols().items()]
-        for _ in range(2)
-    )
-    automatic = ca.SX.sym("w", problem.automatic)
-    weights = row_weights(problem, automatic)
-    broken = ca.SX(0)
-    for constraint, value, weight in zip(
-        problem.path_constraints, shooting.path_values, weights, strict=False
-    ):
-        excess = constraint.excess(value(*before), value(*after))
-        broken += path_violation(constraint, excess, weight)
-    before[2], after[2] = (
-        # Both ends have an argument for the weights; only that of the start is used.
-        ca.vertcat(side[2], w)
-        for side, w in ((before, automatic), (after, ca.SX.sym("w", automatic.numel())))
-    )
-    return ca.Function("check", [*before, *after], [broken])
 
 
 def _require_fit(problem: OptimalControlProblem, family: TrajectoryFamily) -> None:

@@ -6,8 +6,9 @@ the scenario states.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import partial
+from typing import NamedTuple
 
 from swarmstart.cases.format.foreign_files import ForeignFile, hash_of
 from swarmstart.cases.format.kind import PosedSimulator
@@ -17,17 +18,30 @@ from swarmstart.cases.kinds.problem.stated.simulators import (
     FmuPart,
     JsbsimPart,
     OnnxPart,
-    SimulatorPart,
     steps_within,
 )
 from swarmstart.errors import SwarmstartError
 from swarmstart.ocp import Model, Steps
 
-Names = Sequence[str]
-
 
 class ChangedFileError(SwarmstartError):
     """A file of a simulator is not the one that the scenario was read with."""
+
+
+class _Wanted(NamedTuple):
+    """States, controls and steps of a scenario, for its simulator.
+
+    Attributes:
+        states: Names of the states of all vehicles.
+        controls: Names of their controls.
+        vehicles: Number of vehicles.
+        step: Length of the simulator's steps [s].
+    """
+
+    states: tuple[str, ...]
+    controls: tuple[str, ...]
+    vehicles: int
+    step: float
 
 
 def posed_simulator(
@@ -43,77 +57,64 @@ def posed_simulator(
     part = scenario.simulator
     if part is None:
         return None
-    names = model.state_names, model.control_names
-    return PosedSimulator(
-        load=partial(_loaded, part, *names, interval / steps_within(part, interval)),
-        code=None if part.code is None else str(part.code),
-    )
+    wanted = _Wanted(
+        states=model.state_names, controls=model.control_names,
+        vehicles=model.nx // len(scenario.states),
+        step=interval / steps_within(part, interval),
+    )  # fmt: skip
+    if isinstance(part, JsbsimPart):  # Its names are those of one aircraft.
+        wanted = wanted._replace(
+            states=(*scenario.states,), controls=(*scenario.controls,)
+        )
+    code = None if part.code is None else str(part.code)
+    return PosedSimulator(load=partial(_LOADING[type(part)], part, wanted), code=code)
 
 
-def _loaded(part: SimulatorPart, states: Names, controls: Names, step: float) -> Steps:
-    """Return the simulator, loaded.
-
-    Args:
-        part: What is loaded.
-        states: Names of the states of all vehicles.
-        controls: Names of their controls.
-        step: Length of its steps [s].
-
-    Raises:
-        ChangedFileError: If a file has changed.
-        SimulatorError: If it cannot be loaded, or does not fit.
-        MissingPackageError: If a package is missing.
-    """
-    return _LOADING[type(part)](part, states, controls, step)
-
-
-def _fmu(part: FmuPart, states: Names, controls: Names, step: float) -> Steps:
+def _fmu(part: FmuPart, wanted: _Wanted) -> Steps:
     from swarmstart.simulators import FmuPlant
 
-    del step
     _require_same(part.fmu)
     return FmuPlant(
         part.fmu.file,
-        states=part.states or states,
-        controls=part.controls or controls,
+        states=part.states or wanted.states,
+        controls=part.controls or wanted.controls,
         parameters=part.values,
     )
 
 
-def _network(part: OnnxPart, states: Names, controls: Names, step: float) -> Steps:
+def _network(part: OnnxPart, wanted: _Wanted) -> Steps:
     from swarmstart.simulators import OnnxPlant
 
     _require_same(part.onnx)
     return OnnxPlant(
-        part.onnx.file, states=states, controls=controls, dt=step,
-        gives_change=part.gives_change,
+        part.onnx.file, states=wanted.states, controls=wanted.controls,
+        dt=wanted.step, gives_change=part.gives_change,
     )  # fmt: skip
 
 
-def _program(part: CommandPart, states: Names, controls: Names, step: float) -> Steps:
+def _program(part: CommandPart, wanted: _Wanted) -> Steps:
     from swarmstart.simulators import CommandPlant, SelectedPlant
 
-    del step
     for one in part.command.files.values():
         _require_same(one)
     return SelectedPlant(
         CommandPlant(part.command.called, limit_s=part.limit_s),
-        states=part.states or states,
-        controls=part.controls or controls,
+        states=part.states or wanted.states,
+        controls=part.controls or wanted.controls,
     )
 
 
-def _aircraft(part: JsbsimPart, states: Names, controls: Names, step: float) -> Steps:
+def _aircraft(part: JsbsimPart, wanted: _Wanted) -> Steps:
     from swarmstart.simulators import AircraftPlant, SelectedPlant
 
-    del controls, step
-    count = len(states) // len(part.states)
+    count = wanted.vehicles
     numbers = [f"_{i + 1}" for i in range(count)] if count > 1 else [""]
     given = {"speed_m_s": part.airspeed_m_s, "height_m": part.altitude_m}
+    states, controls = part.states or wanted.states, part.controls or wanted.controls
     return SelectedPlant(
         AircraftPlant(part.jsbsim, count=count),
-        states=[name + i for i in numbers for name in part.states],
-        controls=[name + i for i in numbers for name in part.commands],
+        states=[name + i for i in numbers for name in states],
+        controls=[name + i for i in numbers for name in controls],
         start={name + i: value for i in numbers for name, value in given.items()},
         held={f"{n}_set{i}": value for i in numbers for n, value in given.items()},
     )

@@ -19,11 +19,23 @@ def calls() -> Calls:
 
 def _commands() -> Calls:
     plant = ss.CommandPlant(made.TANK)
+    part = ss.SelectedPlant(plant, states=["level"], controls=["inflow"])
+
+    def step(x: object, u: object, dt: object) -> object:
+        # The valid call comes first, and ends at another state.
+        part.start_at([1.0])
+        return part.step(x, u, dt)  # type: ignore[arg-type]
+
     return {
         "CommandPlant": with_defaults(ss.CommandPlant, command=made.TANK),
         "CommandPlant.start_at": Call(plant.start_at, {"x": [1.0]}),
         "CommandPlant.step": Call(plant.step, {"x": [1.0], "u": [0.0], "dt": 0.1}),
         "Autopilot": with_defaults(ss.Autopilot),
+        "SelectedPlant": with_defaults(
+            ss.SelectedPlant, simulator=plant, states=["level"], controls=["inflow"]
+        ),
+        "SelectedPlant.start_at": Call(part.start_at, {"x": [1.0]}),
+        "SelectedPlant.step": Call(step, {"x": [1.0], "u": [0.0], "dt": 0.1}),
     }
 
 

@@ -7,8 +7,6 @@ from swarmstart.cases.kinds.problem.checks.attempts import unknown
 from swarmstart.cases.kinds.problem.stated.model import interval_of
 from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario
 from swarmstart.cases.kinds.problem.stated.simulators import (
-    CommandPart,
-    FmuPart,
     JsbsimPart,
     SimulatorPart,
     steps_within,
@@ -16,7 +14,7 @@ from swarmstart.cases.kinds.problem.stated.simulators import (
 from swarmstart.cases.kinds.problem.stated.symbols import constants_of, is_decided
 
 AIRCRAFT_STATES = ("speed_m_s", "heading_rad", "height_m", "north_m", "east_m")
-AIRCRAFT_COMMANDS = ("speed_m_s_set", "heading_rad_set", "height_m_set")
+AIRCRAFT_CONTROLS = ("speed_m_s_set", "heading_rad_set", "height_m_set")
 
 
 def simulator_flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
@@ -51,19 +49,19 @@ def simulator_flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
 def _of_names(scenario: ProblemScenario, part: SimulatorPart) -> Iterator[LocatedFlaw]:
     """Yield errors of the names of a simulator's states and controls."""
     count = len(scenario.vehicles.members) if scenario.vehicles else 1
-    nx, nu = len(scenario.states), len(scenario.controls)
-    if isinstance(part, JsbsimPart):
-        yield from _names(part.states, nx, AIRCRAFT_STATES, "states", "state")
-        yield from _names(part.commands, nu, AIRCRAFT_COMMANDS, "commands", "set point")
-    elif isinstance(part, FmuPart | CommandPart):
-        for key, size in (("states", nx * count), ("controls", nu * count)):
-            given = getattr(part, key)
-            if given is not None:
-                yield from _names(given, size, given, key, key[:-1])
+    for key, own, known in (
+        ("states", scenario.states, AIRCRAFT_STATES),
+        ("controls", scenario.controls, AIRCRAFT_CONTROLS),
+    ):
+        given = getattr(part, key, None)
+        if isinstance(part, JsbsimPart):
+            yield from _names(given or [*own], len(own), known, key)
+        elif given is not None:
+            yield from _names(given, len(own) * count, given, key)
 
 
 def _names(
-    given: Sequence[str], size: int, known: Sequence[str], key: str, what: str
+    given: Sequence[str], size: int, known: Sequence[str], key: str
 ) -> Iterator[LocatedFlaw]:
     """Yield errors of names of a simulator's variables."""
     if len(given) != size:
@@ -71,6 +69,6 @@ def _names(
     for index, name in enumerate(given):
         place = ("plant", key, index)
         if name not in known:
-            yield place, unknown(name, known, f"{what} of an aircraft")
+            yield place, unknown(name, known, f"name of {key} of an aircraft")
         elif name in given[:index]:
             yield place, f"expected another name, found {name!r} again"

@@ -76,43 +76,52 @@ class SimulatorPart(Part):
         return {}
 
 
-class FromFile(SimulatorPart):
-    """A simulator in a file.
-
-    Attributes:
-        sha256: SHA-256 hash that the file must have; by default the hash of the file as
-            it is.
-    """
-
-    sha256: str = Field(default="", validate_default=True)
+class ForeignPart(SimulatorPart):
+    """A simulator with files of its own."""
 
     @property
-    def of(self) -> ForeignFile:
-        """The file."""
+    def foreign(self) -> Mapping[str, ForeignFile]:
+        """Name -> file of the scenario's files that it runs."""
         raise NotImplementedError
-
-    @property
-    def code(self) -> Path | None:
-        """The file that a simulation runs."""
-        return self.of.file
 
     @property
     def files(self) -> Mapping[str, Path]:
         """Name -> file of those that a record keeps."""
-        return {str(self.of): self.of.file}
+        return {name: one.file for name, one in self.foreign.items()}
+
+    @property
+    def code(self) -> Path | None:
+        """The first file that a simulation runs."""
+        return next(iter(self.files.values()), None)
 
 
-def _same(given: str, found: str, name: str) -> str:
-    """Return the hash of a file, which the given one must be."""
-    if given not in ("", found):
-        raise ValueError(
-            f"expected {name} with the hash {given}, found one with {found}: the file "
-            "has changed"
-        )
-    return found
+def _verified(
+    given: Mapping[str, str], files: Mapping[str, ForeignFile]
+) -> dict[str, str]:
+    """Return the hashes of files by name, which must be the given ones.
+
+    Raises:
+        ValueError: If a file is missing, or has another hash.
+    """
+    for name in given:
+        if name not in files:
+            listed = ", ".join(files) or "none"
+            raise ValueError(f"expected names of {listed}; found {shown(name)}")
+    for name, one in files.items():
+        if given.get(name, one.sha256) != one.sha256:
+            raise ValueError(
+                f"expected {name} with the hash {given[name]}, found one with "
+                f"{one.sha256}: the file has changed"
+            )
+    return {name: one.sha256 for name, one in files.items()}
 
 
-class FmuPart(FromFile):
+def _of_file(given: Mapping[str, str], file: ForeignFile | None) -> Mapping[str, str]:
+    """Return the hash of a file; the file can have an error already."""
+    return given if file is None else _verified(given, {str(file): file})
+
+
+class FmuPart(ForeignPart):
     """An FMU as the simulated system.
 
     Attributes:
@@ -121,6 +130,8 @@ class FmuPart(FromFile):
             the same names.
         controls: Its inputs that are the controls; null means those of the same names.
         values: Values of parameters of the FMU, by name.
+        sha256: SHA-256 hashes that files must have, by name; by default those of the
+            files as they are.
     """
 
     fmu: Annotated[
@@ -132,19 +143,22 @@ class FmuPart(FromFile):
     states: Annotated[list[str], _NAMES] | None = None
     controls: Annotated[list[str], _NAMES] | None = None
     values: Mapping[str, Number] = Field(default_factory=dict)
+    sha256: Mapping[str, str] = Field(default_factory=dict, validate_default=True)
 
     @property
-    def of(self) -> ForeignFile:
-        """The file."""
-        return self.fmu
+    def foreign(self) -> Mapping[str, ForeignFile]:
+        """Name -> file of the scenario's files that it runs."""
+        return {str(self.fmu): self.fmu}
 
     @field_validator("sha256")
     @classmethod
-    def _unchanged(cls, given: str, info: ValidationInfo) -> str:
+    def _unchanged(
+        cls, given: Mapping[str, str], info: ValidationInfo
+    ) -> Mapping[str, str]:
         return _of_file(given, info.data.get("fmu"))
 
 
-class OnnxPart(FromFile):
+class OnnxPart(ForeignPart):
     """A network in ONNX as the simulated system.
 
     Attributes:
@@ -152,6 +166,8 @@ class OnnxPart(FromFile):
             followed by the controls.
         gives_change: Whether it gives the change of the states over a step, and not the
             states after it.
+        sha256: SHA-256 hashes that files must have, by name; by default those of the
+            files as they are.
     """
 
     onnx: Annotated[
@@ -161,21 +177,19 @@ class OnnxPart(FromFile):
         _schema("network.onnx"),
     ]
     gives_change: bool = False
+    sha256: Mapping[str, str] = Field(default_factory=dict, validate_default=True)
 
     @property
-    def of(self) -> ForeignFile:
-        """The file."""
-        return self.onnx
+    def foreign(self) -> Mapping[str, ForeignFile]:
+        """Name -> file of the scenario's files that it runs."""
+        return {str(self.onnx): self.onnx}
 
     @field_validator("sha256")
     @classmethod
-    def _unchanged(cls, given: str, info: ValidationInfo) -> str:
+    def _unchanged(
+        cls, given: Mapping[str, str], info: ValidationInfo
+    ) -> Mapping[str, str]:
         return _of_file(given, info.data.get("onnx"))
-
-
-def _of_file(given: str, file: ForeignFile | None) -> str:
-    """Return the hash of a file, if it was read; else it has an error already."""
-    return given if file is None else _same(given, file.sha256, str(file))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -212,7 +226,7 @@ def _command(value: object, info: ValidationInfo) -> Command:
     return Command(words=tuple(words), files=files)
 
 
-class CommandPart(SimulatorPart):
+class CommandPart(ForeignPart):
     """A program as the simulated system: JSON lines, in any language.
 
     Attributes:
@@ -242,28 +256,17 @@ class CommandPart(SimulatorPart):
         cls, given: Mapping[str, str], info: ValidationInfo
     ) -> Mapping[str, str]:
         command = info.data.get("command")
-        if command is None:  # It has an error already.
-            return given
-        for word in given:
-            if word not in command.files:
-                raise ValueError(
-                    f"expected the file {shown(word)} in the scenario's folder; found "
-                    "none"
-                )
-        return {
-            word: _same(given.get(word, ""), one.sha256, word)
-            for word, one in command.files.items()
-        }
+        return given if command is None else _verified(given, command.files)
+
+    @property
+    def foreign(self) -> Mapping[str, ForeignFile]:
+        """Name -> file of the scenario's files that it runs."""
+        return self.command.files
 
     @property
     def code(self) -> Path | None:
         """The first file that the command names; else the program."""
-        return next(iter(self.files.values()), Path(self.command.words[0]))
-
-    @property
-    def files(self) -> Mapping[str, Path]:
-        """Name -> file of those that a record keeps."""
-        return {word: one.file for word, one in self.command.files.items()}
+        return super().code or Path(self.command.words[0])
 
 
 class JsbsimPart(SimulatorPart):
@@ -272,17 +275,17 @@ class JsbsimPart(SimulatorPart):
     Attributes:
         jsbsim: Name of one of its own aircraft, such as f16.
         states: State of an aircraft that each state is, in their order: speed_m_s,
-            heading_rad, height_m, north_m or east_m.
-        commands: Set point that each control is: speed_m_s_set, heading_rad_set or
-            height_m_set; others are held.
+            heading_rad, height_m, north_m or east_m; null means the same names.
+        controls: Set point that each control is: speed_m_s_set, heading_rad_set or
+            height_m_set; null means the same names. Others are held.
         altitude_m: Height at the start, and its set point, if no state or control is
             [m].
         airspeed_m_s: True airspeed likewise [m/s].
     """
 
     jsbsim: str = Field(pattern=r"^[A-Za-z0-9_-]{1,100}$")
-    states: Annotated[list[str], _NAMES]
-    commands: Annotated[list[str], _NAMES]
+    states: Annotated[list[str], _NAMES] | None = None
+    controls: Annotated[list[str], _NAMES] | None = None
     altitude_m: Number
     airspeed_m_s: Positive
 

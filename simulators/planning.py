@@ -1,0 +1,505 @@
+"""Plans for a simulator whose formula nobody knows, from its roll-outs alone.
+
+The surrogate loop: a correction of the problem's model is fitted to roll-outs, a plan
+is made with it in lanes and by IPOPT, and simulated; then the fit is made again, until
+predicted and simulated costs agree and plans get no better. If they do not agree, or no
+surrogate is wanted, a population search spends the rest of the roll-outs. Each roll-out
+begins the simulator at the initial state, in a process that a crash, a hang or a number
+that is none costs that roll-out alone.
+
+An answer is feasible at best: without derivatives of the simulator no optimum is shown.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from swarmstart.arguments import (
+    FLAG,
+    RNG,
+    a_count,
+    a_number,
+    checked,
+    having,
+    of_kind,
+    optional,
+    reals,
+)
+from swarmstart.arrays import Array
+from swarmstart.heuristics import (
+    Algorithm,
+    Budget,
+    Initial,
+    feasibility_first,
+    generator_of,
+    minimize,
+)
+from swarmstart.heuristics.laws import smooth_in
+from swarmstart.ocp import (
+    Fitness,
+    IpoptOptions,
+    Known,
+    OptimalControlProblem,
+    Planner,
+    SolutionStatus,
+    Steps,
+)
+from swarmstart.ocp.common import (
+    PROGRESS,
+    ProgressCallback,
+    ProgressGiven,
+    shown,
+)
+from swarmstart.ocp.common.errors import refused
+from swarmstart.ocp.rollout import NOTHING, SampledValue
+from swarmstart.ocp.search import LANES, space_of
+from swarmstart.simulators.common import SimulatorError
+from swarmstart.simulators.surrogate import Correction, RollOut
+from swarmstart.simulators.worker import rolled_out
+from swarmstart.simulators.workers import Failure, Order, Workers
+
+_FIRST = 12
+"""Number of random roll-outs from which the first surrogate is fitted."""
+_NEAR = 3
+"""Number of roll-outs near each plan, for the next fit."""
+_SPREAD = 0.05
+"""Their distance from the plan, a fraction of the ranges of the controls."""
+_REACH = 0.1
+"""Distance from the best path, in the ranges of its states, at which a roll-out has half
+of its weight in a fit."""
+_AGREES = 1e-2
+"""Largest difference of predicted and simulated cost at which a surrogate is trusted,
+relative to the simulated cost."""
+_SAME = 1e-4
+"""Relative gain below which a round has found nothing better."""
+_ROUNDS = 20
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SurrogateRound:
+    """One round of the surrogate loop.
+
+    Attributes:
+        rollouts: Number of roll-outs that the surrogate was fitted to.
+        degree: Degree of its polynomials.
+        error: Error of a step that it has not seen, relative to the step.
+        predicted: Cost of the plan by the surrogate.
+        found: Cost of the plan by the simulator.
+        violation: Violation by the simulator.
+    """
+
+    rollouts: int
+    degree: int
+    error: float
+    predicted: float
+    found: float
+    violation: float
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class SimulatedPlan:
+    """The best roll-out of a simulator that was found.
+
+    Attributes:
+        times: At the nodes, shape (nodes,) [s].
+        states: At the nodes, shape (nx, nodes).
+        controls: Held over the intervals, shape (nu, N).
+        cost: Its cost; the larger the better if the problem maximises.
+        violation: Sum of the scaled excesses over constraints.
+        status: FEASIBLE or INFEASIBLE.
+        reason: Reason, and what the rounds gained, in words.
+        rollouts: Number of roll-outs, also those that failed.
+        failures: How a roll-out failed -> how often.
+        rounds: Rounds of the surrogate loop.
+    """
+
+    times: Array
+    states: Array
+    controls: Array
+    cost: float
+    violation: float
+    status: SolutionStatus
+    reason: str
+    rollouts: int
+    failures: Mapping[str, int]
+    rounds: tuple[SurrogateRound, ...]
+
+    def __repr__(self) -> str:
+        """Return cost, status and reason in a few lines."""
+        failed = ", ".join(f"{n} {kind}" for kind, n in self.failures.items())
+        return "\n".join(
+            [
+                f"Cost {self.cost:.6g} in {self.rollouts} roll-outs: {self.reason}",
+                *([f"  failed: {failed}"] if failed else []),
+            ]
+        )
+
+
+class PlanningInterrupted(KeyboardInterrupt):
+    """Ctrl-C while roll-outs were made.
+
+    Attributes:
+        partial: The best answer so far; None if no roll-out has ended.
+    """
+
+    def __init__(self, partial: SimulatedPlan | None) -> None:
+        """Keep the best answer so far."""
+        super().__init__("planning was interrupted")
+        self.partial = partial
+
+
+class _Tried(NamedTuple):
+    """A roll-out with its value.
+
+    Attributes:
+        controls: Held over the intervals, shape (nu, N).
+        states: At the nodes, shape (nx, nodes).
+        cost: The minimised cost.
+        violation: The violation.
+    """
+
+    controls: Array
+    states: Array
+    cost: float
+    violation: float
+
+
+class _RollOuts:
+    """All roll-outs of a problem, and the best of them."""
+
+    def __init__(
+        self,
+        problem: OptimalControlProblem,
+        simulator: Steps,
+        x0: Array,
+        known: Known,
+        tolerance: float,
+        told: ProgressCallback,
+    ) -> None:
+        """Make no roll-out yet."""
+        self.problem, self.x0, self.known = problem, x0, known
+        self.value, self.tolerance = SampledValue(problem), tolerance
+        core = self.value.problem
+        self.step = core.dt / core.checks
+        self.space = space_of(Fitness(problem), None)
+        self.tried: list[_Tried] = []
+        self.failures: Counter[str] = Counter()
+        self.last_words = ""
+        self._simulator, self._told = simulator, told
+        self.workers: Workers | None = None
+        self.most = 0
+
+    @property
+    def count(self) -> int:
+        """Number of roll-outs so far."""
+        return len(self.tried) + sum(self.failures.values())
+
+    @property
+    def left(self) -> int:
+        """Number of roll-outs that are left."""
+        return self.most - self.count
+
+    @property
+    def best(self) -> _Tried | None:
+        """The best roll-out so far."""
+
+        def rank(one: _Tried) -> tuple[float, float]:
+            return max(one.violation - self.tolerance, 0.0), one.cost
+
+        return min(self.tried, key=rank, default=None)
+
+    def made(self, many: Sequence[Array]) -> list[_Tried | None]:
+        """Make roll-outs of controls (nu, N); None for each that fails."""
+        m = self.value.problem.checks
+        orders = [Order(self.x0, np.repeat(u, m, axis=1), self.step) for u in many]
+        found: list[_Tried | None] = []
+        for u, states in zip(many, self._results(orders), strict=True):
+            one = None
+            if isinstance(states, Failure):
+                self.failures[states.kind] += 1
+                self.last_words = states.words
+            else:
+                value = self.value(states, u, self.x0, self.known)
+                one = _Tried(u, states, value.cost, value.violation)
+                self.tried.append(one)
+            found.append(one)
+        self._told(self.count, self.most, "simulating")
+        return found
+
+    def _results(self, orders: Sequence[Order]) -> list[Array | Failure]:
+        if self.workers is not None:
+            return self.workers.results(orders)
+        found: list[Array | Failure] = []
+        for one in orders:
+            try:
+                states = rolled_out(self._simulator, *one)
+            except Exception as error:  # noqa: BLE001 - whatever it raises
+                found.append(Failure(type(error).__name__, str(error)))
+                continue
+            is_finite = np.isfinite(states).all()
+            found.append(states if is_finite else Failure("not finite", "a state"))
+        return found
+
+
+@checked(
+    refused,
+    problem=of_kind(OptimalControlProblem, "an OptimalControlProblem"),
+    simulator=having("step", words="an object with step(x, u, dt)"),
+    x0=reals(axes=1),
+    known=of_kind(Known, "Known data"),
+    guess=optional(reals(axes=2)),
+    rollouts=a_count(least=1),
+    surrogate=FLAG,
+    workers=a_count(least=0, most=1000),
+    limit_s=a_number(above=0, most=1e6),
+    tolerance=a_number(least=0),
+    rng=optional(RNG),
+    progress=PROGRESS,
+)
+def solve_simulated(  # noqa: PLR0913 - one call for all of it
+    problem: OptimalControlProblem,
+    simulator: Steps,
+    x0: ArrayLike,
+    *,
+    known: Known = NOTHING,
+    guess: Array | None = None,
+    rollouts: int = 500,
+    surrogate: bool = True,
+    search: Algorithm | type[Algorithm] | str = "cma",
+    workers: int = 1,
+    limit_s: float = 60.0,
+    tolerance: float = 1e-3,
+    rng: np.random.Generator | None = None,
+    seed: int | Sequence[int] | None = None,
+    progress: ProgressGiven = True,
+) -> SimulatedPlan:
+    """Plan for a simulator that has no formula, by roll-outs from its start.
+
+    Args:
+        problem: Costs, constraints and bounds, with a model of the same states and
+            controls, from which the surrogate begins; only the surrogate uses its
+            rates. Further outputs of a simulator that costs need are states of it.
+        simulator: Object with `step(x, u, dt)`, such as an `FmuPlant`; it makes
+            `problem.checks` steps in an interval.
+        x0: Initial state, shape (nx,).
+        known: Parameters and signals of costs and model.
+        guess: Controls that are tried first, shape (nu, N); None: none.
+        rollouts: Largest number of roll-outs.
+        surrogate: Whether a formula is fitted and planned with. False: the population
+            search makes all roll-outs.
+        search: The population search, as of `minimize`.
+        workers: Number of processes; 0: roll-outs in this process, which a crash of the
+            simulator ends.
+        limit_s: Longest wall time of a roll-out in a process [s].
+        tolerance: Violation up to which a roll-out is feasible: the sum of the excesses
+            over constraints, relative to their scales.
+        rng: Source of all randomness; either this or a seed.
+        seed: Seed of a new generator.
+        progress: As of `solve`; a function is called with (roll-outs, all,
+            "simulating").
+
+    Returns:
+        The best roll-out, FEASIBLE at best.
+
+    Raises:
+        InvalidProblemError: If the problem decides more than held controls, a control
+            is unbounded, or the surrogate cannot correct its rates.
+        SimulatorError: If the simulator cannot be sent to a process, or no roll-out
+            succeeds.
+        PlanningInterrupted: After Ctrl-C, with the best so far.
+
+    Example:
+        >>> import casadi as ca
+        >>> import swarmstart as ss
+        >>> class Cart:
+        ...     def step(self, x, u, dt):
+        ...         return x + dt * np.array([x[1], u[0] - 0.3 * x[1]])
+        >>> x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+        >>> problem = ss.OptimalControlProblem(
+        ...     ss.Model(states=x, controls=u, ode=ca.vertcat(x[1], u)), horizon=2.0,
+        ...     intervals=10, stage_cost=(x[0] - 1) ** 2 + 0.1 * u**2, checks=2,
+        ...     bounds=ss.Bounds(controls=(-2, 2)),
+        ... )
+        >>> found = ss.solve_simulated(
+        ...     problem, Cart(), [0.0, 0.0], rollouts=40, workers=0, seed=0
+        ... )
+        >>> found.status.name, round(found.cost, 3), found.rollouts <= 40
+        ('FEASIBLE', 0.628, True)
+    """
+    rng = generator_of(rng, seed)
+    start = np.asarray(x0, dtype=np.float64)
+    with ExitStack() as stack:
+        told = stack.enter_context(
+            shown(progress, "solve_simulated", "simulating", total=rollouts)
+        )
+        made = _RollOuts(problem, simulator, start, known, tolerance, told)
+        made.most = rollouts
+        if workers:
+            made.workers = stack.enter_context(
+                Workers(simulator, count=workers, limit_s=limit_s)
+            )
+        rounds: list[SurrogateRound] = []
+        try:
+            if guess is not None:
+                made.made([np.asarray(guess, dtype=np.float64)])
+            agrees = surrogate and _with_surrogate(made, rounds, rng)
+            if made.left > 0 and not agrees:
+                _with_search(made, search, rng)
+        except KeyboardInterrupt:
+            partial = _answer(made, rounds) if made.tried else None
+            raise PlanningInterrupted(partial) from None
+    if not made.tried:
+        raise SimulatorError(
+            type(simulator).__name__,
+            f"expected a roll-out that succeeds, found {dict(made.failures)}: "
+            f"{made.last_words}",
+        )
+    return _answer(made, rounds)
+
+
+def _with_surrogate(
+    made: _RollOuts, rounds: list[SurrogateRound], rng: np.random.Generator
+) -> bool:
+    """Make the rounds of the surrogate loop; return whether it agrees at the end."""
+    correction = Correction(made.problem, made.step)
+    planner = Planner(
+        correction.problem, search=None, polish=IpoptOptions(), lanes=LANES
+    )
+    parameters = np.asarray(made.known.parameters, dtype=np.float64).ravel()
+    made.made(_drawn(made, min(_FIRST, made.left), rng))
+    last = np.inf
+    while made.left > 0 and len(made.tried) > 1 and len(rounds) < _ROUNDS:
+        best = made.best
+        fit = correction.fitted(_weighted(made, best), parameters)
+        plan = planner.plan(
+            made.x0,
+            known=correction.known(made.known, fit),
+            guess=best.controls if best is not None and rounds else None,
+            near=bool(rounds),
+            rng=rng,
+        )
+        count = len(made.tried)
+        (tried,) = made.made([plan.controls])
+        rounds.append(
+            SurrogateRound(
+                rollouts=count, degree=fit.degree, error=fit.error,
+                predicted=float(made.problem.sense * plan.cost),
+                found=np.nan if tried is None else made.problem.sense * tried.cost,
+                violation=np.nan if tried is None else tried.violation,
+            )
+        )  # fmt: skip
+        if tried is not None and _is_settled(tried, plan.cost, last, made.tolerance):
+            return True
+        if tried is not None:
+            last = tried.cost
+        near = _near(made, plan.controls, min(_NEAR, made.left), rng)
+        made.made(near)
+    return False
+
+
+def _weighted(made: _RollOuts, best: _Tried | None) -> list[RollOut]:
+    """Return all roll-outs, with more weight the nearer they are to the best."""
+    if best is None:
+        return []
+    ranges = np.ptp(best.states, axis=1, keepdims=True)
+    ranges = np.where(ranges > 0, ranges, 1.0)
+    found = []
+    for one in made.tried:
+        apart = float((((one.states - best.states) / ranges) ** 2).mean())
+        controls = np.repeat(one.controls, made.value.problem.checks, axis=1)
+        found.append(RollOut(one.states, controls, 1 / (1 + apart / _REACH**2)))
+    return found
+
+
+def _is_settled(tried: _Tried, predicted: float, last: float, tolerance: float) -> bool:
+    """Return whether a plan is as predicted, and no better than the one before."""
+    size = max(abs(tried.cost), 1e-12)
+    return (
+        tried.violation <= tolerance
+        and abs(tried.cost - predicted) <= _AGREES * size
+        and abs(last - tried.cost) <= _SAME * size
+    )
+
+
+def _drawn(made: _RollOuts, count: int, rng: np.random.Generator) -> list[Array]:
+    """Return random controls that are smooth in time, each (nu, N)."""
+    box = made.space.box
+    points = box.lower[:, None] + box.width[:, None] * smooth_in(box, count, rng=rng)
+    return [made.space.decoded(x, made.x0, made.known).controls for x in points.T]
+
+
+def _near(
+    made: _RollOuts, controls: Array, count: int, rng: np.random.Generator
+) -> list[Array]:
+    """Return controls near given ones, within their bounds."""
+    lower, upper = (side[:, None] for side in made.value.problem.search_limits)
+    spread = _SPREAD * (upper - lower)
+    changes = rng.standard_normal((count, *controls.shape)) * spread
+    return [np.clip(controls + change, lower, upper) for change in changes]
+
+
+def _with_search(
+    made: _RollOuts,
+    search: Algorithm | type[Algorithm] | str,
+    rng: np.random.Generator,
+) -> None:
+    """Spend the roll-outs that are left on a population search, from the best."""
+
+    def objective(points: Array) -> tuple[Array, Array]:
+        many = [made.space.decoded(x, made.x0, made.known).controls for x in points.T]
+        found = made.made(many)
+        values = [
+            (np.inf, np.inf) if r is None else (r.cost, r.violation) for r in found
+        ]
+        cost, violation = np.array(values).T
+        return cost, violation
+
+    best = made.best
+    initial = None
+    if best is not None:
+        point = made.space.encoded(best.controls, made.x0)
+        initial = Initial(points=point[:, None])
+    minimize(
+        objective, made.space.box, algorithm=search, rng=rng, initial=initial,
+        budget=Budget(evaluations=made.left), order=feasibility_first(made.tolerance),
+    )  # fmt: skip
+
+
+def _answer(made: _RollOuts, rounds: Sequence[SurrogateRound]) -> SimulatedPlan:
+    """Return the best roll-out as an answer."""
+    best = made.best
+    if best is None:
+        raise SimulatorError("the simulator", "expected a roll-out, found none")
+    is_feasible = best.violation <= made.tolerance
+    words = (
+        "feasible; no derivatives of the simulator show an optimum"
+        if is_feasible
+        else f"not feasible: its violation is {best.violation:.3g}, above "
+        f"{made.tolerance:g}"
+    )
+    if rounds:
+        first, last = rounds[0], rounds[-1]
+        words += (
+            f"; {len(rounds)} rounds with a surrogate, from {first.found:.6g} to "
+            f"{last.found:.6g} ({last.predicted:.6g} predicted)"
+        )
+    core = made.value.problem
+    return SimulatedPlan(
+        times=np.asarray(core.times),
+        states=best.states,
+        controls=best.controls,
+        cost=float(made.problem.sense * best.cost),
+        violation=best.violation,
+        status=SolutionStatus.FEASIBLE if is_feasible else SolutionStatus.INFEASIBLE,
+        reason=words,
+        rollouts=made.count,
+        failures=dict(made.failures),
+        rounds=tuple(rounds),
+    )

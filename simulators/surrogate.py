@@ -1,0 +1,238 @@
+"""A formula that is fitted to roll-outs of a simulator, for plans with derivatives.
+
+The rates of a model get a correction, polynomials of states and controls,
+
+    x' = f(x, u, p) + W m(z),    z = ((x, u) - centre) / size
+
+with all monomials m up to a degree. W is found by least squares of the states after
+each step of all roll-outs, by Gauss and Newton's method:
+
+    minimise  sum of w |(x_k+1 - F(x_k, u_k, W)) / (h s)|^2 + small |W|^2
+
+F is one step of the classical Runge-Kutta method of the simulator's length h, s the
+spread of each state's rate, and w the weight of a roll-out. The degree is the one that
+predicts a quarter of the roll-outs best, which the fit has not seen; then all are used.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import combinations_with_replacement
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from swarmstart.arrays import Array
+from swarmstart.ocp import Known, Model, OptimalControlProblem
+from swarmstart.ocp.common.errors import InvalidProblemError
+
+MOST_MONOMIALS = 60
+"""Number of monomials above which the degree is not raised."""
+DEGREES = (1, 2, 3)
+_MOST_STEPS = 4000
+"""Number of steps that are fitted; of more a part is used, evenly."""
+_ROUNDS = 3
+_RIDGE = 1e-9
+_PART = 4
+"""One of so many roll-outs is predicted instead of fitted, to find the degree."""
+
+
+class RollOut(NamedTuple):
+    """A roll-out of a simulator.
+
+    Attributes:
+        states: After each step, shape (nx, n + 1).
+        controls: Of each step, shape (nu, n).
+        weight: Weight of its steps in a fit.
+    """
+
+    states: Array
+    controls: Array
+    weight: float
+
+
+class Fit(NamedTuple):
+    """A fitted correction.
+
+    Attributes:
+        parameters: W, centre and size, after the model's own parameters.
+        degree: Degree of the polynomials.
+        error: Root mean square of the errors of a step that the fit has not seen,
+            relative to the change of the state in it.
+    """
+
+    parameters: Array
+    degree: int
+    error: float
+
+
+class Correction:
+    """A problem whose rates have a correction with parameters; built once.
+
+    Attributes:
+        problem: The problem with the correction.
+    """
+
+    def __init__(self, problem: OptimalControlProblem, step: float) -> None:
+        """Add the correction to the model of a problem.
+
+        Args:
+            problem: The problem.
+            step: Length of the simulator's steps [s].
+
+        Raises:
+            InvalidProblemError: If its rates depend on time or signals, or have
+                algebraic equations, or it is in discrete time.
+        """
+        model = problem.model
+        if (
+            model.ns or model.time.numel() or model.is_discrete
+            or model.elimination.unsolved.numel()
+        ):  # fmt: skip
+            raise InvalidProblemError(
+                "a surrogate corrects rates of states, controls and parameters: "
+                "expected a model in continuous time without signals, time and "
+                "algebraic equations in its rates (surrogate=False searches any)"
+            )
+        self._step, self._model = step, model
+        n = model.nx + model.nu
+        self.degrees = [d for d in DEGREES if math.comb(n + d, d) <= MOST_MONOMIALS]
+        self.degrees = self.degrees or [DEGREES[0]]
+        self._powers = [
+            powers
+            for degree in range(self.degrees[-1] + 1)
+            for powers in combinations_with_replacement(range(n), degree)
+        ]
+        count = len(self._powers)
+        W = ca.SX.sym("W", model.nx, count)
+        centre, size = ca.SX.sym("centre", n), ca.SX.sym("size", n)
+        z = (ca.vertcat(model.states, model.controls) - centre) / size
+        monomials = ca.vertcat(
+            *[
+                math.prod((z[i] for i in powers), start=ca.SX(1))
+                for powers in self._powers
+            ]
+        )
+        rate = model.ode + W @ monomials
+        own = ca.vertcat(ca.vec(W), centre, size)
+        self.problem = replace(
+            problem,
+            model=Model(
+                states=model.states, controls=model.controls, ode=rate,
+                parameters=ca.vertcat(model.parameters, own),
+                state_names=model.state_names, control_names=model.control_names,
+            ),
+        )  # fmt: skip
+        self._predict, self._slopes = self._functions(rate, W, own)
+
+    def _functions(
+        self, rate: ca.SX, W: ca.SX, own: ca.SX
+    ) -> tuple[ca.Function, ca.Function]:
+        """Return (x, u, p, own) -> the state after a step, and its slope by vec(W)."""
+        model, h = self._model, self._step
+        known = [model.controls, model.parameters, own]
+        f = ca.Function("rate", [model.states, *known], [rate])
+        x = model.states
+        k1 = f(x, *known)
+        k2 = f(x + h / 2 * k1, *known)
+        k3 = f(x + h / 2 * k2, *known)
+        k4 = f(x + h * k3, *known)
+        after = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        slopes = ca.densify(ca.jacobian(after, ca.vec(W)))
+        return (
+            ca.Function("after", [x, *known], [after]),
+            ca.Function("slopes", [x, *known], [slopes]),
+        )
+
+    def known(self, known: Known, fit: Fit) -> Known:
+        """Return the known data of a problem with those of a fit."""
+        own = np.asarray(known.parameters, dtype=np.float64).ravel()
+        return known._replace(parameters=np.concatenate([own, fit.parameters]))
+
+    def fitted(self, rollouts: Sequence[RollOut], parameters: Array) -> Fit:
+        """Return the correction that fits roll-outs.
+
+        Args:
+            rollouts: At least two.
+            parameters: Of the model, shape (np,).
+        """
+        seen = [one for i, one in enumerate(rollouts) if i % _PART != _PART - 1]
+        unseen = [one for i, one in enumerate(rollouts) if i % _PART == _PART - 1]
+        scales = self._scales(rollouts)
+        errors = {}
+        for degree in self.degrees:
+            W = self._least_squares(seen, parameters, scales, degree)
+            errors[degree] = self._error(unseen or seen, parameters, scales, W)
+        degree = min(errors, key=lambda d: (not math.isfinite(errors[d]), errors[d]))
+        W = self._least_squares(rollouts, parameters, scales, degree)
+        return Fit(self._own(W, scales), degree, errors[degree])
+
+    def _scales(self, rollouts: Sequence[RollOut]) -> tuple[Array, Array, Array]:
+        """Return centre and size of states and controls, and the spread of rates."""
+        both = np.hstack([np.vstack([r.states[:, :-1], r.controls]) for r in rollouts])
+        changes = np.hstack([np.diff(one.states) for one in rollouts])
+        size = both.std(axis=1)
+        spread = np.sqrt((changes**2).mean(axis=1))
+        return (
+            both.mean(axis=1),
+            np.where(size > 0, size, 1.0),
+            np.where(spread > 0, spread, 1.0),
+        )
+
+    def _own(self, W: Array, scales: tuple[Array, Array, Array]) -> Array:
+        return np.concatenate([W.ravel(order="F"), scales[0], scales[1]])
+
+    def _steps(self, rollouts: Sequence[RollOut]) -> tuple[Array, Array, Array, Array]:
+        """Return states, controls, states after and weights of the steps to fit."""
+        x = np.hstack([one.states[:, :-1] for one in rollouts])
+        u = np.hstack([one.controls for one in rollouts])
+        after = np.hstack([one.states[:, 1:] for one in rollouts])
+        weights = np.hstack([np.full(r.controls.shape[1], r.weight) for r in rollouts])
+        part = np.linspace(0, x.shape[1] - 1, min(x.shape[1], _MOST_STEPS)).astype(int)
+        return x[:, part], u[:, part], after[:, part], weights[part]
+
+    def _least_squares(
+        self,
+        rollouts: Sequence[RollOut],
+        parameters: Array,
+        scales: tuple[Array, Array, Array],
+        degree: int,
+    ) -> Array:
+        """Return W (nx, monomials), zero above a degree."""
+        x, u, after, weights = self._steps(rollouts)
+        nx, n = x.shape
+        used = np.array([len(powers) <= degree for powers in self._powers])
+        columns = np.repeat(used, nx)
+        roots = np.sqrt(weights)[:, None]
+        W = np.zeros((nx, used.size))
+        for _ in range(_ROUNDS):
+            own = self._own(W, scales)
+            found = np.array(self._predict(x, u, parameters, own))
+            slopes = np.array(self._slopes(x, u, parameters, own))
+            slopes = slopes.reshape(nx, n, columns.size)[:, :, columns]
+            A = (slopes / scales[2][:, None, None] * roots).reshape(nx * n, -1)
+            b = ((after - found) / scales[2][:, None] * roots[:, 0]).ravel()
+            if not (np.isfinite(A).all() and np.isfinite(b).all()):
+                break
+            square = A.T @ A
+            square += _RIDGE * np.trace(square) / len(square) * np.eye(len(square))
+            change = np.zeros(columns.size)
+            change[columns] = np.linalg.solve(square, A.T @ b)
+            W = W + change.reshape(W.shape, order="F")
+        return W
+
+    def _error(
+        self,
+        rollouts: Sequence[RollOut],
+        parameters: Array,
+        scales: tuple[Array, Array, Array],
+        W: Array,
+    ) -> float:
+        """Return the error of a step, relative to the change of the state in it."""
+        x, u, after, weights = self._steps(rollouts)
+        found = np.array(self._predict(x, u, parameters, self._own(W, scales)))
+        squares = (((after - found) / scales[2][:, None]) ** 2).mean(axis=0)
+        return float(np.sqrt((squares * weights).sum() / weights.sum()))
