@@ -201,8 +201,12 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         CommandPlant as CommandPlant,
         FmuPlant as FmuPlant,
         OnnxPlant as OnnxPlant,
+        RollOutsInterrupted as RollOutsInterrupted,
         SelectedPlant as SelectedPlant,
+        SimulatedPlan as SimulatedPlan,
         SimulatorError as SimulatorError,
+        SurrogateRound as SurrogateRound,
+        solve_simulated as solve_simulated,
     )
     from swarmstart.terminal_set import (
         AsymmetricMatrixError as AsymmetricMatrixError,
@@ -289,8 +293,8 @@ _NAMES = {
     """,
     "swarmstart.ocp.lower_bound.bounding": "lower_bound",
     "swarmstart.simulators": """
-        AircraftPlant Autopilot CommandPlant FmuPlant OnnxPlant SelectedPlant
-        SimulatorError
+        AircraftPlant Autopilot CommandPlant FmuPlant OnnxPlant RollOutsInterrupted
+        SelectedPlant SimulatedPlan SimulatorError SurrogateRound solve_simulated
     """,
     "swarmstart.terminal_set": """
         AsymmetricMatrixError Certificate CoarseHoldError

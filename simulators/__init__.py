@@ -6,9 +6,12 @@
     network    a network in ONNX, evaluated by onnxruntime
     selected   a part of the states and controls of any of them
 
-Each keeps its state inside, as `swarmstart.Simulator` states, or gets it with each
-step. Code of others runs here: nothing in the other rooms imports this one but when a
-user asks for a simulator.
+    planning   plans from roll-outs, by searches and a surrogate (surrogate.py) that
+               is fitted to them; they are made in processes (workers.py, worker.py)
+
+Each simulator keeps its state inside, as `swarmstart.Simulator` states, or gets it with
+each step. Code of others runs here: the other rooms import this one only if a user asks
+for a simulator.
 """
 
 # ruff: noqa: I001  (it would write one statement for each name)
@@ -33,6 +36,12 @@ if TYPE_CHECKING:  # Loaded when first used: most runs need none.
     from swarmstart.simulators.network import (
         OnnxPlant as OnnxPlant,
     )
+    from swarmstart.simulators.planning import (
+        RollOutsInterrupted as RollOutsInterrupted,
+        SimulatedPlan as SimulatedPlan,
+        SurrogateRound as SurrogateRound,
+        solve_simulated as solve_simulated,
+    )
     from swarmstart.simulators.selected import (
         SelectedPlant as SelectedPlant,
     )
@@ -43,6 +52,7 @@ _NAMES = {
     "common": "SimulatorError",
     "fmu": "FmuPlant",
     "network": "OnnxPlant",
+    "planning": "RollOutsInterrupted SimulatedPlan SurrogateRound solve_simulated",
     "selected": "SelectedPlant",
 }
 _HOMES, __getattr__, __dir__ = door(__name__, _NAMES)

@@ -72,8 +72,8 @@ _NEAR = 3
 _SPREAD = 0.05
 """Their distance from the plan, a fraction of the ranges of the controls."""
 _REACH = 0.1
-"""Distance from the best path, in the ranges of its states, at which a roll-out has half
-of its weight in a fit."""
+"""Distance from the best path, in the ranges of its states, at which a roll-out counts
+half in a fit."""
 _AGREES = 1e-2
 """Largest difference of predicted and simulated cost at which a surrogate is trusted,
 relative to the simulated cost."""
@@ -142,7 +142,7 @@ class SimulatedPlan:
         )
 
 
-class PlanningInterrupted(KeyboardInterrupt):
+class RollOutsInterrupted(KeyboardInterrupt):
     """Ctrl-C while roll-outs were made.
 
     Attributes:
@@ -313,7 +313,7 @@ def solve_simulated(  # noqa: PLR0913 - one call for all of it
             is unbounded, or the surrogate cannot correct its rates.
         SimulatorError: If the simulator cannot be sent to a process, or no roll-out
             succeeds.
-        PlanningInterrupted: After Ctrl-C, with the best so far.
+        RollOutsInterrupted: After Ctrl-C, with the best so far.
 
     Example:
         >>> import casadi as ca
@@ -354,7 +354,7 @@ def solve_simulated(  # noqa: PLR0913 - one call for all of it
                 _with_search(made, search, rng)
         except KeyboardInterrupt:
             partial = _answer(made, rounds) if made.tried else None
-            raise PlanningInterrupted(partial) from None
+            raise RollOutsInterrupted(partial) from None
     if not made.tried:
         raise SimulatorError(
             type(simulator).__name__,

@@ -5,13 +5,15 @@ The rates of a model get a correction, polynomials of states and controls,
     x' = f(x, u, p) + W m(z),    z = ((x, u) - centre) / size
 
 with all monomials m up to a degree. W is found by least squares of the states after
-each step of all roll-outs, by Gauss and Newton's method:
+each step of all roll-outs:
 
-    minimise  sum of w |(x_k+1 - F(x_k, u_k, W)) / (h s)|^2 + small |W|^2
+    minimise  sum of w |(x_k+1 - F(x_k, u_k, W)) / h|^2 + small |W|^2
 
-F is one step of the classical Runge-Kutta method of the simulator's length h, s the
-spread of each state's rate, and w the weight of a roll-out. The degree is the one that
-predicts a quarter of the roll-outs best, which the fit has not seen; then all are used.
+F is one step of the classical Runge-Kutta method of the simulator's length h, and w the
+weight of a roll-out. A few rounds solve it with F linear in W: its slope is h times the
+mean of m over the step, by Simpson's rule, so that the rows of W are independent. The
+degree is the one that predicts a quarter of the roll-outs best, which the fit has not
+seen; then all are used.
 """
 
 from __future__ import annotations
@@ -34,7 +36,7 @@ MOST_MONOMIALS = 60
 DEGREES = (1, 2, 3)
 _MOST_STEPS = 4000
 """Number of steps that are fitted; of more a part is used, evenly."""
-_ROUNDS = 3
+_ROUNDS = 8
 _RIDGE = 1e-9
 _PART = 4
 """One of so many roll-outs is predicted instead of fitted, to find the degree."""
@@ -110,12 +112,7 @@ class Correction:
         W = ca.SX.sym("W", model.nx, count)
         centre, size = ca.SX.sym("centre", n), ca.SX.sym("size", n)
         z = (ca.vertcat(model.states, model.controls) - centre) / size
-        monomials = ca.vertcat(
-            *[
-                math.prod((z[i] for i in powers), start=ca.SX(1))
-                for powers in self._powers
-            ]
-        )
+        monomials = self._powers_of(z)
         rate = model.ode + W @ monomials
         own = ca.vertcat(ca.vec(W), centre, size)
         self.problem = replace(
@@ -126,12 +123,21 @@ class Correction:
                 state_names=model.state_names, control_names=model.control_names,
             ),
         )  # fmt: skip
-        self._predict, self._slopes = self._functions(rate, W, own)
+        self._predict = self._step_of(rate, own)
+        z = ca.SX.sym("z", n)
+        self._monomials = ca.Function("monomials", [z], [self._powers_of(z)])
 
-    def _functions(
-        self, rate: ca.SX, W: ca.SX, own: ca.SX
-    ) -> tuple[ca.Function, ca.Function]:
-        """Return (x, u, p, own) -> the state after a step, and its slope by vec(W)."""
+    def _powers_of(self, z: ca.SX) -> ca.SX:
+        """Return all monomials of z."""
+        return ca.vertcat(
+            *[
+                math.prod((z[i] for i in powers), start=ca.SX(1))
+                for powers in self._powers
+            ]
+        )
+
+    def _step_of(self, rate: ca.SX, own: ca.SX) -> ca.Function:
+        """Return (x, u, p, own) -> the state after a step."""
         model, h = self._model, self._step
         known = [model.controls, model.parameters, own]
         f = ca.Function("rate", [model.states, *known], [rate])
@@ -141,11 +147,7 @@ class Correction:
         k3 = f(x + h / 2 * k2, *known)
         k4 = f(x + h * k3, *known)
         after = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-        slopes = ca.densify(ca.jacobian(after, ca.vec(W)))
-        return (
-            ca.Function("after", [x, *known], [after]),
-            ca.Function("slopes", [x, *known], [slopes]),
-        )
+        return ca.Function("after", [x, *known], [after])
 
     def known(self, known: Known, fit: Fit) -> Known:
         """Return the known data of a problem with those of a fit."""
@@ -203,26 +205,25 @@ class Correction:
     ) -> Array:
         """Return W (nx, monomials), zero above a degree."""
         x, u, after, weights = self._steps(rollouts)
-        nx, n = x.shape
         used = np.array([len(powers) <= degree for powers in self._powers])
-        columns = np.repeat(used, nx)
-        roots = np.sqrt(weights)[:, None]
-        W = np.zeros((nx, used.size))
+        at = [
+            np.array(self._monomials((np.vstack([one, u]).T - scales[0]).T / size))
+            for size in [scales[1][:, None]]
+            for one in (x, (x + after) / 2, after)
+        ]
+        A = self._step * ((at[0] + 4 * at[1] + at[2]) / 6)[used]
+        square = (A * weights) @ A.T
+        square += _RIDGE * np.trace(square) / len(square) * np.eye(len(square))
+        W, best, least = np.zeros((len(x), used.size)), None, np.inf
         for _ in range(_ROUNDS):
             own = self._own(W, scales)
-            found = np.array(self._predict(x, u, parameters, own))
-            slopes = np.array(self._slopes(x, u, parameters, own))
-            slopes = slopes.reshape(nx, n, columns.size)[:, :, columns]
-            A = (slopes / scales[2][:, None, None] * roots).reshape(nx * n, -1)
-            b = ((after - found) / scales[2][:, None] * roots[:, 0]).ravel()
-            if not (np.isfinite(A).all() and np.isfinite(b).all()):
+            missed = after - np.array(self._predict(x, u, parameters, own))
+            rest = float((weights * (missed / scales[2][:, None]) ** 2).sum())
+            if not rest < least:  # Also if it is no number.
                 break
-            square = A.T @ A
-            square += _RIDGE * np.trace(square) / len(square) * np.eye(len(square))
-            change = np.zeros(columns.size)
-            change[columns] = np.linalg.solve(square, A.T @ b)
-            W = W + change.reshape(W.shape, order="F")
-        return W
+            best, least = W.copy(), rest
+            W[:, used] += np.linalg.solve(square, (A * weights) @ missed.T).T
+        return W if best is None else best
 
     def _error(
         self,

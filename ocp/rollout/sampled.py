@@ -106,7 +106,7 @@ class SampledValue:
         end, missed = self._shooting.terminal(states[:, -1], p, s[:, -1])
         return Value(
             cost=float(cost + step.sum() + initial[0] + float(end)),
-            violation=float(np.sum(broken) + np.sum(over) + float(missed)),
+            violation=float(np.array(broken).sum() + np.array(over).sum() + missed),
         )
 
 
