@@ -4,8 +4,8 @@
 
 Each simulator integrates a formula that the plan's model lacks in part. Costs are
 compared with the optimum of that formula, which only the comparison knows. The settings
-of the surrogate loop were chosen on other problems (a pendulum, van der Pol's oscillator
-and a drone, seed 0), and stayed.
+of the surrogate loop were chosen on other problems (a pendulum, van der Pol's
+oscillator and a drone, seed 0), and stayed.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -82,7 +83,7 @@ def tanks() -> Case:
         )  # fmt: skip
 
     return Case(
-        name="tanks", lacks="outflow by the root of the level: it has 0.5 times the level",
+        name="tanks", lacks="outflow by the root of the level",
         problem=stated(lambda level: 0.5 * level),
         true=stated(lambda level: 0.5 * ca.sqrt(level + 1e-3)), x0=np.array([0.5, 0.2]),
     )  # fmt: skip
@@ -131,7 +132,7 @@ def boat() -> Case:
     )  # fmt: skip
 
 
-METHODS = {
+METHODS: dict[str, dict[str, Any]] = {
     "surrogate": {"surrogate": True},
     "CMA-ES": {"surrogate": False, "search": "cma"},
     "L-SHADE": {"surrogate": False, "search": "lshade"},

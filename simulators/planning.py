@@ -1,11 +1,11 @@
-"""Plans for a simulator whose formula nobody knows, from its roll-outs alone.
+"""Plans for a simulator without a formula, from its roll-outs alone.
 
 The surrogate loop: a correction of the problem's model is fitted to roll-outs, a plan
 is made with it in lanes and by IPOPT, and simulated; then the fit is made again, until
 predicted and simulated costs agree and plans get no better. If they do not agree, or no
 surrogate is wanted, a population search spends the rest of the roll-outs. Each roll-out
-begins the simulator at the initial state, in a process that a crash, a hang or a number
-that is none costs that roll-out alone.
+begins the simulator at the initial state, in a process; a crash, a hang or a NaN costs
+that roll-out alone.
 
 An answer is feasible at best: without derivatives of the simulator no optimum is shown.
 """
@@ -33,6 +33,7 @@ from swarmstart.arguments import (
     reals,
 )
 from swarmstart.arrays import Array
+from swarmstart.errors import Sendable
 from swarmstart.heuristics import (
     Algorithm,
     Budget,
@@ -93,6 +94,15 @@ class SurrogateRound:
         predicted: Cost of the plan by the surrogate.
         found: Cost of the plan by the simulator.
         violation: Violation by the simulator.
+
+    Example:
+        >>> import swarmstart as ss
+        >>> one = ss.SurrogateRound(
+        ...     rollouts=12, degree=2, error=0.01, predicted=2.0, found=2.5,
+        ...     violation=0.0,
+        ... )
+        >>> round(one.found / one.predicted - 1, 2)
+        0.25
     """
 
     rollouts: int
@@ -118,6 +128,24 @@ class SimulatedPlan:
         rollouts: Number of roll-outs, also those that failed.
         failures: How a roll-out failed -> how often.
         rounds: Rounds of the surrogate loop.
+
+    Example:
+        >>> import casadi as ca, numpy as np
+        >>> import swarmstart as ss
+        >>> class Tank:
+        ...     def step(self, x, u, dt):
+        ...         return x + dt * (u - 0.5 * np.sqrt(x))
+        >>> level, inflow = ca.SX.sym("level"), ca.SX.sym("inflow")
+        >>> problem = ss.OptimalControlProblem(
+        ...     ss.Model(states=level, controls=inflow, ode=inflow), horizon=2.0,
+        ...     intervals=4, stage_cost=(level - 1) ** 2,
+        ...     bounds=ss.Bounds(controls=(0, 2)),
+        ... )
+        >>> plan = ss.solve_simulated(
+        ...     problem, Tank(), [0.5], rollouts=30, workers=0, seed=0
+        ... )
+        >>> plan.states.shape, plan.controls.shape, plan.violation, plan.failures
+        ((1, 5), (1, 4), 0.0, {})
     """
 
     times: Array
@@ -142,7 +170,7 @@ class SimulatedPlan:
         )
 
 
-class RollOutsInterrupted(KeyboardInterrupt):
+class RollOutsInterrupted(Sendable, KeyboardInterrupt):
     """Ctrl-C while roll-outs were made.
 
     Attributes:
@@ -316,7 +344,7 @@ def solve_simulated(  # noqa: PLR0913 - one call for all of it
         RollOutsInterrupted: After Ctrl-C, with the best so far.
 
     Example:
-        >>> import casadi as ca
+        >>> import casadi as ca, numpy as np
         >>> import swarmstart as ss
         >>> class Cart:
         ...     def step(self, x, u, dt):
@@ -331,7 +359,7 @@ def solve_simulated(  # noqa: PLR0913 - one call for all of it
         ...     problem, Cart(), [0.0, 0.0], rollouts=40, workers=0, seed=0
         ... )
         >>> found.status.name, round(found.cost, 3), found.rollouts <= 40
-        ('FEASIBLE', 0.628, True)
+        ('FEASIBLE', 0.834, True)
     """
     rng = generator_of(rng, seed)
     start = np.asarray(x0, dtype=np.float64)

@@ -41,7 +41,7 @@ def found_for(simulator: Steps, **more: Any) -> ss.SimulatedPlan:
 
 
 def test_the_surrogate_comes_near_the_optimum_of_the_formula() -> None:
-    """The simulator's own Euler steps differ from it by less."""
+    """The simulator's own steps differ from it by less."""
     best = ss.solve(cart(true), [0.0, 0.0], seed=0, progress=False)
     assert best.status.is_confirmed
     found = found_for(foreign.Cart())
@@ -101,7 +101,7 @@ def test_a_simulator_that_always_fails_is_said() -> None:
 
 
 def test_a_surrogate_that_does_not_agree_leaves_the_rest_to_the_search() -> None:
-    """A simulator with a memory of its own is none that any formula fits."""
+    """No formula fits a simulator with a memory of its own."""
 
     class Moody:
         def __init__(self) -> None:

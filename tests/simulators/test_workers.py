@@ -1,4 +1,4 @@
-"""A crash, a hang or a number that is none costs one roll-out, and no process stays."""
+"""A crash, a hang or a NaN costs one roll-out, and no process stays."""
 
 import os
 import signal

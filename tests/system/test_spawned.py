@@ -234,6 +234,19 @@ USED: dict[str, tuple[Callable[[], Any], Callable[[Any], Any]]] = {
         lambda export: [*export.files.values(), export.most_operations],
     ),
     "CommandPlant": (lambda: ss.CommandPlant(made.TANK), stepped),
+    "SelectedPlant": (
+        lambda: ss.SelectedPlant(
+            ss.CommandPlant(made.TANK), states=["level"], controls=["inflow"]
+        ),
+        lambda part: part.step(part.start_at([1.0]), [0.5], 0.1),
+    ),
+    "SimulatedPlan": (
+        made.simulated_plan, lambda plan: [plan.controls, plan.cost, plan.status]
+    ),
+    "SurrogateRound": (
+        lambda: made.simulated_plan().rounds[0],
+        lambda one: [one.predicted, one.found, one.degree],
+    ),
     "SteppedPlant": (lambda: ss.SteppedPlant(made.Tank(), dt=0.1), flown),
     "RecedingHorizon": (made.loop, simulated),
     "Team": (made.team, simulated),

@@ -34,6 +34,18 @@ def _commands() -> Calls:
         "SelectedPlant": with_defaults(
             ss.SelectedPlant, simulator=plant, states=["level"], controls=["inflow"]
         ),
+        "solve_simulated": with_defaults(
+            ss.solve_simulated,
+            problem=made.problem(),
+            simulator=made.Tank(),
+            x0=[1.0, 0.0],
+            rollouts=2,
+            surrogate=False,
+            search="random",
+            workers=0,
+            seed=0,
+            progress=False,
+        ),
         "SelectedPlant.start_at": Call(part.start_at, {"x": [1.0]}),
         "SelectedPlant.step": Call(step, {"x": [1.0], "u": [0.0], "dt": 0.1}),
     }

@@ -78,6 +78,13 @@ class Tank:
         return x + dt * (u - x)
 
 
+@cache
+def simulated_plan() -> ss.SimulatedPlan:
+    return ss.solve_simulated(
+        problem(), Tank(), [1.0, 0.0], rollouts=20, workers=0, seed=0, progress=False
+    )
+
+
 TANK = [sys.executable, "-c", """
 import json, sys
 for line in sys.stdin:
