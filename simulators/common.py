@@ -1,7 +1,8 @@
 """Parts that all simulators share: their error, and the state that they must be in."""
 
 import difflib
-from collections.abc import Iterable, Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,6 +18,7 @@ LONGEST_STEP = 3600.0
 STEP = a_number(above=0, most=LONGEST_STEP)
 """Lengths of a step [s]."""
 _SHOWN = 20
+_FACTOR = re.compile(r"(?P<name>[^\W\d_]+|1|%|°)(?P<power>-?[1-9])?")
 
 
 class SimulatorError(SwarmstartError):
@@ -106,3 +108,46 @@ def require_start(
             "expected a run that begins at the given state, found "
             f"{', '.join(differing)}",
         )
+
+
+def require_units(
+    simulator: str, wanted: Mapping[str, str], found: Mapping[str, str]
+) -> None:
+    """Raise if a simulator states another unit than the one that is expected.
+
+    Units that cannot be read, or that one side does not state, are not compared.
+
+    Args:
+        simulator: The simulator, for the message.
+        wanted: Name of a variable -> its unit.
+        found: Name of a variable -> the simulator's unit.
+
+    Raises:
+        SimulatorError: With the first unit that differs.
+    """
+    for name, unit in wanted.items():
+        theirs = found.get(name, "")
+        sides = _powers(unit), _powers(theirs)
+        if None not in sides and sides[0] != sides[1]:
+            raise SimulatorError(
+                simulator,
+                f"expected {name} in {unit}, as the scenario states it; found "
+                f"{theirs} (if both are the same, leave out the scenario's)",
+            )
+
+
+def _powers(unit: str) -> dict[str, int] | None:
+    """Return the powers of the parts of a unit such as kg.m2/s2; None if unreadable."""
+    powers: dict[str, int] = {}
+    text = unit.replace("**", "").replace("^", "").replace("·", ".").replace("*", ".")
+    if not text.strip():
+        return None
+    for number, factors in enumerate(text.split("/")):
+        for factor in factors.strip().split("."):
+            match = _FACTOR.fullmatch(factor.strip())
+            if match is None:
+                return None
+            power = int(match["power"] or 1) * (-1 if number else 1)
+            if match["name"] != "1":
+                powers[match["name"]] = powers.get(match["name"], 0) + power
+    return {name: power for name, power in powers.items() if power}

@@ -372,10 +372,10 @@ lanes: 0
 """
 
 
-def flown(folder: Path, plant: dict[str, Any]) -> Run:
+def flown(folder: Path, plant: dict[str, Any], text: str = FLOWN) -> Run:
     """Return a run of the pendulum with a plant, whose code is allowed."""
     file = folder / "flown.yaml"
-    file.write_text(f"{FLOWN}plant: {json.dumps(plant)}\n")
+    file.write_text(f"{text}plant: {json.dumps(plant)}\n")
     return ss.run(file, seed=0, allow_code=True, figures=False)
 
 
@@ -388,6 +388,13 @@ def test_an_fmu_has_the_bits_of_its_model(fmu: Built, tmp_path: Path) -> None:
     for step in range(5):
         assert np.array_equal(theirs.trajectory.states[:, step], x)
         x = ours(x, theirs.trajectory.controls[:, step])[:, -1]
+    for unit, is_wrong in (("rad.s-1", False), ("", False), ("deg/s", True)):
+        text = FLOWN.replace("rate: torque", f"unit: '{unit}', rate: torque")
+        if is_wrong:
+            with pytest.raises(SimulatorError, match="expected speed in deg/s, as the"):
+                flown(tmp_path, {"fmu": "pendulum.fmu"}, text)
+        else:
+            flown(tmp_path, {"fmu": "pendulum.fmu"}, text)
     wrong = {"fmu": "pendulum.fmu", "states": ["angle", "sped"]}
     with pytest.raises(SimulatorError, match="found 'sped'; did you mean 'speed'"):
         flown(tmp_path, wrong)

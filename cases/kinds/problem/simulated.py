@@ -34,12 +34,14 @@ class _Wanted(NamedTuple):
     Attributes:
         states: Names of the states of all vehicles.
         controls: Names of their controls.
+        units: Units of these states and controls; empty if they are not stated.
         vehicles: Number of vehicles.
         step: Length of the simulator's steps [s].
     """
 
     states: tuple[str, ...]
     controls: tuple[str, ...]
+    units: tuple[str, ...]
     vehicles: int
     step: float
 
@@ -59,6 +61,11 @@ def posed_simulator(
         return None
     wanted = _Wanted(
         states=model.state_names, controls=model.control_names,
+        units=tuple(
+            one.unit
+            for part in (scenario.states, scenario.controls)
+            for one in [*part.values()] * (model.nx // len(scenario.states))
+        ),
         vehicles=model.nx // len(scenario.states),
         step=interval / steps_within(part, interval),
     )  # fmt: skip
@@ -72,14 +79,19 @@ def posed_simulator(
 
 def _fmu(part: FmuPart, wanted: _Wanted) -> Steps:
     from swarmstart.simulators import FmuPlant
+    from swarmstart.simulators.common import require_units
 
     _require_same(part.fmu)
-    return FmuPlant(
+    plant = FmuPlant(
         part.fmu.file,
         states=part.states or wanted.states,
         controls=part.controls or wanted.controls,
         parameters=part.values,
     )
+    names = *plant.state_names, *plant.control_names
+    units = dict(zip(names, wanted.units, strict=True))
+    require_units(str(part.fmu), units, plant.units)
+    return plant
 
 
 def _network(part: OnnxPart, wanted: _Wanted) -> Steps:
