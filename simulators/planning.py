@@ -75,12 +75,13 @@ _SPREAD = 0.05
 _REACH = 0.1
 """Distance from the best path, in the ranges of its states, at which a roll-out counts
 half in a fit."""
-_AGREES = 1e-2
+_AGREES = 3e-3
 """Largest difference of predicted and simulated cost at which a surrogate is trusted,
 relative to the simulated cost."""
 _SAME = 1e-4
 """Relative gain below which a round has found nothing better."""
-_ROUNDS = 20
+_PATIENCE = 15
+"""Number of rounds without a gain after which the loop ends."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -402,8 +403,8 @@ def _with_surrogate(
     )
     parameters = np.asarray(made.known.parameters, dtype=np.float64).ravel()
     made.made(_drawn(made, min(_FIRST, made.left), rng))
-    last = np.inf
-    while made.left > 0 and len(made.tried) > 1 and len(rounds) < _ROUNDS:
+    last, gained = np.inf, 0
+    while made.left > 0 and len(made.tried) > 1 and len(rounds) - gained < _PATIENCE:
         best = made.best
         fit = correction.fitted(_weighted(made, best), parameters)
         plan = planner.plan(
@@ -425,6 +426,8 @@ def _with_surrogate(
         )  # fmt: skip
         if tried is not None and _is_settled(tried, plan.cost, last, made.tolerance):
             return True
+        if best is None or _is_gain(best, made.best):
+            gained = len(rounds)
         if tried is not None:
             last = tried.cost
         near = _near(made, plan.controls, min(_NEAR, made.left), rng)
@@ -454,6 +457,14 @@ def _is_settled(tried: _Tried, predicted: float, last: float, tolerance: float) 
         and abs(tried.cost - predicted) <= _AGREES * size
         and abs(last - tried.cost) <= _SAME * size
     )
+
+
+def _is_gain(before: _Tried, now: _Tried | None) -> bool:
+    """Return whether the best has become better."""
+    if now is None or now is before:
+        return False
+    size = max(abs(before.cost), 1e-12)
+    return now.violation < before.violation or now.cost < before.cost - _SAME * size
 
 
 def _drawn(made: _RollOuts, count: int, rng: np.random.Generator) -> list[Array]:

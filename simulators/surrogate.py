@@ -33,7 +33,7 @@ from swarmstart.ocp.common.errors import InvalidProblemError
 
 MOST_MONOMIALS = 60
 """Number of monomials above which the degree is not raised."""
-DEGREES = (1, 2, 3)
+DEGREES = (1, 2, 3, 4, 5)
 _MOST_STEPS = 4000
 """Number of steps that are fitted; of more a part is used, evenly."""
 _ROUNDS = 8
