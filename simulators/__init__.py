@@ -29,6 +29,7 @@ if TYPE_CHECKING:  # Loaded when first used: most runs need none.
     )
     from swarmstart.simulators.common import (
         SimulatorError as SimulatorError,
+        require_units as require_units,
     )
     from swarmstart.simulators.fmu import (
         FmuPlant as FmuPlant,
@@ -49,7 +50,7 @@ if TYPE_CHECKING:  # Loaded when first used: most runs need none.
 _NAMES = {
     "aircraft": "AircraftPlant Autopilot",
     "command": "CommandPlant",
-    "common": "SimulatorError",
+    "common": "SimulatorError require_units",
     "fmu": "FmuPlant",
     "network": "OnnxPlant",
     "planning": "RollOutsInterrupted SimulatedPlan SurrogateRound solve_simulated",

@@ -18,6 +18,7 @@ from swarmstart.cases.campaign.running.finished_run import Interrupted, Run
 from swarmstart.cases.campaign.running.run import run
 from swarmstart.cases.format.flaws import InvalidScenarioError
 from swarmstart.cases.format.scenario import Resolved, read_document, resolve
+from swarmstart.cases.kinds.flight import flight_of
 from swarmstart.cases.kinds.problem.simulated import ChangedFileError
 from swarmstart.cases.record.record import OccupiedFolderError, Recording
 from swarmstart.simulators import SimulatorError
@@ -135,6 +136,17 @@ def test_nothing_runs_a_program_without_the_option(
         assert refused.err.startswith(f"swarmstart: {tank}: expected --allow-code ")
     with pytest.raises(ss.CodeNotAllowedError):
         ss.run(file, seed=0)
+    assert project.runs == 0
+
+
+def test_a_flight_that_is_not_run_by_a_command_needs_the_permission_too(
+    project: Project,
+) -> None:
+    resolved = project.resolved(allowed=False)
+    flight = flight_of(resolved.posed(), resolved.scenario)
+    rng = np.random.default_rng(0)
+    with pytest.raises(ss.CodeNotAllowedError):
+        next(ss.fly(flight.plant, flight.controller, flight.x0, steps=1, rng=rng))
     assert project.runs == 0
 
 

@@ -206,7 +206,6 @@ def _timed(
     kind, scenario = resolved.kind, resolved.scenario
     if recording is not None and recording.animation:
         kind.check_animation(recording.animation)
-    resolved.require_allowed()
     progress(0, scenario.steps, "building")
     with heeded():
         flight = flight_of(resolved.posed(), scenario, threads=threads)

@@ -78,8 +78,7 @@ def posed_simulator(
 
 
 def _fmu(part: FmuPart, wanted: _Wanted) -> Steps:
-    from swarmstart.simulators import FmuPlant
-    from swarmstart.simulators.common import require_units
+    from swarmstart.simulators import FmuPlant, require_units
 
     _require_same(part.fmu)
     plant = FmuPlant(

@@ -66,23 +66,9 @@ class SimulatorPart(Part):
         return next(key for key in _KEYS if hasattr(self, key))
 
     @property
-    def code(self) -> Path | None:
-        """The file or the program that a simulation runs; None if it is no user's."""
-        return None
-
-    @property
-    def files(self) -> Mapping[str, Path]:
-        """Name -> file of those that a record keeps."""
-        return {}
-
-
-class ForeignPart(SimulatorPart):
-    """A simulator with files of its own."""
-
-    @property
     def foreign(self) -> Mapping[str, ForeignFile]:
         """Name -> file of the scenario's files that it runs."""
-        raise NotImplementedError
+        return {}
 
     @property
     def files(self) -> Mapping[str, Path]:
@@ -91,7 +77,7 @@ class ForeignPart(SimulatorPart):
 
     @property
     def code(self) -> Path | None:
-        """The first file that a simulation runs."""
+        """The file or the program that a simulation runs; None if it is no user's."""
         return next(iter(self.files.values()), None)
 
 
@@ -121,7 +107,7 @@ def _of_file(given: Mapping[str, str], file: ForeignFile | None) -> Mapping[str,
     return given if file is None else _verified(given, {str(file): file})
 
 
-class FmuPart(ForeignPart):
+class FmuPart(SimulatorPart):
     """An FMU as the simulated system.
 
     Attributes:
@@ -158,7 +144,7 @@ class FmuPart(ForeignPart):
         return _of_file(given, info.data.get("fmu"))
 
 
-class OnnxPart(ForeignPart):
+class OnnxPart(SimulatorPart):
     """A network in ONNX as the simulated system.
 
     Attributes:
@@ -226,7 +212,7 @@ def _command(value: object, info: ValidationInfo) -> Command:
     return Command(words=tuple(words), files=files)
 
 
-class CommandPart(ForeignPart):
+class CommandPart(SimulatorPart):
     """A program as the simulated system: JSON lines, in any language.
 
     Attributes:
