@@ -95,9 +95,27 @@ def test_its_path_is_linear_between_its_steps() -> None:
     """The model's rate is another: p u with p = 7."""
     run = ss.simulate(plant(Heavy()), loop(), [1.0], steps=2, seed=0, progress=False)
     path = ss.interpolate(plant(Heavy()), run)
-    inside = (run.dense_states[0, 2] + run.dense_states[0, 3]) / 2
-    assert path(0.625)[0, 0] == pytest.approx(inside, abs=1e-14)
+    inside = 0.8 * run.dense_states[0, 2] + 0.2 * run.dense_states[0, 3]
+    assert path(0.55)[0, 0] == pytest.approx(inside, abs=1e-14)
     assert path(0.5)[0, 0] == pytest.approx(run.dense_states[0, 2], abs=1e-14)
+
+
+class Delayed:
+    """A controller whose model receives another control than is commanded."""
+
+    dt = 1.0
+
+    def decide(
+        self, time: float, state: Array, previous: object, *, rng: object
+    ) -> ss.Decision:
+        return ss.Decision(control=np.array([1.0]), plans=(), acting=np.array([-5.0]))
+
+
+def test_a_simulator_gets_commands_since_a_delay_is_its_own() -> None:
+    heavy = Heavy()
+    run = ss.simulate(plant(heavy), Delayed(), [0.0], steps=1, seed=0, progress=False)
+    assert [u for _, u, _ in heavy.steps] == [1.0] * 4
+    assert run.states[0, -1] == 2.0
 
 
 def test_a_run_is_made_again_or_said_to_be_another() -> None:
