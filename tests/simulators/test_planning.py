@@ -134,13 +134,14 @@ def test_constraints_and_their_tolerance_decide_the_status() -> None:
         bounds=ss.Bounds(controls=(-1, 1)),
     )  # fmt: skip
     found = ss.solve_simulated(
-        far, foreign.Cart(), [0.0, 0.0], rollouts=30, workers=0, seed=0, progress=False
-    )
+        far, foreign.Cart(), [0.0, 0.0], rollouts=30, workers=0, seed=0,
+        surrogate=False, progress=False,
+    )  # fmt: skip
     assert found.status is ss.SolutionStatus.INFEASIBLE
     assert found.reason.startswith("not feasible: its violation is ")
     found = ss.solve_simulated(
         far, foreign.Cart(), [0.0, 0.0], rollouts=30, workers=0, seed=0,
-        progress=False, tolerance=found.violation + 1,
+        surrogate=False, progress=False, tolerance=found.violation + 1,
     )  # fmt: skip
     assert found.status is ss.SolutionStatus.FEASIBLE
 

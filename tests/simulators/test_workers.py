@@ -108,7 +108,6 @@ def test_no_process_is_left(how: signal.Signals, tmp_path: Path) -> None:
     assert not any(map(is_alive, workers))
 
 
-@pytest.mark.long
 def test_no_process_is_left_in_twenty_tries(tmp_path: Path) -> None:
     for _ in range(20):
         test_no_process_is_left(signal.SIGINT, tmp_path)

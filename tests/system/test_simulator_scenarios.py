@@ -439,7 +439,6 @@ def test_five_aircraft_begin_in_their_places(name: str) -> None:
     assert found.status.startswith("simulated to the end; every planned step found")
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("name", ["formation_v_jsbsim", "close_formation_jsbsim"])
 def test_five_aircraft_keep_their_claims(name: str) -> None:
     pytest.importorskip("jsbsim")
