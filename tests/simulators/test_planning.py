@@ -183,3 +183,19 @@ def test_what_cannot_be_planned_for_is_refused() -> None:
         ss.solve_simulated(
             cart(planned, bounds=ss.Bounds()), foreign.Cart(), [0.0, 0.0], seed=0
         )
+
+
+def test_a_feasible_roll_out_is_better_than_a_cheaper_one_that_is_not() -> None:
+    x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+    asked = ss.OptimalControlProblem(
+        ss.Model(states=x, controls=u, ode=planned(x, u)), horizon=1.0, intervals=5,
+        stage_cost=u**2, checks=2, bounds=ss.Bounds(controls=(-1, 1)),
+        terminal=[ss.TerminalConstraint(expression=x[0], lower=0.4, upper=1.0)],
+    )  # fmt: skip
+    guess = np.ones((1, 5))
+    found = ss.solve_simulated(
+        asked, foreign.Cart(), [0.0, 0.0], rollouts=30, workers=0, seed=0, guess=guess,
+        surrogate=False, search="random", progress=False,
+    )  # fmt: skip
+    assert found.status is ss.SolutionStatus.FEASIBLE
+    assert np.array_equal(found.controls, guess)
