@@ -54,7 +54,7 @@ def test_a_polynomial_is_found_with_its_degree() -> None:
 
 
 def test_roll_outs_of_little_weight_change_little() -> None:
-    """Those of another cart are nearly left out."""
+    """Steps of another cart are nearly left out."""
     correction, p = Correction(problem(missing=True), STEP), np.array([1.5])
     wrong = [
         RollOut(one.states[:, ::-1].copy(), one.controls, 1e-9) for one in rollouts(6)

@@ -410,8 +410,8 @@ def test_an_fmu_has_the_bits_of_its_model(fmu: Built, tmp_path: Path) -> None:
     wrong = {"fmu": "pendulum.fmu", "states": ["angle", "sped"]}
     with pytest.raises(SimulatorError, match="found 'sped'; did you mean 'speed'"):
         flown(tmp_path, wrong)
-    with pytest.raises(SimulatorError, match="found 'fricton'"):
-        flown(tmp_path, {"fmu": "pendulum.fmu", "values": {"fricton": 0.2}})
+    with pytest.raises(SimulatorError, match="found 'frction'"):
+        flown(tmp_path, {"fmu": "pendulum.fmu", "values": {"frction": 0.2}})
 
 
 def test_a_network_makes_the_steps(tmp_path: Path) -> None:
