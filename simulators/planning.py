@@ -59,7 +59,7 @@ from swarmstart.ocp.common import (
     shown,
 )
 from swarmstart.ocp.common.errors import refused
-from swarmstart.ocp.rollout import NOTHING, SampledValue
+from swarmstart.ocp.rollout import NOTHING, SampledValue, shaped
 from swarmstart.ocp.search import LANES, space_of
 from swarmstart.simulators.common import SimulatorError
 from swarmstart.simulators.surrogate import Correction, RollOut
@@ -339,7 +339,8 @@ def solve_simulated(  # noqa: PLR0913 - one call for all of it
 
     Raises:
         InvalidProblemError: If the problem decides more than held controls, a control
-            is unbounded, or the surrogate cannot correct its rates.
+            is unbounded, a shape is not the problem's, or the surrogate cannot correct
+            its rates.
         SimulatorError: If the simulator cannot be sent to a process, or no roll-out
             succeeds.
         RollOutsInterrupted: After Ctrl-C, with the best so far.
@@ -363,7 +364,9 @@ def solve_simulated(  # noqa: PLR0913 - one call for all of it
         ('FEASIBLE', 0.834, True)
     """
     rng = generator_of(rng, seed)
-    start = np.asarray(x0, dtype=np.float64)
+    start, model = shaped("x0", x0, (problem.model.nx,)), problem.model
+    if guess is not None:
+        guess = shaped("guess", guess, (model.nu, problem.intervals))
     with ExitStack() as stack:
         told = stack.enter_context(
             shown(progress, "solve_simulated", "simulating", total=rollouts)
@@ -377,7 +380,8 @@ def solve_simulated(  # noqa: PLR0913 - one call for all of it
         rounds: list[SurrogateRound] = []
         try:
             if guess is not None:
-                made.made([np.asarray(guess, dtype=np.float64)])
+                point = made.space.encoded(guess, start)
+                made.made([made.space.decoded(point, start, known).controls])
             agrees = surrogate and _with_surrogate(made, rounds, rng)
             if made.left > 0 and not agrees:
                 _with_search(made, search, rng)
@@ -478,10 +482,11 @@ def _near(
     made: _RollOuts, controls: Array, count: int, rng: np.random.Generator
 ) -> list[Array]:
     """Return controls near given ones, within their bounds."""
-    lower, upper = (side[:, None] for side in made.value.problem.search_limits)
-    spread = _SPREAD * (upper - lower)
-    changes = rng.standard_normal((count, *controls.shape)) * spread
-    return [np.clip(controls + change, lower, upper) for change in changes]
+    box = made.space.box
+    point = made.space.encoded(controls, made.x0)
+    changes = _SPREAD * box.width * rng.standard_normal((count, box.dim))
+    points = np.clip(point + changes, box.lower, box.upper)
+    return [made.space.decoded(x, made.x0, made.known).controls for x in points]
 
 
 def _with_search(

@@ -16,6 +16,7 @@ from swarmstart.ocp.rollout.fitness import (
     core_known,
     from_near_start,
     replay,
+    shaped,
     shared_arguments,
 )
 from swarmstart.ocp.rollout.path import (
@@ -39,6 +40,7 @@ __all__ = [
     "core_known",
     "from_near_start",
     "replay",
+    "shaped",
     "shared_arguments",
     "shooting_of",
     "signals_between",

@@ -491,9 +491,9 @@ def shared_arguments(
     if problem.ns == 0 and signals.size == 0:
         signals = np.empty((0, problem.nodes))  # A user without signals gives ().
     return (
-        _shaped("x0", x0, (problem.model.nx,)),
-        _shaped("parameters", known.parameters, (problem.model.np,)),
-        flatten(_shaped("signals", signals, (problem.ns, problem.nodes))),
+        shaped("x0", x0, (problem.model.nx,)),
+        shaped("parameters", known.parameters, (problem.model.np,)),
+        flatten(shaped("signals", signals, (problem.ns, problem.nodes))),
     )
 
 
@@ -609,7 +609,7 @@ def unflatten(vector: Array, rows: int) -> Array:
     return np.array(vector, dtype=np.float64).reshape((rows, -1), order="F")
 
 
-def _shaped(role: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
+def shaped(role: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
     """Return a validated copy: the caller may change x0 while the objective lives."""
     array = numbers_of(role, values)
     if len(shape) == 1 and array.shape == (*shape, 1):

@@ -199,3 +199,35 @@ def test_a_feasible_roll_out_is_better_than_a_cheaper_one_that_is_not() -> None:
     )  # fmt: skip
     assert found.status is ss.SolutionStatus.FEASIBLE
     assert np.array_equal(found.controls, guess)
+
+
+def test_shapes_are_checked_before_a_roll_out_and_a_guess_is_clipped() -> None:
+    for wrong in ({"guess": np.ones((2, 10))}, {"guess": np.ones((1, 3))}):
+        with pytest.raises(
+            ss.InvalidProblemError, match=r"guess must have shape \(1, "
+        ):
+            found_for(foreign.Cart(), **wrong)
+    with pytest.raises(ss.InvalidProblemError, match=r"x0 must have shape \(2,\)"):
+        ss.solve_simulated(cart(planned), foreign.Cart(), [0.0], seed=0)
+    found = found_for(
+        foreign.Cart(), guess=np.full((1, 10), 9.0), rollouts=1, surrogate=False,
+        search="random",
+    )  # fmt: skip
+    assert np.array_equal(found.controls, np.full((1, 10), 2.0))
+
+
+def test_whole_numbers_stay_whole() -> None:
+    """Also those that are tried near a plan."""
+    whole = cart(planned, bounds=ss.Bounds(controls=(-2, 2), integer=[0]))
+    seen: list[np.ndarray] = []
+
+    class Seen(foreign.Cart):
+        def step(self, x: np.ndarray, u: np.ndarray, dt: float) -> np.ndarray:
+            seen.append(u.copy())
+            return super().step(x, u, dt)
+
+    found = ss.solve_simulated(
+        whole, Seen(), [0.0, 0.0], rollouts=30, workers=0, seed=0, progress=False
+    )
+    assert np.array_equal(np.round(seen), seen)
+    assert np.array_equal(np.round(found.controls), found.controls)
