@@ -389,10 +389,10 @@ class PlanningProblem:
 class CodeNotAllowedError(SwarmstartError):
     """A scenario runs code of the user's or of others, which was not allowed."""
 
-    def __init__(self, code: object) -> None:
+    def __init__(self, code: str) -> None:
         """Name the file or the program, and the option."""
         super().__init__(
-            f"{printable(str(code))}: expected --allow-code (in Python "
+            f"{printable(code)}: expected --allow-code (in Python "
             "allow_code=True): this scenario runs that code"
         )
 
@@ -449,7 +449,7 @@ def no_documents(*run: object) -> dict[str, str]:
     return {}
 
 
-def no_code(scenario: Scenario) -> Path | None:
+def no_code(scenario: Scenario) -> str | None:
     """Return None, for kinds whose scenarios run no code of others."""
     del scenario
     return None
@@ -499,8 +499,8 @@ class Kind:
             -> files. It is a name because drawing does not change the numbers of a run.
         animated_by: Name of the module whose `animate` and `check_writer` make
             animations; empty if the kind has none.
-        code: Scenario -> the user's file, of which it runs the code; None if it runs
-            none.
+        code: Scenario -> the file or the command of the user's that it runs; None if
+            it runs none.
         posed_by_code: Whether posing runs that file; else only a simulation does.
     """
 
@@ -517,7 +517,7 @@ class Kind:
     instances: Callable[..., GivenInstances | None] = no_instances
     documents: Callable[..., Mapping[str, str]] = no_documents
     animated_by: str = ""
-    code: Callable[..., Path | None] = no_code
+    code: Callable[..., str | None] = no_code
     posed_by_code: bool = False
 
     def pose(self, scenario: Scenario, *, allow_code: bool = False) -> Posed:

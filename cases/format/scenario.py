@@ -80,8 +80,8 @@ class Resolved:
         return again, (self.settings, self.variant)
 
     @property
-    def code(self) -> Path | None:
-        """The user's file, of which it runs the code; None if it runs none."""
+    def code(self) -> str | None:
+        """The file or the command of the user's that it runs; None if it runs none."""
         return self.kind.code(self.scenario)
 
     def posed(self) -> Posed:

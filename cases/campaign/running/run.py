@@ -29,6 +29,7 @@ from swarmstart.cases.campaign.running.finished_run import (
     key_of,
     measured_run,
 )
+from swarmstart.cases.format.document import printable
 from swarmstart.cases.format.kind import (
     Flight,
     PlanningProblem,
@@ -169,12 +170,11 @@ def modules_of(job: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _keep_original(resolved: Resolved, folder: Path) -> None:
-    """Raise if the folder contains the file to run, which its copy would replace."""
-    code = resolved.code
-    if code is not None and resolved.folder.resolve() == folder.resolve():
+    """Raise if the folder contains a file to run, which its copy would replace."""
+    if resolved.code is not None and resolved.folder.resolve() == folder.resolve():
         raise OccupiedFolderError(
             folder,
-            f"{code.name} itself",
+            f"the files of {printable(resolved.code)}",
             expected="another folder than that of the file to be run",
             way="choose another --out",
         )

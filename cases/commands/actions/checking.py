@@ -57,7 +57,7 @@ def check(name_or_path: str) -> str:
                 # A part of the errors shows only when the closed loop is built.
                 flight_of(resolved.posed(), resolved.scenario)
             if resolved.code is not None:
-                not_run[f"; {printable(str(resolved.code))} was not run"] = None
+                not_run[f"; {printable(resolved.code)} was not run"] = None
         except InvalidScenarioError as error:
             flaws |= dict.fromkeys(error.flaws)
     for warning in warnings:

@@ -14,7 +14,7 @@ from dataclasses import replace
 
 from swarmstart.cases.campaign.running.claims import holds
 from swarmstart.cases.commands.terminal import say
-from swarmstart.cases.format.document import meant, shown
+from swarmstart.cases.format.document import meant, printable, shown
 from swarmstart.cases.format.kind import Measure
 from swarmstart.cases.format.scenario import Resolved
 from swarmstart.cases.record.files import to_json
@@ -107,5 +107,5 @@ def allowing(
     # Without the permission posing raises, with the name of the option.
     if resolved.code is None or not options.allow_code:
         return resolved
-    told(f"running {resolved.code}, as --allow-code allows")
+    told(f"running {printable(resolved.code)}, as --allow-code allows")
     return replace(resolved, allow_code=True)

@@ -73,8 +73,8 @@ def posed_simulator(
         wanted = wanted._replace(
             states=(*scenario.states,), controls=(*scenario.controls,)
         )
-    code = None if part.code is None else str(part.code)
-    return PosedSimulator(load=partial(_LOADING[type(part)], part, wanted), code=code)
+    load = partial(_LOADING[type(part)], part, wanted)
+    return PosedSimulator(load=load, code=part.code)
 
 
 def _fmu(part: FmuPart, wanted: _Wanted) -> Steps:

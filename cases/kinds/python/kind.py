@@ -68,6 +68,6 @@ KIND = Kind(
     instances=instances_of,
     flaws=flaws,
     drawn_by="swarmstart.cases.kinds.problem.figures:draw_from_python",
-    code=lambda scenario: scenario.problem.file,
+    code=lambda scenario: str(scenario.problem.file),
     posed_by_code=True,
 )

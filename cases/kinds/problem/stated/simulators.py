@@ -5,6 +5,7 @@ of the scenario, vehicle after vehicle. Reading a scenario hashes files and load
 """
 
 import math
+import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -76,9 +77,9 @@ class SimulatorPart(Part):
         return {name: one.file for name, one in self.foreign.items()}
 
     @property
-    def code(self) -> Path | None:
-        """The file or the program that a simulation runs; None if it is no user's."""
-        return next(iter(self.files.values()), None)
+    def code(self) -> str | None:
+        """The file or the command that a simulation runs; None if it is no user's."""
+        return next((str(one) for one in self.files.values()), None)
 
 
 def _verified(
@@ -250,9 +251,9 @@ class CommandPart(SimulatorPart):
         return self.command.files
 
     @property
-    def code(self) -> Path | None:
-        """The first file that the command names; else the program."""
-        return super().code or Path(self.command.words[0])
+    def code(self) -> str | None:
+        """The whole command: what is allowed is to be seen."""
+        return shlex.join(self.command.words)
 
 
 class JsbsimPart(SimulatorPart):
