@@ -60,7 +60,10 @@ def test_a_step_goes_on_from_the_last_state_only() -> None:
 @pytest.mark.parametrize(
     ("changed", "expected"),
     [
-        ({"states": ["lvle"]}, "states of the simulator, found 'lvle'; did you mean"),
+        (
+            {"states": ["levels"]},
+            "states of the simulator, found 'levels'; did you mean",
+        ),
         ({"controls": ["x"]}, "controls of the simulator, found 'x'; it has inflow"),
         ({"start": {"heet": 1.0}}, "did you mean 'heat'"),
         ({"held": {"pwer": 1.0}}, "did you mean 'power'"),
