@@ -129,7 +129,7 @@ class PythonScenario(UserScenario):
     problem: Annotated[
         Code,
         PlainValidator(_code),
-        PlainSerializer(str),
+        PlainSerializer(Code.__str__),
         WithJsonSchema({"type": "string", "description": "my_model.py:build"}),
     ]
     sha256: str = Field(default="", validate_default=True)

@@ -124,7 +124,7 @@ class FmuPart(SimulatorPart):
     fmu: Annotated[
         ForeignFile,
         _validator("fmu", ".fmu"),
-        PlainSerializer(str),
+        PlainSerializer(ForeignFile.__str__),
         _schema("pendulum.fmu"),
     ]
     states: Annotated[list[str], _NAMES] | None = None
@@ -160,7 +160,7 @@ class OnnxPart(SimulatorPart):
     onnx: Annotated[
         ForeignFile,
         _validator("onnx", ".onnx"),
-        PlainSerializer(str),
+        PlainSerializer(ForeignFile.__str__),
         _schema("network.onnx"),
     ]
     gives_change: bool = False
