@@ -113,7 +113,7 @@ def test_a_surrogate_that_does_not_agree_leaves_the_rest_to_the_search() -> None
             return x + dt * np.array([x[1], u[0] + 8 * kick])
 
     found = found_for(Moody(), rollouts=120)
-    assert 100 <= found.rollouts <= 120 and len(found.rounds) == 20
+    assert len(found.rounds) >= 15 and found.rollouts > 12 + 4 * len(found.rounds)
 
 
 def test_a_guess_is_tried_first(tmp_path: Path) -> None:
