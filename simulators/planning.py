@@ -38,6 +38,7 @@ from swarmstart.heuristics import (
     Algorithm,
     Budget,
     Initial,
+    InvalidBudgetError,
     feasibility_first,
     generator_of,
     minimize,
@@ -510,10 +511,18 @@ def _with_search(
     if best is not None:
         point = made.space.encoded(best.controls, made.x0)
         initial = Initial(points=point[:, None])
-    minimize(
-        objective, made.space.box, algorithm=search, rng=rng, initial=initial,
-        budget=Budget(evaluations=made.left), order=feasibility_first(made.tolerance),
-    )  # fmt: skip
+    try:
+        minimize(
+            objective, made.space.box, algorithm=search, rng=rng, initial=initial,
+            budget=Budget(evaluations=made.left),
+            order=feasibility_first(made.tolerance),
+        )  # fmt: skip
+    except InvalidBudgetError:  # Fewer are left than a generation has.
+        made.made(
+            _drawn(made, made.left, rng)
+            if best is None
+            else _near(made, best.controls, made.left, rng)
+        )
 
 
 def _answer(made: _RollOuts, rounds: Sequence[SurrogateRound]) -> SimulatedPlan:

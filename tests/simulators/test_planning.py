@@ -231,3 +231,12 @@ def test_whole_numbers_stay_whole() -> None:
     )
     assert np.array_equal(np.round(seen), seen)
     assert np.array_equal(np.round(found.controls), found.controls)
+
+
+@pytest.mark.parametrize("rollouts", [1, 2, 14])
+def test_fewer_roll_outs_than_a_generation_are_made_too(rollouts: int) -> None:
+    for search in ("lshade", "cma"):
+        found = found_for(
+            foreign.Cart(), rollouts=rollouts, surrogate=False, search=search
+        )
+        assert 1 <= found.rollouts <= rollouts
