@@ -27,7 +27,6 @@ NEAR = 0.01
 """Excess over the optimum that is near."""
 FIRST_SEED = 1
 TEXT = "# Plans for simulators\n\n"
-Rate = Callable[[ca.SX, ca.SX], ca.SX]
 
 
 class Integrated:
@@ -208,8 +207,9 @@ def finding(worst: Mapping[str, Mapping[str, float]], seeds: int) -> str:
         f"{NEAR:.0%} of the optimum of the formula in all of {seeds} seeds; by CMA-ES "
         f"with as many roll-outs on {len(near['CMA-ES']) or 'none'}"
     )
-    for name in worst.keys() - set(near["surrogate"]):
-        one = worst[name]
+    for name, one in worst.items():
+        if name in near["surrogate"]:
+            continue
         found += (
             f"; on the {name} the worst is {1 + one['surrogate']:.0f} times the "
             f"optimum, and {1 + one['CMA-ES']:.0f} times by CMA-ES"

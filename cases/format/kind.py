@@ -120,21 +120,16 @@ class PosedSimulator:
     code: str | None = None
     is_allowed: bool = False
 
-    def require_allowed(self) -> None:
-        """Raise if its code may not be run.
-
-        Raises:
-            CodeNotAllowedError: If it has code of others, which was not allowed.
-        """
-        if self.code is not None and not self.is_allowed:
-            raise CodeNotAllowedError(self.code)
-
     def loading(self) -> Callable[[], Steps]:
-        """Return a function that loads it at its first call."""
+        """Return a function that loads it at its first call.
+
+        The function raises a CodeNotAllowedError if its code may not be run.
+        """
 
         @cache
         def loaded() -> Steps:
-            self.require_allowed()
+            if self.code is not None and not self.is_allowed:
+                raise CodeNotAllowedError(self.code)
             return self.load()
 
         return loaded

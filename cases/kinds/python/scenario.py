@@ -80,8 +80,8 @@ def read_code(value: object, folder: Path) -> Code:
         ValueError: If the file does not exist, is too large or is not UTF-8.
     """
     given, _, function = value.partition(":") if isinstance(value, str) else ("",) * 3
-    file = file_below(given, folder, ".py")
-    if file is None or not function.isidentifier():
+    file = file_below(given, folder)
+    if file is None or file.suffix != ".py" or not function.isidentifier():
         raise ValueError(
             "expected problem to be a file in the scenario's folder or below and a "
             f"function in it, such as my_model.py:build; found {shown(str(value))}"
