@@ -30,6 +30,7 @@ import numpy as np
 from swarmstart.arrays import Array
 from swarmstart.ocp import Known, Model, OptimalControlProblem
 from swarmstart.ocp.common.errors import InvalidProblemError
+from swarmstart.ocp.integration import held_step
 
 MOST_MONOMIALS = 60
 """Number of monomials above which the degree is not raised."""
@@ -99,7 +100,7 @@ class Correction:
                 "expected a model in continuous time without signals, time and "
                 "algebraic equations in its rates (surrogate=False searches any)"
             )
-        self._step, self._model = step, model
+        self._step = step
         n = model.nx + model.nu
         self.degrees = [d for d in DEGREES if math.comb(n + d, d) <= MOST_MONOMIALS]
         self.degrees = self.degrees or [DEGREES[0]]
@@ -111,9 +112,15 @@ class Correction:
         count = len(self._powers)
         W = ca.SX.sym("W", model.nx, count)
         centre, size = ca.SX.sym("centre", n), ca.SX.sym("size", n)
-        z = (ca.vertcat(model.states, model.controls) - centre) / size
-        monomials = self._powers_of(z)
-        rate = model.ode + W @ monomials
+        z = ca.SX.sym("z", n)
+        monomials = ca.vertcat(
+            *[
+                math.prod((z[i] for i in powers), start=ca.SX(1))
+                for powers in self._powers
+            ]
+        )
+        scaled = (ca.vertcat(model.states, model.controls) - centre) / size
+        rate = model.ode + W @ ca.substitute(monomials, z, scaled)
         own = ca.vertcat(ca.vec(W), centre, size)
         self.problem = replace(
             problem,
@@ -123,31 +130,12 @@ class Correction:
                 state_names=model.state_names, control_names=model.control_names,
             ),
         )  # fmt: skip
-        self._predict = self._step_of(rate, own)
-        z = ca.SX.sym("z", n)
-        self._monomials = ca.Function("monomials", [z], [self._powers_of(z)])
+        self._after = held_step(self.problem.model, step)
+        self._monomials = ca.Function("monomials", [z], [monomials])
 
-    def _powers_of(self, z: ca.SX) -> ca.SX:
-        """Return all monomials of z."""
-        return ca.vertcat(
-            *[
-                math.prod((z[i] for i in powers), start=ca.SX(1))
-                for powers in self._powers
-            ]
-        )
-
-    def _step_of(self, rate: ca.SX, own: ca.SX) -> ca.Function:
-        """Return (x, u, p, own) -> the state after a step."""
-        model, h = self._model, self._step
-        known = [model.controls, model.parameters, own]
-        f = ca.Function("rate", [model.states, *known], [rate])
-        x = model.states
-        k1 = f(x, *known)
-        k2 = f(x + h / 2 * k1, *known)
-        k3 = f(x + h / 2 * k2, *known)
-        k4 = f(x + h * k3, *known)
-        after = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-        return ca.Function("after", [x, *known], [after])
+    def _predict(self, x: Array, u: Array, parameters: Array, own: Array) -> Array:
+        """Return the states after a step, each column from one of x and u."""
+        return np.array(self._after(x, u, np.concatenate([parameters, own])))
 
     def known(self, known: Known, fit: Fit) -> Known:
         """Return the known data of a problem with those of a fit."""
@@ -206,9 +194,9 @@ class Correction:
         """Return W (nx, monomials), zero above a degree."""
         x, u, after, weights = self._steps(rollouts)
         used = np.array([len(powers) <= degree for powers in self._powers])
+        centre, size = scales[0][:, None], scales[1][:, None]
         at = [
-            np.array(self._monomials((np.vstack([one, u]).T - scales[0]).T / size))
-            for size in [scales[1][:, None]]
+            np.array(self._monomials((np.vstack([one, u]) - centre) / size))
             for one in (x, (x + after) / 2, after)
         ]
         A = self._step * ((at[0] + 4 * at[1] + at[2]) / 6)[used]
@@ -217,7 +205,7 @@ class Correction:
         W, best, least = np.zeros((len(x), used.size)), None, np.inf
         for _ in range(_ROUNDS):
             own = self._own(W, scales)
-            missed = after - np.array(self._predict(x, u, parameters, own))
+            missed = after - self._predict(x, u, parameters, own)
             rest = float((weights * (missed / scales[2][:, None]) ** 2).sum())
             if not rest < least:  # Also if it is no number.
                 break
@@ -234,6 +222,6 @@ class Correction:
     ) -> float:
         """Return the error of a step, relative to the change of the state in it."""
         x, u, after, weights = self._steps(rollouts)
-        found = np.array(self._predict(x, u, parameters, self._own(W, scales)))
+        found = self._predict(x, u, parameters, self._own(W, scales))
         squares = (((after - found) / scales[2][:, None]) ** 2).mean(axis=0)
         return float(np.sqrt((squares * weights).sum() / weights.sum()))

@@ -3,6 +3,7 @@
 from swarmstart.ocp.integration.integrators import (
     PARTS,
     Integrator,
+    held_step,
     integrate,
     verifying_integrator,
 )
@@ -22,6 +23,7 @@ __all__ = [
     "Integrator",
     "Radau",
     "Transcription",
+    "held_step",
     "integrate",
     "verifying_integrator",
 ]
