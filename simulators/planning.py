@@ -64,8 +64,7 @@ from swarmstart.ocp.rollout import NOTHING, SampledValue, shaped
 from swarmstart.ocp.search import LANES, space_of
 from swarmstart.simulators.common import SimulatorError
 from swarmstart.simulators.surrogate import Correction, RollOut
-from swarmstart.simulators.worker import rolled_out
-from swarmstart.simulators.workers import Failure, Order, Workers
+from swarmstart.simulators.workers import Failure, Here, Order, Workers
 
 _FIRST = 12
 """Number of random roll-outs from which the first surrogate is fitted."""
@@ -204,13 +203,15 @@ class _Tried(NamedTuple):
 class _RollOuts:
     """All roll-outs of a problem, and the best of them."""
 
-    def __init__(
+    def __init__(  # noqa: PLR0913 - a problem and all that its roll-outs need
         self,
         problem: OptimalControlProblem,
-        simulator: Steps,
+        makes: Workers | Here,
         x0: Array,
         known: Known,
+        *,
         tolerance: float,
+        most: int,
         told: ProgressCallback,
     ) -> None:
         """Make no roll-out yet."""
@@ -222,9 +223,7 @@ class _RollOuts:
         self.tried: list[_Tried] = []
         self.failures: Counter[str] = Counter()
         self.last_words = ""
-        self._simulator, self._told = simulator, told
-        self.workers: Workers | None = None
-        self.most = 0
+        self._makes, self.most, self._told = makes, most, told
 
     @property
     def count(self) -> int:
@@ -250,7 +249,7 @@ class _RollOuts:
         m = self.value.problem.checks
         orders = [Order(self.x0, np.repeat(u, m, axis=1), self.step) for u in many]
         found: list[_Tried | None] = []
-        for u, states in zip(many, self._results(orders), strict=True):
+        for u, states in zip(many, self._makes.results(orders), strict=True):
             one = None
             if isinstance(states, Failure):
                 self.failures[states.kind] += 1
@@ -261,20 +260,6 @@ class _RollOuts:
                 self.tried.append(one)
             found.append(one)
         self._told(self.count, self.most, "simulating")
-        return found
-
-    def _results(self, orders: Sequence[Order]) -> list[Array | Failure]:
-        if self.workers is not None:
-            return self.workers.results(orders)
-        found: list[Array | Failure] = []
-        for one in orders:
-            try:
-                states = rolled_out(self._simulator, *one)
-            except Exception as error:  # noqa: BLE001 - whatever it raises
-                found.append(Failure(type(error).__name__, str(error)))
-                continue
-            is_finite = np.isfinite(states).all()
-            found.append(states if is_finite else Failure("not finite", "a state"))
         return found
 
 
@@ -372,12 +357,13 @@ def solve_simulated(  # noqa: PLR0913 - one call for all of it
         told = stack.enter_context(
             shown(progress, "solve_simulated", "simulating", total=rollouts)
         )
-        made = _RollOuts(problem, simulator, start, known, tolerance, told)
-        made.most = rollouts
+        makes: Workers | Here = Here(simulator)
         if workers:
-            made.workers = stack.enter_context(
-                Workers(simulator, count=workers, limit_s=limit_s)
-            )
+            several = Workers(simulator, count=workers, limit_s=limit_s)
+            makes = stack.enter_context(several)
+        made = _RollOuts(
+            problem, makes, start, known, tolerance=tolerance, most=rollouts, told=told
+        )
         rounds: list[SurrogateRound] = []
         try:
             if guess is not None:

@@ -22,7 +22,8 @@ from typing import IO, Any
 import numpy as np
 
 from swarmstart.arrays import Array
-from swarmstart.ocp import Simulator, Steps
+from swarmstart.ocp import Steps
+from swarmstart.ocp.loop import begun, stepped
 
 LENGTH = struct.Struct("<Q")
 """Form of the length of a frame."""
@@ -39,17 +40,8 @@ def rolled_out(simulator: Steps, x0: Array, controls: Array, h: float) -> Array:
         controls: Controls of each step, shape (nu, n).
         h: Length of a step [s].
     """
-    state = x0
-    if isinstance(simulator, Simulator):
-        state = np.asarray(simulator.start_at(x0.copy()), dtype=np.float64)
-    found = [state]
-    for control in controls.T:
-        after = simulator.step(state.copy(), control.copy(), h)
-        state = np.asarray(after, dtype=np.float64).reshape(-1)
-        if state.shape != x0.shape:
-            raise ValueError(f"a state of shape {state.shape}, not {x0.shape}")
-        found.append(state)
-    return np.stack(found, axis=1)
+    state = begun(simulator, x0)
+    return np.column_stack([state, stepped(simulator, state, controls, h)])
 
 
 def received(stream: IO[bytes]) -> Any:
@@ -71,7 +63,7 @@ def frame(content: object) -> bytes:
     return LENGTH.pack(len(pickled)) + pickled
 
 
-def _answer(call: Callable[[], Any]) -> tuple[bool, Any]:
+def answered(call: Callable[[], Any]) -> tuple[bool, Any]:
     """Return whether a call returns, and its result or words on its error."""
     try:
         return True, call()
@@ -88,7 +80,7 @@ def main() -> int:
     requests, answers = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     pickled = received(requests)
-    is_loaded, simulator = _answer(lambda: pickle.loads(pickled))
+    is_loaded, simulator = answered(lambda: pickle.loads(pickled))
     answers.write(frame((is_loaded, None if is_loaded else simulator)))
     answers.flush()
     while is_loaded:
@@ -97,7 +89,7 @@ def main() -> int:
         except EOFError:
             break
         with np.errstate(all="ignore"):
-            found = _answer(partial(rolled_out, simulator, *order))
+            found = answered(partial(rolled_out, simulator, *order))
         answers.write(frame(found))
         answers.flush()
     return 0

@@ -18,6 +18,7 @@ from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,7 +27,7 @@ from swarmstart.arrays import Array
 from swarmstart.errors import brief
 from swarmstart.ocp import Steps
 from swarmstart.simulators.common import SimulatorError
-from swarmstart.simulators.worker import LENGTH, frame
+from swarmstart.simulators.worker import LENGTH, answered, frame, rolled_out
 
 _PART = 1 << 20
 _PATIENCE_S = 2.0
@@ -120,7 +121,7 @@ class Workers:
             for place, outcome in self._finished(busy).items():
                 number, _ = busy.pop(place)
                 found[number] = outcome
-        return [_finite(one) for one in found if one is not None]
+        return [one for one in found if one is not None]
 
     def _ready(self, place: int) -> _Worker:
         """Return a process that has loaded the simulator.
@@ -159,8 +160,7 @@ class Workers:
                 self._replace(place)
                 found[place] = answer
             elif answer is not None:
-                is_made, content = answer
-                found[place] = content if is_made else Failure(*content)
+                found[place] = _outcome(*answer)
             elif time.monotonic() >= busy[place][1]:
                 self._replace(place)
                 found[place] = Failure("late", f"took longer than {self._limit:g} s")
@@ -172,11 +172,34 @@ class Workers:
             worker.end()
 
 
-def _finite(found: Array | Failure) -> Array | Failure:
-    """Return a result; a failure if a state is not finite."""
-    if isinstance(found, Failure) or np.isfinite(found).all():
-        return found
+def _outcome(is_made: bool, content: Any) -> Array | Failure:
+    """Return the states of a roll-out, or its failure.
+
+    Args:
+        is_made: Whether it was made.
+        content: The states, or the name of an error and its words.
+    """
+    if not is_made:
+        return Failure(*content)
+    states: Array = content
+    if np.isfinite(states).all():
+        return states
     return Failure("not finite", "a state is NaN or infinite")
+
+
+class Here:
+    """Roll-outs in this process, which a crash of the simulator ends."""
+
+    def __init__(self, simulator: Steps) -> None:
+        """Keep the simulator."""
+        self._simulator = simulator
+
+    def results(self, orders: Sequence[Order]) -> list[Array | Failure]:
+        """Return the states (nx, n + 1) of each roll-out, or its failure."""
+        return [
+            _outcome(*answered(partial(rolled_out, self._simulator, *one)))
+            for one in orders
+        ]
 
 
 class _Worker:

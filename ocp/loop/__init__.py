@@ -8,11 +8,14 @@ from swarmstart.ocp.loop.controller import (
     ReferenceSignals,
     known_at,
 )
+from swarmstart.ocp.loop.plant import begun, stepped
 from swarmstart.ocp.loop.simulated_plant import SimulatedPlant
 
 __all__ = [
     "ReferenceSignals",
     "SimulatedPlant",
+    "begun",
     "flown_again",
     "known_at",
+    "stepped",
 ]

@@ -464,12 +464,10 @@ class SteppedPlant(Called):
     @checked(refused, **_STEP)
     def __call__(self, state: Array, control: Array, time: float = 0.0) -> Array:
         """Return the state after the interval, shape (nx, 1); see Plant."""
-        if self._system is not None:
-            after: ArrayLike = self._system.step(state, control, self.dt, time)
-        else:
-            # Copies: a user's object may change its arguments.
-            after = self._steps.step(state.copy(), control.copy(), self.dt)
-        return returned("step", after, state).reshape(-1, 1)
+        if self._system is None:
+            return stepped(self._steps, state, control[:, None], self.dt)
+        after = self._system.step(state, control, self.dt, time)
+        return _returned("step", after, state).reshape(-1, 1)
 
     @checked(refused, state=reals(axes=1))
     def start_at(self, state: Array) -> Array:
@@ -480,9 +478,7 @@ class SteppedPlant(Called):
         Args:
             state: The state that is asked for, shape (nx,).
         """
-        if not isinstance(self._steps, Simulator):
-            return state
-        return returned("start_at", self._steps.start_at(state.copy()), state)
+        return begun(self._steps, state)
 
     @property
     def nx(self) -> int | None:
@@ -500,7 +496,37 @@ class SteppedPlant(Called):
         return self._system.outputs(states, controls, times)
 
 
-def returned(call: str, found: ArrayLike, state: Array) -> Array:
+def begun(steps: Steps, state: Array) -> Array:
+    """Begin a run of a user's object, and return the state at which it begins, (nx,).
+
+    Args:
+        steps: The object; only a `Simulator` has to be begun.
+        state: The state that is asked for, shape (nx,).
+    """
+    if not isinstance(steps, Simulator):
+        return state
+    return _returned("start_at", steps.start_at(state.copy()), state)
+
+
+def stepped(steps: Steps, state: Array, controls: Array, dt: float) -> Array:
+    """Return the states after each of several steps of a user's object, shape (nx, n).
+
+    Args:
+        steps: The object.
+        state: State before the first step, shape (nx,).
+        controls: Controls of each step, shape (nu, n).
+        dt: Length of a step [s].
+    """
+    found = []
+    for control in controls.T:
+        # Copies: a user's object may change its arguments.
+        after = steps.step(state.copy(), control.copy(), dt)
+        state = _returned("step", after, state)
+        found.append(state)
+    return np.stack(found, axis=1)
+
+
+def _returned(call: str, found: ArrayLike, state: Array) -> Array:
     """Return a state that a user's object has returned, shape (nx,), checked."""
     after = numbers_of(f"the state that {call}() returns", found)
     if after.size != state.size:

@@ -12,7 +12,7 @@ import numpy as np
 from swarmstart.arguments import checked, function
 from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import refused
-from swarmstart.ocp.loop.plant import Plant, Simulator, Steps, returned
+from swarmstart.ocp.loop.plant import Plant, Steps, begun, stepped
 from swarmstart.ocp.system.model import Model
 
 
@@ -40,10 +40,7 @@ class SimulatedPlant(Plant):
 
     def start_at(self, state: Array) -> Array:
         """Begin a run, and return the state at which it begins; see SteppedPlant."""
-        steps = self._load()
-        if not isinstance(steps, Simulator):
-            return state
-        return returned("start_at", steps.start_at(state.copy()), state)
+        return begun(self._load(), state)
 
     def until_end(self, state: Array, control: Array, time: float = 0.0) -> Array:
         """Return the states after each step, shape (nx, substeps); see Plant."""
@@ -67,10 +64,4 @@ class SimulatedPlant(Plant):
 
     def _stepped(self, state: Array, held: Array) -> Array:
         """Return the states after steps with controls (nu, substeps)."""
-        steps, dt = self._load(), self.dt / self.substeps
-        found = []
-        for control in held.T:
-            after = steps.step(state.copy(), control.copy(), dt)
-            state = returned("step", after, state)
-            found.append(state)
-        return np.stack(found, axis=1)
+        return stepped(self._load(), state, held, self.dt / self.substeps)
