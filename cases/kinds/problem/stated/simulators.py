@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import (
+    AfterValidator,
     Discriminator,
     Field,
     PlainSerializer,
@@ -19,7 +20,6 @@ from pydantic import (
     Tag,
     ValidationInfo,
     WithJsonSchema,
-    field_validator,
 )
 
 from swarmstart.cases.format.document import shown
@@ -49,6 +49,62 @@ def _validator(key: str, suffix: str) -> PlainValidator:
 
 def _schema(example: str) -> WithJsonSchema:
     return WithJsonSchema({"type": "string", "description": example})
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Command:
+    """A program and its arguments, with the scenario's own files among them.
+
+    Attributes:
+        words: The words of the scenario.
+        files: Word -> the file of that name in the scenario's folder.
+    """
+
+    words: tuple[str, ...]
+    files: Mapping[str, ForeignFile]
+
+    @property
+    def called(self) -> list[str]:
+        """The words, with the paths of the files."""
+        files = self.files
+        return [str(files[w].file.resolve()) if w in files else w for w in self.words]
+
+
+def _verified(
+    given: Mapping[str, str], files: Mapping[str, ForeignFile]
+) -> dict[str, str]:
+    """Return the hashes of files by name, which must be the given ones.
+
+    Raises:
+        ValueError: If a file is missing, or has another hash.
+    """
+    for name in given:
+        if name not in files:
+            listed = ", ".join(files) or "none"
+            raise ValueError(f"expected names of {listed}; found {shown(name)}")
+    for name, one in files.items():
+        if given.get(name, one.sha256) != one.sha256:
+            raise ValueError(
+                f"expected {name} with the hash {given[name]}, found one with "
+                f"{one.sha256}: the file has changed"
+            )
+    return {name: one.sha256 for name, one in files.items()}
+
+
+def _unchanged(given: Mapping[str, str], info: ValidationInfo) -> Mapping[str, str]:
+    """Return the hashes of the files of a part, which must be the given ones."""
+    file, command = (
+        info.data.get("fmu", info.data.get("onnx")),
+        info.data.get("command"),
+    )
+    if file is not None:
+        return _verified(given, {str(file): file})
+    # Without any the key of the files has an error already.
+    return given if command is None else _verified(given, command.files)
+
+
+Hashes = Annotated[Mapping[str, str], AfterValidator(_unchanged)]
+"""Hashes of all files of a part by name; it comes after the key of the files."""
 
 
 class SimulatorPart(Part):
@@ -82,32 +138,6 @@ class SimulatorPart(Part):
         return next((str(one) for one in self.files.values()), None)
 
 
-def _verified(
-    given: Mapping[str, str], files: Mapping[str, ForeignFile]
-) -> dict[str, str]:
-    """Return the hashes of files by name, which must be the given ones.
-
-    Raises:
-        ValueError: If a file is missing, or has another hash.
-    """
-    for name in given:
-        if name not in files:
-            listed = ", ".join(files) or "none"
-            raise ValueError(f"expected names of {listed}; found {shown(name)}")
-    for name, one in files.items():
-        if given.get(name, one.sha256) != one.sha256:
-            raise ValueError(
-                f"expected {name} with the hash {given[name]}, found one with "
-                f"{one.sha256}: the file has changed"
-            )
-    return {name: one.sha256 for name, one in files.items()}
-
-
-def _of_file(given: Mapping[str, str], file: ForeignFile | None) -> Mapping[str, str]:
-    """Return the hash of a file; the file can have an error already."""
-    return given if file is None else _verified(given, {str(file): file})
-
-
 class FmuPart(SimulatorPart):
     """An FMU as the simulated system.
 
@@ -130,19 +160,12 @@ class FmuPart(SimulatorPart):
     states: Annotated[list[str], _NAMES] | None = None
     controls: Annotated[list[str], _NAMES] | None = None
     values: Mapping[str, Number] = Field(default_factory=dict)
-    sha256: Mapping[str, str] = Field(default_factory=dict, validate_default=True)
+    sha256: Hashes = Field(default_factory=dict, validate_default=True)
 
     @property
     def foreign(self) -> Mapping[str, ForeignFile]:
         """Name -> file of the scenario's files that it runs."""
         return {str(self.fmu): self.fmu}
-
-    @field_validator("sha256")
-    @classmethod
-    def _unchanged(
-        cls, given: Mapping[str, str], info: ValidationInfo
-    ) -> Mapping[str, str]:
-        return _of_file(given, info.data.get("fmu"))
 
 
 class OnnxPart(SimulatorPart):
@@ -164,38 +187,12 @@ class OnnxPart(SimulatorPart):
         _schema("network.onnx"),
     ]
     gives_change: bool = False
-    sha256: Mapping[str, str] = Field(default_factory=dict, validate_default=True)
+    sha256: Hashes = Field(default_factory=dict, validate_default=True)
 
     @property
     def foreign(self) -> Mapping[str, ForeignFile]:
         """Name -> file of the scenario's files that it runs."""
         return {str(self.onnx): self.onnx}
-
-    @field_validator("sha256")
-    @classmethod
-    def _unchanged(
-        cls, given: Mapping[str, str], info: ValidationInfo
-    ) -> Mapping[str, str]:
-        return _of_file(given, info.data.get("onnx"))
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Command:
-    """A program and its arguments, with the scenario's own files among them.
-
-    Attributes:
-        words: The words of the scenario.
-        files: Word -> the file of that name in the scenario's folder.
-    """
-
-    words: tuple[str, ...]
-    files: Mapping[str, ForeignFile]
-
-    @property
-    def called(self) -> list[str]:
-        """The words, with the paths of the files."""
-        files = self.files
-        return [str(files[w].file.resolve()) if w in files else w for w in self.words]
 
 
 def _command(value: object, info: ValidationInfo) -> Command:
@@ -235,15 +232,7 @@ class CommandPart(SimulatorPart):
     states: Annotated[list[str], _NAMES] | None = None
     controls: Annotated[list[str], _NAMES] | None = None
     limit_s: Positive = 10.0
-    sha256: Mapping[str, str] = Field(default_factory=dict, validate_default=True)
-
-    @field_validator("sha256")
-    @classmethod
-    def _unchanged(
-        cls, given: Mapping[str, str], info: ValidationInfo
-    ) -> Mapping[str, str]:
-        command = info.data.get("command")
-        return given if command is None else _verified(given, command.files)
+    sha256: Hashes = Field(default_factory=dict, validate_default=True)
 
     @property
     def foreign(self) -> Mapping[str, ForeignFile]:
