@@ -124,7 +124,8 @@ class SimulatedPlan:
         controls: Held over the intervals, shape (nu, N).
         cost: Its cost; the larger the better if the problem maximises.
         violation: Sum of the scaled excesses over constraints.
-        status: FEASIBLE or INFEASIBLE.
+        status: FEASIBLE or INFEASIBLE, by the simulator's own steps: there is no finer
+            grid that confirms it.
         reason: Reason, and what the rounds gained, in words.
         rollouts: Number of roll-outs, also those that failed.
         failures: How a roll-out failed -> how often.

@@ -9,6 +9,7 @@
 The weights of all rows are those of a roll-out of the problem (violation.py).
 """
 
+import math
 from functools import cached_property
 from typing import NamedTuple
 
@@ -29,7 +30,8 @@ class Value(NamedTuple):
 
     Attributes:
         cost: The minimised cost.
-        violation: The violation, 0 if all constraints hold.
+        violation: The violation, 0 if all constraints hold; infinite unless it and the
+            cost are finite.
     """
 
     cost: float
@@ -104,10 +106,11 @@ class SampledValue:
         first = states[:, :-1:m], controls, parameters, s[:, :-1:m]
         step, initial = (np.array(part).ravel() for part in self._single(*first))
         end, missed = self._shooting.terminal(states[:, -1], p, s[:, -1])
-        return Value(
+        value = Value(
             cost=float(cost + step.sum() + initial[0] + float(end)),
             violation=float(np.array(broken).sum() + np.array(over).sum() + missed),
         )
+        return value if math.isfinite(sum(value)) else value._replace(violation=np.inf)
 
 
 def _weights(parts: int) -> Array:

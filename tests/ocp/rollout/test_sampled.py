@@ -93,3 +93,15 @@ def test_decisions_besides_held_controls_are_refused(what: str) -> None:
     )  # fmt: skip
     with pytest.raises(ss.InvalidProblemError, match="held controls as decisions"):
         SampledValue(one)
+
+
+@pytest.mark.parametrize("cost", [np.inf, np.nan])
+def test_a_cost_that_is_no_number_is_no_kept_constraint(cost: float) -> None:
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    one = ss.OptimalControlProblem(
+        ss.Model(states=x, controls=u, ode=u), horizon=1.0, intervals=1,
+        stage_cost=u**2, terminal_cost=1e300 * x, bounds=ss.Bounds(controls=(-1, 1)),
+    )  # fmt: skip
+    states = np.array([[0.0, 1e300 if cost == np.inf else cost]])
+    found = SampledValue(one)(states, np.zeros((1, 1)), [0.0], ss.Known())
+    assert not np.isfinite(found.cost) and found.violation == np.inf
