@@ -311,6 +311,7 @@ def test_a_resolved_scenario_keeps_its_permission_in_another_process(
     ("assignment", "expected"),
     [
         ("plant.step_s=0.3", "whole number of steps in a control interval of 0.5 s"),
+        ("plant.step_s=1e-6", "interval of 0.5 s, 1 to 10,000, found steps of 1e-06 s"),
         ("plant.states=[level]", "expected 2 names, found 1"),
         ("plant.states=[level, level]", "expected another name, found 'level' again"),
         ("plant.command=[]", "expected command to be a list of words"),

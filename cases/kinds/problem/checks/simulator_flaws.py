@@ -7,6 +7,7 @@ from swarmstart.cases.kinds.problem.checks.attempts import unknown
 from swarmstart.cases.kinds.problem.stated.model import interval_of
 from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario
 from swarmstart.cases.kinds.problem.stated.simulators import (
+    MOST_STEPS,
     JsbsimPart,
     SimulatorPart,
     steps_within,
@@ -41,7 +42,7 @@ def simulator_flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
         yield (
             ("plant", "step_s"),
             f"expected a whole number of steps in a control interval of {interval:g} "
-            f"s, found steps of {part.step_s:g} s",
+            f"s, 1 to {MOST_STEPS:,}, found steps of {part.step_s:g} s",
         )
     yield from _of_names(scenario, part)
 

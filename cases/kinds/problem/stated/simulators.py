@@ -32,6 +32,8 @@ from swarmstart.cases.format.foreign_files import (
 from swarmstart.cases.format.parts import Number, Part, Positive
 from swarmstart.cases.kinds.problem.stated.parts import PlantPart
 
+MOST_STEPS = 10_000
+"""Largest number of a simulator's steps in a control interval."""
 _MOST_WORDS = 1000
 _NAMES = Field(min_length=1, max_length=1000)
 
@@ -298,4 +300,5 @@ def steps_within(part: SimulatorPart, interval: float) -> int:
     if part.step_s is None:
         return 1
     count = round(interval / part.step_s)
-    return count if math.isclose(count * part.step_s, interval, rel_tol=1e-9) else 0
+    is_whole = math.isclose(count * part.step_s, interval, rel_tol=1e-9)
+    return count if is_whole and count <= MOST_STEPS else 0
