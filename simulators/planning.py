@@ -73,8 +73,12 @@ _NEAR = 3
 _SPREAD = 0.05
 """Their distance from the plan, a fraction of the ranges of the controls."""
 _REACH = 0.1
-"""Distance from the best path, in the ranges of its states, at which a roll-out counts
-half in a fit."""
+"""Distance from the path that a fit repeats, in the ranges of its states, at which a
+roll-out counts half in it."""
+_NARROWER = 0.7
+_NARROWEST = 1 / 16
+"""Spread and reach become narrower by this factor in a round without a gain; the least
+that they become."""
 _AGREES = 3e-3
 """Largest difference of predicted and simulated cost at which a surrogate is trusted,
 relative to the simulated cost."""
@@ -395,10 +399,12 @@ def _with_surrogate(
     )
     parameters = np.asarray(made.known.parameters, dtype=np.float64).ravel()
     made.made(_drawn(made, min(_FIRST, made.left), rng))
-    last, gained = np.inf, 0
+    last, gained, narrow, near = np.inf, 0, 1.0, made.best
     while made.left > 0 and len(made.tried) > 1 and len(rounds) - gained < _PATIENCE:
         best = made.best
-        fit = correction.fitted(_weighted(made, best), parameters)
+        if near is None or gained == len(rounds):
+            near = best
+        fit = correction.fitted(_weighted(made, near, narrow * _REACH), parameters)
         plan = planner.plan(
             made.x0,
             known=correction.known(made.known, fit),
@@ -420,24 +426,40 @@ def _with_surrogate(
             return True
         if best is None or _is_gain(best, made.best):
             gained = len(rounds)
-        if tried is not None:
-            last = tried.cost
-        near = _near(made, plan.controls, min(_NEAR, made.left), rng)
-        made.made(near)
+        else:
+            narrow = max(_NARROWER * narrow, _NARROWEST)
+        if tried is not None:  # The next fit repeats it: plans come nearer to another.
+            last, near = tried.cost, tried
+        made.made(_beside(made, best, plan.controls, narrow * _SPREAD, rng))
     return False
 
 
-def _weighted(made: _RollOuts, best: _Tried | None) -> list[RollOut]:
-    """Return all roll-outs, with more weight the nearer they are to the best."""
-    if best is None:
+def _beside(
+    made: _RollOuts,
+    best: _Tried | None,
+    controls: Array,
+    spread: float,
+    rng: np.random.Generator,
+) -> list[Array]:
+    """Return controls near a plan; if it is not the best, between both and near it."""
+    count = min(_NEAR, made.left)
+    if best is None or made.best is not best:
+        return _near(made, controls, count, spread, rng)
+    between = (best.controls + controls) / 2
+    return [between, *_near(made, best.controls, count - 1, spread, rng)][:count]
+
+
+def _weighted(made: _RollOuts, near: _Tried | None, reach: float) -> list[RollOut]:
+    """Return all roll-outs, with more weight the nearer they are to one of them."""
+    if near is None:
         return []
-    ranges = np.ptp(best.states, axis=1, keepdims=True)
+    ranges = np.ptp(near.states, axis=1, keepdims=True)
     ranges = np.where(ranges > 0, ranges, 1.0)
     found = []
     for one in made.tried:
-        apart = float((((one.states - best.states) / ranges) ** 2).mean())
+        apart = float((((one.states - near.states) / ranges) ** 2).mean())
         controls = np.repeat(one.controls, made.value.problem.checks, axis=1)
-        found.append(RollOut(one.states, controls, 1 / (1 + apart / _REACH**2)))
+        found.append(RollOut(one.states, controls, 1 / (1 + apart / reach**2)))
     return found
 
 
@@ -467,12 +489,16 @@ def _drawn(made: _RollOuts, count: int, rng: np.random.Generator) -> list[Array]
 
 
 def _near(
-    made: _RollOuts, controls: Array, count: int, rng: np.random.Generator
+    made: _RollOuts,
+    controls: Array,
+    count: int,
+    spread: float,
+    rng: np.random.Generator,
 ) -> list[Array]:
     """Return controls near given ones, within their bounds."""
     box = made.space.box
     point = made.space.encoded(controls, made.x0)
-    changes = _SPREAD * box.width * rng.standard_normal((count, box.dim))
+    changes = spread * box.width * rng.standard_normal((max(count, 0), box.dim))
     points = np.clip(point + changes, box.lower, box.upper)
     return [made.space.decoded(x, made.x0, made.known).controls for x in points]
 
@@ -508,7 +534,7 @@ def _with_search(
         made.made(
             _drawn(made, made.left, rng)
             if best is None
-            else _near(made, best.controls, made.left, rng)
+            else _near(made, best.controls, made.left, _SPREAD, rng)
         )
 
 

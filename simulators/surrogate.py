@@ -2,10 +2,11 @@
 
 The rates of a model get a correction, polynomials of states and controls,
 
-    x' = f(x, u, p) + W m(z),    z = ((x, u) - centre) / size
+    x' = f(x, u, p) + W m(z) + r(t),    z = ((x, u) - centre) / size
 
-with all monomials m up to a degree. W is found by least squares of the states after
-each step of all roll-outs:
+with all monomials m up to a degree; of degrees that have too many, only the powers of
+one state or control. W is found by least squares of the states after each step of all
+roll-outs, with r = 0:
 
     minimise  sum of w |(x_k+1 - F(x_k, u_k, W)) / h|^2 + small |W|^2
 
@@ -13,7 +14,8 @@ F is one step of the classical Runge-Kutta method of the simulator's length h, a
 weight of a roll-out. A few rounds solve it with F linear in W: its slope is h times the
 mean of m over the step, by Simpson's rule, so that the rows of W are independent. The
 degree is the one that predicts a quarter of the roll-outs best, which the fit has not
-seen; then all are used.
+seen; then all are used. At last r takes what W misses along the roll-out of the largest
+weight, so that the formula repeats that one.
 """
 
 from __future__ import annotations
@@ -33,7 +35,9 @@ from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.integration import held_step
 
 MOST_MONOMIALS = 60
-"""Number of monomials above which the degree is not raised."""
+"""Number of monomials above which a degree has only powers of one quantity."""
+_MOST = 100
+"""Number of monomials, such powers included, above which the degree is not raised."""
 DEGREES = (1, 2, 3, 4, 5)
 _MOST_STEPS = 4000
 """Number of steps that are fitted; of more a part is used, evenly."""
@@ -62,12 +66,14 @@ class Fit(NamedTuple):
 
     Attributes:
         parameters: W, centre and size, after the model's own parameters.
+        rest: r after each step, and at the start, shape (nx, steps + 1).
         degree: Degree of the polynomials.
         error: Root mean square of the errors of a step that the fit has not seen,
             relative to the change of the state in it.
     """
 
     parameters: Array
+    rest: Array
     degree: int
     error: float
 
@@ -102,12 +108,20 @@ class Correction:
             )
         self._step = step
         n = model.nx + model.nu
-        self.degrees = [d for d in DEGREES if math.comb(n + d, d) <= MOST_MONOMIALS]
-        self.degrees = self.degrees or [DEGREES[0]]
+        whole = max(
+            (d for d in DEGREES if math.comb(n + d, d) <= MOST_MONOMIALS),
+            default=DEGREES[0],
+        )
+        self.degrees = [
+            d
+            for d in DEGREES
+            if d <= whole or math.comb(n + whole, whole) + (d - whole) * n <= _MOST
+        ]
         self._powers = [
             powers
             for degree in range(self.degrees[-1] + 1)
             for powers in combinations_with_replacement(range(n), degree)
+            if degree <= whole or len(set(powers)) == 1
         ]
         count = len(self._powers)
         W = ca.SX.sym("W", model.nx, count)
@@ -120,13 +134,14 @@ class Correction:
             ]
         )
         scaled = (ca.vertcat(model.states, model.controls) - centre) / size
-        rate = model.ode + W @ ca.substitute(monomials, z, scaled)
+        rest = ca.SX.sym("rest", model.nx)
+        rate = model.ode + W @ ca.substitute(monomials, z, scaled) + rest
         own = ca.vertcat(ca.vec(W), centre, size)
         self.problem = replace(
             problem,
             model=Model(
                 states=model.states, controls=model.controls, ode=rate,
-                parameters=ca.vertcat(model.parameters, own),
+                parameters=ca.vertcat(model.parameters, own), signals=rest,
                 state_names=model.state_names, control_names=model.control_names,
             ),
         )  # fmt: skip
@@ -135,12 +150,15 @@ class Correction:
 
     def _predict(self, x: Array, u: Array, parameters: Array, own: Array) -> Array:
         """Return the states after a step, each column from one of x and u."""
-        return np.array(self._after(x, u, np.concatenate([parameters, own])))
+        rest = np.zeros((len(x), 2 * x.shape[1]))  # At both ends of each step.
+        return np.array(self._after(x, u, np.concatenate([parameters, own]), rest))
 
     def known(self, known: Known, fit: Fit) -> Known:
         """Return the known data of a problem with those of a fit."""
         own = np.asarray(known.parameters, dtype=np.float64).ravel()
-        return known._replace(parameters=np.concatenate([own, fit.parameters]))
+        return known._replace(
+            parameters=np.concatenate([own, fit.parameters]), signals=fit.rest
+        )
 
     def fitted(self, rollouts: Sequence[RollOut], parameters: Array) -> Fit:
         """Return the correction that fits roll-outs.
@@ -158,7 +176,19 @@ class Correction:
             errors[degree] = self._error(unseen or seen, parameters, scales, W)
         degree = min(errors, key=lambda d: (not math.isfinite(errors[d]), errors[d]))
         W = self._least_squares(rollouts, parameters, scales, degree)
-        return Fit(self._own(W, scales), degree, errors[degree])
+        own = self._own(W, scales)
+        rest = self._rest(rollouts, parameters, own)
+        return Fit(own, rest, degree, errors[degree])
+
+    def _rest(
+        self, rollouts: Sequence[RollOut], parameters: Array, own: Array
+    ) -> Array:
+        """Return r, the mean of what is missed before and after each node."""
+        nearest = max(rollouts, key=lambda one: one.weight)
+        x, after = nearest.states[:, :-1], nearest.states[:, 1:]
+        missed = after - self._predict(x, nearest.controls, parameters, own)
+        rates = np.pad(missed / self._step, ((0, 0), (1, 1)), mode="edge")
+        return (rates[:, :-1] + rates[:, 1:]) / 2
 
     def _scales(self, rollouts: Sequence[RollOut]) -> tuple[Array, Array, Array]:
         """Return centre and size of states and controls, and the spread of rates."""
