@@ -64,8 +64,8 @@ def test_roll_outs_of_little_weight_change_little() -> None:
     predicted = np.array([0.2, 0.5]), np.array([1.0])
 
     def after(fit: Fit) -> Array:
-        columns = (one[:, None] for one in predicted)
-        return correction._predict(*columns, p, fit.parameters).ravel()
+        x, u = (one[:, None] for one in predicted)
+        return correction._predict(x, u, p, fit.parameters).ravel()
 
     states = ss.Plant(
         problem(missing=False).model, dt=STEP, substeps=1,
@@ -112,15 +112,16 @@ def test_what_no_polynomial_fits_is_repeated_along_the_heaviest_roll_out() -> No
     heaviest = made[2]
 
     def missed(rest: Array) -> float:
-        states = heaviest.states[:, 0]
+        states, most = heaviest.states[:, 0], 0.0
         for k, control in enumerate(heaviest.controls.T):
             both = rest[:, k : k + 2].ravel(order="F")
             states = np.array(correction._after(states, control, fit.parameters, both))
             states = states.ravel()
-        return float(np.abs(states - heaviest.states[:, -1]).max())
+            most = max(most, float(np.abs(states - heaviest.states[:, k + 1]).max()))
+        return most
 
     assert fit.rest.shape == (1, 121)
-    assert missed(fit.rest) < 1e-3 and missed(0 * fit.rest) > 0.1
+    assert 5 * missed(fit.rest) < missed(0 * fit.rest)
 
 
 def test_many_states_are_fitted_with_few_monomials() -> None:
