@@ -232,6 +232,7 @@ class Posed:
         committed: Given if agents agree on committed plans, which end in these sets.
         period: Time from one plan to the next [s] if the end time is decided and the
             loop is closed; else None.
+        until: Time at which the closed loop ends, and its plans with it [s]; else None.
         controller: Controller of the kind's own, which has no agents; None: agents
             plan.
         ended: Words on a run that this controller has ended.
@@ -249,6 +250,7 @@ class Posed:
     dual_mode: LinearLaws | None = None
     committed: CommittedPlans | None = None
     period: float | None = None
+    until: float | None = None
     controller: Controller | None = None
     ended: str = ""
     documents: Mapping[str, str] = field(default_factory=dict)

@@ -51,7 +51,7 @@ def flight_of(posed: P, scenario: Scenario, *, threads: int | None = 1) -> Fligh
     if posed.controller is not None:
         return _steered(posed, posed.controller)
     plant, problem = posed.plant, posed.agents[0].problem
-    is_decided = isinstance(problem.horizon, Free)
+    has_period = isinstance(problem.horizon, Free) or posed.period is not None
     controller = _controller(posed, partial(_planner, scenario, threads))
     made: Callable[..., Plant] = Plant
     if plant.simulator is not None:
@@ -62,7 +62,7 @@ def flight_of(posed: P, scenario: Scenario, *, threads: int | None = 1) -> Fligh
             plant.model,
             # A decided end time has no dt of its own; the loop has the period, or a
             # guess.
-            dt=controller.dt if is_decided else problem.dt,
+            dt=controller.dt if has_period else problem.dt,
             substeps=plant.substeps,
             parameters=plant.parameters,
             signals=plant.signals,
@@ -133,7 +133,9 @@ def _controller(posed: Posed, planner: _Planning) -> Controller:
     if posed.order is None:
         # Without an order there is one agent.
         (agent,) = agents
-        loop = replace(_receding_horizon(agent, planner), period=posed.period)
+        loop = replace(
+            _receding_horizon(agent, planner), period=posed.period, until=posed.until
+        )
         return OpenLoop(loop=loop, repair=posed.repair) if posed.open_loop else loop
     team = Team(
         [

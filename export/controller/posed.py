@@ -199,6 +199,8 @@ def _require_plain(loop: RecedingHorizon) -> None:
         "it has no polish, whose method the C file has: give it one": planner.polish
         is None,
         "its end time is free: fix the horizon": isinstance(stated.horizon, Free),
+        "its plans become shorter (until): a C file plans over one length": loop.until
+        is not None,
         "its controls are linear between knots: hold them": stated.has_knots,
         "its states are counted from near: state it in such coordinates": bool(
             planner.lowered.origin.any()

@@ -298,6 +298,11 @@ class Planner(Called):
             other._lane_search = self._lane_search.with_search(other.search)
         return other
 
+    def of(self, problem: OptimalControlProblem) -> Planner:
+        """Return a planner of another problem with the same settings, built anew."""
+        _, named = self._called_with
+        return Planner(problem, **{n: v for n, v in named.items() if n != "problem"})
+
     def in_time(self) -> Planner:
         """Return the same planner without lanes, so that a deadline can stop it.
 

@@ -52,6 +52,7 @@ from swarmstart.ocp.statement.decisions import Free
 from swarmstart.ocp.statement.guesses import Appended, shifted_controls
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 from swarmstart.ocp.statement.rewrites.end_time import END_TIME
+from swarmstart.ocp.statement.rewrites.shrinking import Shrinking
 
 ReferenceSignals = Callable[[Array], Array]
 """Absolute times (n,) [s] -> known signals (nr, n)."""
@@ -200,6 +201,7 @@ def known_at(
     shift=FLAG,
     first=optional(either(reals(), of_kind(Start, "a Start"))),
     period=optional(a_number(above=0)),
+    until=optional(a_number(above=0)),
     previous=optional(reals()),
     carries=FLAG,
     within=optional(a_number(above=0)),
@@ -226,6 +228,10 @@ class RecedingHorizon:
             The horizon shrinks with a constant number of intervals. The run ends when
             the end time is at most one period, or when the remainder after a period
             would be shorter than allowed. None: one control interval.
+        until: Time at which the run ends [s], as a batch does: plans end there and not
+            later, so that the horizon, a number, shrinks as with a free end time; None:
+            the horizon recedes for ever. `planner` is then one of its own, which takes
+            the length of a plan as a number that is known.
         previous: Control of the interval before the run, shape (nu,); None: the allowed
             value nearest to zero.
         carries: Whether a polish also starts from the multipliers of the last plan. Set
@@ -240,9 +246,10 @@ class RecedingHorizon:
 
     Raises:
         InvalidProblemError: If the end time is free and there is no period or it may
-            not shrink to one period; if the members of an ensemble share no control; or
-            if there is a time for a plan, and a search in lanes or a polish that cannot
-            be stopped.
+            not shrink to one period; if there is `until` and the end time is free, a
+            control has a delay, or time is discrete; if the members of an ensemble
+            share no control; or if there is a time for a plan, and a search in lanes or
+            a polish that cannot be stopped.
 
     Example:
         >>> import casadi as ca
@@ -268,12 +275,15 @@ class RecedingHorizon:
     shift: bool = True
     first: Array | Start | None = None
     period: float | None = None
+    until: float | None = None
     previous: Array | None = None
     carries: bool = True
     within: float | None = None
 
     def __post_init__(self) -> None:
         """Check that the run can end if the end time is free, and plans be stopped."""
+        if self.until is not None:
+            self._shrink()
         if self.within is not None:
             self.planner.in_time()
         horizon = self.planner.stated.horizon
@@ -284,7 +294,7 @@ class RecedingHorizon:
                 "robust_horizon must be at least 1"
             )
         if not isinstance(horizon, Free):
-            if self.period is not None:
+            if self.period is not None and self.until is None:
                 raise InvalidProblemError(
                     "a period is for a problem whose end time is free: here plans are "
                     f"one control interval of {self.dt:g} s apart"
@@ -295,6 +305,20 @@ class RecedingHorizon:
                 f"{self.period:g} s, got the lower bound {horizon.lower:g} s; for the "
                 f"closed loop state Free({self.period:g}, {horizon.upper:g})"
             )
+
+    def _shrink(self) -> None:
+        """Take a planner whose plans have a length that is given, and a period."""
+        stated = self.planner.stated
+        if not any(isinstance(one, Shrinking) for one in stated.features):
+            if stated.features:
+                raise InvalidProblemError(
+                    "until changes the length of intervals, which a delay counts: "
+                    "expected a problem without features"
+                )
+            shrinking = replace(stated, features=(Shrinking(),))
+            object.__setattr__(self, "planner", self.planner.of(shrinking))
+        if self.period is None:
+            object.__setattr__(self, "period", stated.length / stated.intervals)
 
     @property
     def dt(self) -> float:
@@ -441,12 +465,14 @@ class RecedingHorizon:
             is_only: Whether no other plan follows it.
             rng: Source of all randomness.
         """
-        problem, left = self.planner.problem, self._left(last)
+        problem, left = self.planner.problem, self._left(time, last)
         state, known, first = self._posed(state, self.known(time, seen, left), last)
         guess = first if last is None else last.controls
         shifted: Array | None = None
         if last is not None and self.period is not None and left is not None:
             state, shifted = self._shrunk(state, last, self.period, left)
+        elif left is not None:  # The first plan.
+            state = self._with_length(state, left)
         elif last is not None:
             shifted = shifted_controls(problem, last.controls, self.append)
         begun = shifted if self.shift and shifted is not None else guess
@@ -511,8 +537,18 @@ class RecedingHorizon:
         one = self.period is None and self.planner.problem.intervals == 1
         return not (self.shift and one)
 
-    def _left(self, last: Plan | None) -> float | None:
-        """Return the rest of the last plan's time [s]; None if the horizon is fixed."""
+    def _left(self, time: float, last: Plan | None) -> float | None:
+        """Return the length of the next plan [s]; None if it is fixed or unknown.
+
+        Raises:
+            InvalidProblemError: If the run has ended.
+        """
+        if self.until is not None:
+            if not time < self.until:
+                raise InvalidProblemError(
+                    f"a run until {self.until:g} s has no plan at {time:g} s"
+                )
+            return min(self.planner.stated.length, self.until - time)
         if last is None or self.period is None:
             return None
         return max(self._length(last) - self.period, self._shortest)
@@ -538,9 +574,7 @@ class RecedingHorizon:
 
         The remaining time is the guess of the end time.
         """
-        (one,) = self.planner.lowered.places[END_TIME]
-        start = state.copy()
-        start[one] = left
+        start = self._with_length(state, left)
         lowered, N = self.planner.lowered, last.controls.shape[1]
         knots, piece = lowered.knots(last.controls, last.x0), self._length(last) / N
         if not self.planner.stated.has_knots:
@@ -548,6 +582,13 @@ class RecedingHorizon:
         rest = Profile(controls=knots[:, 1:], piece=piece, start=knots[:, 0])
         found = rest.at(period + left * np.arange(N + 1) / N)
         return lowered.guess(start, found)
+
+    def _with_length(self, state: Array, left: float) -> Array:
+        """Return a state of the core whose plan has another length [s]."""
+        (one,) = self.planner.lowered.places[END_TIME]
+        start = state.copy()
+        start[one] = left
+        return start
 
 
 def _acting(planner: Planner, plan: Plan, number: int) -> Array | None:

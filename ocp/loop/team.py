@@ -115,7 +115,7 @@ class Team(Called):
         Raises:
             InvalidProblemError: If the order is not a permutation, an agent watches one
                 that plans later or whose plans have other nodes, or control intervals
-                differ.
+                differ, or are periods of an agent's own.
         """
         self.agents = tuple(agents)
         self.order = tuple(range(len(self.agents)) if order is None else order)
@@ -130,6 +130,7 @@ class Team(Called):
                 raise InvalidProblemError(
                     f"agent {number} watches {sorted(late)}, who plan after it"
                 )
+        _require_every_interval(self.agents)
         require_held(a.controller.planner.stated for a in self.agents)
         problems = [a.controller.planner.problem for a in self.agents]
         lengths = [problem.dt for problem in problems]
@@ -209,3 +210,12 @@ class Team(Called):
 def first_controls(plans: Sequence[Plan]) -> Array:
     """Return the first control of each plan, stacked, shape (nu,)."""
     return np.concatenate([plan.controls[:, 0] for plan in plans])
+
+
+def _require_every_interval(agents: Sequence[Agent]) -> None:
+    """Raise unless all agents plan in every control interval."""
+    if any(agent.controller.period is not None for agent in agents):
+        raise InvalidProblemError(
+            "agents of a team plan in every control interval: expected controllers "
+            "without period and until"
+        )

@@ -91,6 +91,7 @@ def pose(scenario: ProblemScenario) -> ProblemPosed:
         dual_mode=laws,
         committed=_committed(vehicles, constants),
         period=scenario.feedback.period_s,
+        until=scenario.feedback.ends_at_s,
         documents={
             # The first is certificate.json, with or without others.
             f"certificate{number or ''}.json": certificate_text(one.certificate)

@@ -76,6 +76,7 @@ def pose(scenario: PythonScenario) -> Posed:
             decided={name: one.first for name, one in problem.decided.items()},
         ),
         period=scenario.feedback.period_s,
+        until=scenario.feedback.ends_at_s,
         open_loop=scenario.feedback.law == "open_loop",
         repair=scenario.feedback.repair,
         documents={scenario.problem.file.name: scenario.problem.text},

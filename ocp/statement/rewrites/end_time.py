@@ -6,7 +6,7 @@ methods, such as Betts (2010), Practical Methods for Optimal Control, 4.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import casadi as ca
 
@@ -19,6 +19,8 @@ from swarmstart.ocp.statement.rewrites.rewrite import Rewrite
 
 END_TIME = "end time"
 """Name of the parameter, and then of the state, that is a free end time."""
+GIVEN_LENGTH = "length given with the plan"
+"""Name of the state that is the length of a horizon which shrinks."""
 
 
 class Length(NamedTuple):
@@ -36,8 +38,14 @@ class Length(NamedTuple):
 
 
 def length_of(problem: OptimalControlProblem) -> Length:
-    """Return the length of a problem's horizon: a decided parameter if it is free."""
+    """Return the length of a problem's horizon: a decided parameter if it is free.
+
+    It is a state if it is given with each plan.
+    """
     parameters, decided = problem.model.parameters, problem.decided
+    if GIVEN_LENGTH in problem.model.state_names:
+        place = problem.model.state_names.index(GIVEN_LENGTH)
+        return Length(problem.model.states[place], parameters, decided)
     if not isinstance(problem.horizon, Free):
         return Length(ca.SX(problem.length), parameters, decided)
     if END_TIME in decided:  # Another rewrite needed it already.
@@ -70,22 +78,33 @@ class EndTime(Rewrite):
                 "a number"
             )
         T, parameters, decided = length_of(problem)
-        model, risk = problem.model, problem.risk
+        ode, fields = stretched(problem, T)
         return replace(
             problem,
-            model=with_equations(model, ode=T * model.ode, parameters=parameters),
-            horizon=1.0,
+            model=with_equations(problem.model, ode=ode, parameters=parameters),
             decided=decided,
-            stage_cost=T * problem.stage_cost,
-            constraints=[
-                *problem.stated,
-                # A weight is per second, and the core integrates over its own time.
-                *[
-                    replace(
-                        c, weight=T * c.weights[0], quadratic_weight=T * c.weights[1]
-                    )
-                    for c in problem.soft
-                ],
-            ],
-            risk=None if risk is None else replace(risk, stage=T * risk.stage),
+            **fields,
         )
+
+
+def stretched(problem: OptimalControlProblem, T: ca.SX) -> tuple[ca.SX, dict[str, Any]]:
+    """Return rates, and the other fields of a problem that change with its time.
+
+    Args:
+        problem: The problem.
+        T: Length of its horizon [s]; that of the new one is 1.
+    """
+    risk = problem.risk
+    return T * problem.model.ode, {
+        "horizon": 1.0,
+        "stage_cost": T * problem.stage_cost,
+        "constraints": [
+            *problem.stated,
+            # A weight is per second, and the core integrates over its own time.
+            *[
+                replace(c, weight=T * c.weights[0], quadratic_weight=T * c.weights[1])
+                for c in problem.soft
+            ],
+        ],
+        "risk": None if risk is None else replace(risk, stage=T * risk.stage),
+    }

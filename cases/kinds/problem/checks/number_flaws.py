@@ -256,12 +256,42 @@ def end_time_flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
             "expected the key 'horizon_s', which can be left out in discrete time "
             f"only: {rates[0]} has a rate",
         )
-    if is_decided(horizon):
+    if scenario.feedback.ends_at_s is not None:
+        yield from _of_fixed_end(scenario, bool(rates))
+    elif is_decided(horizon):
         yield from _of_free_end(scenario, bool(rates))
     elif scenario.feedback.period_s is not None:
         yield (
             ("feedback", "period_s"),
-            "expected no period_s unless the end time is decided",
+            "expected no period_s unless the end time is decided or feedback.ends_at_s "
+            "is given",
+        )
+
+
+def _of_fixed_end(scenario: ProblemScenario, has_rates: bool) -> Iterator[LocatedFlaw]:
+    """Yield errors of parts that do not fit plans that become shorter."""
+    place, what = ("feedback", "ends_at_s"), "a receding horizon that ends"
+    if is_decided(scenario.prediction.horizon_s):
+        yield place, "expected no ends_at_s if the end time is decided"
+    if not has_rates:
+        yield place, "expected no ends_at_s in discrete time, whose steps are all equal"
+    vehicles = scenario.vehicles
+    if vehicles is not None and vehicles.planning != "joint":
+        yield place, "expected no ends_at_s unless one plan is made for all vehicles"
+    if scenario.dual_mode is not None:
+        yield place, "expected no ends_at_s with a dual mode, which goes on for ever"
+    yield from _substep_flaws(scenario, "the run ends at a fixed time")
+    yield from feature_flaws(scenario, what)
+
+
+def _substep_flaws(scenario: ProblemScenario, cause: str) -> Iterator[LocatedFlaw]:
+    """Yield an error if the last step is too coarse for all intervals of a plan."""
+    least, found = scenario.prediction.intervals, scenario.modelled.substeps
+    if found < least:
+        yield (
+            ("plant", "substeps"),
+            f"expected at least prediction.intervals = {least} if {cause}, since the "
+            f"last step has all of them; found {found}",
         )
 
 
@@ -285,13 +315,8 @@ def _of_free_end(scenario: ProblemScenario, has_rates: bool) -> Iterator[Located
             "expected the key 'period_s', the time from plan to plan, if the end time "
             "is decided",
         )
-    least, found = scenario.prediction.intervals, scenario.modelled.substeps
-    if not is_open and found < least:
-        yield (
-            ("plant", "substeps"),
-            f"expected at least prediction.intervals = {least} if the end time is "
-            f"decided, since the last step has all of them; found {found}",
-        )
+    if not is_open:
+        yield from _substep_flaws(scenario, "the end time is decided")
     if is_open and period is not None:
         yield (
             ("feedback", "period_s"),

@@ -342,6 +342,9 @@ class Feedback(Part):
             plans again in every interval.
         period_s: Time from one plan to the next [s], required in a receding horizon
             with a decided end time; else null.
+        ends_at_s: Time at which a receding horizon ends [s]: plans end there and not
+            later, so that they become shorter; null means that they all have the same
+            length.
         last_plan: Starting point of planning: the last plan shifted by one interval, or
             as it is.
         append: Controls at the end of the shifted plan: zero, or the last ones again.
@@ -354,6 +357,7 @@ class Feedback(Part):
 
     law: Literal["open_loop", "receding_horizon"] = "open_loop"
     period_s: Positive | None = None
+    ends_at_s: Positive | None = None
     last_plan: Literal["shifted", "unshifted"] = "shifted"
     append: Appended = "zero"
     within_s: Positive | None = None
@@ -366,11 +370,12 @@ class Feedback(Part):
 
     @model_validator(mode="after")
     def _has_steps(self) -> "Feedback":
-        if self.within_s is not None and self.law == "open_loop":
-            raise ValueError(
-                "expected within_s with law: receding_horizon, which plans at each "
-                "step; found open_loop"
-            )
+        for key in ("within_s", "ends_at_s"):
+            if getattr(self, key) is not None and self.law == "open_loop":
+                raise ValueError(
+                    f"expected {key} with law: receding_horizon, which plans at each "
+                    "step; found open_loop"
+                )
         return self
 
     @classmethod

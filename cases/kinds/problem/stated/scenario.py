@@ -61,6 +61,8 @@ EVALUATIONS = 20_000
 """Default budget of evaluations of a search."""
 MOST_STEPS = 10_000
 """Largest number of steps of a simulation, if it is not given."""
+_ROUNDING = 1e-9
+"""Rounding of a number of steps, relative to it."""
 
 MOST_MEMBERS = 1000
 """Largest number of members, the sets of values of uncertain parameters."""
@@ -391,17 +393,22 @@ def _with_intervals(given: dict[str, Any]) -> dict[str, Any]:
 def _steps(given: dict[str, Any]) -> int:
     """Return the default steps of a scenario; 1 if its numbers are invalid.
 
-    They are the intervals. With a decided end time in closed loop they are the periods
-    in the longest horizon.
+    They are the intervals; in closed loop with a decided end time the periods in the
+    longest horizon, and with a fixed end those until then.
     """
     prediction, feedback = given.get("prediction"), given.get("feedback")
     prediction = prediction if isinstance(prediction, dict) else {}
     intervals, horizon = prediction.get("intervals"), prediction.get("horizon_s")
-    period = feedback.get("period_s") if isinstance(feedback, dict) else None
-    if period is not None and isinstance(horizon, dict):
+    feedback = feedback if isinstance(feedback, dict) else {}
+    period, end = feedback.get("period_s"), feedback.get("ends_at_s")
+    bounds = horizon if isinstance(horizon, dict) else {}
+    if end is not None or (period is not None and bounds):
         try:
-            longest = evaluate(str(horizon["free"][1]))
-            return min(max(math.ceil(longest / evaluate(str(period))), 1), MOST_STEPS)
+            longest = evaluate(str(bounds["free"][1] if end is None else end))
+            if period is None:
+                period = evaluate(str(horizon)) / evaluate(str(intervals))
+            exact = longest / evaluate(str(period)) * (1 - _ROUNDING)
+            return min(max(math.ceil(exact), 1), MOST_STEPS)
         # The model of the scenario reports these errors later, at their places.
         except (SwarmstartError, ArithmeticError, LookupError, TypeError):
             return 1
