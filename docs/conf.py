@@ -6,6 +6,7 @@ Nothing is fetched: the theme's fonts are the reader's own.
 """
 
 import swarmstart
+from swarmstart.docs._extensions import gallery
 
 project = "swarmstart"
 author = "The swarmstart developers"
@@ -16,10 +17,14 @@ extensions = [
     "myst_parser",
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
+    "sphinx_gallery.gen_gallery",
+    "swarmstart.docs._extensions.accessible",
     "swarmstart.docs._extensions.docstrings",
     "swarmstart.docs._extensions.generated_pages",
 ]
 exclude_patterns = ["README.md", "_extensions"]
+gallery.dropped_if_old()
+sphinx_gallery_conf = gallery.settings()
 nitpicky = False
 default_role = "literal"  # Docstrings mark code by single backticks.
 toc_object_entries_show_parents = "hide"

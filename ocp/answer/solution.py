@@ -111,8 +111,8 @@ class LocalOptimum:
 
     cost: float
     count: int
-    controls: Array
-    states: Array
+    controls: Array = field(repr=False)
+    states: Array = field(repr=False)
     _core: Optimum = field(repr=False)
     _answer: Solution = field(repr=False)
 

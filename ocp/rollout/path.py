@@ -47,7 +47,8 @@ class Path:
 
     Attributes:
         times: Times of the fine steps, shape (n,) [s].
-        states: States there, shape (nx, n).
+        states: States there, shape (nx, n); below the problem's own states follow those
+            of its core, such as a free end time.
         controls: Controls held from each time to the next, shape (nu, n - 1).
         outputs: Outputs of the model there, with the control held from each time on,
             shape (ny, n).

@@ -38,7 +38,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Site:
         return Site(ROOT / os.environ[BUILT], "")
     if not DOCS.exists():
         pytest.skip("the documentation is not beside an installed package")
-    for package in ("sphinx", "myst_parser", "furo"):
+    for package in ("sphinx", "myst_parser", "furo", "sphinx_gallery"):
         pytest.importorskip(package)
     shared = tmp_path_factory.getbasetemp()
     if "PYTEST_XDIST_WORKER" in os.environ:
@@ -57,7 +57,11 @@ def _built(folder: Path) -> str:
     arguments = ["-q", "-j", "auto", "-b", "html"]
     done = subprocess.run(
         [sys.executable, "-m", "sphinx", *arguments, str(DOCS), str(folder)],
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+        env={
+            **os.environ,
+            "PYTHONPATH": os.pathsep.join(sys.path),
+            "SWARMSTART_GALLERY": "0",
+        },
         capture_output=True,
         text=True,
         check=False,

@@ -12,6 +12,8 @@ from swarmstart.tests.docs.conftest import Site
 
 PAGES = (
     "index",
+    "gallery/index",
+    "gallery/plans/least_time_gap",
     "tutorial/swing_up",
     "problem",
     "reference/solving",
@@ -101,6 +103,21 @@ def test_a_page_fits_a_phone_is_legible_and_is_silent(
     page.close()
     own = site.folder.as_uri()
     assert [line for line in said if not line.startswith((own, "data:"))] == []
+
+
+@pytest.mark.parametrize(
+    "name", [name for name in PAGES if not name.startswith("reference/")]
+)
+def test_axe_finds_no_error_of_accessibility(
+    browser: Any, site: Site, name: str
+) -> None:
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright")
+    page = browser.new_page(viewport={"width": 1200, "height": 800})
+    page.set_default_timeout(10_000)
+    page.goto((site.folder / f"{name}.html").as_uri())
+    found = axe.Axe().run(page).response["violations"]
+    page.close()
+    assert [(one["id"], one["nodes"][0]["html"]) for one in found] == []
 
 
 def test_the_search_finds_a_name_without_a_network(browser: Any, site: Site) -> None:

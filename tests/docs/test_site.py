@@ -15,6 +15,8 @@ from swarmstart import heuristics, terminal_set
 from swarmstart.cases.format.registry import KINDS
 from swarmstart.tests.docs.conftest import Site
 
+HEAVIEST = 1_500_000
+"""Most bytes that a page has with all that it loads, animations apart."""
 LOADED = {"src", "srcset", "poster", "data"}
 """Attributes whose address a browser loads by itself."""
 
@@ -56,6 +58,24 @@ def html(site: Site) -> dict[Path, Page]:
 
 def test_the_site_is_built_without_a_warning(site: Site) -> None:
     assert site.said == ""
+
+
+def test_no_page_is_heavy(html: dict[Path, Page]) -> None:
+    heavy = {}
+    for path, page in html.items():
+        files = {
+            (path.parent / unquote(urlsplit(one).path)).resolve()
+            for one in page.loaded
+            if urlsplit(one).path
+        }
+        sizes = [
+            file.stat().st_size
+            for file in {path, *files}
+            if file.is_file() and file.suffix != ".gif"
+        ]
+        if sum(sizes) > HEAVIEST:
+            heavy[path.name] = sum(sizes)
+    assert not heavy
 
 
 def test_no_link_is_broken(html: dict[Path, Page]) -> None:

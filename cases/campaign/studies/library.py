@@ -227,7 +227,7 @@ def run(  # noqa: PLR0913 - the options of a command
         force: Whether files with the names of the record's are replaced, as --force.
         allow_code: Whether a scenario of kind python may run the file that it names,
             as --allow-code.
-        bound: Time for a lower bound of the cost of the one plan, as --bound [s]; None
+        bound: Work for a lower bound of the cost of the one plan, as --bound; None
             means that no bound is sought.
         threads: Largest number of threads and processes, as in `solve`.
         settings: Keys and values as for --set, such as
