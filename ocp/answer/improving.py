@@ -149,8 +149,8 @@ def settled_answer(
         states = used.fitness.states(plan.controls, x0, given)
         plan = replace(plan, states=states)
     plan, is_settled, restarts = settled(used, plan, x0, given, rng=rng)
-    plan = _judged_by(planner, plan, x0, known, point=plan.point)
-    found = verified(planner.tracer, plan, x0, known, settled=is_settled)
+    judged = _judged_by(planner, plan, x0, known, point=plan.point)
+    found = verified(planner.tracer, replace(judged, settled=is_settled), x0, known)
     # A lower cost that the finer path does not confirm does not count.
     best = found if found.status.is_confirmed else solution
     return replace(best, restarts=restarts)

@@ -159,6 +159,8 @@ class Plan:
             `Carried`.
         stopped: Whether the time of its step (`within`) was over before it was
             finished; it is the best that was found until then.
+        settled: Whether perturbed starts found nothing better; then a stationary point
+            that is flat to second order is a local optimum, too.
     """
 
     controls: Array
@@ -179,6 +181,7 @@ class Plan:
     duals: Duals | None = None
     spent: tuple[int, ...] = ()
     stopped: bool = False
+    settled: bool = False
 
     @property
     def is_searched(self) -> bool:

@@ -490,17 +490,15 @@ def _ranges(names: tuple[str, ...], rows: Array) -> str:
     x0=reals(),
     known=KNOWN,
     tolerance=a_number(least=0),
-    settled=FLAG,
     advised=FLAG,
 )
-def verified(  # noqa: PLR0913 - a plan and how it is judged
+def verified(
     problem: OptimalControlProblem | Tracer,
     plan: Plan,
     x0: ArrayLike,
     known: Known = NOTHING,
     *,
     tolerance: float = TOLERANCE,
-    settled: bool = False,
     advised: bool = True,
 ) -> Solution:
     """Verify a plan by an integration ten times finer, and return it as a solution.
@@ -511,8 +509,6 @@ def verified(  # noqa: PLR0913 - a plan and how it is judged
         x0: Initial state, shape (nx,).
         known: Parameters and signals.
         tolerance: Tolerance of the comparison; see the module's head.
-        settled: Whether perturbed starts found nothing better; then a stationary point
-            that is flat to second order is a local optimum, too.
         advised: Whether to look for the fastest mode along a path that is not
             confirmed, for advice; this takes most of the time for a small problem.
 
@@ -533,7 +529,7 @@ def verified(  # noqa: PLR0913 - a plan and how it is judged
         here = state, parameters, signals
         found = _same_beside(trace, plan, path, here, sizes, tolerance)
     if found.status is SolutionStatus.FEASIBLE:
-        found = _ranked(trace.shooting, plan, path, settled)
+        found = _ranked(trace.shooting, plan, path)
     status, reason = found.status, found.reason
     fast, grown, data = None, None, Known(parameters, signals)
     asked = advised and not status.is_confirmed
@@ -860,7 +856,7 @@ def _whole(plan: Plan, sense: float) -> str:
     return f"{told}: {100 * apart / size:.2g} % apart" if size else told
 
 
-def _ranked(shooting: Shooting, plan: Plan, path: Path, settled: bool) -> Found:
+def _ranked(shooting: Shooting, plan: Plan, path: Path) -> Found:
     """Return whether a confirmed answer is a local optimum, with the reason."""
     if shooting.problem.integer:
         return Found(SolutionStatus.FEASIBLE, _whole(plan, shooting.stated.sense))
@@ -887,7 +883,7 @@ def _ranked(shooting: Shooting, plan: Plan, path: Path, settled: bool) -> Found:
             else "the polish ended at a point that is not stationary", advice=_AGAIN,
         )  # fmt: skip
     bent = curvature(point)
-    if bent is Curvature.POSITIVE or settled:
+    if bent is Curvature.POSITIVE or plan.settled:
         shown = "and no perturbed start led to anything better"
         if bent is Curvature.POSITIVE:
             shown = "with positive second derivatives"

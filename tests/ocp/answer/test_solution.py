@@ -487,7 +487,7 @@ def polished(problem: OptimalControlProblem) -> Plan:
 def ranked(
     problem: OptimalControlProblem, plan: Plan, *, settled: bool = False
 ) -> tuple[SolutionStatus, str]:
-    found = verified(problem, plan, [0], settled=settled)
+    found = verified(problem, replace(plan, settled=settled), [0])
     return found.status, found.reason
 
 
