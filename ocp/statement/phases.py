@@ -472,7 +472,7 @@ def _require(
             "periodic states": len(phase.periodic),
             "previous controls": phase.previous.numel(),
             "soft constraints": len(phase.soft),
-            "costs of another sense": phase.maximize != stated[0].maximize,
+            "other maximize than phase 1": phase.maximize != stated[0].maximize,
             "a discrete-time model": phase.model.is_discrete,
             "controls of whole numbers": len(phase.integer),
             "blocks of intervals": len(phase.blocks),

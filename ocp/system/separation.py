@@ -248,7 +248,8 @@ def disc(  # noqa: PLR0913 - the options of Separation
         fixed = vector_of(centre)
     except (TypeError, ValueError) as error:
         raise InvalidProblemError(
-            f"centre must be {position.numel()} numbers, got {shortened(centre)}"
+            f"centre must be {position.numel()} numbers, got {shortened(centre)}; if "
+            "it moves, give position - centre as the position, and 0 as the centre"
         ) from error
     if not np.isfinite(fixed).all():
         raise InvalidProblemError(f"centre must be finite, got {fixed}")
