@@ -1,4 +1,4 @@
-"""What the theme leaves out for readers by keyboard and by ear, put into the pages."""
+"""Attributes for readers by keyboard and by ear, put into the pages of the theme."""
 
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ CHANGES = {
     ' id="sg-tag-list"': "",  # It would be there several times.
     "<pre>": '<pre tabindex="0">',  # It may scroll.
 }
-"""What the pages have -> what takes its place."""
+"""Text of a page -> the text that takes its place."""
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
