@@ -52,7 +52,7 @@ OTHER_WORDS = {
     **dict.fromkeys(
         ("ode", "dynamics", "f", "rhs", "xdot", "derivative"), ("states.rate",)
     ),
-    **dict.fromkeys(("objective", "cost", "j"), _COSTS),
+    **dict.fromkeys(("objective", "cost", "j", "minimize", "minimise"), _COSTS),
     **dict.fromkeys(("lagrange", "running_cost", "integral"), _COSTS[:1]),
     **dict.fromkeys(("mayer", "final_cost", "end_cost"), _COSTS[1:]),
     **dict.fromkeys(("horizon", "t", "tf", "t_f", "duration", "end_time"), _HORIZON),

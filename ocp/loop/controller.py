@@ -21,6 +21,7 @@ from functools import partial
 from typing import Protocol, Required, TypedDict, Unpack, get_args
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from swarmstart.arguments import (
     FLAG,
@@ -181,11 +182,14 @@ def known_at(
     try:
         signals = np.vstack([np.empty((0, times.size)), *rows, *seen])
     except ValueError as error:
+        found = ", ".join(str(np.shape(one)) for one in (*rows, *seen))
         raise InvalidProblemError(
-            f"signals must have {times.size} columns, one for each time: {error}"
+            f"reference must return, for {times.size} times, an array of shape "
+            f"(signals, {times.size}), got {found}"
         ) from error
+    values: ArrayLike = () if parameters is None else parameters(time)
     return Known(
-        parameters=() if parameters is None else parameters(time),
+        parameters=np.atleast_1d(values) if np.ndim(values) == 0 else values,
         signals=signals,
         time=time,
     )
@@ -212,10 +216,10 @@ class RecedingHorizon:
 
     Attributes:
         planner: Planner of the problem.
-        reference: Function of time that gives the problem's first signals; None: the
-            problem has no such signals.
-        parameters: Time [s] -> parameters (np,) of the plan made then; None: no
-            parameters.
+        reference: Times, shape (n,) [s] -> values of the problem's first signals then,
+            shape (signals, n); None: the problem has no such signals.
+        parameters: Time [s] -> parameters of the plan made then, one number for each,
+            or a number alone; None: no parameters.
         candidates: Time [s] -> controls (nu, N, k) that a search evaluates in addition
             to the last plan; None: no candidates.
         append: What is appended to the shifted last plan: "zero" controls or its "last"

@@ -135,7 +135,8 @@ class Plant(Called):
         if model.np > len(decided) and parameters is None:
             raise InvalidProblemError(
                 f"the model of a plant has {model.np - len(decided)} parameters: "
-                "expected a function of time for them, got none"
+                "expected a function of time for them, got none; parameters that only "
+                "plans use, such as a set point, need not be in the plant's model"
             )
         if clock and clock not in model.state_names:
             raise InvalidProblemError(

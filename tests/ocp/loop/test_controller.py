@@ -1,6 +1,7 @@
 """Receding horizon: warm start, fallback, and the gain known from theory."""
 
 from dataclasses import replace
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -11,6 +12,7 @@ from swarmstart.heuristics import Budget, ParticleSwarm, RandomSearch
 from swarmstart.ocp import (
     Bounds,
     Decision,
+    InvalidProblemError,
     IpoptOptions,
     Known,
     Mode,
@@ -206,3 +208,35 @@ def test_infeasible_start_does_not_stall(double_integrator: Model) -> None:
     assert not plans[0].feasible
     assert plans[-1].feasible
     assert np.abs(flown.states[:, -1]).max() < 0.1
+
+
+def test_a_set_point_is_a_parameter_of_the_plans_alone() -> None:
+    """A number does for one parameter; the plant's model need not have it."""
+    x, u, goal = ca.SX.sym("x"), ca.SX.sym("u"), ca.SX.sym("goal")
+    problem = OptimalControlProblem(
+        Model(states=x, controls=u, ode=u, parameters=goal), horizon=1.0, intervals=5,
+        stage_cost=(x - goal) ** 2 + 0.01 * u**2, bounds=Bounds(controls=(-5, 5)),
+    )  # fmt: skip
+    planner = Planner(problem, search=None, polish=IpoptOptions())
+    loop = RecedingHorizon(planner=planner, parameters=lambda time: 2.0 - (time < 1.9))
+    plant = Plant(Model(states=x, controls=u, ode=u), dt=loop.dt, substeps=2)
+    path = simulate(plant, loop, [0.0], steps=20, seed=0)
+    assert path.states[0, [10, 20]] == pytest.approx([1.0, 2.0], abs=0.01)
+    with pytest.raises(InvalidProblemError, match="need not be in the plant's model"):
+        Plant(problem.model, dt=loop.dt, substeps=2)
+
+
+@pytest.mark.parametrize("returned", [0.5, [0.5], np.zeros((1, 3))])
+def test_a_reference_of_another_shape_is_refused_with_the_one_expected(
+    returned: Any,
+) -> None:
+    x, u, goal = ca.SX.sym("x"), ca.SX.sym("u"), ca.SX.sym("goal")
+    problem = OptimalControlProblem(
+        Model(states=x, controls=u, ode=u, signals=goal), horizon=1.0, intervals=5,
+        stage_cost=(x - goal) ** 2, bounds=Bounds(controls=(-5, 5)),
+    )  # fmt: skip
+    planner = Planner(problem, search=None, polish=IpoptOptions())
+    loop = RecedingHorizon(planner=planner, reference=lambda times: returned)
+    words = r"reference must return, for 6 times, an array of shape \(signals, 6\)"
+    with pytest.raises(InvalidProblemError, match=words):
+        loop.decide(0.0, np.zeros(1), None, rng=np.random.default_rng(0))

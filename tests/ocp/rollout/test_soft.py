@@ -420,7 +420,9 @@ def test_phases_take_gains_and_refuse_soft_constraints() -> None:
         phases([problem, problem])
     cost = replace(problem, constraints=[])
     gain = replace(cost, stage_cost=-cost.stage_cost, maximize=True)
-    with pytest.raises(InvalidProblemError, match="no other maximize than phase 1, phase 2"):
+    with pytest.raises(
+        InvalidProblemError, match="no other maximize than phase 1, phase 2"
+    ):
         phases([cost, gain])
     found = []
     for one in (cost, gain):
