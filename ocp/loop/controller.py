@@ -171,7 +171,7 @@ def known_at(
     problem: OptimalControlProblem,
     time: float,
     reference: ReferenceSignals | None,
-    parameters: Callable[[float], Array] | None,
+    parameters: Callable[[float], ArrayLike] | None,
     seen: tuple[Array, ...] = (),
     length: float | None = None,
 ) -> Known:
@@ -273,7 +273,7 @@ class RecedingHorizon:
 
     planner: Planner
     reference: ReferenceSignals | None = None
-    parameters: Callable[[float], Array] | None = None
+    parameters: Callable[[float], ArrayLike] | None = None
     candidates: Callable[[float], Array] | None = None
     append: Appended = "zero"
     shift: bool = True
