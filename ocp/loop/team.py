@@ -115,7 +115,7 @@ class Team(Called):
         Raises:
             InvalidProblemError: If the order is not a permutation, an agent watches one
                 that plans later or whose plans have other nodes, or control intervals
-                differ, or are periods of an agent's own.
+                differ, or plans of an agent become shorter.
         """
         self.agents = tuple(agents)
         self.order = tuple(range(len(self.agents)) if order is None else order)
@@ -130,7 +130,7 @@ class Team(Called):
                 raise InvalidProblemError(
                     f"agent {number} watches {sorted(late)}, who plan after it"
                 )
-        _require_every_interval(self.agents)
+        _require_one_length(self.agents)
         require_held(a.controller.planner.stated for a in self.agents)
         problems = [a.controller.planner.problem for a in self.agents]
         lengths = [problem.dt for problem in problems]
@@ -212,10 +212,9 @@ def first_controls(plans: Sequence[Plan]) -> Array:
     return np.concatenate([plan.controls[:, 0] for plan in plans])
 
 
-def _require_every_interval(agents: Sequence[Agent]) -> None:
-    """Raise unless all agents plan in every control interval."""
-    if any(agent.controller.period is not None for agent in agents):
+def _require_one_length(agents: Sequence[Agent]) -> None:
+    """Raise if plans of an agent become shorter, which those of others do not."""
+    if any(agent.controller.until is not None for agent in agents):
         raise InvalidProblemError(
-            "agents of a team plan in every control interval: expected controllers "
-            "without period and until"
+            "plans of a team have one length: expected controllers without until"
         )

@@ -118,7 +118,7 @@ def test_what_needs_equal_intervals_is_refused(
 
 def test_a_team_and_a_c_file_refuse_it() -> None:
     loop = loop_of(tank())
-    with pytest.raises(ss.InvalidProblemError, match="without period and until"):
+    with pytest.raises(ss.InvalidProblemError, match="without until"):
         ss.Team([ss.Agent(controller=loop)])
     with pytest.raises(ss.ExportError, match="become shorter"):
         ss.export_c(loop, [0.0], name="tank", starts=0)
