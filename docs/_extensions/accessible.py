@@ -13,7 +13,7 @@ CHANGES = {
     '<aside class="toc-drawer': '<aside aria-label="Parts of this page" '
     'class="toc-drawer',
     '<th class="head"><p></p></th>': "<td></td>",
-    ' id="sg-tag-list"': "",  # It would be there several times.
+    " id='sg-tag-list'": "",  # It would be there several times.
     "<pre>": '<pre tabindex="0">',  # It may scroll.
 }
 """Text of a page -> the text that takes its place."""
