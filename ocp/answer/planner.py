@@ -298,11 +298,6 @@ class Planner(Called):
             other._lane_search = self._lane_search.with_search(other.search)
         return other
 
-    def of(self, problem: OptimalControlProblem) -> Planner:
-        """Return a planner of another problem with the same settings, built anew."""
-        _, named = self._called_with
-        return Planner(problem, **{n: v for n, v in named.items() if n != "problem"})
-
     def in_time(self) -> Planner:
         """Return the same planner without lanes, so that a deadline can stop it.
 
@@ -923,3 +918,9 @@ class Planner(Called):
             flat[: problem.ns],
             lambda: self.fitness.arguments.sizes(x0, known),
         )
+
+
+def planner_of(problem: OptimalControlProblem, planner: Planner) -> Planner:
+    """Return a planner of a problem, built with the settings of another planner."""
+    _, named = planner._called_with
+    return Planner(problem, **{n: v for n, v in named.items() if n != "problem"})

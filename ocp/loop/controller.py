@@ -41,7 +41,7 @@ from swarmstart.arrays import Array
 from swarmstart.machine_code import stopwatch
 from swarmstart.ocp.answer.improving import improved
 from swarmstart.ocp.answer.plan import Plan, Source
-from swarmstart.ocp.answer.planner import Planner
+from swarmstart.ocp.answer.planner import Planner, planner_of
 from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.nlp.multipliers import duals_of
 from swarmstart.ocp.nlp.polish import is_better
@@ -320,7 +320,7 @@ class RecedingHorizon:
                     "expected a problem without features"
                 )
             shrinking = replace(stated, features=(Shrinking(),))
-            object.__setattr__(self, "planner", self.planner.of(shrinking))
+            object.__setattr__(self, "planner", planner_of(shrinking, self.planner))
         if self.period is None:
             object.__setattr__(self, "period", stated.length / stated.intervals)
 

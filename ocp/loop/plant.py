@@ -462,7 +462,7 @@ class SteppedPlant(Called):
         """Return the same plant with control intervals of another length [s]."""
         return SteppedPlant(self._steps, dt=dt)
 
-    @checked(refused, **_STEP)
+    @checked(refused, **{**_STEP, "control": reals(array=True, axes=1)})
     def __call__(self, state: Array, control: Array, time: float = 0.0) -> Array:
         """Return the state after the interval, shape (nx, 1); see Plant."""
         if self._system is None:
