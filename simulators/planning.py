@@ -443,10 +443,12 @@ def _beside(
 ) -> list[Array]:
     """Return controls near a plan; if it is not the best, between both and near it."""
     count = min(_NEAR, made.left)
+    if not count:
+        return []
     if best is None or made.best is not best:
         return _near(made, controls, count, spread, rng)
     between = (best.controls + controls) / 2
-    return [between, *_near(made, best.controls, count - 1, spread, rng)][:count]
+    return [between, *_near(made, best.controls, count - 1, spread, rng)]
 
 
 def _weighted(made: _RollOuts, near: _Tried | None, reach: float) -> list[RollOut]:
@@ -498,7 +500,7 @@ def _near(
     """Return controls near given ones, within their bounds."""
     box = made.space.box
     point = made.space.encoded(controls, made.x0)
-    changes = spread * box.width * rng.standard_normal((max(count, 0), box.dim))
+    changes = spread * box.width * rng.standard_normal((count, box.dim))
     points = np.clip(point + changes, box.lower, box.upper)
     return [made.space.decoded(x, made.x0, made.known).controls for x in points]
 

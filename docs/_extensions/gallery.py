@@ -78,8 +78,7 @@ def dropped_if_old() -> None:
 def code_hash() -> str:
     """Return a hash of the package's code."""
     found = hashlib.sha256()
-    for file in sorted(
-        file for folder in FOLDERS for file in (ROOT / folder).rglob("*.py")
-    ):
+    files = [file for folder in FOLDERS for file in (ROOT / folder).rglob("*.py")]
+    for file in sorted([*ROOT.glob("*.py"), *files]):
         found.update(file.read_bytes())
     return found.hexdigest()

@@ -168,7 +168,7 @@ def require_known(role: str, expression: ca.SX, known: dict[str, ca.SX]) -> None
             raise InvalidProblemError(
                 f"{allowed} must be different symbols, found one twice"
             ) from error
-        others = "; others are given as Model(parameters=...)"
+        others = "; a symbol of your own is declared as Model(parameters=...)"
         raise InvalidProblemError(
             f"{role} may depend on {allowed} only, found {', '.join(foreign)}"
             f"{others if 'parameters' in known else ''}"

@@ -228,7 +228,7 @@ class RecedingHorizon:
             it starts from the last plan unchanged, which is one interval late.
         first: Controls (nu, N), or a Start with states, from which the first plan
             begins; None: unknown. Without search and polish, they are the first plan.
-        period: Time from one plan to the next [s], for a problem with a free end time.
+        period: Time from one plan to the next [s], for a free end time or `until`.
             The horizon shrinks with a constant number of intervals. The run ends when
             the end time is at most one period, or when the remainder after a period
             would be shorter than allowed. None: one control interval.
