@@ -46,6 +46,7 @@ def test_each_plan_fills_what_is_missing_in_the_time_left(period: float | None) 
     for at, level, plan in zip(begins, path.states[0], path.decisions, strict=False):
         wanted = (3 - level) / (3 - at)
         assert plan.control == pytest.approx([wanted], abs=1e-6)
+        assert plan.plans[0].cost == pytest.approx(wanted**2 * (3 - at), abs=1e-5)
     assert path.states[0, -1] == pytest.approx(3 - 0.2 * np.diff(path.times)[-1])
 
 

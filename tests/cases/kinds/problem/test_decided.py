@@ -506,3 +506,17 @@ def test_a_batch_ends_at_its_time_as_the_closed_form_says() -> None:
     wanted = (3 - levels[:5]) / (3 - path.times[:5])
     assert inflows[:5] == pytest.approx(wanted, abs=1e-6)
     assert levels[-1] == pytest.approx(3 - 0.2 * 0.5, abs=1e-6)  # The last leak stays.
+
+
+def test_a_batch_is_planned_every_period_until_its_end() -> None:
+    """2.1 / 0.3 is a little more than 7, which are its steps."""
+    text = BATCH.replace("ends_at_s: 3", "ends_at_s: 2.1, period_s: 0.3")
+    path, _ = simulated(text)
+    assert stated(text).scenario.steps == 7
+    assert path.times == pytest.approx(np.linspace(0, 2.1, 8))
+
+
+def test_a_batch_has_no_dual_mode() -> None:
+    text = BATCH + "dual_mode: {Q: {level: 1}, R: {inflow: 1}, at: {level: 3}}\n"
+    with pytest.raises(InvalidScenarioError, match="ends_at_s with a dual mode"):
+        stated(text)
