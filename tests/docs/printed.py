@@ -11,15 +11,13 @@ PRINTED = {
         3.0 1.5
         {'duration of phase 1': ...
         2.98 ...
-        1.311
         0.73 1.36
         0.2
-        ('phi_0', 'phi_1', 'length') 0
         ('x_0', 'x_1', 'x_2') [0.254 0.13 0.254]
         ('u_0', 'u_1', 'u_2') True
+        ('x', 'gain') 0
         5
-        [[ 1.5  0.9  0.3 -0.3 -0.9 -1.5]] 1.5
-        ('x', 'v') (1, 10)
+        [[-1.5 -0.9 -0.3  0.3  0.9  1.5]] 1.5
         CONVERGED 1.0
         whole numbers cost ..., relaxed ...: ... % apart
         ('z',) (1, 11)
@@ -39,10 +37,6 @@ PRINTED = {
         ...
         problem 1, ipopt: 1 of 1 feasible, ...
         ...
-    """,
-    "stiff_models.md": """
-        ...
-        0.0125267 a local optimum, confirmed on the finer grid
     """,
 }
 """Lines by page, with gaps and rounded numbers as `comparing` reads them."""

@@ -1,4 +1,4 @@
-"""Table at the end of docs/any_problem.md, cell by cell, on small problems.
+"""Features that docs/any_problem.md says work, one by one, on small problems.
 
 Polish, verification and pairs of features are compared with a peer in
 test_feature_pairs.py. Here each feature is tested alone: machine code agrees with
