@@ -345,7 +345,7 @@ class Film(Filmed):
         axes.grid(alpha=0.35)
 
     def _name_marks(self) -> None:
-        """Put a legend of the marks that are drawn; nothing if there are none."""
+        """Put a legend of the marks that are drawn below; nothing if there are none."""
         scene = self._scene
         marks = {
             "leader": scene.leader is not None,
@@ -361,8 +361,10 @@ class Film(Filmed):
         ]
         if shown:
             self.axes.legend(
-                *zip(*shown, strict=True), loc="lower left", fontsize=9,
-                framealpha=0.85, ncols=len(shown),
+                *zip(*shown, strict=True), loc="upper right",
+                # Right of the axis's name, below its numbers.
+                bbox_to_anchor=(1.0, -0.07), borderaxespad=0.0, frameon=False,
+                fontsize=9, ncols=len(shown),
             )  # fmt: skip
 
     def show(self, frame: int, note: str = "") -> None:

@@ -326,12 +326,6 @@ def columns_of_names(names: "Iterable[str]", room: int) -> int:
     return -(-len(sizes) // rows)
 
 
-def name_here(axes: "Axes", **options: object) -> None:
-    """Put a legend of a panel's own names into it, if it has names."""
-    if axes.get_legend_handles_labels()[1]:
-        axes.legend(fontsize="small", framealpha=0.85, handlelength=2.6, **options)  # type: ignore[call-overload]
-
-
 def make_logarithmic(axes: "Axes", values: Array, *, ratio: float = 100.0) -> None:
     """Make the vertical axis logarithmic if positive values span decades.
 

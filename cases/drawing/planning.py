@@ -14,9 +14,12 @@ from numpy.typing import NDArray
 from swarmstart.arrays import Array
 from swarmstart.cases.drawing.drawing import (
     COLOURS,
+    HALF,
     MOST_NAMED,
     escaped,
     make_logarithmic,
+    named_lines,
+    put_legend,
 )
 from swarmstart.cases.record.trajectory_arrays import new_plans
 from swarmstart.ocp import Mode, Source, Trajectory
@@ -146,7 +149,6 @@ def draw_step_times(axes: "Axes", trajectory: Trajectory) -> None:
         f"median {middle:.3g} s, largest {most:.3g} s", fontsize="small", loc="right"
     )
     axes.grid(alpha=0.3)
-    axes.legend(fontsize="small", loc="best", framealpha=0.85)
 
 
 def _draw_seconds(axes: "Axes", times: Array, seconds: Array) -> None:
@@ -231,15 +233,9 @@ def draw_shares(axes: "Axes", times: Array, codes: Codes) -> None:
 def _name_kinds(part: "FigureBase", codes: Codes) -> None:
     from matplotlib.patches import Patch
 
-    handles = [
-        Patch(facecolor=KINDS[k].colour, edgecolor="0.4", label=_name_of(KINDS[k]))
-        for k in np.unique(codes)
-    ]
-    part.legend(
-        handles=handles, loc="outside lower center", ncols=min(len(handles), 4),
-        fontsize="small", frameon=False, handlelength=1.2,
-    )  # fmt: skip
-
-
-def _name_of(kind: Kind) -> str:
-    return f"{kind.letter}  {kind.name}"
+    kinds = [KINDS[k] for k in np.unique(codes)]
+    patches = {
+        f"{kind.letter}  {kind.name}": Patch(facecolor=kind.colour, edgecolor="0.4")
+        for kind in kinds
+    }
+    put_legend(part, named_lines(part) | patches, room=HALF)

@@ -17,7 +17,6 @@ from swarmstart.cases.drawing.drawing import (
     COLOURS,
     Figures,
     into_folder,
-    name_here,
     name_lines,
     new_figure,
 )
@@ -217,6 +216,8 @@ def motion_figure(
         _label(axes, "", label)
     _draw_costs(costs, scenario, flight, trajectory)
     _draw_saving(saved, flight, trajectory, exact)
+    figure.suptitle("Motion of the wingman, cost of its plans, drag saved")
+    name_lines(figure)
     return figure
 
 
@@ -235,7 +236,7 @@ def _draw_costs(
 ) -> None:
     """Draw J of each plan, and the exact minimum beside it if it is asked for."""
     times, costs = trajectory.times[:-1], plan_costs(trajectory)
-    axes.semilogy(times, _at_least(costs), color=WINGMAN, label="plan")
+    axes.semilogy(times, _at_least(costs), color=WINGMAN, label="wingman")
     if scenario.reference == "ipopt":
         best = _at_least(reference_costs(flight, trajectory))
         axes.semilogy(times, best, "--", color=REFERENCE, label="exact minimum (IPOPT)")
@@ -256,7 +257,7 @@ def _draw_saving(
     """Draw the drag saved, and what the slot would save."""
     _, y, _ = slot_of(flight)
     ideal = 100 * drag_saving(flight.posed.aircraft, y, 0.0)
-    axes.axhline(ideal, ls="--", color=LEADER, label=r"in the slot, y = $\pi$b/4")
+    axes.axhline(ideal, ls=":", color=LEADER, label=r"in the slot, y = $\pi$b/4")
     saved = 100 * savings(flight, trajectory.states)
     axes.plot(trajectory.times, saved, color=WINGMAN, label="wingman")
     _exact_line(
@@ -361,4 +362,3 @@ def _label(axes: "Axes", x: str, y: str) -> None:
     axes.set(xlabel=x, ylabel=y)
     axes.grid(alpha=0.3)
     axes.margins(x=0)
-    name_here(axes)

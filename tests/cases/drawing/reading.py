@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from swarmstart.arrays import Array
 
@@ -81,3 +82,17 @@ def legend(figure: Figure) -> list[str]:
     every = [*figure.legends, *(x for part in figure.subfigs for x in part.legends)]
     every += [own for axes in figure.axes if (own := axes.get_legend()) is not None]
     return [text.get_text() for one in every for text in one.get_texts()]
+
+
+def covered(figure: Figure) -> list[str]:
+    """Return the names in legends that lie over a panel once the figure is drawn."""
+    FigureCanvasAgg(figure).draw()
+    every = [*figure.legends, *(x for part in figure.subfigs for x in part.legends)]
+    every += [own for axes in figure.axes if (own := axes.get_legend()) is not None]
+    panels = [axes.get_window_extent() for axes in figure.axes]
+    return [
+        text.get_text()
+        for one in every
+        for text in one.get_texts()
+        if any(text.get_window_extent().overlaps(panel) for panel in panels)
+    ]

@@ -20,6 +20,7 @@ from swarmstart.cases.drawing.animation import (
 )
 from swarmstart.cases.drawing.drawing import arrowhead
 from swarmstart.cases.drawing.tracks import Scene
+from swarmstart.tests.cases.drawing.reading import covered
 
 TIMES = np.linspace(0.0, 30.0, 301)
 
@@ -126,6 +127,14 @@ def test_a_legend_names_the_marks_that_are_drawn() -> None:
     ]  # fmt: skip
     bare = replace(scene, leader=None)
     assert Film(bare, title="").axes.get_legend() is None
+
+
+def test_the_legend_lies_outside_the_scene() -> None:
+    scene = at_times(flight(), frame_times(TIMES))
+    more = replace(scene, slots=scene.positions, discs=[(0.0, 0.0, 1.0)])
+    film = Film(more, title="")
+    film.show(0)
+    assert covered(film.figure) == []
 
 
 def test_notes_are_those_of_the_last_instant_before_a_frame() -> None:

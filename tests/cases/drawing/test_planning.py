@@ -9,7 +9,13 @@ from matplotlib.figure import Figure
 from swarmstart.cases.drawing import planning
 from swarmstart.cases.drawing.planning import KINDS, draw_planning, sources_of
 from swarmstart.ocp import Decision, Mode, Plan, Source, Trajectory
-from swarmstart.tests.cases.drawing.reading import contrast, held, legend, panel
+from swarmstart.tests.cases.drawing.reading import (
+    contrast,
+    covered,
+    held,
+    legend,
+    panel,
+)
 
 
 def plan(source: Source) -> Plan:
@@ -117,3 +123,10 @@ def test_sources_differ_in_lightness_for_grey_print() -> None:
 @pytest.mark.parametrize("source", list(Source))
 def test_every_source_of_a_plan_has_a_kind(source: Source) -> None:
     assert names_of(run_of([[plan(source)]]))
+
+
+def test_the_legend_lies_outside_the_panels() -> None:
+    figure = Figure(figsize=(6.0, 4.5), layout="constrained")
+    draw_planning(figure, run_of([[plan(Source.SEARCH)], [plan(Source.POLISH)]]))
+    assert {"time to plan", "dt, 0.5 s", "S  search"} < {*legend(figure)}
+    assert covered(figure) == []

@@ -12,6 +12,7 @@ from swarmstart.cases.kinds.close_formation.figures import (
     draw,
     exact_flight,
     map_figure,
+    motion_figure,
     settled_s,
     sheet_figure,
 )
@@ -19,7 +20,14 @@ from swarmstart.cases.kinds.close_formation.kind import KIND
 from swarmstart.cases.kinds.close_formation.pose import CloseFormationFlight
 from swarmstart.cases.kinds.close_formation.scenario import CloseFormationScenario
 from swarmstart.ocp import Trajectory, simulate
-from swarmstart.tests.cases.drawing.reading import bounds, curves, named, panel
+from swarmstart.tests.cases.drawing.reading import (
+    bounds,
+    covered,
+    curves,
+    legend,
+    named,
+    panel,
+)
 from swarmstart.tests.cases.kinds.flights import build
 
 if TYPE_CHECKING:
@@ -93,6 +101,18 @@ def test_the_reference_is_the_flight_of_the_exact_minimum(make: Make) -> None:
     assert exact.states.shape == flown.states.shape
     # Both at the bounds in the first second of the manoeuvre: within 1 ft there.
     assert np.abs(exact.states[:2] - flown.states[:2]).max() < 1.0
+
+
+def test_the_motion_has_one_legend_outside_its_panels(
+    scenario: CloseFormationScenario,
+    flight: CloseFormationFlight,
+    trajectory: Trajectory,
+) -> None:
+    figure = motion_figure(scenario, flight, trajectory, None)
+    assert [name[:11] for name in legend(figure)] == [
+        "leader", "wingman", "in the slot",
+    ]  # fmt: skip
+    assert covered(figure) == []
 
 
 def test_there_is_no_animation() -> None:
