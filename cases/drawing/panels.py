@@ -183,11 +183,20 @@ def grid(counts: Sequence[int]) -> "tuple[Figure, list[list[Axes]]]":
     Args:
         counts: Panels of each block.
     """
+    figure = new_figure(grid_size(counts))
+    return figure, grid_in(figure, counts, columns=columns_of(max(counts)))
+
+
+def grid_size(counts: Sequence[int]) -> tuple[float, float]:
+    """Return width and height of a figure of some panels [inches].
+
+    Args:
+        counts: Panels of each block.
+    """
     columns = columns_of(max(counts))
     rows = sum(-(-count // columns) for count in counts)
     width, height = (7.0, 4.2, 3.5, 3.2)[columns - 1] * columns, 1.75 * rows
-    figure = new_figure((width, max(height, 2.4) + 0.8))
-    return figure, grid_in(figure, counts, columns=columns)
+    return width, max(height, 2.4) + 0.8
 
 
 def columns_of(panels: int) -> int:

@@ -3,9 +3,9 @@
     slack   value - lower, upper - value, or the smaller of both: negative if broken
     off     value - limit of an equality: any value but 0 breaks it
 
-Path constraints hold all along; terminal constraints only at the end of a horizon, but
-their rows are followed on the way there. Bounds of states are not among them: they are
-drawn with the states. In the figure what lies below 0 is shaded.
+Path constraints hold all along; in the figure what lies below 0 is shaded. Terminal
+constraints count at the end only: each is a point there, in tolerances. Bounds of
+states are not among them: they are drawn with the states.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,8 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.arrays import Array
-from swarmstart.cases.drawing.drawing import COLOURS, name_lines
-from swarmstart.cases.drawing.panels import MOST_PANELS, grid, wrapped
+from swarmstart.cases.drawing.drawing import COLOURS, name_lines, new_figure
+from swarmstart.cases.drawing.panels import (
+    MOST_PANELS,
+    columns_of,
+    grid_in,
+    grid_size,
+    wrapped,
+)
 from swarmstart.cases.record.trajectory_arrays import (
     control_rows,
     held_controls,
@@ -37,7 +43,7 @@ from swarmstart.ocp.statement import Lowered
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, FigureBase
 
 KnownAt = Callable[[int], Known]
 """Number of a step -> parameters and signals of the plan made there."""
@@ -47,6 +53,14 @@ _ROUNDING = 1e-2
 """Of the tolerance: an axis shows at least so much, so that rounding looks flat."""
 _TITLE = 40
 """Characters of a line above a panel."""
+_LINEAR = 2.0
+"""Tolerances up to which the axis of end conditions is linear."""
+_WIDE, _ROW_HIGH = 7.0, 0.35
+"""Width of a figure of end conditions alone, height of a row there [inches]."""
+_LIMIT = (
+    "distance to the limit, in the constraint's own unit; broken below 0 "
+    "(of an equality: off 0)"
+)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -55,7 +69,8 @@ class Slack:
 
     Attributes:
         name: Of the row.
-        times: Shape (n,) [s]; a control instant occurs twice, before and after.
+        times: Shape (n,) [s]; a control instant occurs twice, before and after. Of a
+            terminal constraint the end alone.
         values: Slack, or deviation from the limit of an equality, shape (n,).
         tolerance: Largest excess that counts as none, in the row's units.
         is_equality: Whether any value but 0 breaks it.
@@ -97,14 +112,16 @@ def slacks(
     found = []
     for is_terminal, (constraints, first) in enumerate(groups):
         rows = ConstraintRows(problem, constraints, first=first)
-        equal, values = rows.lower == rows.upper, rows.values(*arguments)
+        counts = slice(-1, None) if is_terminal else slice(None)
+        equal = rows.lower == rows.upper
+        values = rows.values(*(part[:, counts] for part in arguments))
         inside = np.minimum(values - rows.lower, rows.upper - values)
         drawn = np.where(equal, values - rows.lower, inside)
         for i, (number, row) in enumerate(rows.places):
             found.append(
                 Slack(
                     name=rows.names[i].replace("'", ""),
-                    times=times,
+                    times=times.ravel()[counts],
                     values=drawn[i],
                     tolerance=problem.path_tolerance * float(sizes.rows[number][row]),
                     is_equality=bool(equal[i, 0]),
@@ -172,7 +189,7 @@ def _along(
         added = lowered.along(begin, controls[:, base : step + 1, -1], at)
         own = trajectory.dense_states[:, columns[step]]
         states.append(np.vstack([own, added]) - lowered.origin[:, None])
-    return times.ravel(), (
+    return times, (
         np.hstack(states),
         controls.reshape(len(controls), -1),
         np.hstack(parameters),
@@ -198,19 +215,32 @@ def made_at(trajectory: Trajectory) -> NDArray[np.intp]:
 
 
 def slack_figure(rows: Sequence[Slack]) -> "Figure":
-    """Return the slack of each row: shaded below 0, marked if it counts at the end.
+    """Return the slack of path constraints over time, and of terminal ones at the end.
 
     Args:
         rows: Of path and terminal constraints, at least one.
     """
-    shown = rows[:MOST_PANELS]
-    figure, (block,) = grid([len(shown)])
-    for axes, row in zip(block, shown, strict=True):
-        _draw_slack(axes, row)
-    title = "distance to the limit, broken below 0 (of an equality: off 0)"
-    if len(rows) > len(shown):
-        title = f"the first {len(shown)} of {len(rows)} rows: {title}"
-    figure.suptitle(title, fontsize="medium")
+    along = [row for row in rows if not row.is_terminal][:MOST_PANELS]
+    ends = [row for row in rows if row.is_terminal][:MOST_PANELS]
+    below = 0.9 + _ROW_HIGH * len(ends) if ends else 0.0
+    wide, high = grid_size([len(along)]) if along else (_WIDE, 0.0)
+    figure = new_figure((wide, high + below))
+    # Only a figure of both sorts is cut in two.
+    upper: FigureBase = figure
+    lower: FigureBase = figure
+    if along and ends:
+        cells = figure.add_gridspec(2, 1, height_ratios=(high, below))
+        upper, lower = (figure.add_subfigure(cells[k, 0]) for k in (0, 1))
+    if along:
+        (block,) = grid_in(upper, [len(along)], columns=columns_of(len(along)))
+        for axes, row in zip(block, along, strict=True):
+            _draw_slack(axes, row)
+        upper.suptitle(_LIMIT, fontsize="medium")
+    if ends:
+        _draw_ends(lower.subplots(), ends)
+    left = len(rows) - len(along) - len(ends)
+    if left:
+        figure.supxlabel(f"{left} more of {len(rows)} rows are not drawn")
     name_lines(figure)
     return figure
 
@@ -218,21 +248,53 @@ def slack_figure(rows: Sequence[Slack]) -> "Figure":
 def _draw_slack(axes: "Axes", row: Slack) -> None:
     axes.axhline(0.0, color="0.25", ls=":", lw=1.4)
     axes.plot(row.times, row.values, color=COLOURS[0], lw=1.2)
-    if row.is_terminal:
-        end = row.values[-1]
-        broken = abs(end) > row.tolerance if row.is_equality else end < -row.tolerance
-        axes.plot(
-            row.times[-1], end, "o", ms=5, clip_on=False,
-            color=BROKEN if broken else COLOURS[2],
-            label="broken at the end" if broken else "kept at the end",
-        )  # fmt: skip
-    else:
-        broken = (row.values != 0.0) if row.is_equality else row.values < 0.0
-        axes.fill_between(
-            row.times, row.values, 0.0, where=broken, interpolate=True, color=BROKEN,
-            alpha=0.35, lw=0, label="broken" if broken.any() else None,
-        )  # fmt: skip
+    broken = (row.values != 0.0) if row.is_equality else row.values < 0.0
+    axes.fill_between(
+        row.times, row.values, 0.0, where=broken, interpolate=True, color=BROKEN,
+        alpha=0.35, lw=0, label="broken" if broken.any() else None,
+    )  # fmt: skip
     low, high = axes.get_ylim()
     rounding = _ROUNDING * row.tolerance
     axes.set_ylim(min(low, -rounding), max(high, rounding))
-    axes.set_title(wrapped(row.name, width=_TITLE), fontsize="small", loc="left")
+    name = wrapped(row.name, width=_TITLE)
+    axes.set_title(f"{name}\n{_nearest(row)}", fontsize="small", loc="left")
+
+
+def _nearest(row: Slack) -> str:
+    """Return in words how near a path comes to the limit, and when."""
+    sizes = np.abs(row.values) if row.is_equality else -row.values
+    if not np.isfinite(sizes).any():
+        return "no finite value"
+    k = int(np.nanargmax(np.where(np.isfinite(sizes), sizes, np.nan)))
+    word = "farthest off" if row.is_equality else "least"
+    return f"{word} {row.values[k]:.3g}, at {row.times[k]:.4g} s"
+
+
+def _draw_ends(axes: "Axes", rows: Sequence[Slack]) -> None:
+    """Draw a point for each terminal row, the first on top."""
+    axes.axvspan(-1.0, 1.0, color="0.9", lw=0, label="within the tolerance")
+    axes.axvline(0.0, color="0.25", ls=":", lw=1.4)
+    for place, row in enumerate(rows):
+        value = row.values[-1] / row.tolerance
+        broken = not (abs(value) <= 1.0 if row.is_equality else value >= -1.0)
+        axes.plot(
+            value, place, "X" if broken else "o", ms=6,
+            color=BROKEN if broken else COLOURS[2],
+            label="broken at the end" if broken else "kept at the end",
+        )  # fmt: skip
+    names = [wrapped(row.name, width=_TITLE) for row in rows]
+    axes.set_yticks(range(len(rows)), names, fontsize="small")
+    axes.set(
+        ylim=(len(rows) - 0.4, -0.6), xlabel="distance from the limit [tolerances]"
+    )
+    # Some room around the points, and around what is within the tolerance.
+    off = [_LINEAR * row.values[-1] / row.tolerance for row in rows]
+    low, high = min(*off, -_LINEAR), max(*off, _LINEAR)
+    if max(-low, high) > _LINEAR:  # A large slack must not hide what is near 0.
+        axes.set_xscale("symlog", linthresh=_LINEAR)
+        axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    if np.isfinite([low, high]).all():
+        axes.set_xlim(low, high)
+    axes.grid(alpha=0.3)
+    title = f"end conditions, at {rows[0].times[-1]:.4g} s"
+    axes.set_title(title, fontsize="medium")

@@ -86,7 +86,7 @@ def legend(figure: Figure) -> list[str]:
 
 def covered(figure: Figure) -> list[str]:
     """Return the names in legends that lie over a panel once the figure is drawn."""
-    FigureCanvasAgg(figure).draw()
+    FigureCanvasAgg(figure).draw()  # type: ignore[no-untyped-call]
     every = [*figure.legends, *(x for part in figure.subfigs for x in part.legends)]
     every += [own for axes in figure.axes if (own := axes.get_legend()) is not None]
     panels = [axes.get_window_extent() for axes in figure.axes]

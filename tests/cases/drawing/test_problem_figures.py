@@ -190,19 +190,25 @@ def test_slack_is_the_distance_to_the_limit_before_and_after_each_control_jump()
     ]
     problem = posed(constraints=limits, terminal=ends)
     figure = drawn(problem, flown(problem, HELD, [0, 0]))["d_slack"]
-    above, between, goal, wall = figure.axes
+    above, between, at_end = figure.axes
     times = np.asarray(above.lines[1].get_xdata())
     at = np.flatnonzero(times == 0.5)
     assert curves(above)[0][at] == pytest.approx([1.2 - 1.5, 1.2 - (0.5 - 2.0)])
     assert curves(between)[0][at] == pytest.approx([1.125, 1.125])
-    assert curves(goal)[0][at] == pytest.approx([0.125 - 7.0] * 2)
-    assert [axes.get_title(loc="left") for axes in figure.axes] == [
-        "sum", "range", "goal", "wall",
+    assert [axes.get_title(loc="left") for axes in figure.axes[:2]] == [
+        "sum\nleast -0.3, at 0.5 s", "range\nleast 0.812, at 2 s",
     ]  # fmt: skip
     assert above.collections[0].get_label() == "broken"
     assert str(between.collections[0].get_label()).startswith("_")
-    assert goal.lines[-1].get_label() == "broken at the end"
-    assert wall.lines[-1].get_label() == "kept at the end"
+    # Terminal constraints are points, in tolerances, and no lines over time.
+    goal, wall = (line for line in at_end.lines if line.get_marker() != "None")
+    assert curves(at_end) == []
+    assert np.asarray(goal.get_xdata()) == pytest.approx([-7.1875 / 1e-4 / 7], rel=0.3)
+    assert np.asarray(wall.get_xdata()) == pytest.approx([0.0], abs=1e-6)
+    assert goal.get_label() == "broken at the end"
+    assert wall.get_label() == "kept at the end"
+    assert [tick.get_text() for tick in at_end.get_yticklabels()] == ["goal", "wall"]
+    assert at_end.get_title() == "end conditions, at 2 s"
 
 
 def test_slack_counts_signals_from_when_the_plan_was_made() -> None:
@@ -354,7 +360,7 @@ def test_vehicles_that_plan_alone_share_panels_and_keep_their_own_bounds() -> No
 def test_each_vehicle_has_the_slack_and_the_plans_of_its_own_problem() -> None:
     flight, figures = team()
     (slack,) = figures["d_slack"].axes
-    assert slack.get_title(loc="left") == "vehicle 2: limit"
+    assert slack.get_title(loc="left") == "vehicle 2: limit\nleast -0.25, at 2 s"
     # Its speed is 1 at the start, its force 0.5, and it knows of 0.25.
     assert curves(slack)[0][0] == pytest.approx(2.5 - 1.0 - 0.5 - 0.25)
     thin = plans_of(figures["a_sheet"].axes[1])
