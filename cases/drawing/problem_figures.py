@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from swarmstart.cases.drawing.closest import draw_scene
 from swarmstart.cases.drawing.drawing import (
     HALF,
     escaped,
@@ -47,7 +48,7 @@ from swarmstart.cases.drawing.plan_figures import (
 from swarmstart.cases.drawing.planning import draw_planning
 from swarmstart.cases.drawing.sheet import MOST_IN_PART, Part, panels_part, sheet
 from swarmstart.cases.drawing.slack import Slack, slack_figure, slacks
-from swarmstart.cases.drawing.tracks import Scene, draw_phase_plane, draw_tracks
+from swarmstart.cases.drawing.tracks import Scene, draw_phase_plane
 from swarmstart.cases.drawing.vehicles import directions_of
 from swarmstart.cases.record.trajectory_arrays import held_controls
 from swarmstart.ocp import OptimalControlProblem, Solution, Trajectory
@@ -191,7 +192,7 @@ def _plane_part(
     labels = flown.labels
     if place is not None:
         scene = _scene(states, paths, place, labels)
-        return Part("Tracks", lambda part: draw_tracks(part.subplots(), scene))
+        return Part("Tracks", lambda part: draw_scene(part, scene))
     if len(labels.states) != _PLANE:
         return None
     first, second = states

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from swarmstart.arrays import Array
 from swarmstart.cases.drawing.animation import animate_scene, check_writer
+from swarmstart.cases.drawing.closest import draw_scene
 from swarmstart.cases.drawing.drawing import (
     COLOURS,
     HALF,
@@ -37,7 +38,7 @@ from swarmstart.cases.drawing.sheet import (
     panels_part,
     sheet,
 )
-from swarmstart.cases.drawing.tracks import Scene, draw_tracks
+from swarmstart.cases.drawing.tracks import Scene
 from swarmstart.cases.kinds.formation_flight.measures import (
     SETTLED_M,
     clearances,
@@ -119,7 +120,7 @@ def sheet_figure(
             scene, heading = scene.until(until), f"Tracks of the first {until:.0f} s"
 
     def draw_places(part: "FigureBase") -> None:
-        draw_tracks(part.subplots(), scene)
+        draw_scene(part, scene)
 
     def draw_off(part: "FigureBase") -> None:
         axes = part.subplots()

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from swarmstart.arrays import Array
+from swarmstart.cases.drawing.closest import draw_scene
 from swarmstart.cases.drawing.drawing import (
     COLOURS,
     Figures,
@@ -21,7 +22,7 @@ from swarmstart.cases.drawing.drawing import (
 from swarmstart.cases.drawing.panels import Labels, Panel, panels_of, stacked_limits
 from swarmstart.cases.drawing.planning import draw_planning
 from swarmstart.cases.drawing.sheet import Part, draw_errors, panels_part, sheet
-from swarmstart.cases.drawing.tracks import Scene, distances_figure, draw_tracks
+from swarmstart.cases.drawing.tracks import Scene, distances_figure
 from swarmstart.cases.kinds.planar import POSITION, by_uav, pair_distances
 from swarmstart.cases.kinds.reconfiguration.measures import (
     errors_of,
@@ -75,7 +76,7 @@ def sheet_figure(
     scene = scene_of(scenario, flight, trajectory)
 
     def draw_places(part: "FigureBase") -> None:
-        draw_tracks(part.subplots(), scene)
+        draw_scene(part, scene)
 
     def draw_off(part: "FigureBase") -> None:
         axes = part.subplots()

@@ -4,11 +4,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from swarmstart.cases.drawing.closest import draw_scene
 from swarmstart.cases.drawing.drawing import Figures, into_folder
 from swarmstart.cases.drawing.panels import Labels, Panel, panels_of
 from swarmstart.cases.drawing.plan_figures import draw_convergence
 from swarmstart.cases.drawing.sheet import Part, panels_part, sheet
-from swarmstart.cases.drawing.tracks import Scene, draw_distances, draw_tracks
+from swarmstart.cases.drawing.tracks import Scene, draw_distances
 from swarmstart.cases.kinds.planar import POSITION, by_uav, pair_distances
 from swarmstart.cases.kinds.transfer.pose import TransferFlight
 from swarmstart.cases.kinds.transfer.scenario import TransferScenario
@@ -42,7 +43,7 @@ def sheet_figure(
     scene = scene_of(flight, trajectory)
 
     def draw_places(part: "FigureBase") -> None:
-        draw_tracks(part.subplots(), scene)
+        draw_scene(part, scene)
 
     def draw_search(part: "FigureBase") -> None:
         draw_convergence(part.subplots(), plan, labels)
