@@ -59,6 +59,8 @@ def draw_solutions(solutions: Solutions) -> "Figure":
                 marker=mark,
                 label=label,
             )
+    title = f"cost of {solutions.data.size} instances, {confirmed.sum()} confirmed"
+    axes.set_title(title, fontsize="medium")
     name_lines(figure)
     return figure
 

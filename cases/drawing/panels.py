@@ -2,7 +2,7 @@
 
 import textwrap
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,6 +16,7 @@ from swarmstart.cases.drawing.drawing import (
     name_lines,
     new_figure,
 )
+from swarmstart.cases.drawing.tails import tail_from, tail_in_words
 from swarmstart.ocp import OptimalControlProblem
 
 if TYPE_CHECKING:
@@ -34,6 +35,8 @@ _MARGIN = 0.06
 _LINE_WIDTH, _MOST_LINES = 22, 3
 _SMALL = 16
 """Characters of a line from which on a label is small."""
+_ROUNDING_S = 1e-9
+"""By which a time may be off."""
 _COLUMNS = ((3, 1), (8, 2), (15, 3))
 """(panels, columns): up to so many panels in so many columns; four beyond."""
 
@@ -96,6 +99,7 @@ class Panel:
         upper: Upper bounds, likewise.
         beneath: Times and values of thin lines beneath.
         beneath_name: What these are called.
+        rest: Words on how much of the time is shown; empty: the whole.
     """
 
     label: str
@@ -105,6 +109,44 @@ class Panel:
     upper: Array
     beneath: Sequence[tuple[Array, Array]] = ()
     beneath_name: str = "plans"
+    rest: str = ""
+
+    def until(self, end: float, rest: str) -> "Panel":
+        """Return the part up to a time [s]; of held values, whole intervals.
+
+        Args:
+            end: The time [s].
+            rest: Words on how much of the time that is.
+        """
+        held = self.times.size - self.values.shape[1]  # 1 or 0.
+        last = end - _ROUNDING_S if held else end + _ROUNDING_S
+        count = int(np.searchsorted(self.times, last))
+        instants = count + held
+        return replace(
+            self,
+            times=self.times[:instants],
+            values=self.values[:, :count],
+            beneath=[
+                (times[near], values[near])
+                for times, values in self.beneath
+                if (near := times < end + _ROUNDING_S).any()
+            ],
+            rest=rest,
+        )
+
+
+def without_tails(*blocks: Sequence[Panel]) -> list[list[Panel]]:
+    """Return blocks of panels without their common tail, if they have one.
+
+    Args:
+        blocks: Panels of one run.
+    """
+    every = [panel for block in blocks for panel in block]
+    begin = tail_from((p.times[: p.values.shape[1]], p.values) for p in every)
+    if begin is None:
+        return [list(block) for block in blocks]
+    rest = tail_in_words(begin, float(every[0].times[-1]))
+    return [[panel.until(begin, rest) for panel in block] for block in blocks]
 
 
 def panels_of(
@@ -171,8 +213,9 @@ def panels_figure(blocks: Mapping[str, Sequence[Panel]], labels: Labels) -> "Fig
         for name, panels in blocks.items()
         if len(panels) > MOST_PANELS
     ]
-    if more:
-        figure.suptitle("; ".join(more), fontsize="medium")
+    rests = dict.fromkeys(p.rest for panels in shown.values() for p in panels if p.rest)
+    title = f"{' and '.join(shown)} over time".capitalize()
+    figure.suptitle("; ".join([title, *more, *rests]), fontsize="medium")
     name_lines(figure)
     return figure
 
@@ -258,6 +301,8 @@ def draw_panel(
             times, values, color="0.6", lw=0.6, zorder=1, label=panel.beneath_name
         )
     for end in labels.ends:
+        if end > panel.times[-1]:
+            continue
         axes.axvline(end, color="0.6", ls="-.", lw=1.0, label="end of a phase")
     names = labels.vehicles if labels.are_named else ()
     draw_series(axes, panel.times, panel.values, names=names, numbers=labels.numbers)

@@ -31,6 +31,7 @@ from swarmstart.cases.drawing.panels import (
     panels_figure,
     panels_of,
     stacked_limits,
+    without_tails,
 )
 from swarmstart.cases.drawing.plan_figures import (
     Flown,
@@ -115,12 +116,13 @@ def _figures(
 ) -> "Iterator[tuple[str, Figure]]":
     """Yield the figures that apply, with their names."""
     paths = plan_paths(flown) if flown.fresh.size > 1 else []
-    states, controls = with_plans(_states(flown), paths), _controls(flown)
+    whole = with_plans(_states(flown), paths)
+    states, controls = without_tails(whole, _controls(flown))
     parts = [panels_part("States", states, flown.labels)]
     if controls:
         name = "Controls"
         parts.append(panels_part(name, controls, flown.labels))
-    plane = _plane_part(flown, states, paths, place)
+    plane = _plane_part(flown, whole, paths, place)
     if flown.fresh.size > 1:  # A closed loop plans more than once.
         parts.insert(1, Part("Cost of the plans", lambda part: _costs(part, flown)))
         parts.append(_planning_part(flown))

@@ -6,8 +6,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from swarmstart.cases.drawing.drawing import COLOURS, LAYOUT_DPI, Figures, escaped
+from swarmstart.cases.drawing.tails import tail_from, tail_in_words
 from swarmstart.cases.drawing.vehicles import band_name
+from swarmstart.cases.drawing.wording import unit_of_measure
 from swarmstart.cases.format.document import counted
+from swarmstart.cases.format.registry import words_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -17,6 +20,7 @@ MOST_STATES = 12
 """States that are drawn; more are said to be left out."""
 MOST_MEASURES = 12
 COLUMNS = 3
+_SIDES = ("low", "median", "high")
 _BESIDE, _EDGE, _BELOW, _ABOVE, _BETWEEN = 0.7, 0.15, 0.5, 0.6, 0.6
 """Room of a panel's numbers, and of the figure's edges and title [inches]."""
 
@@ -36,12 +40,13 @@ def seed_figures(content: Mapping[str, Any]) -> Figures:
     }
     varied = {name: values for name, values in spread.items() if len(set(values)) > 1}
     if varied:
-        yield "spread", _spread(varied, len(content["seeds"]))
+        yield "spread", _spread(content, varied)
 
 
 def _bands(content: Mapping[str, Any]) -> "Figure":
     """Return the median of each state, and the band of 10 to 90 % of the runs."""
-    time, states = content["bands"]["time"], content["bands"]["states"]
+    states = content["bands"]["states"]
+    time, rest = shown_time(content["bands"])
     chosen = list(states.items())[:MOST_STATES]
     figure, axes = _grid(len(chosen))
     for panel, (name, band) in zip(axes, chosen, strict=True):
@@ -51,11 +56,28 @@ def _bands(content: Mapping[str, Any]) -> "Figure":
     noun = "state is" if left == 1 else "states are"
     more = f"; {left} more {noun} not drawn" if left else ""
     runs = sum(not failure for failure in content["failures"])
-    figure.supxlabel("time [s]", fontsize="small")
+    figure.supxlabel(f"time [s]{rest and f', {rest}'}", fontsize="small")
     figure.suptitle(
-        f"median and 10 to 90 % of {counted(runs, 'run')}{more}", fontsize="medium"
+        f"median and 10 to 90 % of {counted(runs, 'run')}{more}",
+        fontsize="medium",
     )
     return figure
+
+
+def shown_time(bands: Mapping[str, Any]) -> tuple[list[float], str]:
+    """Return the instants that are drawn, and words on those that are left out.
+
+    Args:
+        bands: "time" [s], and "states": "low", "median" and "high" of each.
+    """
+    time = list(bands["time"])
+    if not time:
+        return time, ""
+    every = [band[side] for band in bands["states"].values() for side in _SIDES]
+    begin = tail_from([(np.array(time), np.array(every, dtype=float))])
+    if begin is None:
+        return time, ""
+    return [one for one in time if one <= begin], tail_in_words(begin, time[-1])
 
 
 def draw_band(axes: "Axes", time: Sequence[float], band: Mapping[str, Any]) -> None:
@@ -64,10 +86,10 @@ def draw_band(axes: "Axes", time: Sequence[float], band: Mapping[str, Any]) -> N
     Args:
         axes: The panel.
         time: Instants [s].
-        band: "low", "median" and "high" at each; None: not known.
+        band: "low", "median" and "high" at each, or at more; None: not known.
     """
     low, median, high = (
-        np.array(band[side], dtype=float) for side in ("low", "median", "high")
+        np.array(band[side][: len(time)], dtype=float) for side in _SIDES
     )
     axes.fill_between(time, low, high, color=COLOURS[0], alpha=0.3, lw=0)
     axes.plot(time, median, color=COLOURS[0], lw=1.2)
@@ -80,9 +102,10 @@ def band_label(name: str, content: Mapping[str, Any]) -> str:
     return f"{label} [{unit}]" if unit else label
 
 
-def _spread(varied: Mapping[str, list[float]], runs: int) -> "Figure":
+def _spread(content: Mapping[str, Any], varied: Mapping[str, list[float]]) -> "Figure":
     """Return a row of points for each measure that differs from run to run."""
     chosen = list(varied.items())[:MOST_MEASURES]
+    known = dict(words_of(content.get("kind")).measures)
     figure, axes = _grid(len(chosen), height=1.3)
     for panel, (name, values) in zip(axes, chosen, strict=True):
         # At heights in the order of the seeds, so that equal values are all seen.
@@ -90,10 +113,14 @@ def _spread(varied: Mapping[str, list[float]], runs: int) -> "Figure":
         panel.plot(values, shifts, "o", ms=4, mfc="none", color=COLOURS[0])
         panel.axvline(float(np.median(values)), color=COLOURS[1], lw=1.5)
         panel.set(ylim=(-0.6, 0.6), yticks=[])
-        panel.set_title(escaped(name), fontsize="small")
+        # A user's own measure has a name of any ending, and no stated unit.
+        unit = unit_of_measure(name, known[name]) if name in known else ""
+        title = f"{name} [{unit}]" if unit else name
+        panel.set_title(escaped(title), fontsize="small")
     left = len(varied) - len(chosen)
     noun = "measure is" if left == 1 else "measures are"
     more = f"; {left} more {noun} not drawn" if left else ""
+    runs = len(content["seeds"])
     text = f"measures of {counted(runs, 'run')}, their medians as lines{more}"
     figure.suptitle(text, fontsize="medium")
     return figure

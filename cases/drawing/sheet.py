@@ -111,6 +111,8 @@ def panels_part(heading: str, panels: Sequence[Panel], labels: Labels) -> Part:
         heading = f"{heading} and their bounds"
     if len(shown) < len(panels):
         heading = f"{heading}: the first {len(shown)} of {len(panels)}"
+    if shown[0].rest:
+        heading = f"{heading}, {shown[0].rest}"
 
     def draw(part: "FigureBase") -> None:
         columns = min(columns_of(len(shown)), 2)

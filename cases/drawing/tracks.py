@@ -260,6 +260,7 @@ def distances_figure(
     figure = new_figure((7.0, 4.5))
     axes = figure.add_subplot()
     draw_distances(axes, times, pairs, linked=linked, limits=limits)
+    axes.set_title("Distances between UAVs", fontsize="medium")
     name_lines(figure, room=HALF)
     return figure
 

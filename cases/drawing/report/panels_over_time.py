@@ -156,10 +156,13 @@ def band_panel(label: str, times: Sequence[float], band: Mapping[str, Any]) -> "
     Args:
         label: The quantity and its unit.
         times: Instants [s].
-        band: "low", "median" and "high" at each; None: not known.
+        band: "low", "median" and "high" at each, or at more; None: not known.
     """
     x = across(times[-1], begin=times[0])
-    sides = [np.array(band[side], dtype=float) for side in ("low", "median", "high")]
+    sides = [
+        np.array(band[side][: len(times)], dtype=float)
+        for side in ("low", "median", "high")
+    ]
     y = svg.axis_of(np.concatenate(sides), UP, margin=0.06)
     at, (low, median, high) = x.at(times), (y.at(side) for side in sides)
     area = svg.drawn(svg.outline(at, low, high), "area s0")

@@ -38,6 +38,7 @@ from swarmstart.cases.drawing.sheet import (
     panels_part,
     sheet,
 )
+from swarmstart.cases.drawing.tails import tail_from, tail_in_words
 from swarmstart.cases.drawing.tracks import Scene
 from swarmstart.cases.kinds.formation_flight.measures import (
     SETTLED_M,
@@ -59,8 +60,8 @@ if TYPE_CHECKING:
 
 
 LONGER = 1.25
-"""Tracks end at so many times the time of settling; what follows is straight."""
-SHORTEST_S = 20.0  # Of the shown tracks, however soon they settle.
+"""Shown is a flight until so many times the time of settling; the rest is straight."""
+SHORTEST_S = 20.0  # Of what is shown, however soon all settle.
 # Pairs of states that the terminal set's matrix couples, behind a leader along x.
 PLANES = ((2, 3), (0, 2), (1, 3))
 SETS_SHOWN = 2.5  # Half-width of a panel, in half-widths of the set.
@@ -107,17 +108,16 @@ def sheet_figure(
     scenario: FormationScenario, flight: FormationFlight, trajectory: Trajectory
 ) -> "Figure":
     """Return (a): tracks, errors, controls, and planning or, of a plan, distances."""
-    shown, labels = shown_of(scenario, flight, trajectory), _labels(scenario, flight)
+    whole, labels = shown_of(scenario, flight, trajectory), _labels(scenario, flight)
+    settled, shown = whole.settled(flight), eventful(whole, flight)
     errors = shown.errors(flight)
     _, limits = stacked_limits([agent.problem for agent in flight.posed.agents])
-    controls = panels_of(CONTROLS, labels, shown.times, shown.controls, limits)
-    scene, heading = scene_of(scenario, flight, shown), "Tracks"
-    if not shown.is_plan:
-        settled = shown.settled(flight)
-        end = float(shown.dense_times[-1])
-        until = end if settled is None else max(LONGER * settled, SHORTEST_S)
-        if until < end:
-            scene, heading = scene.until(until), f"Tracks of the first {until:.0f} s"
+    first = _first_words(shown, whole)
+    controls = [
+        replace(panel, rest=first)
+        for panel in panels_of(CONTROLS, labels, shown.times, shown.controls, limits)
+    ]
+    scene = scene_of(scenario, flight, shown)
 
     def draw_places(part: "FigureBase") -> None:
         draw_scene(part, scene)
@@ -126,23 +126,36 @@ def sheet_figure(
         axes = part.subplots()
         draw_errors(
             axes, shown.dense_times, errors, band=SETTLED_M,
-            settled=shown.settled(flight), unit="m", names=labels.vehicles,
+            settled=settled, unit="m", names=labels.vehicles,
             numbers=labels.numbers,
         )  # fmt: skip
         _shade_linear(axes, shown)
         axes.set(xlabel="time [s]", ylabel="largest of |dx|, |dy| to the slot [m]")
 
+    tracks = "Planned tracks" if shown.is_plan else "Tracks"
     title, last = scenario.title, _planning_part(scenario, flight, trajectory)
     if shown.is_plan:
         title = f"{title}\n{_cost_in_words(scenario, flight, trajectory)}"
         last = _distances_part(scenario, flight, shown)
     parts = [
-        Part(heading if not shown.is_plan else "Planned tracks", draw_places),
-        Part("Error of the place", draw_off),
+        Part(", ".join(filter(None, [tracks, first])), draw_places),
+        Part(", ".join(filter(None, ["Error of the place", first])), draw_off),
         panels_part("Controls", controls, labels),
         last,
     ]
     return sheet(title, parts)
+
+
+def eventful(shown: Shown, flight: FormationFlight) -> Shown:
+    """Return the part of a flight until soon after all are settled; of a plan all."""
+    settled = None if shown.is_plan else shown.settled(flight)
+    return shown if settled is None else shown.until(max(LONGER * settled, SHORTEST_S))
+
+
+def _first_words(shown: Shown, whole: Shown) -> str:
+    """Return words on the part that is shown; empty if it is the whole."""
+    end, last = float(shown.times[-1]), float(whole.times[-1])
+    return f"the first {end:g} s of {last:g} s" if end < last else ""
 
 
 def _planning_part(
@@ -217,8 +230,9 @@ def relative_figure(
     scenario: FormationScenario, flight: FormationFlight, shown: Shown
 ) -> "Figure":
     """Return (b): each relative state of every UAV against time, four panels."""
+    whole, settled = shown, shown.settled(flight)
+    shown = eventful(whole, flight)
     off = shown.dense - flight.posed.slots(shown.dense_times)
-    settled = shown.settled(flight)
     figure = new_figure((11.0, 6.4))
     panels = figure.subplots(2, 2, sharex=True).ravel()
     for row, axes in enumerate(panels):
@@ -242,7 +256,9 @@ def relative_figure(
     for axes in panels[2:]:
         axes.set_xlabel("time [s]")
     what = "plan" if shown.is_plan else "flight"
-    figure.suptitle(f"States relative to the leader and the slots, {what}")
+    words = ["States relative to the leader and the slots", what]
+    words += filter(None, [_first_words(shown, whole)])
+    figure.suptitle(", ".join(words))
     name_lines(figure)
     return figure
 
@@ -292,9 +308,16 @@ def distances_figure(
     series = _distances(scenario, flight, shown)
     if not series:
         return None
-    figure = new_figure((7.5, 0.8 + 2.8 * len(series)))
+    figure = new_figure((7.5, 1.0 + 2.8 * len(series)))
     panels = figure.subplots(len(series), 1, squeeze=False)[:, 0]
     _draw_distances(panels, shown, series)
+    title = "Smallest distances along the flight"
+    begin = tail_from((shown.dense_times, dense[None]) for _, _, dense, _ in series)
+    if begin is not None:
+        title += f", {tail_in_words(begin, float(shown.times[-1]))}"
+        for axes in panels:
+            axes.set_xlim(right=begin)
+    figure.suptitle(title, fontsize="medium")
     name_lines(figure, room=HALF)
     return figure
 
@@ -314,6 +337,9 @@ def _draw_distances(
             alpha=0.4,
         )  # fmt: skip
         axes.set_ylabel(wrapped(label))
+        k = int(np.argmin(dense))
+        least = f"least {dense[k]:.4g} m, at {shown.dense_times[k]:.4g} s"
+        axes.set_title(least, fontsize="small", loc="right")
         low, high = min(float(dense.min()), limit), axes.get_ylim()[1]
         high = min(high, limit + FAR_M)
         # Some room, so that the limit is not on the frame.

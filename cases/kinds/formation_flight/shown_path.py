@@ -1,6 +1,6 @@
 """The path that figures and animations show: that of a flight, or of its one plan."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,9 @@ from swarmstart.cases.kinds.formation_flight.pose import FormationFlight
 from swarmstart.cases.kinds.formation_flight.scenario import FormationScenario
 from swarmstart.cases.kinds.planar import POSITION, by_uav, unicycle
 from swarmstart.ocp import Mode, Plant, Trajectory
+
+_ROUNDING_S = 1e-9
+"""By which a time may be off."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -39,6 +42,21 @@ class Shown:
     def errors(self, flight: FormationFlight) -> Array:
         """Return the largest of |dx| and |dy| of each UAV, shape (uavs, n) [m]."""
         return _offsets(flight, self.dense_times, self.dense)
+
+    def until(self, end: float) -> "Shown":
+        """Return the part up to a time [s], in whole steps."""
+        steps = int(np.searchsorted(self.times, end - _ROUNDING_S))
+        last = float(self.times[min(steps, self.linear.size)])
+        kept = self.dense_times <= last + _ROUNDING_S
+        return replace(
+            self,
+            dense_times=self.dense_times[kept],
+            dense=self.dense[:, :, kept],
+            times=self.times[: steps + 1],
+            states=self.states[:, :, : steps + 1],
+            controls=self.controls[:, :steps],
+            linear=self.linear[:steps],
+        )
 
     def settled(self, flight: FormationFlight) -> float | None:
         """Return the control instant from which on all are in their slots [s]."""

@@ -397,7 +397,7 @@ def test_beyond_the_most_panels_a_sentence_says_how_many_there_are() -> None:
     panels = panels_of(names, labels, np.arange(3.0), np.zeros((30, 3)))
     figure = panels_figure({"states": panels, "controls": []}, labels)
     assert len(figure.axes) == 24
-    assert figure.get_suptitle() == "the first 24 of 30 states"
+    assert figure.get_suptitle() == "States over time; the first 24 of 30 states"
 
 
 def test_a_solution_shows_its_verified_path_and_its_bounds() -> None:

@@ -3,6 +3,7 @@
 import itertools
 from typing import Any
 
+import numpy as np
 import pytest
 
 from swarmstart.cases.campaign.running.seeds import seeds_content
@@ -63,3 +64,23 @@ def test_panels_at_fixed_places_hold_their_numbers(count: int) -> None:
         titles = [text.get_window_extent() for text in figure.texts]
         for one, other in itertools.combinations([*boxes, *titles], 2):
             assert not one.overlaps(other)
+
+
+def test_a_flat_end_is_left_out_and_the_axis_says_so() -> None:
+    time = [float(k) for k in range(61)]
+    fading = [max(0.0, 4.0 - t) for t in time]
+    given = content()
+    side = dict.fromkeys(("low", "median", "high"), fading)
+    given["bands"] = {"time": time, "states": {"speed_m_s_0": side}}
+    figure = dict(seed_figures(given))["bands"]
+    words = "the first 5 s of 60 s; then all go straight on"
+    assert figure.get_supxlabel() == f"time [s], {words}"
+    (axes,) = figure.axes
+    assert np.asarray(axes.lines[0].get_xdata())[-1] == 5.0
+    assert f"; {words}." in seeds_page(given)
+
+
+def test_measures_of_a_kind_have_their_units_and_own_ones_none() -> None:
+    given = content(measures={"settle_time_s": [1.0, 2.0], "my_m": [1.0, 2.0]})
+    figure = dict(seed_figures(given))["spread"]
+    assert [axes.get_title() for axes in figure.axes] == ["settle_time_s [s]", "my_m"]

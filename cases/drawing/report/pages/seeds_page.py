@@ -25,7 +25,7 @@ from swarmstart.cases.drawing.report.text_reports import (
     markdown_table,
     markdown_text,
 )
-from swarmstart.cases.drawing.seed_figures import band_label
+from swarmstart.cases.drawing.seed_figures import band_label, shown_time
 from swarmstart.cases.drawing.wording import (
     is_number,
     shortened,
@@ -101,6 +101,7 @@ def seeds_page(content: Mapping[str, Any]) -> str:
             ],
             "ends": _ends(content),
             "bands": bands,
+            "rest": shown_time(content["bands"])[1] if bands else "",
             "size": SIZE,
             "seeds": [str(seed) for seed in content["seeds"]],
             "command": str(content.get("command") or ""),
@@ -184,13 +185,14 @@ def _bands(content: Mapping[str, Any]) -> "list[tuple[str, Markup]]":
     if not given:
         return []
     times, drawn = given["time"], []
+    shown, _ = shown_time(given)
     for number, (name, band) in enumerate(given["states"].items()):
         if any(len(band[side]) != len(times) for side in ("low", "median", "high")):
             raise ValueError(f"{name}: {len(times)} values expected in each band")
         if not times or number >= MOST_BANDS:
             continue
         label = band_label(str(name), content)
-        drawn.append((label, band_panel(label, times, band)))
+        drawn.append((label, band_panel(label, shown, band)))
     return drawn
 
 
