@@ -5,7 +5,7 @@ Of one plan the convergence is drawn: the search's best cost, and the plan's cos
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,13 +23,21 @@ from swarmstart.cases.drawing.drawing import (
 )
 from swarmstart.cases.drawing.panels import Labels, Panel
 from swarmstart.cases.drawing.slack import KnownAt, arguments_of, made_at
+from swarmstart.cases.drawing.wording import KEPT
 from swarmstart.cases.record.trajectory_arrays import new_plans
-from swarmstart.ocp import Fitness, Known, OptimalControlProblem, Plan, Trajectory
+from swarmstart.ocp import (
+    Fitness,
+    Known,
+    OptimalControlProblem,
+    Plan,
+    SearchReport,
+    Trajectory,
+)
 from swarmstart.ocp.rollout import NOTHING, shooting_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, FigureBase
 
 KnownOf = Callable[[int, int], Known]
 """(number of a step, of a problem) -> parameters and signals of the plan made there."""
@@ -38,6 +46,14 @@ MOST_PLANS = 40
 """Plans that are drawn, evenly chosen among all."""
 FAR = 1e6
 """Times the plan's cost from which on a cost of the search is left out."""
+KEEPING: dict[str, Any] = {
+    "color": COLOURS[0], "lw": 1.4, "drawstyle": "steps-post",
+    "label": "best of the search",
+}  # fmt: skip
+BREAKING: dict[str, Any] = KEEPING | {
+    "color": "0.45", "ls": "--", "lw": 1.0,
+    "label": "best of the search, while it breaks limits",
+}  # fmt: skip
 LEAST_SPAN = 1e-3
 """Of the plan's cost: an axis of optima shows at least so much."""
 MOST_OPTIMA = 25
@@ -183,11 +199,16 @@ def searches_figure(flown: Flown) -> "Figure | None":
     several = len(flown.problems) > 1
     for number, plan in plans:
         name = escaped(labels.vehicles[number]) if several else "best of each search"
+        kept, broken = by_violation(
+            labels.sign * plan.search.history, plan.search.violations
+        )
+        at, own = plan.search.evaluations, colour(number)
         axes.plot(
-            plan.search.evaluations, labels.sign * plan.search.history,
-            color=colour(number), ls=line_style(number), lw=0.7, label=name,
+            at, kept, color=own, ls=line_style(number), lw=0.7, label=name,
             drawstyle="steps-post",
         )  # fmt: skip
+        if np.isfinite(broken).any():
+            axes.plot(at, broken, **BREAKING | {"lw": 0.5, "color": "0.6"})
     every = np.concatenate([plan.search.history for _, plan in plans])
     make_logarithmic(axes, labels.sign * every)
     axes.set(xlabel="evaluations", ylabel=labels.cost)
@@ -220,29 +241,80 @@ def draw_costs(axes: "Axes", run: Flown) -> None:
     axes.grid(alpha=0.3)
 
 
-def draw_convergence(axes: "Axes", plan: Plan, labels: Labels) -> None:
-    """Draw the best cost of a plan's search over evaluations, and the plan's cost."""
-    costs, cost = labels.sign * plan.search.history, labels.sign * plan.cost
-    name = "best of the search"
-    # The best cost rises only if its point comes nearer to keeping the constraints.
-    if (plan.search.history[1:] > plan.search.history[:-1]).any():
-        name += ", which may break constraints at first"
-    far = np.isfinite(costs) & (np.abs(costs) > FAR * max(abs(cost), 1.0))
-    if far.any():  # They belong to points that break the constraints.
-        beyond = np.abs(costs[far]).max()
-        text = f"costs of points that break limits beyond the axis: up to {beyond:.3g}"
-        axes.set_title(text, fontsize="small", loc="right")
-    drawn = np.where(far, np.nan, costs)
-    axes.plot(
-        plan.search.evaluations, drawn, color=COLOURS[0], lw=1.4, label=name,
-        drawstyle="steps-post", marker="." if costs.size == 1 else None,
-    )  # fmt: skip
+def draw_convergence(part: "FigureBase", plan: Plan, labels: Labels) -> None:
+    """Draw the best cost of a plan's search over evaluations, and the plan's cost.
+
+    While the best point breaks limits, its cost is dashed and says little; how much it
+    breaks them has an axis of its own beneath.
+
+    Args:
+        part: A figure, or a part of one, that is empty.
+        plan: The plan, with a search.
+        labels: The words.
+    """
+    search, cost = plan.search, labels.sign * plan.cost
+    kept, broken = by_violation(labels.sign * search.history, search.violations)
+    beneath: Axes | None = None
+    if (search.violations > KEPT).any():
+        axes, beneath = part.subplots(2, 1, sharex=True, height_ratios=(2, 1))
+    else:
+        axes = part.subplots()
+    most = FAR * max(abs(cost), 1.0)
+    marker = "." if search.history.size == 1 else None
+    for values, style in ((broken, BREAKING), (kept, KEEPING)):
+        drawn = np.where(np.abs(values) <= most, values, np.nan)
+        if not np.isnan(drawn).all():
+            axes.plot(search.evaluations, drawn, marker=marker, **style)
     axes.axhline(cost, color=COLOURS[1], ls="--", lw=1.2, label=f"plan, {cost:.5g}")
-    axes.set(xlabel="evaluations", ylabel=labels.cost)
-    make_logarithmic(axes, np.append(drawn, cost))
-    # At least 1: limits that coincide make matplotlib warn.
-    axes.set_xlim(0, plan.search.evaluations.max(initial=1))
+    axes.set_ylabel(labels.cost)
+    shown = np.concatenate([kept, broken])
+    make_logarithmic(axes, np.append(shown[np.abs(shown) <= most], cost))
+    axes.set_title(_left_out(kept, broken, most), fontsize="small", loc="right")
     axes.grid(alpha=0.3)
+    # At least 1: limits that coincide make matplotlib warn.
+    axes.set_xlim(0, search.evaluations.max(initial=1))
+    if beneath is not None:
+        _draw_violations(beneath, search)
+        axes.tick_params(labelbottom=False)
+    (beneath or axes).set_xlabel("evaluations")
+
+
+def _left_out(kept: Array, broken: Array, most: float) -> str:
+    """Return what a panel of costs does not show, in words; empty if it shows all."""
+    words = []
+    if not np.isfinite(kept).any():
+        words.append("no point of the search kept all limits")
+    every = np.abs(np.concatenate([kept, broken]))
+    far = every[np.isfinite(every) & (every > most)]
+    if far.size:
+        words.append(f"costs beyond the axis: up to {far.max():.3g}")
+    return "; ".join(words)
+
+
+def _draw_violations(axes: "Axes", search: SearchReport) -> None:
+    """Draw how much the best point breaks limits; what breaks none is left out."""
+    violations = np.where(search.violations > KEPT, search.violations, np.nan)
+    marker = "." if np.isfinite(violations).sum() == 1 else None
+    axes.plot(search.evaluations, violations, marker=marker, **BREAKING)
+    make_logarithmic(axes, violations, ratio=10.0)
+    axes.set_ylabel("violation\n(scaled)")
+    axes.grid(alpha=0.3)
+
+
+def by_violation(costs: Array, violations: Array) -> tuple[Array, Array]:
+    """Return costs of points that keep all limits, and of others; NaN between them.
+
+    Args:
+        costs: Of the best point after each generation, shape (n,).
+        violations: Of that point, same shape; of another shape: not known, so that no
+            point counts as breaking a limit.
+    """
+    if violations.shape != costs.shape:
+        return costs, np.full(costs.shape, np.nan)
+    breaks = violations > KEPT
+    # One further: the last step of a line lasts until the next generation.
+    until = breaks | np.append(False, breaks)[:-1]
+    return np.where(breaks, np.nan, costs), np.where(until, costs, np.nan)
 
 
 def optima_of(plan: Plan) -> tuple[Array, Array]:

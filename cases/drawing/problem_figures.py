@@ -253,7 +253,7 @@ def _solved_once(
             more.append(
                 Part(
                     "Convergence of the search",
-                    lambda part: draw_convergence(part.subplots(), plan, labels),
+                    lambda part: draw_convergence(part, plan, labels),
                 )
             )
         if optima_of(plan)[0].size > 1:

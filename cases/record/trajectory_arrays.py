@@ -52,6 +52,7 @@ def trajectory_arrays(trajectory: Trajectory) -> dict[str, Array]:
         "plan_is_new": new_plans(trajectory.decisions),
         "search_history": _histories(plans, lambda search: search.history),
         "search_evaluations": _histories(plans, lambda search: search.evaluations),
+        "search_violations": _histories(plans, lambda search: search.violations),
         "plan_start": _padded(plans, _start_of),
         **_stopped(plans),
         **_acting(decisions),
@@ -313,6 +314,10 @@ def _plan(arrays: Mapping[str, NDArray[Any]], number: int, agent: int) -> Plan:
             violation=float(arrays["search_violation"][number, agent]),
             history=_unpadded(arrays["search_history"][number, agent]),
             evaluations=_unpadded(arrays["search_evaluations"][number, agent]),
+            # Records of earlier versions have none.
+            violations=_unpadded(arrays["search_violations"][number, agent])
+            if "search_violations" in arrays
+            else np.empty(0),
         ),
         evaluations=int(arrays["plan_evaluations"][number, agent]),
         polish_status=_polish_status(str(arrays["plan_polish"][number, agent])),

@@ -90,6 +90,8 @@ class SearchReport:
         evaluations: Evaluations spent up to each generation, same shape.
         lanes: Results of local solves in lanes, if the search uses them; else None.
         without_lanes: Reason why a search that should use lanes did not; else empty.
+        violations: Violation of the best point after each generation, same shape as
+            `history`; 0 for a feasible one. Empty if it is not known.
     """
 
     cost: float = np.nan
@@ -98,6 +100,7 @@ class SearchReport:
     evaluations: Array = field(default_factory=lambda: np.empty(0))
     lanes: Lanes | None = None
     without_lanes: str = ""
+    violations: Array = field(default_factory=lambda: np.empty(0))
 
     @checked(refused, sense=SENSE)
     def lines(self, sense: float = 1.0) -> list[str]:

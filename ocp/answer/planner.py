@@ -860,6 +860,7 @@ class Planner(Called):
                 result.history_evaluations,
                 found.lanes,
                 found.without,
+                result.history_violation,
             ),
             evaluations=result.evaluations,
         )

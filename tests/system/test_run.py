@@ -133,6 +133,7 @@ def test_the_trajectory_has_the_documented_arrays(flown: tuple[Path, Any]) -> No
         "search_violation": (2, UAVS),
         "search_history": (2, UAVS, GENERATIONS),
         "search_evaluations": (2, UAVS, GENERATIONS),
+        "search_violations": (2, UAVS, GENERATIONS),
         "state_names": (4 * UAVS,),
         "control_names": (2 * UAVS,),
     }

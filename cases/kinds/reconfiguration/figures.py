@@ -17,9 +17,11 @@ from swarmstart.cases.drawing.drawing import (
     COLOURS,
     Figures,
     into_folder,
+    name_lines,
     new_figure,
 )
 from swarmstart.cases.drawing.panels import Labels, Panel, panels_of, stacked_limits
+from swarmstart.cases.drawing.plan_figures import BREAKING, KEEPING, by_violation
 from swarmstart.cases.drawing.planning import draw_planning
 from swarmstart.cases.drawing.sheet import Part, draw_errors, panels_part, sheet
 from swarmstart.cases.drawing.tracks import Scene, distances_figure
@@ -149,15 +151,18 @@ def _controls(
 def evolution_figure(trajectory: Trajectory) -> "Figure":
     """Return (b): J of each plan, and of the search's best point in each horizon.
 
-    The cost of the best point may rise when a point that breaks less takes its place.
+    While that point breaks limits, its cost is dashed.
     If each UAV plans alone, the costs of all are added; a search that has ended counts
     with its last cost.
     """
     histories = [
-        _summed([plan.search.history for plan in decision.plans])
+        by_violation(
+            _summed([plan.search.history for plan in decision.plans]),
+            _summed([plan.search.violations for plan in decision.plans]),
+        )
         for decision in trajectory.decisions[:MOST_HORIZONS]
     ]
-    searched = [(k, h) for k, h in enumerate(histories, 1) if h.size]
+    searched = [(k, h) for k, h in enumerate(histories, 1) if h[0].size]
     count = len(searched) + 1
     # -count % wide is the number of empty places in the last row; then the wider.
     columns = min(WIDE, key=lambda wide: (-count % min(wide, count), -wide))
@@ -172,8 +177,11 @@ def evolution_figure(trajectory: Trajectory) -> "Figure":
     costs.set_ylim(bottom=0)
     costs.grid(alpha=0.3)
     for axes, (number, history) in zip(panels, searched, strict=False):
-        axes.plot(history, color=COLOURS[0], linewidth=1.2)
-        axes.set(title=f"horizon {number}", xlabel="generation")
+        for values, style in zip(history, (KEEPING, BREAKING), strict=True):
+            if np.isfinite(values).any():
+                axes.plot(values, **style)
+        none = "" if np.isfinite(history).any() else ", no finite cost"
+        axes.set(title=f"horizon {number}{none}", xlabel="generation")
         axes.set_ylabel("J of the best point")
         axes.grid(alpha=0.3)
     for axes in panels[len(searched) :]:
@@ -182,6 +190,7 @@ def evolution_figure(trajectory: Trajectory) -> "Figure":
         costs.set_title("plans, made without a search")
     elif len(trajectory.decisions) > len(histories):
         figure.suptitle(f"searches of the first {len(histories)} horizons")
+    name_lines(figure)
     return figure
 
 

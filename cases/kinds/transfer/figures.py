@@ -46,7 +46,7 @@ def sheet_figure(
         draw_scene(part, scene)
 
     def draw_search(part: "FigureBase") -> None:
-        draw_convergence(part.subplots(), plan, labels)
+        draw_convergence(part, plan, labels)
 
     def draw_apart(part: "FigureBase") -> None:
         draw_distances(

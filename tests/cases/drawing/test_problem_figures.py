@@ -262,14 +262,57 @@ def test_one_plan_has_its_search_and_its_cost_but_no_figures_of_plans() -> None:
     figures = drawn(posed(), flight)
     assert list(figures) == ["a_sheet"]
     axes = panel(figures["a_sheet"], "cost")
-    assert curves(axes)[0].tolist() == history.tolist()
+    assert curves(axes)[0] == pytest.approx([9.0, np.nan, 5.0], nan_ok=True)
     assert [level(line) for line in named(axes, "plan, 3")] == [3.0]
     assert np.asarray(axes.lines[0].get_xdata()).tolist() == spent.tolist()
-    rises = "best of the search, which may break constraints at first"
-    assert axes.lines[0].get_label() == rises
+    assert axes.lines[0].get_label() == "best of the search"
     turned = replace(labels_of(posed()), maximize=True)
     axes = panel(drawn(posed(), flight, labels=turned)["a_sheet"], "objective")
     assert [level(line) for line in named(axes, "plan, -3")] == [-3.0]
+
+
+def converging(costs: Sequence[float], violations: Sequence[float]) -> Figure:
+    """Return the sheet of a plan of cost 3 that was searched."""
+    report = SearchReport(
+        history=np.array(costs), violations=np.array(violations),
+        evaluations=np.linspace(50.0, 50.0 * len(costs), len(costs)),
+    )  # fmt: skip
+    searched = plan_of(np.array(HELD), search=report)
+    flight = flown(posed(), HELD, [0, 0], plans=[[searched]] * STEPS)
+    return drawn(posed(), flight)["a_sheet"]
+
+
+def test_costs_of_points_that_break_limits_are_apart_above_their_violation() -> None:
+    sheet = converging([2.0, 5.0, 9.0, 4.0], [3.0, 0.05, 1e-32, 0.0])
+    axes, beneath = panel(sheet, "cost"), panel(sheet, "violation (scaled)")
+    (kept,) = named(axes, "best of the search")
+    assert np.asarray(kept.get_ydata())[2:].tolist() == [9.0, 4.0]
+    assert np.isnan(np.asarray(kept.get_ydata())[:2]).all()
+    (broken,) = named(axes, "best of the search, while it breaks limits")
+    # Its last step lasts until the first point that keeps all limits.
+    assert np.asarray(broken.get_ydata())[:3].tolist() == [2.0, 5.0, 9.0]
+    assert broken.get_linestyle() == "--" != kept.get_linestyle()
+    assert beneath.get_yscale() == "log"
+    assert np.asarray(beneath.lines[0].get_ydata())[:2].tolist() == [3.0, 0.05]
+    assert beneath.get_xlabel() == "evaluations"
+
+
+def test_a_search_without_violations_has_one_panel() -> None:
+    sheet = converging([9.0, 4.0], [1e-32, 0.0])  # Rounding is no violation.
+    assert "violation (scaled)" not in [words(axes) for axes in sheet.axes]
+    assert panel(sheet, "cost").get_title(loc="right") == ""
+
+
+def test_a_search_that_kept_no_limits_and_huge_costs_says_so() -> None:
+    sheet = converging([1.51e134, 9e99], [3.0, 0.5])
+    axes = panel(sheet, "cost")
+    assert axes.get_title(loc="right") == (
+        "no point of the search kept all limits; costs beyond the axis: up to 1.51e+134"
+    )
+    assert axes.get_ylim()[1] < 1e3
+    assert len(curves(panel(sheet, "violation (scaled)"))) == 0  # Two points.
+    lines = panel(sheet, "violation (scaled)").lines
+    assert np.asarray(lines[0].get_ydata()).tolist() == [3.0, 0.5]
 
 
 def test_local_optima_are_drawn_by_cost_with_their_counts() -> None:
