@@ -100,13 +100,29 @@ def reached(
     )  # fmt: skip
 
 
+def without_profile(content: Mapping[str, Any]) -> str:
+    """Return why a comparison has no performance profile; empty if it has one."""
+    if len(content["scenarios"]) == 1:
+        return (
+            "There is no performance profile: it shows on how many scenarios a solver "
+            "is near the quickest, and this is one."
+        )
+    if content["profile"] is None or not content["profile"]["curves"]:
+        return (
+            "There is no performance profile: no solver came within "
+            f"{percent(content['near'][0])} of the best known cost on a scenario that "
+            "all have run."
+        )
+    return ""
+
+
 def profile(
     content: Mapping[str, Any], *, numbers: Mapping[str, int], points: int
 ) -> Figure | None:
     """Return the performance profile over all scenarios; None if there is none."""
-    given = content["profile"]
-    if given is None or not given["curves"]:
+    if without_profile(content):
         return None
+    given = content["profile"]
     ratios = given["ratios"]
     curves = {
         name: _known(ratios, curve["share"], curve["low"], curve["high"])

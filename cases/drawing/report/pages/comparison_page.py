@@ -80,6 +80,7 @@ def _page(content: Mapping[str, Any], points: int) -> str:
             "regression": rows.regression(content),
             "scenarios": scenarios,
             "whole": [figure for figure in whole if figure is not None],
+            "without_profile": curves.without_profile(content),
             "legend": svg.legend(numbers),
             "judged": spreads.judged(content, numbers=numbers),
             "has_pairs": points > _FEW,

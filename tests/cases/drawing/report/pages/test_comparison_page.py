@@ -180,3 +180,12 @@ def test_a_value_that_is_maximised_is_shown_with_its_sign() -> None:
     page = comparison_page(contents.content(sense=-1, scenarios=1))
     assert "Best value known: 400, " in page
     assert "-400" not in page
+
+
+def test_a_profile_of_one_scenario_is_not_drawn_and_words_say_why() -> None:
+    both, one = (comparison_page(contents.content(scenarios=k)) for k in (2, 1))
+    missing = "There is no performance profile: it shows on how many scenarios"
+    assert 'id="profile"' in both and missing not in both
+    assert 'id="profile"' not in one and missing in one
+    none = contents.content() | {"profile": None}
+    assert "no solver came within 1 % of the best known" in comparison_page(none)

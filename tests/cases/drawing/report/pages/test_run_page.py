@@ -363,6 +363,22 @@ def test_words_of_a_forger_are_text(
     assert page.locator("img[src^=http]").count() == 0
 
 
+def test_a_figure_opens_at_full_size_by_the_keys_and_closes(
+    record: Path, opened: Opened, tmp_path: Path
+) -> None:
+    page = opened.show(run_page(record), tmp_path / "page.html", width=390)
+    image = page.locator("#picture-1 img")
+    assert image.bounding_box()["width"] < 390
+    page.locator("#open-1").focus()
+    page.keyboard.press("Enter")
+    box = image.bounding_box()
+    assert box["width"] > 390 and 0 <= box["y"] < 100
+    page.keyboard.press("Tab")
+    page.keyboard.press("Enter")  # The link that closes it comes first.
+    assert image.bounding_box()["width"] < 390
+    assert opened.is_silent()
+
+
 def test_of_a_figure_in_several_formats_the_png_file_is_shown_and_a_sheet_wide(
     record: Path,
 ) -> None:
