@@ -18,7 +18,7 @@ from pkgutil import resolve_name
 from typing import Any, NamedTuple
 
 from swarmstart.cases.commands.terminal import DONE, answer, say
-from swarmstart.cases.format.document import shown
+from swarmstart.cases.format.document import counted, shown
 from swarmstart.cases.record.files import RecordError, locked, said, write_text
 from swarmstart.cases.record.record import FIGURES
 
@@ -113,7 +113,7 @@ def report_command(options: argparse.Namespace) -> int:
     given = [Path(text) for text in dict.fromkeys(options.folders)]
     folders = list(dict.fromkeys(map(_newest, given)))
     found = [(folder, recorded_in(folder)) for folder in folders]
-    written = []
+    written: list[str] = []
     for folder, (recorded, *older) in found:
         if older:
             others = ", ".join(one.file for one in older)
@@ -125,9 +125,25 @@ def report_command(options: argparse.Namespace) -> int:
             for name in formats:
                 file = out / f"{stem}.{SUFFIXES[name]}"
                 write_text(file, page_of(folder, recorded, name))
-                written.append(file)
-    answer("\n".join(f"page  {file}" for file in written))
+                written.append(f"page  {file}")
+            if options.charts:
+                charts = out / f"{stem}_charts"
+                count = _write_charts(folder, recorded, charts, options.charts)
+                written.append(f"charts  {charts} ({counted(count, 'file')})")
+    answer("\n".join(written))
     return DONE
+
+
+def _write_charts(
+    folder: Path, recorded: Recorded, charts: Path, formats: Sequence[str]
+) -> int:
+    """Write the charts of a record's page as files; return how many files these are."""
+    # Not at the head: pages as Markdown need no matplotlib.
+    from swarmstart.cases.drawing.drawing import write_figures
+    from swarmstart.cases.drawing.report.chart_files import chart_figures
+
+    figures = chart_figures(page_of(folder, recorded, "html"))
+    return len(write_figures(figures, charts, formats=list(dict.fromkeys(formats))))
 
 
 def recorded_in(folder: Path) -> list[Recorded]:

@@ -320,6 +320,11 @@ OPTIONS: Mapping[str, tuple[Option | OneOf, ...]] = {
             "--format", choices=["html", "md", "latex"], dest="formats",
             help="format of the page; repeatable (default: html and md)",
         ),
+        _repeatable(
+            "--charts", choices=["svg", "pdf"],
+            help="also write each chart of the page as a file of its own, into a "
+            "folder beside the page; repeatable (default: no files)",
+        ),
         _out("folder to write the files to (default: each record's own folder)"),
         _QUIET,  # As the commands that leave records; `cli` reads it.
     ),

@@ -198,7 +198,7 @@ def _panels(
         if kind == _CONTROL:
             places = svg.corners(*places)
         drawn += [
-            svg.frame(x, y, title=shortened(name, 34), most=(4, 4)),
+            svg.frame(x, y, title=shortened(name, 34), most=(4, 4), unit="s"),
             svg.line(*places, svg.look(kind), title=name),
         ]
     rows = -(-len(series) // columns)

@@ -8,7 +8,9 @@ import pytest
 
 from swarmstart.cases.commands.actions import report
 from swarmstart.cases.commands.actions.report import report_command
+from swarmstart.cases.drawing.report.pages.comparison_page import comparison_page
 from swarmstart.cases.record.files import RecordError
+from swarmstart.tests.cases.drawing.report import contents
 
 
 def record(folder: Path, *, when: float) -> Path:
@@ -19,7 +21,9 @@ def record(folder: Path, *, when: float) -> Path:
 
 
 def asked(folder: Path) -> int:
-    options = argparse.Namespace(folders=[str(folder)], formats=["md"], out=None)
+    options = argparse.Namespace(
+        folders=[str(folder)], formats=["md"], out=None, charts=None
+    )
     return report_command(options)
 
 
@@ -59,3 +63,21 @@ def test_of_several_records_in_a_folder_the_newest_is_shown_and_named(
 def test_a_folder_without_records_is_refused(tmp_path: Path) -> None:
     with pytest.raises(RecordError, match="found none of them"):
         asked(tmp_path)
+
+
+def test_charts_are_files_beside_the_page_if_they_are_asked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    content = contents.content(scenarios=1, solvers=2, seeds=3)
+    page = comparison_page(content)
+    monkeypatch.setattr(report, "page_of", lambda *_: page)
+    folder = record(tmp_path / "one", when=1e9)
+    options = argparse.Namespace(
+        folders=[str(folder)], formats=["md"], out=None, charts=["svg", "pdf", "svg"]
+    )
+    assert report_command(options) == 0
+    charts = folder / "report_charts"
+    names = sorted(file.name for file in charts.iterdir())
+    assert len({name[:3] for name in names}) == len(names) / 2 > 4
+    assert {file.suffix for file in charts.iterdir()} == {".svg", ".pdf"}
+    assert capsys.readouterr().out.endswith(f"charts  {charts} ({len(names)} files)\n")
