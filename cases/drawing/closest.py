@@ -1,4 +1,4 @@
-"""Tracks of vehicles with a zoom at the places where they come close.
+"""Tracks of vehicles with a zoom at each place of a close approach.
 
     to an obstacle      |p - c| - r      of two vehicles      |p - q|, at the same time
 

@@ -155,7 +155,7 @@ def _figure(chart: ElementTree.Element, rules: Sequence[Rule]) -> "Figure":
 
 
 class _Place(NamedTuple):
-    """Where an element is: classes around it, the rules, the looks it inherits."""
+    """Surroundings of an element: classes around it, the rules, inherited looks."""
 
     around: frozenset[str]
     rules: Sequence[Rule]

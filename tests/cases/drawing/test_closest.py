@@ -57,7 +57,7 @@ def test_an_approach_is_found_between_the_instants() -> None:
 
 
 def test_vehicles_are_close_only_at_the_same_time() -> None:
-    # The second crosses the first's track where that one was 5 s before.
+    # The second crosses the track of the first 5 s after that one was there.
     first = np.stack([ALONG, np.zeros(TIMES.size)])
     second = np.stack([np.full(TIMES.size, 20.0), ALONG - 70.0])
     scene = Scene(
