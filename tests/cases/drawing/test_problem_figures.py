@@ -22,6 +22,7 @@ from swarmstart.cases.drawing.problem_figures import (
     figures_of,
     labels_of,
 )
+from swarmstart.cases.drawing.slack import slacks
 from swarmstart.ocp import (
     Bounds,
     Decision,
@@ -42,6 +43,7 @@ from swarmstart.ocp import (
     verified,
 )
 from swarmstart.ocp.lanes.answers import Optimum
+from swarmstart.ocp.rollout import NOTHING
 from swarmstart.ocp.search.account import Lanes, StartsAccount
 from swarmstart.tests.cases.drawing.reading import (
     bounds,
@@ -189,6 +191,8 @@ def test_slack_is_the_distance_to_the_limit_before_and_after_each_control_jump()
         TerminalConstraint(expression=X[0], lower=-np.inf, upper=-0.1875, name="wall"),
     ]
     problem = posed(constraints=limits, terminal=ends)
+    found = slacks(problem, flown(problem, HELD, [0, 0]), lambda _: NOTHING)
+    assert [row.times.size for row in found if row.is_terminal] == [1, 1]
     figure = drawn(problem, flown(problem, HELD, [0, 0]))["d_slack"]
     above, between, at_end = figure.axes
     times = np.asarray(above.lines[1].get_xdata())

@@ -51,6 +51,7 @@ def flight(count: int) -> Trajectory:
                         cost=np.nan if number else rng.normal(),
                         history=rng.random(searched := int(rng.integers(4))),
                         evaluations=np.arange(1.0, searched + 1.0),
+                        violations=np.arange(0.0, searched),
                     ),
                     evaluations=int(rng.integers(100)),
                 )

@@ -206,6 +206,7 @@ def assert_same_plan(one: Plan, other: Plan) -> None:
     )
     np.testing.assert_array_equal(one.search.history, other.search.history)
     np.testing.assert_array_equal(one.search.evaluations, other.search.evaluations)
+    np.testing.assert_array_equal(one.search.violations, other.search.violations)
     start = np.empty(0) if other.start is None else other.start
     assert one.start is not None
     np.testing.assert_array_equal(one.start, start)
