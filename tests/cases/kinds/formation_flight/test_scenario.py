@@ -119,7 +119,7 @@ def test_the_plan_is_drawn_to_its_end_under_the_uavs_own_numbers() -> None:
     assert {"UAV 3", "UAV 4", "UAV 5"} < {*legend(figure)}
     assert "UAV 1" not in legend(figure)
     # The second panel of that name enlarges where two come near.
-    tracks = [axes for axes in figure.axes if words(axes) == "y [m]"][0]
+    tracks = next(axes for axes in figure.axes if words(axes) == "y [m]")
     (track,) = named(tracks, "UAV 3")
     np.testing.assert_allclose(np.asarray(track.get_data()), paths[0, 2:])
     assert track.get_color() == colour(2)
