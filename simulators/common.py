@@ -1,7 +1,6 @@
 """Parts that all simulators share: their error, and the state that they must be in."""
 
 import difflib
-import re
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
@@ -10,6 +9,7 @@ from numpy.typing import ArrayLike
 from swarmstart.arguments import a_number
 from swarmstart.arrays import Array
 from swarmstart.errors import SwarmstartError, brief
+from swarmstart.ocp.system import read_unit
 
 NEAR = 1e-9
 """Largest difference of a start from the one that is asked for, relative to 1 or it."""
@@ -18,7 +18,6 @@ LONGEST_STEP = 3600.0
 STEP = a_number(above=0, most=LONGEST_STEP)
 """Lengths of a step [s]."""
 _SHOWN = 20
-_FACTOR = re.compile(r"(?P<name>[^\W\d_]+|1|%|°)(?P<power>-?[1-9])?")
 
 
 class SimulatorError(SwarmstartError):
@@ -127,27 +126,10 @@ def require_units(
     """
     for name, unit in wanted.items():
         theirs = found.get(name, "")
-        sides = _powers(unit), _powers(theirs)
-        if None not in sides and sides[0] != sides[1]:
+        sides = read_unit(unit), read_unit(theirs)
+        if sides[0] and sides[1] and not sides[0].is_like(sides[1]):
             raise SimulatorError(
                 simulator,
                 f"expected {name} in {unit}, as the scenario states it; found "
                 f"{theirs} (if both are the same, leave out the scenario's)",
             )
-
-
-def _powers(unit: str) -> dict[str, int] | None:
-    """Return the powers of the parts of a unit such as kg.m2/s2; None if unreadable."""
-    powers: dict[str, int] = {}
-    text = unit.replace("**", "").replace("^", "").replace("·", ".").replace("*", ".")
-    if not text.strip():
-        return None
-    for number, factors in enumerate(text.split("/")):
-        for factor in factors.strip().split("."):
-            match = _FACTOR.fullmatch(factor.strip())
-            if match is None:
-                return None
-            power = int(match["power"] or 1) * (-1 if number else 1)
-            if match["name"] != "1":
-                powers[match["name"]] = powers.get(match["name"], 0) + power
-    return {name: power for name, power in powers.items() if power}

@@ -89,7 +89,7 @@ def figures_of(
         problem: The problem that is planned; of vehicles that plan one after another
             the problem of each, in the order of their states.
         trajectory: The run.
-        labels: The words on the axes; None: the names of the (first) model, no units.
+        labels: The words on the axes; None: names and units of the (first) model.
         known: (number of a step, of a problem) -> parameters and signals of the plan
             made there; by default no parameters and signals.
         title: Of the sheet.
@@ -321,7 +321,7 @@ def draw_solution(
 
     Args:
         solution: The solution.
-        units: Unit by name of a state or control; None: none is known.
+        units: Unit by name of a state or control; None: those of the model.
     """
     problem, path = solution.problem, solution.path
     labels = labels_of(problem, units=units)
@@ -355,8 +355,9 @@ def draw_trajectory(
     """
     if labels is None:
         labels = Labels(
-            states=trajectory.state_names, controls=trajectory.control_names
-        )
+            states=trajectory.state_names, controls=trajectory.control_names,
+            units=trajectory.units,
+        )  # fmt: skip
     times, count = trajectory.dense_times, len(labels.states)
     # Rows beyond whole vehicles are decided numbers and remembered values.
     shown = count * min(
@@ -381,7 +382,7 @@ def labels_of(
     return Labels(
         states=problem.model.state_names,
         controls=problem.model.control_names,
-        units=units or {},
+        units=problem.model.units if units is None else units,
         vehicles=vehicles,
         maximize=problem.maximize,
     )

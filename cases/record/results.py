@@ -55,10 +55,12 @@ from swarmstart.cases.record.trajectory_arrays import (
     output_arrays,
     trajectory_arrays,
     trajectory_of,
+    unit_arrays,
 )
 from swarmstart.errors import load_optional
 from swarmstart.ocp import Solution, Trajectory
 from swarmstart.ocp.nlp import Multipliers
+from swarmstart.ocp.system import shown_units
 
 if TYPE_CHECKING:
     import control
@@ -117,6 +119,7 @@ def save_solution(solution: Solution, folder: Path, *, force: bool) -> Path:
     if solution.problem.has_knots:
         arrays["knots"] = np.array(True)
     arrays |= output_arrays(solution.output_names, path.outputs)
+    arrays |= unit_arrays(shown_units(solution.problem.model))
     if solution.algebraic_names:
         arrays["algebraic"] = solution.algebraic
         arrays["algebraic_names"] = np.array(solution.algebraic_names)
@@ -317,11 +320,15 @@ def dataframe_of(result: Solution | Trajectory) -> "pd.DataFrame":
     more = [i for i, name in enumerate(result.output_names) if name not in names]
     rows.append(_outputs_at(result)[more])
     names += [result.output_names[i] for i in more]
-    return pandas.DataFrame(
+    table = pandas.DataFrame(
         np.vstack(rows).T,
         index=pandas.Index(result.times, name="time [s]"),
         columns=names,
     )
+    is_run = isinstance(result, Trajectory)
+    units = result.units if is_run else shown_units(result.problem.model)
+    table.attrs["units"] = dict(units)
+    return table
 
 
 def time_response_of(result: Solution | Trajectory) -> "control.TimeResponseData":

@@ -61,12 +61,18 @@ def trajectory_arrays(trajectory: Trajectory) -> dict[str, Array]:
         "state_names": np.array(trajectory.state_names),
         "control_names": np.array(trajectory.control_names),
         **output_arrays(trajectory.output_names, trajectory.outputs),
+        **unit_arrays(trajectory.units),
     }
 
 
 def output_arrays(names: Sequence[str], outputs: Array) -> dict[str, NDArray[Any]]:
     """Return the arrays of the outputs of a model; empty without outputs."""
     return {"outputs": outputs, "output_names": np.array(names)} if names else {}
+
+
+def unit_arrays(units: Mapping[str, str]) -> dict[str, NDArray[Any]]:
+    """Return the array of units, a name and its unit in each row; empty without any."""
+    return {"units": np.array([*units.items()])} if units else {}
 
 
 def trajectory_of(arrays: Mapping[str, NDArray[Any]]) -> Trajectory:
@@ -86,6 +92,7 @@ def trajectory_of(arrays: Mapping[str, NDArray[Any]]) -> Trajectory:
         control_names=tuple(map(str, arrays.get("control_names", ()))),
         outputs=arrays.get("outputs", np.empty((0, pieces + 1))),
         output_names=tuple(map(str, arrays.get("output_names", ()))),
+        units={str(name): str(unit) for name, unit in arrays.get("units", ())},
     )
 
 

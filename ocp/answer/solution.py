@@ -415,14 +415,16 @@ class Solution(Presented):
             + (f"; polish {plan.polish_status.value}" if plan.polish_status else ""),
             f"  horizon     {self.times[-1]:g} s, {self.problem.intervals} "
             f"intervals of {self.times[-1] / self.problem.intervals:g} s",
-            f"  states      {_ranges(self.state_names, self.states)}",
-            f"  controls    {_ranges(self.control_names, self.controls)}",
+            f"  states      {self._ranges(self.state_names, self.states)}",
+            f"  controls    {self._ranges(self.control_names, self.controls)}",
         ]
         if self.algebraic.size:
             shown = _ranges(self.algebraic_names, self.algebraic)
             lines.append(f"  algebraic   {shown}")
         if self.output_names:
-            lines.append(f"  outputs     {_ranges(self.output_names, self.outputs)}")
+            lines.append(
+                f"  outputs     {self._ranges(self.output_names, self.outputs)}"
+            )
         if self.decided:
             values = [f"{name} {value:.9g}" for name, value in self.decided.items()]
             # The later line first, so that the places of the others stay valid.
@@ -432,6 +434,10 @@ class Solution(Presented):
         if self.gap is not None:
             lines.insert(4, f"  bound       {self.gap.words}")
         return "\n".join([*lines, *self._account()])
+
+    def _ranges(self, names: tuple[str, ...], rows: Array) -> str:
+        """Return values and ranges of the first rows, with their units."""
+        return _ranges(names, rows, self.problem.model.units)
 
     def _afterwards(self, starts: StartsAccount) -> list[str]:
         """Return the line of a cost that is not that of any start."""
@@ -470,15 +476,16 @@ def _spread(costs: Array) -> str:
     )
 
 
-def _ranges(names: tuple[str, ...], rows: Array) -> str:
+def _ranges(names: tuple[str, ...], rows: Array, units: Mapping[str, str]) -> str:
     """Return name, first and last value and range of the first rows."""
     if not names:
         return "none"
     parts = []
     for name, row in zip(names[:SHOWN], rows, strict=False):
         finite = row[np.isfinite(row)]
+        unit = f" {units[name]}" if name in units else ""
         reach = f"[{finite.min():.4g}, {finite.max():.4g}]" if finite.size else "none"
-        parts.append(f"{name} {row[0]:.4g} to {row[-1]:.4g} in {reach}")
+        parts.append(f"{name} {row[0]:.4g} to {row[-1]:.4g} in {reach}{unit}")
     more = len(names) - SHOWN
     return "; ".join(parts) + (f"; and {more} more" if more > 0 else "")
 

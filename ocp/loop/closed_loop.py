@@ -6,7 +6,7 @@ finished step; `simulate` collects the steps.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -103,6 +103,7 @@ class Trajectory(Presented):
         outputs: Outputs of the plant at its steps, with the control from there on (the
             last with that before), shape (ny, T * m + 1).
         output_names: Names of the outputs.
+        units: Units of states, controls and outputs by name, as far as they are stated.
     """
 
     times: Array
@@ -116,6 +117,7 @@ class Trajectory(Presented):
     control_names: tuple[str, ...] = ()
     outputs: Array = field(default_factory=lambda: np.empty((0, 0)))
     output_names: tuple[str, ...] = ()
+    units: Mapping[str, str] = field(default_factory=dict)
 
     @checked(refused, time=a_number())
     def at(self, time: float) -> tuple[Array, Array]:
@@ -446,6 +448,7 @@ def collected(plant: Plant | SteppedPlant, steps: Sequence[Step]) -> Trajectory:
         output_names=plant.output_names,
         state_names=plant.state_names,
         control_names=plant.control_names,
+        units=plant.units,
     )
 
 

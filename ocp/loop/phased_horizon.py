@@ -51,6 +51,7 @@ from swarmstart.ocp.statement.phases import (
     Phases,
     phases,
     shared_outputs,
+    units_of_phases,
 )
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 from swarmstart.ocp.system.constraints import TerminalConstraint
@@ -488,6 +489,7 @@ def _plant_model(
             )
             for name in shared_outputs(stated)
         },
+        units=units_of_phases(stated),
     )
 
 

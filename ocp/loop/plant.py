@@ -43,7 +43,13 @@ from swarmstart.ocp.integration.integrators import (
 )
 from swarmstart.ocp.loop.system_steps import SystemSteps, is_system
 from swarmstart.ocp.system.algebraic import SOLVED_WITHIN
-from swarmstart.ocp.system.model import Model, jump_of, outputs_of, unsolved_of
+from swarmstart.ocp.system.model import (
+    Model,
+    jump_of,
+    outputs_of,
+    shown_units,
+    unsolved_of,
+)
 
 NOTHING_DECIDED: Mapping[str, float] = MappingProxyType({})
 _SECONDS = a_number(above=0)
@@ -363,6 +369,11 @@ class Plant(Called):
         """The model's names of the controls."""
         return self.model.control_names
 
+    @property
+    def units(self) -> dict[str, str]:
+        """The model's units of states, controls and outputs, by name."""
+        return shown_units(self.model)
+
     @checked(refused, times=_TIMES)
     def parameters(self, times: Array) -> Array:
         """Return the parameters held over steps of the integrator, shape (np, n).
@@ -431,6 +442,7 @@ class SteppedPlant(Called):
         state_names: The object's names of the states, if it has any.
         control_names: The object's names of the controls, if it has any.
         output_names: Names of the outputs, of a system of python-control; else empty.
+        units: The object's units of states and controls by name, if it has any.
 
     Example:
         >>> import numpy as np
@@ -457,6 +469,7 @@ class SteppedPlant(Called):
         self.control_names: tuple[str, ...] = tuple(getattr(steps, "control_names", ()))
         self._system = steps if isinstance(steps, SystemSteps) else None
         self.output_names = () if self._system is None else self._system.output_names
+        self.units: dict[str, str] = dict(getattr(steps, "units", {}))
 
     def with_interval(self, dt: float) -> SteppedPlant:
         """Return the same plant with control intervals of another length [s]."""

@@ -41,7 +41,7 @@ from swarmstart.ocp.statement.problem import Costs, OptimalControlProblem
 from swarmstart.ocp.statement.risk import Measure, Risk
 from swarmstart.ocp.system.algebraic import UNSOLVED, joined
 from swarmstart.ocp.system.constraints import Bounds, Constraint
-from swarmstart.ocp.system.model import Model, jump_of, rate_of
+from swarmstart.ocp.system.model import Model, jump_of, rate_of, shown_units
 
 Values = Mapping[str, ArrayLike] | Sequence[Mapping[str, float]] | Array
 Sampler = Callable[[np.random.Generator], Mapping[str, float]]
@@ -282,10 +282,23 @@ def _stacked_model(
             for one in copies
             for name, output in model.outputs.items()
         },
+        units=_units(model, copies, branches),
         elimination=joined(
             [model.elimination.rewritten(one.of, one.number) for one in copies]
         ),
     )
+
+
+def _units(model: Model, copies: list[_Member], branches: int) -> dict[str, str]:
+    """Return the units of the members' states, controls and outputs."""
+    shown = shown_units(model)
+    common = set(model.control_names) if branches == 1 else set()
+    return {name: shown[name] for name in common if name in shown} | {
+        one.named(name): unit
+        for one in copies
+        for name, unit in shown.items()
+        if name not in common
+    }
 
 
 def _stacked_costs(risk: Risk) -> Costs:

@@ -32,7 +32,7 @@ from swarmstart.ocp.statement.decisions import Free
 from swarmstart.ocp.statement.feature import effective
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 from swarmstart.ocp.system.constraints import Bounds, PathConstraint, TerminalConstraint
-from swarmstart.ocp.system.model import Model
+from swarmstart.ocp.system.model import Model, shown_units
 
 Linkage = Mapping[str, ca.SX]
 """States of the next phase, by name, as expressions of this phase's end state."""
@@ -169,6 +169,7 @@ def phases(
             )
             for name in shared_outputs(stated)
         },
+        units=units_of_phases(stated),
     )
     last = joined[-1]
     problem = OptimalControlProblem(
@@ -212,6 +213,16 @@ def shared_outputs(stated: Sequence[OptimalControlProblem]) -> list[str]:
     """Return the names of the outputs that the models of all phases have."""
     first, *others = (phase.model.outputs for phase in stated)
     return [name for name in first if all(name in other for other in others)]
+
+
+def units_of_phases(stated: Sequence[OptimalControlProblem]) -> dict[str, str]:
+    """Return the units of states, controls and common outputs, as first stated."""
+    units: dict[str, str] = {}
+    for phase in reversed(stated):
+        units |= shown_units(phase.model)
+    own = {name for phase in stated for name in phase.model.outputs}
+    unlike = own - set(shared_outputs(stated))
+    return {name: unit for name, unit in units.items() if name not in unlike}
 
 
 class _Union:

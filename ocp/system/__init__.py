@@ -8,9 +8,13 @@ from swarmstart.ocp.system.constraints import (
     Rows,
     row_excess,
 )
+from swarmstart.ocp.system.model import shown_units
+from swarmstart.ocp.system.units import read_unit
 
 __all__ = [
     "MovingLimit",
     "Rows",
+    "read_unit",
     "row_excess",
+    "shown_units",
 ]

@@ -12,6 +12,7 @@ dropped.
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -25,6 +26,7 @@ from swarmstart.arguments import (
     NAMES,
     a_number,
     checked,
+    mapping,
     of_kind,
     optional,
     reals,
@@ -55,6 +57,7 @@ from swarmstart.ocp.system.control_systems import (
     state_space,
 )
 from swarmstart.ocp.system.model_forms import symbolic_rows
+from swarmstart.ocp.system.units import unit_conflicts as conflicts_of
 
 if TYPE_CHECKING:
     import control
@@ -68,6 +71,7 @@ CHANGES = ("ode", "next_state")
     refused,
     state_names=NAMES,
     control_names=NAMES,
+    units=mapping(text(), text(), words="a mapping from names to units"),
     signature=text(),
     dt=optional(a_number(above=0)),
     symbol_map=of_kind(SymbolMap, "a SymbolMap"),
@@ -100,6 +104,9 @@ class Model(Expressed):
         outputs: Quantities to look at by name, such as {"height": x[1]}: expressions of
             the same symbols as the ode. Solutions, runs, records and figures have their
             values; `linearised` has them as the outputs.
+        units: Units of states, controls, outputs, parameters and signals by name, such
+            as {"height": "m"}: solutions, records and figures show them, and
+            `unit_conflicts` compares them. A name may be left out.
         dt: Length of a step [s] of a discrete-time model that is known for one sampling
             time only; a problem with other intervals is refused. None: any length.
         algebraic: Equations that determine further variables of the ode
@@ -139,6 +146,7 @@ class Model(Expressed):
     state_names: tuple[str, ...] = ()
     control_names: tuple[str, ...] = ()
     outputs: Mapping[str, ca.SX] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
     dt: float | None = None
     algebraic: AlgebraicEquations | None = None
     signature: str = ""
@@ -169,6 +177,7 @@ class Model(Expressed):
             object.__setattr__(self, role, self._checked(role, rows))
         self._fill_names()
         object.__setattr__(self, "outputs", MappingProxyType(self._sx_outputs()))
+        object.__setattr__(self, "units", MappingProxyType(self._known_units()))
         self._check_dt()
 
     def _fill_names(self) -> None:
@@ -252,6 +261,23 @@ class Model(Expressed):
                 )
             found[name] = rows
         return found
+
+    def _known_units(self) -> dict[str, str]:
+        """Return the units by name, each of a quantity of the model."""
+        inputs = ca.vertcat(self.parameters, self.signals)
+        names = {
+            *self.state_names, *self.control_names, *self.outputs,
+            *symbol_names(inputs),
+        }  # fmt: skip
+        for name in self.units:
+            if name not in names:
+                near = difflib.get_close_matches(name, sorted(names), n=1)
+                meant = f": did you mean {near[0]!r}?" if near else ""
+                raise InvalidProblemError(
+                    "units must be those of states, controls, outputs, parameters or "
+                    f"signals, got {shortened(name)}{meant}"
+                )
+        return {name: unit for name, unit in self.units.items() if unit}
 
     def _check_dt(self) -> None:
         """Raise if the sampling time is no length of a step of a discrete model."""
@@ -405,6 +431,26 @@ class Model(Expressed):
             (self.dt or True) if self.is_discrete else 0,
         )
 
+    def unit_conflicts(self) -> tuple[str, ...]:
+        """Return a sentence for each equation whose units contradict each other.
+
+        Compared are the terms of sums, the arguments of functions such as the sine,
+        and each rate with its state. Plain numbers, and parameters without a unit, may
+        have any. `swarmstart check` warns of the same in a file.
+
+        Example:
+            >>> import casadi as ca
+            >>> import swarmstart as ss
+            >>> place, speed, push = (ca.SX.sym(n) for n in ("place", "speed", "push"))
+            >>> cart = ss.Model(
+            ...     states=ca.vertcat(place, speed), controls=push, ode=[push, push],
+            ...     units={"place": "m", "speed": "m/s", "push": "m/s^2"},
+            ... )
+            >>> cart.unit_conflicts()
+            ('the rate of place is in m/s^2, expected m/s: place is in m',)
+        """
+        return conflicts_of(self)
+
     def symbols(self) -> dict[str, ca.SX]:
         """Return the columns of symbols that expressions may use, by role.
 
@@ -494,6 +540,12 @@ class Model(Expressed):
             named["outputs"] = self.output_names
         parts = [f"{role}: {', '.join(n) or 'none'}" for role, n in named.items()]
         return f"Model with {'; '.join(parts)}"
+
+
+def shown_units(model: Model) -> dict[str, str]:
+    """Return the units of a model's states, controls and outputs."""
+    names = {*model.state_names, *model.control_names, *model.outputs}
+    return {name: unit for name, unit in model.units.items() if name in names}
 
 
 @checked(refused, model=of_kind(Model, "a Model"))

@@ -6,7 +6,13 @@ import casadi as ca
 
 from swarmstart.arguments import checked, of_kind, several
 from swarmstart.ocp.common.errors import InvalidProblemError, refused
-from swarmstart.ocp.system.model import Model, jump_of, outputs_of, rate_of
+from swarmstart.ocp.system.model import (
+    Model,
+    jump_of,
+    outputs_of,
+    rate_of,
+    shown_units,
+)
 
 _ROLES = ("states", "controls", "parameters", "signals")
 
@@ -60,6 +66,11 @@ def stack_models(models: Sequence[Model]) -> Model:
         outputs=dict(zip(names, ca.vertsplit(columns["outputs"]), strict=True))
         if names
         else {},
+        units={
+            f"{name}_{i}": unit
+            for i, m in enumerate(models)
+            for name, unit in shown_units(m).items()
+        },
     )
 
 

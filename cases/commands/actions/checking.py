@@ -1,6 +1,7 @@
 """`swarmstart check`: whether scenarios are valid, in all their variants.
 
-Angles that look like degrees give a warning, here and in `swarmstart run`.
+Angles that look like degrees give a warning, here and in `swarmstart run`; units that
+contradict each other give one here, since reading units takes a second.
 """
 
 import argparse
@@ -12,6 +13,7 @@ from swarmstart.cases.commands.terminal import DONE, answer, reported, say
 from swarmstart.cases.drawing.wording import is_number, quantity
 from swarmstart.cases.format.document import printable
 from swarmstart.cases.format.flaws import Flaw, InvalidScenarioError
+from swarmstart.cases.format.kind import Posed
 from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.cases.kinds.flight import flight_of
 from swarmstart.errors import SwarmstartError
@@ -55,7 +57,8 @@ def check(name_or_path: str) -> str:
             warnings |= dict.fromkeys(angle_warnings(resolved.settings))
             if not resolved.kind.posed_by_code:
                 # A part of the errors shows only when the closed loop is built.
-                flight_of(resolved.posed(), resolved.scenario)
+                flight = flight_of(resolved.posed(), resolved.scenario)
+                warnings |= dict.fromkeys(unit_warnings(flight.posed))
             if resolved.code is not None:
                 not_run[f"; {printable(resolved.code)} was not run"] = None
         except InvalidScenarioError as error:
@@ -67,6 +70,13 @@ def check(name_or_path: str) -> str:
     listed = ", ".join(filter(None, names))
     valid = f"{document.name}: valid" + (f" ({listed})" if listed else "")
     return valid + "".join(not_run)
+
+
+def unit_warnings(posed: Posed) -> list[str]:
+    """Return a warning for each equation whose units contradict each other."""
+    models = [agent.problem.model for agent in posed.agents]
+    # Vehicles that plan alone have the same equations, each with its own names.
+    return [words for model in models for words in model.unit_conflicts()]
 
 
 def angle_warnings(settings: Mapping[str, Any]) -> list[str]:

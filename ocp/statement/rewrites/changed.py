@@ -26,7 +26,7 @@ Change = Callable[[ca.SX], ca.SX]
 NOTHING_CHANGED: Mapping[str, Any] = MappingProxyType({})
 _KEPT = (
     "states", "controls", "ode", "next_state", "parameters", "signals", "time",
-    "state_names", "control_names", "outputs", "elimination",
+    "state_names", "control_names", "outputs", "units", "elimination",
 )  # fmt: skip
 """Fields of a model; the others concern how it is stated."""
 

@@ -104,7 +104,20 @@ def model_of(
         state_names=tuple(n for m in members for n in m.titled(m.states)),
         control_names=tuple(n for m in members for n in m.titled(m.controls)),
         algebraic=equations,
+        units=_units(scenario, members),
     )
+
+
+def _units(scenario: ProblemScenario, members: Sequence[Member]) -> dict[str, str]:
+    """Return the units of the members' states and controls, as far as stated."""
+    stated = {**scenario.states, **scenario.controls}
+    return {
+        title: stated[name].unit
+        for member in members
+        for symbols in (member.states, member.controls)
+        for name, title in zip(symbols, member.titled(symbols), strict=True)
+        if stated[name].unit
+    }
 
 
 def _next_state(scenario: ProblemScenario, members: Sequence[Member]) -> ca.SX:
