@@ -325,9 +325,10 @@ def dataframe_of(result: Solution | Trajectory) -> "pd.DataFrame":
         index=pandas.Index(result.times, name="time [s]"),
         columns=names,
     )
-    is_run = isinstance(result, Trajectory)
-    units = result.units if is_run else shown_units(result.problem.model)
-    table.attrs["units"] = dict(units)
+    if isinstance(result, Solution):
+        table.attrs["units"] = shown_units(result.problem.model)
+    else:
+        table.attrs["units"] = dict(result.units)
     return table
 
 

@@ -57,7 +57,7 @@ from swarmstart.ocp.system.control_systems import (
     state_space,
 )
 from swarmstart.ocp.system.model_forms import symbolic_rows
-from swarmstart.ocp.system.units import unit_conflicts as conflicts_of
+from swarmstart.ocp.system.units import Equations, conflicts_of
 
 if TYPE_CHECKING:
     import control
@@ -449,7 +449,20 @@ class Model(Expressed):
             >>> cart.unit_conflicts()
             ('the rate of place is in m/s^2, expected m/s: place is in m',)
         """
-        return conflicts_of(self)
+        inputs = ca.vertcat(self.parameters, self.signals)
+        outputs = ca.vertcat(ca.SX(0, 1), *self.outputs.values())
+        return conflicts_of(
+            Equations(
+                symbols=ca.vertcat(self.states, self.controls, inputs, self.time),
+                names=(*self.state_names, *self.control_names, *symbol_names(inputs)),
+                units=self.units,
+                kinds={
+                    "rate": (self.state_names, self.ode),
+                    "next value": (self.state_names, self.next_state),
+                    "value": (self.output_names, outputs),
+                },
+            )
+        )
 
     def symbols(self) -> dict[str, ca.SX]:
         """Return the columns of symbols that expressions may use, by role.

@@ -13,15 +13,11 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 
-from swarmstart.ocp.common.expressions import symbol_names
 from swarmstart.tape import Node, Tape, UnknownOperationError, read_tape
-
-if TYPE_CHECKING:
-    from swarmstart.ocp.system.model import Model
 
 _POWER = re.compile(r"(?<=[^\W\d_])(-?\d)")
 """The power in m2, as the standard of FMUs writes it."""
@@ -103,7 +99,8 @@ def read_unit(text: str) -> Unit | None:
         or says no unit that pint knows: it is a label, then.
     """
     plain = text.strip().replace("·", "*").replace("deg C", "delta_degC")
-    if not plain or plain == "-":
+    # pint would read two strokes as one whole division.
+    if plain in ("", "-") or "//" in plain:
         return None
     return _read(_POWER.sub(r"^\1", plain.replace(".", "*")), text.strip())
 
@@ -133,58 +130,68 @@ def _registry() -> Any:
     return pint.UnitRegistry()
 
 
-def unit_conflicts(model: Model) -> tuple[str, ...]:
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Equations:
+    """Equations, and the names and units of what is in them.
+
+    Attributes:
+        symbols: Symbol of each quantity, a column.
+        names: Name of each symbol; longer than the names is the time [s], the last.
+        units: Unit by name, as text.
+        kinds: What an equation says, such as "rate" -> the names that it says it of,
+            and its rows.
+    """
+
+    symbols: ca.SX
+    names: Sequence[str]
+    units: Mapping[str, str]
+    kinds: Mapping[str, tuple[Sequence[str], ca.SX]]
+
+
+def conflicts_of(equations: Equations) -> tuple[str, ...]:
     """Return a sentence for each equation whose units contradict each other.
 
     Args:
-        model: The model, with the units of some of its names.
+        equations: The equations.
 
     Returns:
-        Sentences such as "the rate of x is in m/s^2, expected m/s: x is in m". A model
-        whose time may be in minutes, hours, days or years is in order.
+        Sentences such as "the rate of x is in m/s^2, expected m/s: x is in m". A rate
+        may count the time in seconds, minutes, hours, days or years.
     """
-    if not model.units:
+    if not equations.units:
         return ()
-    columns = (
-        model.states, model.controls, model.parameters, model.signals, model.time,
-    )  # fmt: skip
-    names = (*model.state_names, *model.control_names)
-    names += tuple(symbol_names(ca.vertcat(model.parameters, model.signals)))
-    known = [read_unit(model.units.get(name, "")) for name in names]
-    known += [read_unit("s")] * int(model.time.numel())
-    outputs = ca.vertcat(ca.SX(0, 1), *model.outputs.values())
-    after = model.next_state if model.jumps else ca.SX(0, 1)
-    every = ca.vertcat(*columns)
+    known = [read_unit(equations.units.get(name, "")) for name in equations.names]
+    known += [read_unit("s")] * (equations.symbols.numel() - len(known))
+    rows = [rows for _, rows in equations.kinds.values()]
     try:
-        function = ca.Function("equations", [every], [model.ode, after, outputs])
-        tape = read_tape(function)
-    except (RuntimeError, UnknownOperationError):  # No formula, such as a foreign one.
+        tape = read_tape(ca.Function("equations", [equations.symbols], rows))
+    except (RuntimeError, UnknownOperationError):  # No formula.
         return ()
-    return tuple(dict.fromkeys(_sentences(model, tape, known)))
-
-
-def _sentences(model: Model, tape: Tape, known: Sequence[Unit | None]) -> list[str]:
-    """Return the sentences of all equations, in order."""
     found, units = _units_of(tape, known)
-    for kind, names, numbers in (
-        ("rate", model.state_names, tape.outputs[0]),
-        ("next value", model.state_names, tape.outputs[1]),
-        ("value", model.output_names, tape.outputs[2]),
+    for (kind, (names, _)), numbers in zip(
+        equations.kinds.items(), tape.outputs, strict=True
     ):
         for name, number in zip(names, numbers, strict=False):
-            stated = read_unit(model.units.get(name, ""))
-            expression = units[number]
-            if stated is None or expression is None:
-                continue
-            expected, is_right = stated, expression.is_like(stated)
-            if kind == "rate":
-                expected, is_right = _rate_of(stated, expression)
-            if not is_right:
-                found.append(
-                    f"the {kind} of {name} is in {expression}, expected "
-                    f"{_named(expected, stated, kind)}: {name} is in {stated}"
-                )
-    return found
+            stated = read_unit(equations.units.get(name, ""))
+            found += _compared(kind, name, stated, units[number])
+    return tuple(dict.fromkeys(found))
+
+
+def _compared(
+    kind: str, name: str, stated: Unit | None, found: Unit | None
+) -> list[str]:
+    """Return a sentence if the unit of an equation is not what a name's unit asks."""
+    if stated is None or found is None:
+        return []
+    expected, is_right = stated, found.is_like(stated)
+    if kind == "rate":
+        expected, is_right = _rate_of(stated, found)
+    if is_right:
+        return []
+    return [
+        f"the {kind} of {name} is in {found}, expected "
+        f"{_named(expected, stated, kind)}: {name} is in {stated}"
+    ]
 
 
 def _named(expected: Unit, stated: Unit, kind: str) -> str:
@@ -228,19 +235,16 @@ def _result(node: Node, given: list[Unit | None], tape: Tape) -> Unit | None:
     operation, first = node.operation, given[0]
     if operation in _EQUAL:
         return _alike(given)
-    if operation in _KEPT:
-        return first
     if operation in _NUMBERS:
         return _of_number(operation, first)
     if operation in _COMPARED:
         _alike(given)
         return _ONE
-    if operation == "atan2":
-        _alike(given)
-        return _ONE
     if operation == "if_else_zero":
         return given[1]
-    return None if first is None else _of_powers(node, first, given[-1], tape)
+    if first is None or operation in _KEPT:
+        return first
+    return _of_powers(node, first, given[-1], tape)
 
 
 def _of_powers(node: Node, first: Unit, last: Unit | None, tape: Tape) -> Unit | None:

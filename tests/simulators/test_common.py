@@ -9,7 +9,7 @@ from swarmstart.simulators.common import SimulatorError, require_units
     ("ours", "theirs"),
     [("m/s", "m.s-1"), ("m/s^2", "m/s2"), ("m/s**2", "m.s-2"), ("N.m", "N*m"),
      ("1/s", "s-1"), ("kg.m2/s2", "kg·m2/s2"), ("rad", ""), ("", "rad"),
-     ("degrees per hour", "rad/s"), ("%", "%"), ("m/m", "1")],
+     ("turns of a wheel", "rad/s"), ("%", "%"), ("m/m", "1")],
 )  # fmt: skip
 def test_the_same_units_in_other_words_agree(ours: str, theirs: str) -> None:
     require_units("one", {"x": ours}, {"x": theirs})
@@ -17,7 +17,14 @@ def test_the_same_units_in_other_words_agree(ours: str, theirs: str) -> None:
 
 @pytest.mark.parametrize(
     ("ours", "theirs"),
-    [("rad", "deg"), ("m/s", "km/h"), ("m/s", "m/s2"), ("s", "1/s"), ("N.m", "N/m")],
+    [
+        ("rad", "deg"),
+        ("m/s", "km/h"),
+        ("degrees per hour", "rad/s"),
+        ("m/s", "m/s2"),
+        ("s", "1/s"),
+        ("N.m", "N/m"),
+    ],
 )
 def test_other_units_are_refused(ours: str, theirs: str) -> None:
     with pytest.raises(SimulatorError, match=r"expected x in .*; found "):
