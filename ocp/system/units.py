@@ -31,7 +31,8 @@ _NUMBERS = (
     "tanh", "asinh", "acosh", "atanh", "log1p", "expm1",
 )  # fmt: skip
 """Functions of a number without unit, and angles in radians are such."""
-_COMPARED = ("lt", "le", "eq", "ne", "and", "or", "not", "sign")
+_COMPARED = ("lt", "le", "eq", "ne", "and", "or", "not", "sign", "atan2")
+"""Functions of values in one unit that return a number."""
 _POWERS = {"sq": Fraction(2), "sqrt": Fraction(1, 2), "inv": Fraction(-1)}
 
 
