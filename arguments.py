@@ -255,6 +255,9 @@ def mapping(
     return Check(accepts, words)
 
 
+UNITS = mapping(text(), text(), words="a mapping from names to units")
+
+
 def function(words: str = "a function") -> Check:
     """What can be called, and is no class."""
     return Check(lambda value: callable(value) and not isinstance(value, type), words)

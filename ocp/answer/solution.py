@@ -419,7 +419,7 @@ class Solution(Presented):
             f"  controls    {self._ranges(self.control_names, self.controls)}",
         ]
         if self.algebraic.size:
-            shown = _ranges(self.algebraic_names, self.algebraic)
+            shown = self._ranges(self.algebraic_names, self.algebraic)
             lines.append(f"  algebraic   {shown}")
         if self.output_names:
             lines.append(

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from swarmstart.arguments import (
     NAMES,
     RNG,
+    UNITS,
     a_count,
     a_number,
     checked,
@@ -83,6 +84,7 @@ class Step:
     output_names=NAMES,
     decisions=several(of_kind(Decision, "a Decision"), "a sequence of Decisions"),
     outputs=reals(array=True),
+    units=UNITS,
 )
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Trajectory(Presented):

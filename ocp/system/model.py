@@ -24,9 +24,9 @@ from numpy.typing import ArrayLike
 
 from swarmstart.arguments import (
     NAMES,
+    UNITS,
     a_number,
     checked,
-    mapping,
     of_kind,
     optional,
     reals,
@@ -71,7 +71,7 @@ CHANGES = ("ode", "next_state")
     refused,
     state_names=NAMES,
     control_names=NAMES,
-    units=mapping(text(), text(), words="a mapping from names to units"),
+    units=UNITS,
     signature=text(),
     dt=optional(a_number(above=0)),
     symbol_map=of_kind(SymbolMap, "a SymbolMap"),

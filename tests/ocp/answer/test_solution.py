@@ -728,10 +728,10 @@ def test_parts_of_a_summary_have_their_order(monkeypatch: pytest.MonkeyPatch) ->
 
 def test_ranges_are_those_of_the_numbers_in_a_row() -> None:
     rows = np.array([[1.0, -2.0, 0.5], [3.0, np.nan, 4.0], 3 * [np.nan]])
-    assert _ranges(("a", "b", "c"), rows) == (
-        "a 1 to 0.5 in [-2, 1]; b 3 to 4 in [3, 4]; c nan to nan in none"
+    assert _ranges(("a", "b", "c"), rows, {"b": "m"}) == (
+        "a 1 to 0.5 in [-2, 1]; b 3 to 4 in [3, 4] m; c nan to nan in none"
     )
-    assert _ranges((), np.empty((0, 3))) == "none"
+    assert _ranges((), np.empty((0, 3)), {}) == "none"
     assert _spread(np.array([2.0, -1.0, 7.0, 7.0])) == (
         "4, costs from -1 (number 1) to 7 (number 2)"
     )

@@ -26,7 +26,7 @@ def _models() -> Calls:
             **dict.fromkeys(
                 ("next_state", "parameters", "signals", "time"), ca.SX(0, 1)
             ),
-            outputs={"v": x[1]},
+            outputs={"v": x[1]}, units={"v": "m/s"},
             symbol_map=made.model().symbol_map, elimination=made.model().elimination,
         ),
         "Model.from_system": Call(ss.Model.from_system, {"system": _system()}),

@@ -110,13 +110,14 @@ def model_of(
 
 def _units(scenario: ProblemScenario, members: Sequence[Member]) -> dict[str, str]:
     """Return the units of the members' states and controls, as far as stated."""
-    stated = {**scenario.states, **scenario.controls}
+    units = {name: state.unit for name, state in scenario.states.items()}
+    units |= {name: control.unit for name, control in scenario.controls.items()}
     return {
-        title: stated[name].unit
+        title: units[name]
         for member in members
         for symbols in (member.states, member.controls)
         for name, title in zip(symbols, member.titled(symbols), strict=True)
-        if stated[name].unit
+        if units[name]
     }
 
 
