@@ -3,6 +3,10 @@
 A plan is what a solver found; a `Solution` is a plan that was checked on a finer path.
 """
 
+from swarmstart.ocp.answer.explained import (
+    paragraph_of,
+    status_line,
+)
 from swarmstart.ocp.answer.improving import (
     improved,
     repaired,
@@ -23,6 +27,8 @@ __all__ = [
     "Source",
     "bounded",
     "improved",
+    "paragraph_of",
     "repaired",
     "start_of",
+    "status_line",
 ]

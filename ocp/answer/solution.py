@@ -37,6 +37,14 @@ from swarmstart.arguments import (
     several,
 )
 from swarmstart.arrays import Array
+from swarmstart.ocp.answer.explained import (
+    AT_KINK,
+    NOT_POLISHED,
+    NOT_STATIONARY,
+    ON_EDGE,
+    WHOLE_NUMBERS,
+    paragraph_of,
+)
 from swarmstart.ocp.answer.optimality_gap import OptimalityGap
 from swarmstart.ocp.answer.plan import Plan, guess_of, start_of
 from swarmstart.ocp.answer.sensitivity import (
@@ -433,6 +441,9 @@ class Solution(Presented):
             lines.insert(4, f"  members     {_spread(self.member_costs)}")
         if self.gap is not None:
             lines.insert(4, f"  bound       {self.gap.words}")
+        paragraph = paragraph_of(self.status, self.reason)
+        if paragraph is not None:
+            lines.insert(3, f"  more        {paragraph}")
         return "\n".join([*lines, *self._account()])
 
     def _ranges(self, names: tuple[str, ...], rows: Array) -> str:
@@ -719,8 +730,7 @@ def _same_value(
         what = str(broken[0])
     return Found(
         SolutionStatus.MISMATCH,
-        f"the answer stands on the edge of {path.kinks[0]}: moved by {_BESIDE:g} of "
-        f"its size, {what}",
+        f"{ON_EDGE} {path.kinks[0]}: moved by {_BESIDE:g} of its size, {what}",
     )
 
 
@@ -855,8 +865,8 @@ def _whole(plan: Plan, sense: float) -> str:
         why = "the relaxed problem was not solved"
         if plan.polish_status is None:
             why = "searched, not polished, so that no relaxed cost is known"
-        return f"whole numbers cost {cost:.6g}; {why}"
-    told = f"whole numbers cost {cost:.6g}, relaxed {relaxed:.6g}"
+        return f"{WHOLE_NUMBERS} {cost:.6g}; {why}"
+    told = f"{WHOLE_NUMBERS} {cost:.6g}, relaxed {relaxed:.6g}"
     apart, size = sense * (cost - relaxed), abs(relaxed)
     if apart <= SAME_COST * size:
         return f"{told}: the same"
@@ -871,7 +881,7 @@ def _ranked(shooting: Shooting, plan: Plan, path: Path) -> Found:
     if touched and plan.polish_status is not None:
         return Found(
             SolutionStatus.FEASIBLE,
-            f"the path touches a kink or jump of {touched[0]}, where the conditions of "
+            f"{AT_KINK} {touched[0]}, where the conditions of "
             "a smooth optimum say nothing",
             advice=without_kink(touched[0]),
         )
@@ -881,13 +891,12 @@ def _ranked(shooting: Shooting, plan: Plan, path: Path) -> Found:
         point = None
     if point is None or plan.polish_status is not PolishStatus.CONVERGED:
         if plan.polish_status is None:
-            why = "it was searched, not polished"
             advice = "polish='ipopt' would make it a local optimum"
-            return Found(SolutionStatus.FEASIBLE, why, advice=advice)
+            return Found(SolutionStatus.FEASIBLE, NOT_POLISHED, advice=advice)
         return Found(
             SolutionStatus.FEASIBLE, f"the polish {plan.polish_status.value}"
             if plan.polish_status is not PolishStatus.CONVERGED
-            else "the polish ended at a point that is not stationary", advice=_AGAIN,
+            else NOT_STATIONARY, advice=_AGAIN,
         )  # fmt: skip
     bent = curvature(point)
     if bent is Curvature.POSITIVE or plan.settled:

@@ -6,6 +6,9 @@ from swarmstart.ocp.common.expressions import (
 from swarmstart.ocp.common.limits import (
     require_seconds,
 )
+from swarmstart.ocp.common.messages import (
+    Paragraph,
+)
 from swarmstart.ocp.common.presentation import (
     PROGRESS,
     ProgressCallback,
@@ -18,6 +21,7 @@ from swarmstart.ocp.common.presentation import (
 
 __all__ = [
     "PROGRESS",
+    "Paragraph",
     "ProgressCallback",
     "ProgressGiven",
     "hidden",

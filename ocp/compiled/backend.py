@@ -20,6 +20,7 @@ from swarmstart.arrays import Array
 from swarmstart.errors import brief
 from swarmstart.machine_code import Pointers
 from swarmstart.ocp.common.errors import InvalidProblemError, refused
+from swarmstart.ocp.common.messages import Paragraph
 from swarmstart.ocp.compiled.engine import NoCompilerError, machine
 from swarmstart.tape import UnknownOperationError
 
@@ -234,7 +235,8 @@ def evaluator(
 def warn_of_casadi(reason: str) -> None:
     """Warn that CasADi's map is used, with the reason."""
     warnings.warn(
-        f"populations are evaluated by CasADi, not by machine code: {reason}",
+        f"populations are evaluated by CasADi, not by machine code: {reason} "
+        f"(more: {Paragraph.CASADI})",
         BackendWarning,
         stacklevel=3,
     )

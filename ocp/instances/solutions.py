@@ -25,6 +25,7 @@ from swarmstart.arguments import (
 )
 from swarmstart.arrays import Array
 from swarmstart.errors import Sendable
+from swarmstart.ocp.answer.explained import status_line
 from swarmstart.ocp.answer.kept import kept_planner
 from swarmstart.ocp.answer.sensitivity import (
     DATA,
@@ -401,7 +402,7 @@ class Solutions(Presenting):
         """Return the counts, the range of the costs and the invalid instances."""
         lines = [f"Solutions of {len(self)} instances in {self.seconds:.3g} s"]
         for status, count in self.counts.items():
-            lines.append(f"  {count:>7} {status.name}: {status.value}")
+            lines.append(f"  {count:>7} {status_line(status)}")
         confirmed = self.is_confirmed
         if confirmed.any():
             costs = self.cost[confirmed]

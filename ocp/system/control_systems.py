@@ -24,6 +24,7 @@ import numpy as np
 from swarmstart.arrays import Array
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.common.expressions import shortened
+from swarmstart.ocp.common.messages import Paragraph
 
 if TYPE_CHECKING:
     import control
@@ -186,7 +187,7 @@ def _realised(system: control.TransferFunction) -> control.StateSpace:
         warnings.warn(
             f"system {system.name!r} became {len(A)} states, those of each of its "
             f"{len(parts)} channels, which may be more than it needs; a StateSpace "
-            "has the states that you choose",
+            f"has the states that you choose (more: {Paragraph.MORE_STATES})",
             NonMinimalWarning,
             stacklevel=5,  # The user's call of Model.from_system.
         )

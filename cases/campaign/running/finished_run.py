@@ -29,6 +29,8 @@ from swarmstart.ocp import (
     Trajectory,
     chosen_backend,
 )
+from swarmstart.ocp.answer import paragraph_of
+from swarmstart.ocp.common import Paragraph
 from swarmstart.ocp.nlp import Multipliers
 from swarmstart.ocp.search import StartsAccount
 from swarmstart.ocp.statement import piece_at
@@ -55,6 +57,7 @@ class RunStatus(NamedTuple):
         all_found: Whether every plan is feasible.
         reason: Reason for the status of the one plan; empty for other runs.
         advice: Advice on what to change; empty if there is none.
+        paragraphs: Paragraphs of the docs that explain what is not plainly good.
     """
 
     is_usable: bool
@@ -64,6 +67,7 @@ class RunStatus(NamedTuple):
     all_found: bool
     reason: str = ""
     advice: str = ""
+    paragraphs: tuple[Paragraph, ...] = ()
 
     def sentence(self, remark: str = "") -> str:
         """Return one sentence on the end, with a remark on what was found."""
@@ -104,7 +108,21 @@ def _status_of(flight: Flight[Posed], trajectory: Trajectory) -> RunStatus:
         found=said,
         more=more,
         all_found=not infeasible,
+        paragraphs=_of_steps(found, trajectory, unproven),
     )
+
+
+def _of_steps(
+    found: list[bool], trajectory: Trajectory, unproven: str
+) -> tuple[Paragraph, ...]:
+    """Return what explains a closed loop: whether each planned step found a plan."""
+    explained = {
+        Paragraph.NO_STEP: bool(found) and not any(found),
+        Paragraph.SOME_STEPS: any(found) and not all(found),
+        Paragraph.WITHIN: bool(trajectory.stopped_steps),
+        Paragraph.NOT_CERTIFIED: bool(unproven),
+    }
+    return tuple(one for one, is_so in explained.items() if is_so)
 
 
 def _of_committed(last: CommittedDecision) -> RunStatus:
@@ -122,7 +140,14 @@ def _of_committed(last: CommittedDecision) -> RunStatus:
             f"; a vehicle was {off:.3g} off its plan, above the tracking_error of "
             f"{allowed:g}: the distance is not proven for the vehicles"
         )
-    return RunStatus(True, plan=None, found=found, more=more, all_found=not more)
+    return RunStatus(
+        True,
+        plan=None,
+        found=found,
+        more=more,
+        all_found=not more,
+        paragraphs=(Paragraph.OFF_PLAN,) if more else (),
+    )
 
 
 def _of_one_plan(
@@ -139,6 +164,11 @@ def _of_one_plan(
     if flight.posed.plant.differs:
         more = ", for the model it was made with: the simulated system is another"
     more += unproven
+    explained = (
+        paragraph_of(answer.status, answer.reason),
+        Paragraph.OTHER_SYSTEM if flight.posed.plant.differs else None,
+        Paragraph.NOT_CERTIFIED if unproven else None,
+    )
     return RunStatus(
         is_confirmed,
         plan=answer.status,
@@ -147,6 +177,7 @@ def _of_one_plan(
         all_found=is_confirmed,
         reason=answer.reason,
         advice=answer.advice,
+        paragraphs=tuple(filter(None, explained)),
     )
 
 

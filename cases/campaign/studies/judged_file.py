@@ -28,6 +28,8 @@ from swarmstart.cases.kinds.problem.stated.values import (
 )
 from swarmstart.errors import SwarmstartError
 from swarmstart.ocp import OptimalControlProblem, Planner, Start, verified
+from swarmstart.ocp.answer import paragraph_of
+from swarmstart.ocp.common import Paragraph
 from swarmstart.ocp.rollout.checking import Excess
 from swarmstart.ocp.statement import END_TIME
 
@@ -55,6 +57,7 @@ class Judgement:
         is_accepted: Whether all constraints are kept along the finely simulated path,
             and its cost is that of the plan's own grid.
         reason: Why it is refused; empty if it is accepted.
+        paragraph: Paragraph of the docs that explains this; None if it is accepted.
         cost: Cost along the fine path, in the sense of the problem's file.
         worst: The largest excess over a limit, relative to its scale; None: there is
             none.
@@ -70,6 +73,7 @@ class Judgement:
     worst: Excess | None
     best: BestKnown | None
     sense: float
+    paragraph: Paragraph | None = None
 
     @property
     def ratio(self) -> float | None:
@@ -153,6 +157,7 @@ def judge(problem: str, file: str | Path) -> Judgement:
         worst=broken[0] if broken else None,
         best=best_known().get(problem),
         sense=posed.problem.sense,
+        paragraph=None if confirmed else paragraph_of(solution.status, solution.reason),
     )
 
 

@@ -128,7 +128,10 @@ def solver_of(text: str) -> Solver:
     now = renamed(name)
     solver = _first(now, options, text)
     if now != name:
-        solver = replace(solver, hint=f"the solver {name} is called {now} now")
+        from swarmstart.ocp.common import Paragraph
+
+        told = f"the solver {name} is called {now} now"
+        solver = replace(solver, hint=f"{told} (more: {Paragraph.RENAMED})")
     if polish is not None:
         solver = _with_polish(solver, *polish, text)
     return solver

@@ -17,6 +17,7 @@ from swarmstart.cases.format.kind import Posed
 from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.cases.kinds.flight import flight_of
 from swarmstart.errors import SwarmstartError
+from swarmstart.ocp.common import Paragraph
 
 ENDING = "_rad"
 """End of the names of keys whose values are angles [rad]."""
@@ -86,12 +87,12 @@ def angle_warnings(settings: Mapping[str, Any]) -> list[str]:
     such values are no multiples of a half, as degrees mostly are.
 
     Example:
-        >>> angle_warnings({"heading_rad": 90.0})[0]
+        >>> angle_warnings({"heading_rad": 90.0})[0].partition(" (more: ")[0]
         'heading_rad = 90 is more than a full turn; is it in degrees? radians(90)'
     """
     return [
         f"{printable(name)} = {quantity(value)} is more than a full turn; is it in "
-        f"degrees? radians({quantity(value)})"
+        f"degrees? radians({quantity(value)}) (more: {Paragraph.DEGREES})"
         for name, value in _angles(settings, "", is_angle=False)
         if abs(value) > 2 * math.pi and (2 * value).is_integer()
     ]

@@ -30,6 +30,8 @@ def lines(judged: Judgement) -> list[str]:
         f"  cost        {judged.cost:.9g}",
         f"  violations  {kept}",
     ]
+    if judged.paragraph is not None:
+        found.append(f"  more        {judged.paragraph}")
     return [*found, *_rank(judged)]
 
 

@@ -12,6 +12,7 @@ from swarmstart.cases.format.document import counted, printable
 from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.cases.record.files import to_json
 from swarmstart.cases.record.record import Recording
+from swarmstart.ocp.answer import status_line
 from swarmstart.ocp.instances import told_invalid
 
 
@@ -51,7 +52,7 @@ def _report(sweep: Sweep) -> str:
     of = f"{counted(len(solutions), 'instance')} of {name}"
     lines = [f"{of} in {solutions.seconds:.3g} s: {', '.join(sweep.given.columns)}."]
     lines += [
-        f"  {count:>7} {status.name}: {status.value}"
+        f"  {count:>7} {status_line(status)}"
         for status, count in solutions.counts.items()
     ]
     lines += sweep.cost_lines()

@@ -20,6 +20,7 @@ from swarmstart.cases.commands.wording.outcomes import (
 from swarmstart.cases.drawing.wording import duration, quantity
 from swarmstart.cases.format.document import counted, printable
 from swarmstart.cases.format.registry import SOLVE, words_of
+from swarmstart.ocp.common import Paragraph
 
 SHEET = "a_sheet"
 """Stem of the figure that shows a run on one sheet."""
@@ -30,7 +31,8 @@ _POLISHES = {"none": "no polish", "ipopt": "polish IPOPT"}
 def sentences(finished: Run) -> list[str]:
     """Return some five lines on a finished run, and one more for each collision.
 
-    The status of a single plan has its reason and advice on lines of their own.
+    The status of a single plan has its reason and advice on lines of their own. The
+    addresses of what explains a result that is not plainly good follow.
 
     Collisions of a flight, and broken constraints of another closed loop, are told
     before the result.
@@ -50,9 +52,18 @@ def sentences(finished: Run) -> list[str]:
         _task(finished),
         *broken,
         *said,
+        *_more(finished),
         _times(finished),
         picture(finished.figures),
     ]
+
+
+def _more(finished: Run) -> list[str]:
+    """Return the addresses of what explains a result that is not plainly good."""
+    explained = [*finished.ended.paragraphs]
+    if collisions(finished) or breaks_constraint(finished):
+        explained.append(Paragraph.BROKEN_RUN)
+    return [f"More: {', '.join(map(str, explained))}"] if explained else []
 
 
 def heading(title: str, name: str) -> str:

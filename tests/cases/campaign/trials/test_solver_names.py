@@ -101,7 +101,8 @@ def test_forged_values_are_errors_of_this_package(text: str) -> None:
 def test_an_old_name_is_read_as_the_new_one_with_a_hint() -> None:
     old, new = solver_of("multistart-fatrop"), solver_of("repeated-fatrop")
     assert old == new and not new.hint
-    assert old.hint == "the solver multistart-fatrop is called repeated-fatrop now"
+    words = "the solver multistart-fatrop is called repeated-fatrop now"
+    assert old.hint == f"{words} (more: docs/messages.md#renamed)"
 
 
 def test_no_two_names_differ_by_a_hyphen_and_a_plus() -> None:
