@@ -698,7 +698,7 @@ def test_linear_system_is_that_of_the_path_at_its_time(
 def test_parts_of_a_summary_have_their_order(monkeypatch: pytest.MonkeyPatch) -> None:
     problem, planner = drift()
     plain = verified(problem, planned(planner, [0, 0]), [0])
-    labels = "Solution: reason advice cost violation source horizon states controls"
+    labels = "Solution: reason advice more cost violation source horizon states"
 
     def first_words(solution: Solution) -> list[str]:
         return [line.split()[0] for line in str(solution).splitlines()]
@@ -717,11 +717,11 @@ def test_parts_of_a_summary_have_their_order(monkeypatch: pytest.MonkeyPatch) ->
     )
     monkeypatch.setattr(Solution, "gap", SimpleNamespace(words="so far"))
     labels = (
-        "Solution: reason advice cost bound members violation source horizon decided "
-        "states controls"
+        "Solution: reason advice more cost bound members violation source horizon "
+        "decided states controls"
     )
     words = first_words(full)
-    assert words[:12] == labels.split()
+    assert words[:13] == labels.split()
     assert words[-2:] == ["repair", "restarts"]
     assert "  members     3, costs from 1 (number 1) to 3 (number 0)" in str(full)
 

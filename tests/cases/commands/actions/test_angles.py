@@ -22,7 +22,9 @@ def test_numbers_and_lists_of_angles_are_judged_and_nothing_else() -> None:
         "uavs.0.heading_rad",
         "bank_rad.1",
     ]
-    assert said[0].endswith("; is it in degrees? radians(-90)")
+    assert said[0].endswith(
+        "; is it in degrees? radians(-90) (more: docs/messages.md#degrees)"
+    )
 
 
 @pytest.mark.parametrize("name", ["formation_v", "close_formation", "swap_5"])

@@ -147,7 +147,8 @@ def test_a_closed_loop_says_how_far_and_when_a_constraint_is_broken(
     tmp_path: Path,
 ) -> None:
     done = finished(tmp_path, PUSHED)
-    what, kept, result, time, _ = sentences(done)
+    what, kept, result, more, time, _ = sentences(done)
+    assert more == "More: docs/messages.md#some-steps, docs/messages.md#broken-run"
     assert what.startswith("tiny (tiny): closed loop for 1.5 s in 3 steps; ")
     flown = done.measures["flown_cost"]
     assert isinstance(flown, float)
@@ -185,7 +186,7 @@ def test_late_steps_are_counted(tmp_path: Path) -> None:
     done = finished(tmp_path, PUSHED)
     seconds = np.array([0.6, 0.1, 0.7])
     slow = replace(done, trajectory=replace(done.trajectory, step_seconds=seconds))
-    assert sentences(slow)[3] == (
+    assert sentences(slow)[-2] == (
         "Time per step: median 600 ms, worst 700 ms; a step lasts 500 ms, so 2 of 3 "
         "steps took too long."
     )
