@@ -119,11 +119,19 @@ def of_more_states() -> str:
     return str(found[0].message)
 
 
+def of_degrees() -> str:
+    return angle_warnings({"heading_rad": 90.0})[0]
+
+
+def of_an_old_name() -> str:
+    return solvers_of("multistart-ipopt")[0].hint
+
+
 OF_WARNINGS = {
     Paragraph.CASADI: of_casadi,
     Paragraph.MORE_STATES: of_more_states,
-    Paragraph.DEGREES: lambda: angle_warnings({"heading_rad": 90.0})[0],
-    Paragraph.RENAMED: lambda: solvers_of("multistart-ipopt")[0].hint,
+    Paragraph.DEGREES: of_degrees,
+    Paragraph.RENAMED: of_an_old_name,
 }
 
 
