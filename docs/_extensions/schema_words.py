@@ -30,7 +30,7 @@ def kind_of(schema: Schema) -> Iterator[str]:
     elif "enum" in schema:
         yield ", ".join(f"`{_plain(value)}`" for value in schema["enum"])
     elif isinstance(schema.get("type"), list):
-        yield NUMBERS.get(schema.get("description", ""), "number") + _limits(schema)
+        yield _number_or_text(schema.get("description", "")) + _limits(schema)
     elif schema.get("type") not in (None, "null"):
         word = str(schema["type"])
         yield NAMES.get(word, word) + _limits(schema)
@@ -53,6 +53,12 @@ def unit_of(key: str, schema: Schema) -> str:
         return ""
     unit = found[1].replace("_s2", "/s²").replace("_s", "/s")
     return f" [{unit}]"
+
+
+def _number_or_text(description: str) -> str:
+    """Return the word for a number that can be text; a key's description says which."""
+    is_expression = re.search(r"\bexpression\b", description, re.IGNORECASE)
+    return NUMBERS.get(description, "expression" if is_expression else "number")
 
 
 def _plain(value: Any) -> str:

@@ -70,7 +70,8 @@ class TransportDelay(Rewrite):
     key = "delay_s"
     meaning = (
         "Delay with which the control reaches the model's equations, a whole number of "
-        "intervals [s]; null and 0 mean none."
+        "intervals [s]; null and 0 mean none. Not with phases, a dual mode, a fixed "
+        "end, or vehicles that do not plan jointly."
     )
 
     seconds: Mapping[str, float]

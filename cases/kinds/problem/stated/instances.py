@@ -72,10 +72,11 @@ class Instances(Part):
             the last name changes first.
         drawn: Distributions by name, in place of `values`.
         samples: Number of instances that are drawn; null without `drawn`.
-        seed: Seed of the drawn numbers.
+        seed: Seed of the drawn numbers, which do not depend on --seed.
         starts: Number of starts of each instance: the guess or the middle of the
             bounds, with the states that they lead to and with states that stay at the
-            start, then random controls; null: as many as it takes.
+            start, then random controls; null: one, and three others for some instances,
+            for more as long as that finds cheaper answers.
     """
 
     file: str = Field(default="", exclude=True)

@@ -46,16 +46,16 @@ class State(Part):
     Attributes:
         start: Value at the start: a number, or decided by the plan; null if every
             vehicle has its own.
-        rate: Derivative in time, an expression [unit/s]; null means 0, or a state that
-            only `next` changes.
+        rate: Derivative in time, an expression [unit/s]; `rate` or `next` is required,
+            and null means 0.
         next: Value that the end of each control interval gives it, an expression; null
             means that it stays as it is.
         periodic: Option that makes the state end at its own start.
         bounds: Bounds [lower, upper], numbers or expressions, kept at every check of a
             plan; null means no limit.
-        scale: Size of the value, which scales the problem for the solver; null means
-            that it is found from the problem.
-        unit: Unit, as text for figures and reports.
+        scale: Typical size of the value, above 0, which scales the problem for the
+            solver; null means that it is found from the problem.
+        unit: Unit, as text for prints, figures and records.
     """
 
     start: Start | None = None
@@ -85,14 +85,15 @@ class Control(_Features):  # type: ignore[misc, valid-type]
     Attributes:
         bounds: Bounds [lower, upper], numbers or expressions; null means no limit, and
             a search needs both limits.
-        search_bounds: Narrower bounds [lower, upper], numbers, for the search alone;
-            null means the bounds themselves.
+        search_bounds: Narrower bounds [lower, upper], numbers, for the search alone,
+            which needs them if `bounds` move; null means the bounds themselves.
         previous: Value in the interval before the first; null means the value nearest
             to 0 within the bounds.
-        integer: Option that allows whole numbers only.
-        scale: Size of the value, which scales the problem for the solver; null means
-            that it is found from the problem.
-        unit: Unit, as text for figures and reports.
+        integer: Option that allows whole numbers only; the bounds are then whole
+            numbers, too.
+        scale: Typical size of the value, above 0, which scales the problem for the
+            solver; null means that it is found from the problem.
+        unit: Unit, as text for prints, figures and records.
     """
 
     bounds: MovingLimits | None = None
@@ -163,7 +164,8 @@ class Soft(Part):
     """Weights of a soft constraint, which can be broken at a cost.
 
     Attributes:
-        weight: Cost per second of the largest excess in an interval; null means 0.
+        weight: Cost per second of the largest excess in an interval; null means 0, and
+            one of the two weights is required.
         quadratic: Cost per second of the square of the largest excess in an interval;
             null means 0.
     """
@@ -182,8 +184,8 @@ class PathLimit(Constraint):
     """A constraint along the path, which can be soft.
 
     Attributes:
-        soft: Weights of the cost of breaking the constraint; null means that it must
-            hold.
+        soft: Weights of the cost of breaking the constraint, which `flown_cost` does
+            not include; null means that it must hold.
     """
 
     soft: Soft | None = None
@@ -230,6 +232,16 @@ PathPart = Annotated[
 ]
 
 
+def _with_record(schema: dict[str, Any]) -> None:
+    """Add the folder of a record, which no field of the part has."""
+    schema["properties"]["record"] = {
+        "type": "string",
+        "default": "",
+        "description": "Folder of a run, or of `solution.save(folder)`, whose first "
+        "plan is the guess, in place of controls and states; not with vehicles.",
+    }
+
+
 class Guess(Part):
     """Start of the first plan.
 
@@ -238,8 +250,10 @@ class Guess(Part):
     Attributes:
         controls: Controls by name: numbers, expressions in time, or tables; 0 for those
             not given.
-        states: States by name, likewise, from which a polish begins.
+        states: States by name, likewise; only a polish begins there.
     """
+
+    model_config = ConfigDict(json_schema_extra=_with_record)
 
     controls: Mapping[Names, OverTime] = Field(default_factory=dict)
     states: Mapping[Names, OverTime] = Field(default_factory=dict)
@@ -275,15 +289,16 @@ class Prediction(Part):
 
     Attributes:
         horizon_s: Length of the horizon [s], or decided by the plan; null in discrete
-            time only, in which an interval lasts 1.
-        intervals: Number of control intervals in the horizon; with phases their sum.
-        blocks: Lengths of blocks of intervals that share one value of each control;
-            empty means that every interval has its own.
+            time, in which an interval lasts 1, and with phases, which have their own.
+        intervals: Number of control intervals in the horizon, required except with
+            phases: it is the sum of theirs.
+        blocks: Lengths of blocks of intervals that share one value of each control,
+            whose sum is `intervals`; empty means that every interval has its own.
         checks: Number of checks of the constraints in a control interval.
         substeps: Number of integrator steps from one check to the next; for the stiff
             integrator the number expected.
         integrator: Integrator: fourth-order Runge-Kutta, Euler, or one for stiff
-            models.
+            models, which have very fast modes.
         transcription: Transcription in the polish: shooting, radau for collocation, or
             a mapping with the numbers of collocation.
         integrator_tolerance: Allowed error of each step of the stiff integrator,
@@ -293,8 +308,9 @@ class Prediction(Part):
             left or right end of an interval times the length.
         newton_iterations: Number of Newton iterations for algebraic equations that are
             not linear.
-        control_shape: Shape of controls: constant in an interval, linear between knots,
-            or continuous with the previous control as its first knot.
+        control_shape: Shape of controls: constant in an interval, linear between knots
+            with a decided first knot, or continuous, which is linear with the previous
+            control as its first knot.
         tolerance: Largest summed violation of a feasible plan, relative to the scales.
         path_tolerance: Largest excess on the finely integrated path of a confirmed
             plan, relative to the scales.
@@ -341,7 +357,7 @@ class Feedback(Part):
         law: Law of control: open_loop follows one plan to its end, receding_horizon
             plans again in every interval.
         period_s: Time from one plan to the next [s], required in a receding horizon
-            with a decided end time; else null.
+            with a decided end time; with `ends_at_s` null means an interval; else null.
         ends_at_s: Time at which a receding horizon ends [s]: plans end there and not
             later, so that they become shorter; null means that they all have the same
             length.
@@ -413,7 +429,9 @@ class PlantPart(Part):
     """The simulated system: finer steps, parameters of its own, disturbances.
 
     Attributes:
-        substeps: Number of integrator steps of the simulation in a control interval.
+        substeps: Number of integrator steps of the simulation in a control interval; at
+            least `prediction.intervals` in a receding horizon whose end is decided or
+            fixed.
         parameters: Values of parameters that differ from those of the prediction, by
             name.
         disturbance: Disturbance added to the rate of a state, by state: an expression

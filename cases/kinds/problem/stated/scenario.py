@@ -87,7 +87,8 @@ class SeparationPart(Part):
     """A distance that every two vehicles keep.
 
     Attributes:
-        of: One to three coordinates of a vehicle, expressions.
+        of: One to three coordinates of a vehicle: expressions, or names of states
+            unless `planning` is joint.
         distance: Smallest allowed distance between two vehicles.
         margin: Reserve that plans keep from the distance.
         along: Places at which distances are checked: the check points, or (in the
@@ -111,9 +112,9 @@ class Vehicles(Part):
         planning: Method of planning: joint decides for all vehicles at once, priority
             for one after another, which keeps its distance from the plans of those
             before it, and committed for each by itself, with plans that all others
-            have accepted.
+            have accepted. The last two need a receding horizon.
         separation: Distance that every two vehicles keep; null means none.
-        links: Links of committed plans.
+        links: Links between the vehicles, with committed plans only.
         tracking_error: Largest distance of a vehicle from its committed plan, if the
             plant differs; committed plans keep twice as much more than the distance.
     """
@@ -140,13 +141,13 @@ class Uncertain(Part):
         drawn: Distributions by parameter, from which the values are drawn, in place of
             `values`.
         samples: Number of members that are drawn; null if `values` are given.
-        seed: Seed of the drawn numbers.
-        weights: Weights of the members; null means equal ones.
+        seed: Seed of the drawn numbers, which do not depend on --seed.
+        weights: Weights of the members, one for each; null means equal ones.
         risk: Cost that counts: the mean of the members' costs, the worst one, or (cvar)
             the mean of the worst part of them.
         level: Level of cvar: the worst part is 1 - level of the members.
         robust_horizon: Number of intervals after which each member has controls of its
-            own; null means that all members share all controls.
+            own, in a receding horizon; null means that all members share all controls.
     """
 
     values: Mapping[Names, list[Quantity]] = Field(default_factory=dict)
@@ -233,9 +234,12 @@ class UserScenario(PlanningScenario):
             path.
         instances: Starts and parameters of many instances of the first plan, which
             `swarmstart sweep` solves and other commands ignore; null means none.
-        search: Search algorithm and its settings.
-        budget: Budget of the search for each planning problem.
-        polish: Local solver that improves the answer of the search: IPOPT, or none.
+        search: Search algorithm and its settings; by default lshade with
+            `when: undecided`.
+        budget: Budget of the search for each planning problem; by default 20000
+            evaluations.
+        polish: Local solver that improves the answer of the search: IPOPT, none, or
+            another NLP solver of CasADi with its options.
         lanes: Number of random starts that are solved at once, beside the search, if
             there is no earlier plan; null means 64 with a polish and without within_s,
             else 0.
@@ -291,11 +295,13 @@ class ProblemScenario(UserScenario):
             the plan.
         signals: Signals by name, known ahead over the horizon: numbers, expressions in
             time, or tables.
-        definitions: Definitions by name: expressions that stand for parts of others.
+        definitions: Definitions by name: expressions that stand for parts of others,
+            each with the definitions before it.
         algebraic: Algebraic variables by name: an expression that is 0, or a mapping.
-        states: States by name.
-        controls: Controls by name.
-        stage_cost: Cost per second along the path, an expression [cost/s].
+        states: States by name, at least one; required.
+        controls: Controls by name, at least one; required.
+        stage_cost: Cost per second along the path, an expression [cost/s]; one of the
+            four costs is required, and all that are given are added.
         step_cost: Cost at the beginning of each interval, an expression [cost].
         initial_cost: Cost at the start of the horizon, an expression [cost].
         terminal_cost: Cost at the end of the horizon, an expression [cost].
@@ -310,7 +316,7 @@ class ProblemScenario(UserScenario):
             a record.
         candidates: Control sequences that the search tries besides its own, each an
             expression in time for every control.
-        prediction: Horizon of a plan and its grid.
+        prediction: Horizon of a plan and its grid; required.
         dual_mode: Linear law in a certified terminal set, for a receding horizon only;
             null means none.
         plant: Simulated system: the model in finer steps, or a simulator of others.

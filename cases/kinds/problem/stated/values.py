@@ -161,8 +161,8 @@ class Decided(Part):
     Attributes:
         free: Bounds [lower, upper] of the number; null, without a search only, means no
             limit.
-        guess: Value at which a polish without a search starts; null means the middle of
-            the bounds.
+        guess: Value between the bounds at which a polish without a search starts; null
+            means the middle of the bounds.
     """
 
     free: Limits

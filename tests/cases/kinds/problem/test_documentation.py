@@ -1,35 +1,31 @@
-"""Examples of docs/problem.md are valid and run; it lists all keys and defaults."""
+"""Examples of docs/problem.md are valid and run; its reference has all keys."""
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, get_args, get_origin
+from typing import Any, get_args
 
 import pytest
 import yaml
 from pydantic import BaseModel
-from pydantic_core import PydanticUndefined
 
 import swarmstart
 from swarmstart.cases.format.flaws import InvalidScenarioError
 from swarmstart.cases.format.scenario import shipped
-from swarmstart.cases.format.settings import PlanningScenario
 from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario
-from swarmstart.cases.kinds.problem.stated.values import Table
+from swarmstart.docs._extensions.scenario_keys import keys_page
 from swarmstart.tests.cases.kinds.problem.conftest import simulated, stated
 
-ROOT = Path(swarmstart.__file__).parent
-PAGE = (ROOT / "docs" / "problem.md").read_text(encoding="utf-8")
+DOCS = Path(swarmstart.__file__).parent / "docs"
+PAGE = (DOCS / "problem.md").read_text(encoding="utf-8")
+REFERENCE = "reference/yaml/problem.md"
 BLOCKS = re.findall(r"^```yaml\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
+(INCLUDED,) = re.findall(r"^```\{literalinclude\} (\S+)$", PAGE, re.MULTILINE)
+LAST = (DOCS / INCLUDED).read_text(encoding="utf-8")
 FIRST = BLOCKS[0]
-FILES = [b if "kind: problem" in b else FIRST + b for b in BLOCKS]
-ROWS = [
-    [cell.strip() for cell in line.strip("|").split("|")]
-    for line in PAGE.partition("## Keys")[2].partition("\n## ")[0].splitlines()
-    if line.startswith("| `")
-]
-MENTIONED = {"schema", "order", "ipopt", "basins", "backend", "claims"}
-"""Keys that docs/scenario.md describes."""
+FILES = [b if "kind: problem" in b else FIRST + b for b in [*BLOCKS, LAST]]
+FROM_ELSEWHERE = {"kind", "name"}
+"""Keys that a scenario needs and that the name of its file, or its kind, gives."""
 
 
 @pytest.mark.parametrize("text", FILES)
@@ -61,56 +57,87 @@ def test_the_error_that_is_shown_is_said() -> None:
 
 
 def test_the_second_example_is_the_one_that_is_shipped() -> None:
-    assert BLOCKS[-1] == shipped()["two_drones"].read_text(encoding="utf-8")
+    assert (DOCS / INCLUDED).resolve() == shipped()["two_drones"].resolve()
 
 
-def test_every_key_is_in_the_table_with_its_default() -> None:
-    listed = dict(_listed())
-    keys = dict(_keys(ProblemScenario, ""))
-    missing = keys.keys() - listed.keys() - MENTIONED
-    assert not missing
-    for key, default in keys.items():
-        cell = listed.get(key, "")
-        if default is PydanticUndefined:
-            assert not cell.startswith("`"), key
-        elif cell.startswith("`") and not isinstance(default, BaseModel):
-            assert _plain(yaml.safe_load(cell.strip("`"))) == _plain(default), key
+def test_the_keys_are_listed_in_the_reference_to_which_the_page_links() -> None:
+    assert f"]({REFERENCE})" in PAGE and "| key |" not in PAGE
+    made = "<!-- generated: keys of problem -->"
+    assert made in (DOCS / REFERENCE).read_text(encoding="utf-8")
 
 
-def _listed() -> Iterator[tuple[str, str]]:
-    """Yield each key of the table with the text of its default."""
-    for key, default, *_ in ROWS:
-        keys, defaults = re.findall(r"`([^`]+)`", key), default.split(", ")
-        if len(defaults) != len(keys):
-            defaults = [default] * len(keys)
-        yield from zip(keys, defaults, strict=True)
+def test_the_reference_describes_every_key_with_its_default() -> None:
+    page, seen = keys_page("problem"), 0
+    for part in {ProblemScenario, *_parts(ProblemScenario, set())}:
+        rows = _rows(_section(page, part))
+        for name, field in part.model_fields.items():
+            key = field.alias or name
+            default_cell, meaning = rows[key]
+            assert meaning.endswith("."), (part, key)
+            if field.is_required():
+                is_said = "required" in (default_cell, *meaning.rstrip(".").split())
+                assert is_said or "by default" in meaning or key in FROM_ELSEWHERE, key
+            else:
+                default = field.get_default(call_default_factory=True)
+                assert _says(default_cell, meaning, default), (part, key)
+            seen += 1
+    assert "record" in page and seen > len(ProblemScenario.model_fields)
 
 
-def _keys(model: type[BaseModel], place: str) -> Iterator[tuple[str, Any]]:
-    """Yield the keys of a part and of those in it, with their defaults."""
-    for name, field in model.model_fields.items():
-        key = f"{place}{field.alias or name}"
-        default = field.get_default(call_default_factory=True)
-        yield key, default
-        if place == "" and (
-            name in PlanningScenario.model_fields or name == "terminal"
-        ):
-            continue
-        if place == "phases[]." and name in ProblemScenario.model_fields:
-            continue  # As of the file.
-        for part, mark in _parts(field.annotation, ""):
-            yield from _keys(part, f"{key}{mark}.")
+def test_the_reference_tells_expressions_from_numbers() -> None:
+    page = keys_page("problem")
+    for key in ("stage_cost", "algebraic.*.equation", "path[].expression"):
+        assert re.search(
+            rf"^\| `{re.escape(key)}` \| expression \|", page, re.MULTILINE
+        )
+    assert re.search(r"^\| `uncertain.level` \| number \|", page, re.MULTILINE)
 
 
-def _parts(kind: Any, mark: str) -> Iterator[tuple[type[BaseModel], str]]:
-    """Yield the parts that a type consists of, [] after a list and .* after names."""
+def _says(cell: str, meaning: str, default: Any) -> bool:
+    """Return whether a row says a default, in its cell or in its meaning."""
+    if isinstance(default, BaseModel):
+        default = default.model_dump(exclude_defaults=True)
+    if cell == "those of its keys":
+        return all(str(value) in meaning for value in default.values())
+    if not cell:
+        return not default
+    return bool(_plain(yaml.safe_load(cell.strip("`"))) == _plain(default))
+
+
+def _section(page: str, part: type[BaseModel]) -> str:
+    """Return the section of a part, which an anchor with its name begins."""
+    if part is ProblemScenario:
+        return page.partition("\n(keys-of-")[0]
+    name = part.__name__.lower().replace("_", "-")
+    _, anchor, rest = page.partition(f"(keys-of-problem-{name})=\n")
+    assert anchor, name
+    return rest.partition("\n(keys-of-")[0]
+
+
+def _rows(section: str) -> dict[str, tuple[str, str]]:
+    """Return the default and the meaning of each key of a section."""
+    rows = [
+        [cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]]
+        for line in section.splitlines()
+        if line.startswith("| `")
+    ]
+    return {
+        key.strip("`").rpartition(".")[2]: (default, meaning)
+        for key, _, default, meaning in rows
+    }
+
+
+def _parts(kind: Any, seen: set[type[BaseModel]]) -> Iterator[type[BaseModel]]:
+    """Yield the parts of which a type consists, at every depth."""
     if isinstance(kind, type) and issubclass(kind, BaseModel):
-        if kind is not Table:
-            yield kind, mark
-        return
-    mark += {list: "[]", Mapping: ".*"}.get(get_origin(kind), "")
+        if kind in seen:
+            return
+        seen.add(kind)
+        yield kind
+        for field in kind.model_fields.values():
+            yield from _parts(field.annotation, seen)
     for one in get_args(kind):
-        yield from _parts(one, mark)
+        yield from _parts(one, seen)
 
 
 def _plain(value: Any) -> Any:
