@@ -68,7 +68,8 @@ def test_the_keys_are_listed_in_the_reference_to_which_the_page_links() -> None:
 
 def test_the_reference_describes_every_key_with_its_default() -> None:
     page, seen = keys_page("problem"), 0
-    for part in {ProblemScenario, *_parts(ProblemScenario, set())}:
+    parts: set[type[BaseModel]] = {*_parts(ProblemScenario, set())}
+    for part in parts:
         rows = _rows(_section(page, part))
         for name, field in part.model_fields.items():
             key = field.alias or name
