@@ -7,6 +7,7 @@ single control sequence, the initial state holds these numbers.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
 from typing import NamedTuple
@@ -490,10 +491,33 @@ def shared_arguments(
     signals = numbers_of("signals", known.signals)
     if problem.ns == 0 and signals.size == 0:
         signals = np.empty((0, problem.nodes))  # A user without signals gives ().
+    parameters, shape = known.parameters, (problem.model.np,)
     return (
         shaped("x0", x0, (problem.model.nx,)),
-        shaped("parameters", known.parameters, (problem.model.np,)),
-        flatten(shaped("signals", signals, (problem.ns, problem.nodes))),
+        shaped(
+            "parameters", parameters, shape, lambda: _meaning(problem, "parameters")
+        ),
+        flatten(
+            shaped(
+                "signals",
+                signals,
+                (problem.ns, problem.nodes),
+                lambda: _meaning(problem, "signals"),
+            )
+        ),
+    )
+
+
+def _meaning(problem: OptimalControlProblem, role: str) -> str:
+    """Return what the values of a role in a Known are; empty if there are none."""
+    names = ", ".join(symbol_names(problem.symbols()[role]))
+    if not names:
+        return ""
+    if role == "parameters":
+        return f": Known(parameters=...), the values of {names}"
+    return (
+        f": Known(signals=...), a row for each of {names}, with its values at the "
+        f"{problem.nodes} nodes"
     )
 
 
@@ -609,13 +633,30 @@ def unflatten(vector: Array, rows: int) -> Array:
     return np.array(vector, dtype=np.float64).reshape((rows, -1), order="F")
 
 
-def shaped(role: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
-    """Return a validated copy: the caller may change x0 while the objective lives."""
+def shaped(
+    role: str,
+    values: ArrayLike,
+    shape: tuple[int, ...],
+    meaning: Callable[[], str] = str,
+) -> Array:
+    """Return a validated copy: the caller may change x0 while the objective lives.
+
+    Args:
+        role: Name of the values in messages.
+        values: The values.
+        shape: Shape that they must have.
+        meaning: Words at the end of the message on a wrong shape: what the values are.
+
+    Raises:
+        InvalidProblemError: If the shape is another, or a value is not finite.
+    """
     array = numbers_of(role, values)
     if len(shape) == 1 and array.shape == (*shape, 1):
         array = array[:, 0]  # A column, as of CasADi's DM.
     if array.shape != shape:
-        raise InvalidProblemError(f"{role} must have shape {shape}, got {array.shape}")
+        raise InvalidProblemError(
+            f"{role} must have shape {shape}, got {array.shape}{meaning()}"
+        )
     if not np.isfinite(array).all():
         raise InvalidProblemError(f"{role} must be finite, got {array}")
     return array

@@ -157,7 +157,10 @@ def test_refuses_shapes_that_are_not_the_problems(
         fitness.objective(x0, Known(parameters=[1.0], signals=signals))
     with pytest.raises(InvalidProblemError, match=r"signals must have shape \(6, 7\)"):
         fitness.objective(x0, Known(signals=signals.T))
-    with pytest.raises(InvalidProblemError, match=r"signals must have shape \(6, 7\)"):
+    words = (
+        r"\(6, 7\), got \(0,\): Known\(signals=\.\.\.\), a row for each of .*, with "
+    )
+    with pytest.raises(InvalidProblemError, match=words + "its values at the 7 nodes"):
         fitness.objective(x0)
     objective = fitness.objective(x0, known)
     for wrong in (np.zeros((1, 4)), np.zeros(6), np.zeros((4, 6))):
