@@ -21,6 +21,7 @@ class KindWords:
         kind: "module:attribute" of its Kind.
         title: Description in a few words, for the list of kinds.
         measures: Name of a measure -> meaning, with its unit in brackets at the end.
+        of_closed_loops: Measures that say nothing of a single plan.
         templates: Commented files that `swarmstart new` copies, in the folder
             `templates` beside this module: name -> ending of the new file; empty: that
             of the scenario. Without any there is no template.
@@ -51,6 +52,7 @@ class KindWords:
     kind: str = ""
     title: str = ""
     measures: Mapping[str, str] = field(default_factory=dict)
+    of_closed_loops: tuple[str, ...] = ()
     templates: Mapping[str, str] = field(default_factory=dict)
     example: str = ""
     runs_code: bool = False

@@ -70,6 +70,7 @@ from swarmstart.ocp import (
 from swarmstart.ocp.answer import Plan, Source, improved, repaired
 from swarmstart.ocp.nlp import Answer, Start
 from swarmstart.ocp.rollout import Known
+from swarmstart.ocp.system import shown_units
 from swarmstart.silence import silenced
 
 LATE, MOMENT_S = 1.1, 0.25
@@ -211,6 +212,7 @@ def _result(
             "controls": np.asarray(solution.controls).tolist(),
             "state_names": list(model.state_names),
             "control_names": list(model.control_names),
+            "units": shown_units(model),
         },
         **effort,
     )

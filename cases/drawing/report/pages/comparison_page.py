@@ -147,11 +147,9 @@ def _trajectory(
     time = plan["time"]
     kept = svg.thinned(len(time), points)
     series = [
-        (name, values, _STATE)
-        for name, values in zip(plan["state_names"], plan["states"], strict=False)
-    ] + [
-        (name, values, _CONTROL)
-        for name, values in zip(plan["control_names"], plan["controls"], strict=False)
+        (_with_unit(name, plan.get("units")), values, kind)
+        for of, kind in (("state", _STATE), ("control", _CONTROL))
+        for name, values in zip(plan[f"{of}_names"], plan[f"{of}s"], strict=False)
     ]
     if not series:
         return None
@@ -173,6 +171,12 @@ def _trajectory(
         rows=[[number(value, "") for value in row[: _MOST + 1]] for row in values],
         values=[header, *values],
     )
+
+
+def _with_unit(name: str, units: object) -> str:
+    """Return a name with its unit, if the record has one."""
+    unit = units.get(name, "") if isinstance(units, Mapping) else ""
+    return f"{name} [{shortened(unit, 20)}]" if unit else name
 
 
 def _panels(

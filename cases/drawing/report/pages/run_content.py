@@ -324,17 +324,23 @@ def _measure_rows(
     own = scenario.get("measures")
     meanings = {**known, **(own if isinstance(own, Mapping) else {})}
     rows = []
+    is_one_plan = measures.get("confirmed") is not None
+    left_out = words_of(kind).of_closed_loops if is_one_plan else ()
     for name, value in list(measures.items())[:MOST_ROWS]:
+        if name in left_out:
+            continue
         meaning = _words(meanings.get(name, ""))
         is_own = name not in known and meaning  # Its unit is in the scenario's words.
         meaning = meaning or _of_decided(str(name))
+        unit = "" if is_own else unit_of_measure(str(name), meaning)
+        said = meaning.removesuffix(f" [{unit}]")  # It has a column of its own.
         rows.append(
             MeasureRow(
                 name=str(name),
                 text=shown(value),
                 value=float(value) if is_number(value) else None,
-                unit="" if is_own else unit_of_measure(str(name), meaning),
-                meaning=f"of this scenario: {meaning}" if is_own else meaning,
+                unit=unit,
+                meaning=f"of this scenario: {meaning}" if is_own else said,
             )
         )
     return rows

@@ -39,6 +39,15 @@ MEASURES = {
     "step_seconds_max": "Largest wall time of planning one step [s]",
 }
 
+OF_CLOSED_LOOPS = (
+    "infeasible_steps",
+    "stopped_steps",
+    "linear_steps",
+    "steps_starting_outside",
+    "step_seconds_median",
+)
+"""Measures that say nothing of a single plan."""
+
 UNDEFINED = {
     "verified_cost": "the run is in closed loop",
     "confirmed": "the run is in closed loop",
@@ -69,6 +78,7 @@ WORDS = KindWords(
     kind="swarmstart.cases.kinds.problem.kind:KIND",
     title="any system, written in YAML: one plan or a closed loop",
     measures=MEASURES,
+    of_closed_loops=OF_CLOSED_LOOPS,
     templates={"problem.yaml": ""},
     captions=CAPTIONS,
     costs=("verified_cost", "flown_cost", "cost"),

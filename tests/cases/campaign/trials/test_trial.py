@@ -232,6 +232,11 @@ def test_the_plan_is_the_verified_path_at_the_grid(tmp_path: Path) -> None:
     assert np.diff(plan["time"]) == pytest.approx(plan["time"][-1] / intervals)
 
 
+def test_the_plan_has_the_units_of_its_scenario(tmp_path: Path) -> None:
+    plan = solve_cell(job_of("double_integrator", "ipopt"), tmp_path)["plan"]
+    assert plan["units"] == {"position": "m", "speed": "m/s", "force": "m/s^2"}
+
+
 def test_modules_are_those_that_names_of_the_job_stand_for() -> None:
     job = job_of("double_integrator", "lshade+ipopt")
     assert "swarmstart.heuristics.searches.lshade" in modules_of(job)

@@ -168,6 +168,7 @@ def _scenario(  # noqa: PLR0913
                 "controls": [np.sign(np.cos(time[:-1] * k)).tolist() for k in (1, 2)],
                 "state_names": ["px", "py", "speed", "heading"],
                 "control_names": ["acceleration", "turn rate"],
+                "units": {"px": "m", "turn rate": "rad/s"},
             },
         },
     }

@@ -98,6 +98,11 @@ def test_every_kind_of_comparison_is_accessible_and_fits_a_phone(
     assert "None" not in words.replace("None was", "") and "nan" not in words.split()
 
 
+def test_panels_of_the_best_answer_have_units() -> None:
+    text = comparison_page(contents.content(solvers=2, scenarios=1, seeds=2))
+    assert "px [m]" in text and "turn rate [rad/s]" in text and "py [" not in text
+
+
 def test_text_of_users_is_shown_and_not_run(opened: Any) -> None:
     page = opened(contents.hostile(), viewport={"width": 390, "height": 800})
     assert page.evaluate(FAULTS) == []

@@ -189,6 +189,20 @@ def test_measures_sort_and_filter(record: Path, opened: Opened, tmp_path: Path) 
     assert table.locator("tbody tr:visible th").all_inner_texts() == ["highest"]
 
 
+def test_a_single_plan_has_no_measures_of_closed_loops(copied: Path) -> None:
+    def of_one_plan(summary: dict[str, Any]) -> None:
+        summary["measures"]["confirmed"] = 1
+
+    of_loop = {row.name for row in run_content(copied).measures}
+    rows = run_content(changed(copied, of_one_plan)).measures
+    assert of_loop - {row.name for row in rows} == set(
+        words_of("problem").of_closed_loops
+    )
+    assert set(words_of("problem").of_closed_loops) < set(words_of("problem").measures)
+    (cost,) = (row for row in rows if row.name == "cost")
+    assert (cost.unit, cost.meaning.count("[cost]")) == ("cost", 0)
+
+
 def test_what_the_page_says_can_be_run_again(record: Path, tmp_path: Path) -> None:
     """The command of the page, on the record's own scenario: the same measures."""
     again = tmp_path / "again"
