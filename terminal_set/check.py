@@ -4,21 +4,23 @@
 
 The file is a certificate of a terminal set, of a lower bound, or of a swarm's flight.
 Everything that it labels "proven" is proven again, by branch and bound with Taylor
-models, or by separating planes; all else that a terminal set states is sampled. Points,
-matrices and the drift of a reference are computed in the ball arithmetic of
-python-flint, and bounds in exact fractions. The file may contain only statements in the
-words of the format; one line for each says whether it was proven. Nothing in the file
-is executed or printed unescaped.
+models, or by separating planes; all else that a terminal set states is sampled. There
+is one exception: for a held input the integrator's error is only sampled. The library
+proves it, and this program does not. Points, matrices and the drift of a terminal set's
+reference are computed in the ball arithmetic of python-flint; the value of a lower
+bound is computed in exact fractions. The file may contain only statements in the words
+of the format; one line for each says whether it was proven. Nothing in the file is
+executed or printed unescaped.
 
-The last line says what was only sampled: for a held input always the integrator's
-error, which the library proves and this program does not.
+The last line names what was only sampled.
 
 With --against, the constants and the law of a controller in C must be those of the
 certificate of its terminal set, bit by bit (checker/c_text.py).
 
-Exit codes: 0 nothing was refused, and all but the samples was proven again; 2 the file
-or the call is invalid; 3 refused: a statement is false or the file was changed; 4
-undecided in the time given; 5 the file cannot be read; 130 interrupted.
+Exit codes: 0 all that is not sampled was proven again, and no sample refutes the rest;
+2 the file or the call is invalid; 3 refused: a statement is false or the file was
+changed; 4 undecided in the time given; 5 the file cannot be read, or the report cannot
+be written; 130 interrupted.
 """
 
 from __future__ import annotations

@@ -53,10 +53,11 @@ DARK_PAGE = {
 
 
 def style_sheet() -> str:
-    """Return the CSS of the colours: light, dark by choice or by the system, print.
+    """Return the CSS of the colours, for light pages, dark pages and print.
 
-    A series of class `s3` has its line in `stroke`, its mark in `fill` of the fourth
-    solver; `d3` has its dashes.
+    A page is dark if its `data-theme` is dark, or if the system prefers dark and its
+    `data-theme` is not light. Class `s3` sets `stroke` (for lines) and `fill` (for
+    marks) to the fourth colour; class `d3` sets the fourth pattern of dashes.
     """
     light = _variables(LIGHT_PAGE, LIGHT)
     dark = _variables(DARK_PAGE, DARK)

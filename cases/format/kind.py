@@ -198,11 +198,11 @@ class Nearby:
     reference follow the plan of the first agent in the order.
 
     Attributes:
-        problems: Number of others -> the planning problem with signals for that many.
+        problems: Number of other agents -> planning problem with signals for that many.
         range: Distance within which an agent uses the plans of others [m].
         position: Rows of an agent's states that are its position.
-        links: Number of agents that are always watched, for which the problems have
-            signals.
+        links: Largest number of agents that an agent watches at any distance; the
+            problems have signals for them.
     """
 
     problems: Mapping[int, OptimalControlProblem]

@@ -101,7 +101,7 @@ class IpoptPart(Part):
 
 
 class PolishPart(Part):
-    """Another NLP solver of CasADi as the polish.
+    """An NLP solver of CasADi other than IPOPT, used as the polish.
 
     Attributes:
         solver: Name of the solver in CasADi, such as sqpmethod.

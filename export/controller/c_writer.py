@@ -122,7 +122,7 @@ class CWriter(VectorIR):
         return self.declared("int", "m", f"{a} {sign} {b}")
 
     def select(self, mask: str, yes: str, no: str) -> str:
-        """Return yes if the mask is set, else no."""
+        """Return `yes` if the mask is set, else `no`."""
         return self.real(f"{mask} ? {yes} : {no}")
 
     def mask_op(self, instruction: str, a: str, b: str) -> str:

@@ -324,10 +324,10 @@ def precedes(  # noqa: PLR0913, PLR0917 - numbers only: see the docstring
     cost_b: float,
     violation_b: float,
 ) -> bool:
-    """Compare as `better_at` does, for loops over individuals.
+    """Return whether a is strictly better, as `better_at` does, from plain numbers.
 
-    It takes numbers because an `Order` holds an array: compiled code would count its
-    references at each call, which takes longer than the comparison.
+    It is for loops over individuals. A `RunningOrder` holds an array, whose references
+    compiled code would count at each call; that takes longer than the comparison.
     """
     if not is_finite(cost_a, violation_a):
         return False

@@ -73,7 +73,7 @@ def compiled_ahead(
     Args:
         algorithm: The algorithm.
         compiled: True for the compiled loop, False for a loop in Python.
-        part: Which of the `preparations` of a search it does.
+        part: Numbers of the `preparations` of a search that the helper does.
 
     Yields:
         The helper; an idle one if no process could be started.

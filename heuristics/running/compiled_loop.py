@@ -72,8 +72,8 @@ class Work(NamedTuple):
     """Arrays that the loop writes.
 
     Attributes:
-        asked: Memory of the largest population, shape (dim, size); a generation of n
-            individuals is (dim, n) from its beginning on.
+        asked: Memory for the largest population, shape (dim, size). A generation of n
+            individuals is stored in its first dim * n numbers, as (dim, n).
         cost: Its costs, shape (size,).
         violation: Its violations, shape (size,).
         best_cost: Best cost after each generation, shape (generations,).

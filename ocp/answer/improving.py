@@ -2,15 +2,17 @@
 
     repaired        solved again with margins, if constraints are broken between checks
     settled_answer  restarted from perturbed points, if it may be a saddle point
-    followed_down   solved again with its kinks rounded, less and less
+    followed_down   solved again with rounded kinks, and ever less rounding
 
 Each step judges by the user's own problem, and keeps the better answer.
 
 If the curvature at a stationary point is flat, perturbed starts decide whether it is a
 local optimum: the controls are moved a little, at random, and polished again. If a
 start leads to a lower cost, the point was no optimum, and the better one is taken. If
-none of twenty starts does, the point is called a local optimum. The starts take at most
-a fifth of the solver's iterations before them; with fewer than five nothing is decided.
+none of up to twenty starts does, the point is called a local optimum. No start begins
+after the starts before it have taken a fifth of the iterations that the solver had
+taken until then, or 100 iterations if that is more. After fewer than five starts
+nothing is decided.
 """
 
 from collections.abc import Iterator, Mapping

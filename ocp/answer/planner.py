@@ -376,7 +376,7 @@ class Planner(Called):
 
     @cached_property
     def paths_at_once(self) -> Paths | None:
-        """Finer paths of many instances at once; None if they are traced one by one."""
+        """Tracer of many finer paths at once; None: each path is traced alone."""
         return paths_of(self.tracer)
 
     @cached_property

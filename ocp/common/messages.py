@@ -10,7 +10,7 @@ PAGE = "docs/messages.md"
 
 
 class Paragraph(Enum):
-    """A paragraph of the page, by its anchor; as text it is its address."""
+    """A paragraph of the page: its value is the anchor, `str` gives the address."""
 
     FEASIBLE = "feasible"
     NOT_POLISHED = "not-polished"

@@ -271,13 +271,15 @@ def compile_batch(
 
 
 def with_gradient(function: ca.Function) -> ca.Function:
-    """Return a function whose last output is the gradient of its first.
+    """Return a function with one more output: the gradient of its first output.
 
     Args:
-        function: Of SX or MX; its first output is a number.
+        function: A function of SX or MX. Its first output, a scalar, is differentiated
+            by its first argument.
 
     Raises:
-        InvalidProblemError: If it is not, or CasADi cannot differentiate the function.
+        InvalidProblemError: If the first output is no scalar, or CasADi cannot
+            differentiate the function.
     """
     size = function.size_out(0) if function.n_out() else (0, 0)
     if size != (1, 1):

@@ -153,8 +153,9 @@ class Frame:
     """One block of individuals, which a function reads and writes.
 
     Attributes:
-        ir: The body.
-        inside: Mask of the lanes before the end of the population.
+        ir: Writer of the function's body.
+        inside: Mask of the lanes that hold an individual; the last block may have more
+            lanes than individuals are left.
     """
 
     def __init__(self, ir: VectorIR, *, inputs: int, outputs: int) -> None:

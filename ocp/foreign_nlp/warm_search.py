@@ -148,9 +148,9 @@ def starts(
     """Search; return the best distinct points with their states, each (nx,).
 
     Args:
-        roll_out: The NLP in the search's variables.
+        roll_out: The NLP as functions of the search's variables.
         ranges: The ranges of the search.
-        numbers: The NLP's numbers.
+        numbers: Values of the parameters, bounds of the rows, and start of the NLP.
         search: The search; if it has no order, that by cost + weight * violation.
         rng: Source of all randomness.
     """
@@ -202,8 +202,8 @@ def ranges_of(
 
     Args:
         nlp: The NLP.
-        roll_out: The NLP in the search's variables.
-        numbers: The NLP's numbers.
+        roll_out: The NLP as functions of the search's variables.
+        numbers: Values of the parameters, bounds of the rows, and start of the NLP.
         asked: Bounds given by the user: (indices in x, lower, upper).
 
     Raises:

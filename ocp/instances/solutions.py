@@ -472,14 +472,17 @@ def solutions_of(
     seconds: float,
     how: How,
 ) -> Solutions:
-    """Return the answers to the valid instances among all, in the order given.
+    """Return the answers to all instances, in the order of the data.
+
+    The status of an invalid instance is INVALID.
 
     Args:
         problem: The problem as it was given.
         data: Data of all M instances.
         work: The valid instances and their answers.
-        sampled: Number of instances at which other starts found nothing cheaper.
-        seconds: Wall time.
+        sampled: Number of instances, drawn at random, at which other starts found
+            nothing cheaper; 0: no instances were drawn.
+        seconds: Wall time [s].
         how: Settings of the solves.
     """
     posed, outcomes = work.posed, work.outcomes

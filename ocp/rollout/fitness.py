@@ -534,7 +534,10 @@ def core_known(lowered: Lowered, known: Known) -> Known:
 def from_near_start(
     shooting: Shooting, x0: ArrayLike, known: Known
 ) -> OptimalControlProblem:
-    """Return a stated problem, with states far from zero counted from near a start.
+    """Return a stated problem with its large states measured from values near a start.
+
+    A state is large if its start is far from zero, compared with its natural size. A
+    problem with phases is returned unchanged.
 
     Args:
         shooting: Functions of the problem.

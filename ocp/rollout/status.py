@@ -103,9 +103,10 @@ class FastMode:
     """A mode of the model that is too fast for the integrator's step.
 
     Attributes:
-        time: Time of the point [s].
+        time: Time of the path's point at which the model is linearised [s].
         rate: Absolute value of the eigenvalue [1/s].
-        growth: Logarithm of the factor by which a step multiplies the mode.
+        growth: Natural logarithm of the largest factor by which a step multiplies a
+            mode that decays.
         substeps: Number of substeps that would be stable.
         is_stiff: Whether it decays faster than it oscillates.
     """

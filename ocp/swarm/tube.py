@@ -123,7 +123,7 @@ class Body:
         self._core, self._growth = _levels(terminal_set)
 
     def position(self, state: Array) -> Array:
-        """Return the position at a state, with zeros up to three axes, shape (3,)."""
+        """Return the position at a state, shape (3,) [m]; 0 on axes without a state."""
         place = np.zeros(AXES)
         place[: len(self.rows)] = state[list(self.rows)]
         return place

@@ -163,8 +163,8 @@ class Elimination(Expressed):
 
         Args:
             change: Maps an expression to its new form.
-            number: Number of the ensemble member that the copy belongs to, which gets
-                algebraic variables of its own; None: the same variables.
+            number: Number of the ensemble member that the copy is for; the copy then
+                has its own algebraic variables. None: it keeps the same variables.
         """
         own, renamed = self.symbols, number is not None and bool(self.names)
         if renamed:

@@ -69,7 +69,7 @@ class Change:
 
         Args:
             e: State relative to the reference.
-            time: The time that is a coordinate.
+            time: Time in the hold, if it is a coordinate; None: the time of `self`.
         """
         duration = self.time if time is None else time
         return self._form(e, self.motion.relative(e, duration))
@@ -82,7 +82,7 @@ class Change:
         Args:
             v: Directions.
             s: The coordinate along them.
-            time: The time that is a coordinate.
+            time: Time in the hold, if it is a coordinate; None: the time of `self`.
         """
         zero = s.number(0.0)
         duration = self.time if time is None else Along(time, zero, s)

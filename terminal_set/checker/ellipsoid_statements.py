@@ -230,10 +230,11 @@ def check_bounds(certificate: Certificate) -> list[Finding]:
 
 
 def reserve(certificate: Certificate) -> Rows:
-    """Return Q_m, raised by a bound of its rounding; 0 stays 0.
+    """Return Q_m plus a bound of its rounding on the diagonal; a zero Q_m stays zero.
 
     Returns:
-        The matrix that must be semidefinite and that the decrease has in reserve.
+        Matrix of the quadratic form by which V must decrease at least, shape (nx, nx).
+        It must be positive semidefinite.
     """
     size = max(abs(entry) for row in certificate.Q_m for entry in row)
     raised = Fraction(ROUNDING) * Fraction(size)

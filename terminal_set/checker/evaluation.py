@@ -210,9 +210,9 @@ class Program:
     """The instructions that some wanted values need, in order.
 
     Attributes:
-        outputs: Numbers of the wanted values, as they were given.
+        outputs: Numbers of the wanted values, in the order given, with repetitions.
         wanted: The same numbers, each once.
-        points: Numbers of the variables that they depend on.
+        points: Numbers of the variables on which the wanted values depend.
     """
 
     def __init__(

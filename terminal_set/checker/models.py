@@ -167,12 +167,12 @@ class Model:
 
     @property
     def lower(self) -> Array:
-        """Lower bounds over the boxes, shape (N,)."""
+        """Lower bound of f over each box, shape (N,)."""
         return down(self.middle - self.spread, self.middle, self.spread)
 
     @property
     def upper(self) -> Array:
-        """Upper bounds over the boxes, shape (N,)."""
+        """Upper bound of f over each box, shape (N,)."""
         return -down(-self.middle - self.spread, self.middle, self.spread)
 
     def __add__(self, other: Model) -> Model:

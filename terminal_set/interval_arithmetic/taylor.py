@@ -46,11 +46,11 @@ PADDING = 1e-12
 
 
 class Derivatives:
-    """Derivatives of functions up to the third order, in intervals.
+    """Derivatives of functions up to the third order, in interval arithmetic.
 
     Attributes:
-        pairs: i <= j of each second derivative.
-        triples: i <= j <= k of each third derivative.
+        pairs: Coordinates (i, j), i <= j, of each second derivative.
+        triples: Coordinates (i, j, k), i <= j <= k, of each third derivative.
     """
 
     def __init__(

@@ -2,9 +2,9 @@
 
 A solver in native code that ignores the clock and does not return to Python can be
 stopped by the system only. SIGALRM with its default action ends the process at any
-point. The engine of cells detects this and calls the cell's rescue. The limit works
-only in a process that the engine has made for cells: a command, or a user's own
-program, is never ended.
+point. The engine of cells detects this and calls the function that the cell names for
+this case, its `rescue`. The limit works only in a process that the engine has made for
+cells: a command, or a user's own program, is never ended.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
 An interrupted run keeps its finished steps in its folder. The same run again continues
 from there, with the same bits as without the interruption. A lower bound is sought for
-a scenario that makes one plan. `run_cell` is the work of a cell that is a run; this
-module does not import the cells' engine, which has no part in their keys.
+a scenario that makes one plan. `run_cell` does a run as a cell of a campaign. This
+module does not import engine/cells.py, so that an edit there changes no cell's key.
 """
 
 from __future__ import annotations

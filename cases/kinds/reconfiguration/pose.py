@@ -49,11 +49,11 @@ FEWEST_OTHERS = 4
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class PosedReconfiguration(Posed):
-    """A reconfiguration.
+    """A reconfiguration as planning problems and plant, with nothing compiled.
 
     Attributes:
         slots: Slot of each UAV relative to the leader, shape (uavs, 2) [m].
-        steered: Numbers from 0 of the UAVs whose controls are decided.
+        steered: Numbers of the UAVs whose controls are decided, counted from 0.
         trim: Controls of straight flight, shape (2,).
         links: Pairs of UAVs that keep the communication distance.
     """

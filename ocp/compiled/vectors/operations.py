@@ -41,7 +41,7 @@ def emit_tape(
         ir: The body to emit into.
         tape: The tape.
         read: Emits the reading of an input.
-        given: Known values: number -> value.
+        given: Number of a node -> its value, for nodes whose value is known.
 
     Raises:
         UnknownOperationError: If an operation cannot be emitted.

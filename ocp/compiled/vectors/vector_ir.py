@@ -232,7 +232,7 @@ class VectorIR:
         return self.emit(f"fcmp {condition} {self.vector} {a}, {b}")
 
     def select(self, mask: str, yes: str, no: str) -> str:
-        """Return yes if the mask is set, else no, in each lane."""
+        """Return `yes` in the lanes in which the mask is set, `no` in the others."""
         return self.emit(
             f"select {self.mask} {mask}, {self.vector} {yes}, {self.vector} {no}"
         )

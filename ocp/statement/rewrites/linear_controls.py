@@ -45,7 +45,7 @@ class LinearControls(Rewrite):
         return problem.has_knots
 
     def apply(self, problem: OptimalControlProblem) -> OptimalControlProblem:
-        """Return the problem with held controls, the knots at the intervals' ends."""
+        """Return the problem with held controls: the knots at the intervals' ends."""
         model, u = problem.model, problem.model.controls
         now, first = (
             ca.vertcat(*[ca.SX.sym(knot_names(n)[i]) for n in model.control_names])

@@ -63,7 +63,7 @@ class _Hamiltonian:
     def least(
         self, first: Model, weights: Sequence[Value], variables: Sequence[Model]
     ) -> Least:
-        """Return the least over boxes."""
+        """Return the least over the controls, on boxes of (t, x)."""
         split, values = self.split, self._program(variables)
         fixed: Value = first
         for weight, number in zip(weights, split.drift, strict=True):

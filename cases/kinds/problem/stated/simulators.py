@@ -121,7 +121,7 @@ class SimulatorPart(Part):
 
     @property
     def key(self) -> str:
-        """The key of its kind."""
+        """Key that names the kind of simulator in a scenario, such as fmu."""
         return next(key for key in _KEYS if hasattr(self, key))
 
     @property
@@ -149,8 +149,8 @@ class FmuPart(SimulatorPart):
             the same names.
         controls: Its inputs that are the controls; null means those of the same names.
         values: Values of parameters of the FMU, by name.
-        sha256: SHA-256 hashes that files must have, by name; by default those of the
-            files as they are.
+        sha256: File name -> SHA-256 hash that the file must have; by default the hash
+            of the file as it is.
     """
 
     fmu: Annotated[
@@ -178,8 +178,8 @@ class OnnxPart(SimulatorPart):
             followed by the controls.
         gives_change: Whether it gives the change of the states over a step, and not the
             states after it.
-        sha256: SHA-256 hashes that files must have, by name; by default those of the
-            files as they are.
+        sha256: File name -> SHA-256 hash that the file must have; by default the hash
+            of the file as it is.
     """
 
     onnx: Annotated[
@@ -221,8 +221,8 @@ class CommandPart(SimulatorPart):
         states: Its names of the states, in their order; null means the same names.
         controls: Its names of the controls; null means the same names.
         limit_s: Longest time to an answer, wall time [s].
-        sha256: SHA-256 hashes that these files must have, by name; by default those of
-            the files as they are.
+        sha256: Name of such a file -> SHA-256 hash that it must have; by default the
+            hash of the file as it is.
     """
 
     command: Annotated[
