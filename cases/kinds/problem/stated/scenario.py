@@ -21,6 +21,7 @@ from swarmstart.cases.format.settings import (
     PolishPart,
 )
 from swarmstart.cases.kinds.links import LinksPart
+from swarmstart.cases.kinds.problem.stated.constants import with_constants
 from swarmstart.cases.kinds.problem.stated.instances import Instances
 from swarmstart.cases.kinds.problem.stated.parts import (
     AlgebraicPart,
@@ -365,13 +366,13 @@ class ProblemScenario(UserScenario):
     @model_validator(mode="before")
     @classmethod
     def _completed(cls, given: Any) -> Any:
-        """Add the steps, the intervals of the prediction, and the plan of a record.
+        """Add steps, intervals, the numbers of constants, and the plan of a record.
 
         With phases the intervals of the prediction are those of all phases.
         """
         if not isinstance(given, dict):
             return given
-        given = _with_intervals(given)
+        given = with_constants(_with_intervals(given))
         guess = given.get("guess")
         # Steps that the file gives come last and count.
         given = {"steps": _steps(given), **given}
