@@ -149,10 +149,10 @@ def _table(flights: Sequence[Flown]) -> list[str]:
 _HEAD = """# 100 UAVs that plan one after another
 
 Made by `python benchmarks/formation_100.py --write docs/measured/formation_100.md`,
-seed 0, 60 steps of 0.5 s. A neighbour of a UAV is another whose plan comes within range
-of its own. The time of a step is the median of the time of all UAVs, one after another
-on one core. The smallest distance is that of the whole path, also between the plant's
-steps; 5 m are demanded.
+seed 0, 60 steps of 0.5 s. A neighbour of a UAV is another UAV whose plan comes within
+range of its own. In a step all UAVs plan, one after another on one core; its time is
+the median over the steps. The smallest distance is that of the whole path, also between
+the plant's steps; at least 5 m are demanded.
 
 """
 

@@ -226,11 +226,12 @@ def _median(values: Iterable[float]) -> str:
 
 _HEAD = """# Which search to take
 
-Made by `python benchmarks/planning.py`. Every search with its default settings, {seeds}
-paired seeds; medians of cost + 1e4 violation, of the search's own answer → after IPOPT
-has polished it. (+) and (-): better or worse than L-SHADE before the polish, by
-Wilcoxon's signed-rank test on the paired seeds, corrected by Holm over the searches, at
-5 %; no mark: no difference shown.
+Made by `python benchmarks/planning.py`. Every search has its default settings and
+the same {seeds} seeds. A cell shows two medians of cost + 1e4 violation: that of the
+search's own answer → that after IPOPT has polished it. (+) and (-) mark searches that
+are better or worse than L-SHADE before the polish, by Wilcoxon's signed-rank test on
+the paired seeds, corrected by Holm over the searches, at 5 %. Without a mark no
+difference is shown.
 """
 
 

@@ -40,16 +40,20 @@ BUDGET_S = 120.0
 TEXT = """# python-control's solver of optimal-control problems
 
 Made by `python benchmarks/python_control.py --write
-docs/measured/python_control.md`. Seconds are CPU seconds with building, at the first
-call and, in brackets, in the median of later calls of the same process, on the same
-machine in one run; machine code was in the cache. "Own verdict" is `success` of
-python-control and the status of swarmstart. Costs and end errors are those of an
-independent integration of the controls that each returned (DOP853, rtol 1e-10).
+docs/measured/python_control.md`. Seconds are CPU seconds, the building of the problem
+included: those of the first call and, in brackets, the median of later calls in the
+same process. All were measured on one machine in one run, with machine code in the
+cache. "Own verdict" is `success` of python-control and the status of swarmstart. Costs
+and end errors are those of an independent integration of the controls that each
+returned (DOP853, rtol 1e-10). An end error is the largest difference, at the end,
+between a state and its wanted value, in the state's unit; 0 if no value is wanted.
 
-python-control discretises a continuous system by the trapezoidal rule between its time
-points, so that its states are those of the grid and not of the system. SLSQP ends at a
-change of 1e-6. Its options are those of its examples; `minimize_method` and more time
-points may serve it better. swarmstart has its own defaults.
+By default python-control applies the trapezoidal rule between the time points to a
+continuous system, so the states that it returns are those of this approximation and
+not of the system itself. SLSQP, its default optimiser, stops if the cost changes by
+less than 1e-6. The options of python-control are those of its examples; another
+`minimize_method` and more time points may give better results. swarmstart runs with its
+own defaults.
 
 """
 
@@ -309,8 +313,8 @@ def main() -> None:
         lines += example_rows(example, options.repeats)
     lines += [
         "", "## Problems of this package, with held controls on the same grid", "",
-        "`compare` runs these solvers, from zero controls; `python-control` ends after "
-        "100 iterations of SLSQP by default, and any solver after 120 s.", "",
+        "`compare` runs these solvers, from zero controls. By default `python-control` "
+        "ends after 100 iterations of SLSQP; every solver ends after 120 s.", "",
         *head("problem", "solver", "cost", "end error", "confirmed", "CPU s"),
     ]  # fmt: skip
     for name in SHIPPED:

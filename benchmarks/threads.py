@@ -28,11 +28,12 @@ SLOWEST, ASKED = 5, 1.5
 TEXT = """# Two threads
 
 Made by `python benchmarks/threads.py --write docs/measured/threads.md`: `solve` with
-`threads=1` and `threads=2` in turns, on the five problems among those that are shipped
-as `kind: problem` whose warm call takes longest. Wall time on two cores; each pair
-gives a ratio. "Polishes" is the part of the time with one thread that the NLP solver
-takes from all starts together, "search" that of the population. The answers of both
-have the same bits.
+`threads=1` and `threads=2` in turns, on the five shipped scenarios of `kind: problem`
+whose warm call takes longest. Seconds are wall time on two cores. "Times as fast" is
+the median, over pairs of calls, of the time with one thread divided by that with two.
+Of the time with one thread, "polishes" is the NLP solver's part, for all starts
+together, and "search" that of the population search. The answers with one and with two
+threads have the same bits.
 
 """
 
