@@ -1,5 +1,6 @@
 """Units are carried to prints, figures, records and tables, and are compared."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import casadi as ca
@@ -8,6 +9,8 @@ import pytest
 
 import swarmstart as ss
 from swarmstart.cases.drawing.problem_figures import labels_of
+from swarmstart.ocp.statement.rewrites.chain import lowered
+from swarmstart.ocp.statement.rewrites.delay import TransportDelay
 from swarmstart.ocp.system.units import read_unit
 
 X, Y, U, T = (ca.SX.sym(name) for name in ("x", "y", "u", "t"))
@@ -66,6 +69,7 @@ def test_what_may_be_right_gives_no_word(rate: ca.SX, units: dict[str, str]) -> 
         (ca.fmin(Y, U), {"y": "m/s", "u": "m"}, "are added or compared"),
         (ca.atan2(Y, U), {"y": "m/s", "u": "m"}, "are added or compared"),
         (ca.if_else(X > Y, U, 0), {"x": "m", "y": "s"}, "are added or compared"),
+        (ca.if_else(P > 0, U, 0), {"x": "m", "u": "m"}, "the rate of x is in m, "),
     ],
 )
 def test_a_contradiction_is_named(
@@ -139,9 +143,24 @@ def test_a_run_and_its_record_have_the_units(tmp_path: Path) -> None:
     assert "y [m/s]" in [axes.get_ylabel() for axes in again.plot().axes]
 
 
-def test_stacked_members_and_phases_keep_the_units() -> None:
+def test_stacked_members_phases_and_ensembles_keep_the_units() -> None:
     problem = stated()
     two = ss.stack_models([problem.model, problem.model])
     assert two.units["y_1"] == "m/s"
     joined = ss.phases([problem, stated()]).problem.model
     assert joined.units["u"] == "m/s^2"
+    loop = ss.phased_horizon([problem, stated()], period=0.25, search=None, polish=None)
+    plant = loop.plant(substeps=4)
+    assert plant.units["y"] == "m/s"
+    pushed = ss.Model(
+        states=X, controls=U, parameters=P, ode=P * U, units={"x": "m", "u": "N"}
+    )
+    one = ss.OptimalControlProblem(pushed, horizon=1.0, intervals=4, stage_cost=U**2)
+    members = ss.ensemble(one, {"p": [1.0, 2.0]}).model
+    assert members.units["u"] == "N"
+    assert [members.units[name] for name in members.state_names] == ["m", "m"]
+
+
+def test_a_delay_keeps_the_units() -> None:
+    problem = replace(stated(), features=(TransportDelay({"u": 0.25}),))
+    assert lowered(problem).core.model.units["x"] == "m"

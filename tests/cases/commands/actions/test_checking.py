@@ -83,3 +83,23 @@ def test_exit_code_of_several_files_is_the_worst_of_theirs(
         options = argparse.Namespace(scenarios=[str(name) for name in names])
         assert check_command(options) == code
         assert capsys.readouterr().out.count(": valid") == names.count("passing_side")
+
+
+def test_units_that_contradict_each_other_are_warned_of(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    good = (
+        files("swarmstart.cases") / "scenarios" / "double_integrator.yaml"
+    ).read_text()
+    path = tmp_path / "pushed.yaml"
+    for text, words in (
+        (good, ""),
+        (
+            good.replace("unit: m/s^2", "unit: N"),
+            "the rate of speed is in N, expected (m/s)/s: speed is in m/s",
+        ),
+    ):
+        path.write_text(text)
+        assert check(str(path)).endswith("valid")
+        told = capsys.readouterr().err
+        assert words in told and bool(words) == ("warning" in told)
