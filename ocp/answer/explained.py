@@ -47,7 +47,7 @@ REASONS: Mapping[SolutionStatus, Mapping[str, Paragraph]] = MappingProxyType(
 
 
 def paragraph_of(status: SolutionStatus, reason: str = "") -> Paragraph | None:
-    """Return the paragraph of a reason, else of a status.
+    """Return the paragraph that explains a reason, or else a status.
 
     None for a local optimum, which needs no explanation.
     """
@@ -59,7 +59,7 @@ def paragraph_of(status: SolutionStatus, reason: str = "") -> Paragraph | None:
 
 
 def status_line(status: SolutionStatus) -> str:
-    """Return the name, the words and the address of a status, for a table of counts."""
+    """Return the name, words and paragraph of a status, for a table of counts."""
     paragraph = paragraph_of(status)
     more = "" if paragraph is None else f" (more: {paragraph})"
     return f"{status.name}: {status.value}{more}"

@@ -4,7 +4,7 @@
     settled_answer  restarted from perturbed points, if it may be a saddle point
     followed_down   solved again with rounded kinks, and ever less rounding
 
-Each step judges by the user's own problem, and keeps the better answer.
+Each step judges answers by the user's own problem, and keeps the better answer.
 
 If the curvature at a stationary point is flat, perturbed starts decide whether it is a
 local optimum: the controls are moved a little, at random, and polished again. If a
@@ -84,7 +84,7 @@ class Answer(NamedTuple):
     Attributes:
         solution: The answer, judged by the user's own problem.
         planner: The planner that made the answer.
-        known: Parameters and signals as this planner takes them.
+        known: Values of parameters and signals, in the form that this planner takes.
     """
 
     solution: Solution
@@ -105,9 +105,9 @@ def improved(
 
     Args:
         planner: The problem's planner.
-        plan: Its plan.
+        plan: The plan to verify and improve.
         x0: Initial state, shape (nx,).
-        known: Parameters and signals.
+        known: Values of the parameters and signals.
         repair: Whether to solve again, with more checks and margins, if the answer
             breaks a constraint between the checks.
         rng: Source of all randomness.
@@ -131,13 +131,13 @@ def settled_answer(
     known: Known,
     rng: np.random.Generator,
 ) -> Solution:
-    """Return a stationary answer tested from perturbed starts; other answers unchanged.
+    """Test a stationary answer from perturbed starts; return others unchanged.
 
     Args:
         planner: The problem's planner.
-        answer: The answer.
+        answer: The answer, judged by the user's own problem.
         x0: Initial state, shape (nx,).
-        known: Parameters and signals.
+        known: Values of the parameters and signals.
         rng: Source of all randomness.
     """
     solution, used, given = answer
@@ -159,10 +159,10 @@ def settled_answer(
 
 
 class Settled(NamedTuple):
-    """A plan after restarts.
+    """Result of restarts from points near a plan.
 
     Attributes:
-        plan: The plan, or a better one.
+        plan: The plan, or a better one that a restart found.
         is_settled: Whether no perturbed start improves it.
         restarts: Account of the starts; None: none were needed, or possible.
     """
@@ -186,7 +186,7 @@ def settled(
         planner: The planner whose polish ended at the plan.
         plan: A stationary point.
         x0: Initial state, shape (nx,).
-        known: Parameters and signals.
+        known: Values of the parameters and signals.
         rng: Source of all randomness.
     """
     polisher = planner.polisher
@@ -314,9 +314,9 @@ def followed_down(
 
     Args:
         planner: The problem's planner.
-        solution: Its answer; unchanged if nothing better is found.
+        solution: The planner's answer; returned unchanged if nothing better is found.
         x0: Initial state, shape (nx,).
-        known: Parameters and signals.
+        known: Values of the parameters and signals.
         rng: Source of all randomness.
     """
     problem, best = planner.problem, solution
@@ -355,9 +355,9 @@ def repaired(
 
     Args:
         planner: The problem's planner.
-        solution: Its answer.
+        solution: The planner's answer.
         x0: Initial state, shape (nx,).
-        known: Parameters and signals.
+        known: Values of the parameters and signals.
         rng: Source of all randomness.
 
     Returns:
@@ -480,7 +480,7 @@ def _with_checks_for_margins(  # noqa: PLR0913 - an answer, and how it was found
         repaired: A confirmed answer with margins.
         margins: The margins.
         x0: Initial state, shape (nx,).
-        known: Parameters and signals.
+        known: Values of the parameters and signals.
         tried: As of `_repaired`.
         checks: Factor for the problem's number of checks.
         rng: Source of all randomness.

@@ -1,6 +1,6 @@
 """Planners that are kept with their problem, for the next call with the same settings.
 
-A planner's functions take most of the time of a short solve to make: expressions,
+Making a planner's functions takes most of the time of a short solve: expressions,
 machine code, the NLP with its derivatives. They depend on the problem and the settings
 alone, so the problem keeps the planners that calls of `solve` are done with. A call
 takes one out, so that no other thread uses it meanwhile.

@@ -1,4 +1,4 @@
-"""The local solver from random starts, repeatedly: a usual alternative to a search."""
+"""Multistart: the local solver from many random starts, an alternative to a search."""
 
 from __future__ import annotations
 
@@ -49,8 +49,8 @@ def multistart(  # noqa: PLR0913 - a whole solver in one call
         x0: Initial state, shape (nx,), of the problem as it is stated.
         budget: Budget as for a search; checked after each start. Stagnation is counted
             in starts.
-        known: Parameters and signals.
-        family: Family that the points belong to; None means control sequences.
+        known: Values of the parameters and signals.
+        family: Family of trajectories to draw the points from; None: control sequences.
         rng: Source of all randomness.
         progress: Called with (evaluations, all, "polishing from random starts") after
             each start; with seconds if the budget has only these.

@@ -102,7 +102,7 @@ class OptimalityGap:
 
     @property
     def gap(self) -> float | None:
-        """The same relative to the answer's cost; None also for a cost of 0."""
+        """`apart` divided by the size of the cost; None also for a cost of 0."""
         apart = self.apart
         if apart is None or not (self.cost or apart == 0.0):
             return None

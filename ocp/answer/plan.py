@@ -17,11 +17,11 @@ multipliers. The polish from there is enough, and no search is needed, unless
     the problem jumps   J - J_last > max(S / 2, 1e-3 S_0)
 
 J is its cost and J_last that of the last plan, an upper bound of the cost of that
-plan's rest (costs that are not negative only fall along a plan). S is the sum of
-|costs| along the new plan, and S_0 the cost's natural size, from the problem's bounds
-(scaling.py); without S_0, noise about a target with zero costs would count as a jump.
-The cost rises if a target, a reference or an obstacle jumps, or the plant is pushed
-away. For costs that are not negative the rule is J > 2 J_last.
+plan's rest (if costs are not negative, the cost of the rest only falls along a plan). S
+is the sum of |costs| along the new plan, and S_0 the cost's natural size, from the
+problem's bounds (scaling.py); without S_0, noise about a target with zero costs would
+count as a jump. The cost rises if a target, a reference or an obstacle jumps, or the
+plant is pushed away. For costs that are not negative the rule is J > 2 J_last.
 
 Then the search and the lanes run as for a first plan, and the better plan is kept. The
 search also runs if nothing of the last plan is left, as for a horizon of one interval.
@@ -117,7 +117,7 @@ class SearchReport:
 
     @checked(refused, sense=SENSE)
     def told(self, sense: float = 1.0) -> dict[str, Any] | None:
-        """Return the same as a dictionary for JSON; None if the search uses no lanes.
+        """Return the lanes' results as a dictionary for JSON; None without lanes.
 
         Args:
             sense: 1 for a minimised cost, -1 for a maximised one.
@@ -158,12 +158,12 @@ class Plan:
         starts: Account of all starts; None if there was only one.
         duals: Multipliers of a plan whose point is not kept; None if it is kept or
             there are no multipliers.
-        spent: Iterations of the polishes from multipliers, up to this plan; see
-            `Carried`.
-        stopped: Whether the time of its step (`within`) was over before it was
-            finished; it is the best that was found until then.
-        settled: Whether perturbed starts found nothing better; then a stationary point
-            that is flat to second order is a local optimum, too.
+        spent: Iterations of each polish, up to this plan, that started from
+            multipliers; see `Carried.spent`.
+        stopped: Whether the time limit of the step (`within`) was reached before
+            planning ended. The plan is then the best one found until that time.
+        settled: Whether perturbed starts found nothing better. A stationary point that
+            is flat to second order then counts as a local optimum, too.
     """
 
     controls: Array
@@ -210,7 +210,7 @@ class Plan:
 
 
 def start_of(problem: OptimalControlProblem, plan: Plan, x0: ArrayLike) -> ArrayLike:
-    """Return the start of a plan; its decisions about the start are used.
+    """Return the initial state of a plan, with the values that the plan decided.
 
     Args:
         problem: The problem of the plan.
@@ -254,7 +254,7 @@ def guess_of(
 
     Args:
         plan: The plan, with its states.
-        stated: The problem that it answers.
+        stated: The problem that the plan answers.
         problem: The problem to solve.
 
     Raises:
@@ -372,11 +372,11 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def begins_warm(search: SearchSettings | None, *, lanes: bool) -> bool:
-    """Return whether a plan is first made by a polish alone, if there is one.
+    """Return whether a plan with a polish is first made by the polish alone.
 
     Args:
         search: The population search; None without one.
-        lanes: Whether there are lanes.
+        lanes: Whether starts are solved in lanes.
     """
     return lanes if search is None else search.when != "always"
 
@@ -392,9 +392,9 @@ def is_enough(
 
     Args:
         fitness: The problem's evaluator.
-        warm: The plan.
-        x0: Its initial state, shape (nx,).
-        known: Parameters and signals.
+        warm: The plan polished from the last one.
+        x0: Initial state of the new plan, shape (nx,).
+        known: Values of the parameters and signals.
         last_cost: Cost of the last plan; None if not known.
     """
     if not warm.feasible or warm.polish_status is not PolishStatus.CONVERGED:
@@ -419,7 +419,7 @@ def better_plan(
         plan: The searched plan.
         warm: The plan made without a search.
         x0: Initial state, shape (nx,).
-        known: Parameters and signals.
+        known: Values of the parameters and signals.
     """
     found, before = (plan.cost, plan.violation), (warm.cost, warm.violation)
     takes_warm = is_better(before, found, tolerance=fitness.problem.tolerance)

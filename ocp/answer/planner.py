@@ -141,7 +141,7 @@ class _Request(NamedTuple):
 
     Attributes:
         x0: Initial state, shape (nx,).
-        known: Parameters and signals.
+        known: Values of the parameters and signals.
         guess: Guess, within the bounds.
         first: Controls that a search evaluates first, each (nu, N).
         near: Whether the guess is an earlier answer.
@@ -182,13 +182,13 @@ class Planner(Called):
 
     Attributes:
         stated: The problem as it is stated.
-        problem: Its core.
-        lowered: The stated problem with its core.
-        fitness: Its evaluator.
+        problem: The core of the stated problem.
+        lowered: The stated problem with its core, and the rewrites between them.
+        fitness: Evaluator of the core: controls -> cost and violation.
         search: The population search; None without one.
         polish: Options of the polish; None without one.
-        polisher: Its NLP solver (that of the relaxed problem if controls take whole
-            numbers); None without a polish.
+        polisher: NLP solver of the core (that of the relaxed problem if controls take
+            whole numbers); None without a polish.
         watch: Relay to the observer of search and polish, which may stop them.
 
     Example:
@@ -338,7 +338,7 @@ class Planner(Called):
 
         Args:
             x0: Initial state, shape (nx,).
-            known: Parameters and signals.
+            known: Values of the parameters and signals.
             guess: As in `plan`.
         """
         still = copy(self._alone)
@@ -381,7 +381,10 @@ class Planner(Called):
 
     @cached_property
     def many_starts(self) -> ManyStarts | None:
-        """Local solves from many starts; None without them."""
+        """Solver of the core from many starts; None without lanes or a polish.
+
+        Also None if controls take whole numbers.
+        """
         if not self._lanes or self.polisher is None or self._rounding is not None:
             return None
         return ManyStarts(self.fitness, self.polisher, self._lanes, self.threads)
@@ -457,13 +460,13 @@ class Planner(Called):
 
         Args:
             x0: Initial state, shape (nx,).
-            known: Parameters and signals.
+            known: Values of the parameters and signals.
             guess: Controls to start from, shape (nu, N), clipped to the bounds; None:
                 unknown, so that the search starts at random, and a polish alone at zero
                 controls and at the middle of their bounds. A Start has states as well,
                 from which the polish then starts.
             candidates: Further controls that the search evaluates, shape (nu, N, k),
-                clipped to the bounds; None means none. They come first in its first
+                clipped to the bounds; None: no candidates. They come first in its first
                 population.
             near: Whether the guess is an earlier answer, which a polish without a
                 search stays near. The plan is then made without search and lanes,
@@ -660,7 +663,7 @@ class Planner(Called):
         Args:
             answered: The answer.
             searched: Result of the search and its seconds; empty without a search.
-            known: Parameters and signals.
+            known: Values of the parameters and signals.
         """
         polished, account = answered.polished, answered.account
         source = _SOURCES.get(account.won, Source.COLD)
@@ -706,7 +709,7 @@ class Planner(Called):
             polisher: The NLP solver.
             starts: Starts of the polish, at least one.
             x0: Initial state, shape (nx,).
-            known: Parameters and signals.
+            known: Values of the parameters and signals.
             near: Whether they follow an earlier answer.
         """
         tolerance = self.problem.tolerance
@@ -774,9 +777,9 @@ class Planner(Called):
         Args:
             controls: Shape (nu, N).
             x0: Initial state, shape (nx,).
-            known: Parameters and signals.
+            known: Values of the parameters and signals.
             source: Origin of the controls.
-            value: Their cost and violation; None: to be computed.
+            value: Cost and violation of the controls; None: they are computed here.
             account: Effort to find the controls, as in Plan.
 
         Returns:
@@ -907,7 +910,7 @@ class Planner(Called):
 
         Args:
             x0: Initial state, shape (nx,).
-            known: Parameters and signals.
+            known: Values of the parameters and signals.
         """
         if not self._checker.looks_at_start:
             return []

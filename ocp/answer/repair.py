@@ -38,7 +38,7 @@ def needed(
         problem: The problem as the user stated it.
         solution: An answer to it.
         x0: Initial state, shape (nx,).
-        known: Parameters and signals.
+        known: Values of the parameters and signals.
     """
     on_path = [
         e
@@ -93,11 +93,11 @@ def slack_at_checks(
         tracer: Tracer of the problem.
         solution: An answer to it.
         x0: Initial state, shape (nx,).
-        known: Parameters and signals.
+        known: Values of the parameters and signals.
         times: Factor for the number of checks of the solution.
 
     Returns:
-        The distances by the place of the row.
+        Place of a row, as in `place_of` -> its smallest distance.
     """
     problem = tracer.problem
     path, checks = solution.path, problem.intervals * problem.checks * times
@@ -123,10 +123,10 @@ def added(
 
     Args:
         margins: Margins of the last attempt.
-        excesses: Excesses of its answer.
+        excesses: Excesses of the answer that was found with these margins.
         slack: Distance of each row to its limit at the checks, by its place.
-        coarser: Ratio of its number of checks to that of the next attempt; an excess
-            between checks falls with the square of their distance.
+        coarser: Number of checks of the last attempt divided by that of the next one;
+            an excess between checks falls with the square of their distance.
     """
     found = dict(margins)
     for excess in excesses:
@@ -155,7 +155,7 @@ def tightened(
 
     Args:
         problem: The problem.
-        excesses: Excesses of its answer, or the margins wanted.
+        excesses: Excesses of an answer, or the margins wanted.
         for_all: Smallest margin of all distances, relative to their scales, since one
             pair may take the room that another gives up.
     """
@@ -177,7 +177,7 @@ def tightened(
 
 
 def finer_checks(problem: OptimalControlProblem, attempt: int) -> int:
-    """Return the factor for the number of checks of an attempt, from 0: 1, 2, 4.
+    """Return the factor for the number of checks: 1, 2, 4 in attempts 0, 1, 2.
 
     The integrator's steps stay the same if they can be divided evenly.
     """
@@ -189,7 +189,7 @@ def finer_checks(problem: OptimalControlProblem, attempt: int) -> int:
 def with_more_checks(
     problem: OptimalControlProblem, known: Known, times: int
 ) -> tuple[OptimalControlProblem, Known]:
-    """Return a problem with more checks, with integrator steps at most as long.
+    """Return a problem with more checks, whose integrator steps are not longer.
 
     Args:
         problem: The problem.

@@ -9,8 +9,8 @@ NLP (transcription.py) are their parameters:
 
 W is the Hessian of the Lagrangian, A the Jacobian of the active rows. Variables at a
 bound stay there. The derivative of the cost is that of the Lagrangian. Derivatives by q
-are central differences of exact ones, so their relative error is some 1e-9; the rest is
-the accuracy of the answer.
+are central differences of exact derivatives, so their relative error is some 1e-9; the
+rest is the accuracy of the answer.
 
 Source: Fiacco (1976), Sensitivity analysis for nonlinear programming using penalty
 methods, Mathematical Programming 10; Nocedal and Wright (2006), section 16.2.
@@ -99,7 +99,7 @@ class Sensitivities:
     They are NaN for an instance without an answer, or whose answer has no derivatives.
 
     Attributes:
-        data: As of a `Sensitivity`.
+        data: As in `Sensitivity`.
         cost: Derivatives of the costs, shape (n, M).
         controls: Derivatives of the controls (or their knots), shape (nu, N, n, M).
         states: Derivatives of the states at the ends of the intervals, shape (nx, N +
@@ -131,10 +131,10 @@ class Sensitivities:
         """Return the derivatives of M answers.
 
         Args:
-            found: Derivatives of answers, by their numbers.
-            reasons: Reasons why the others have none.
+            found: Number of an instance -> the derivatives of its answer.
+            reasons: Number of each other instance -> why it has no derivatives.
             core: The problem with its core.
-            by: Data that they are by.
+            by: Data to differentiate by.
         """
         stated, names, M = core.stated, data_names(core, by), len({*found, *reasons})
         nx, nu, N, n = stated.model.nx, stated.model.nu, stated.intervals, len(names)
@@ -175,7 +175,7 @@ def require_data(core: Lowered) -> None:
         core: The problem with its core.
 
     Raises:
-        NoSensitivityError: If the problem has members.
+        NoSensitivityError: If the problem is an ensemble.
     """
     if core.stated.risk is not None:
         raise NoSensitivityError("expected a problem without members, found a risk")

@@ -8,7 +8,7 @@ a step ten times finer, and
                 |terminal cost|
     end state   each may differ by `tolerance` of its scale: the larger one of its range
                 along the path and the width of its bounds, and by rounding; of an
-                answer that is judged interval by interval, the sum of what all miss
+                answer that is judged interval by interval, the sum over the intervals
     constraints may be broken by `path_tolerance` of their scale, anywhere on the path
 
 or the answer is not confirmed. A confirmed answer is called a local optimum if an NLP
@@ -114,7 +114,7 @@ class LocalOptimum:
         cost: Its cost, with the sign as the problem states it.
         count: Number of starts that ended in it.
         controls: As `Solution.controls`.
-        states: Between the intervals, shape (nx, N + 1).
+        states: States between the intervals, shape (nx, N + 1).
     """
 
     cost: float
@@ -126,7 +126,7 @@ class LocalOptimum:
 
     @staticmethod
     def of(one: Optimum, answer: Solution, core: Lowered) -> LocalOptimum:
-        """Return an optimum of the core as the problem of an answer states it."""
+        """Return an optimum of the core in the terms of the problem as stated."""
         problem = answer.problem
         controls = core.knots(one.controls, one.states[:, 0])
         return LocalOptimum(
@@ -354,7 +354,8 @@ class Solution(Presented):
     def outputs(self) -> Array:
         """Outputs of the model at the nodes, shape (ny, nodes).
 
-        With the control of the following interval; the last with that before.
+        They use the control of the following interval; the last ones, the control
+        before.
         """
         every = (self.path.times.size - 1) // (self.times.size - 1)
         return self.path.outputs[:, ::every]
@@ -370,7 +371,7 @@ class Solution(Presented):
 
         Args:
             time: Time after the start [s]; states and controls are those of the finer
-                path there, of delayed controls those that the model receives.
+                path then. Delayed controls are those that the model receives then.
 
         Raises:
             InvalidProblemError: If the time is outside of the horizon.
@@ -525,7 +526,7 @@ def verified(
         problem: The problem of the plan, or the tracer of its paths.
         plan: The plan.
         x0: Initial state, shape (nx,).
-        known: Parameters and signals.
+        known: Values of the parameters and signals.
         tolerance: Tolerance of the comparison; see the module's head.
         advised: Whether to look for the fastest mode along a path that is not
             confirmed, for advice; this takes most of the time for a small problem.
@@ -828,9 +829,10 @@ def allowed_ends(
 def end_differences(
     problem: OptimalControlProblem, plan: Plan, path: Path
 ) -> tuple[Array, Array]:
-    """Return how far each state ends from where the plan says, and its scale.
+    """Return how far each state ends from the plan's end state, and the state's scale.
 
-    Of a plan that is judged interval by interval, the sum of what all miss.
+    For a plan that is judged interval by interval, the differences of all intervals are
+    added.
 
     Args:
         problem: The core.

@@ -1,6 +1,6 @@
 """Solution of a problem in one call: search, polish, verification, repair, and bound.
 
-A lower bound is searched after an answer was found, and a stop loses no answer.
+A lower bound is computed after an answer was found, so that Ctrl-C loses no answer.
 """
 
 from __future__ import annotations
@@ -148,13 +148,14 @@ def solve(  # noqa: PLR0913 - the whole way in one call
         start: "must hold": x0 must satisfy the bounds of the states and the path
             constraints. "may violate": it need not, and the status reports it.
         repair: Whether an answer that breaks a constraint between checks is solved
-            again with more checks and margins, at most three times. The answer has the
-            account of it; with False it is left as the checks see it.
+            again with more checks and margins, at most three times. The answer's
+            `repair` is the account of it. False: the answer is not solved again.
         lanes: Number of random starts that are solved at once, in SIMD lanes. With them
             the polish also starts from zero controls, the middle of the bounds, the
             guess, the search's best points and guesses of states, and the answer
-            reports the result of each. None means 64 if there is a polish; 0 means
-            the guess, else zero controls and the middle of the bounds.
+            reports the result of each. None means 64 if there is a polish; 0 means that
+            the polish starts from the guess; without one, from zero controls and from
+            the middle of the bounds.
         threads: Largest number of threads of the search and the lanes, and of processes
             of polishes from several starts, which are copies of this one (Linux). The
             answer has the same bits for any number. None: as many as there are
@@ -178,8 +179,8 @@ def solve(  # noqa: PLR0913 - the whole way in one call
 
     Raises:
         InvalidProblemError: If there is neither a search nor a polish, a shape is not
-            the problem's, the start violates its constraints and must not, or the time
-            for the bound is not a positive number.
+            the problem's, the start violates its constraints although `start` is "must
+            hold", or `bound` is not a positive number.
         SolveInterrupted: On Ctrl-C, with the best answer so far; a plain
             KeyboardInterrupt if there is none yet.
 

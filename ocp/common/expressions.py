@@ -51,7 +51,7 @@ ROWS = Check(
 def shortened(value: object) -> str:
     """Return the text of a value for a message: shortened, with its type.
 
-    Of an expression the parts that CasADi writes apart stand at their places.
+    Parts of an expression that CasADi writes separately are put into their places.
 
     Example:
         >>> half = ca.SX.sym("x") / 2

@@ -144,7 +144,7 @@ class Ahead(Generic[T]):
         return map(self.result, range(len(self._calls)))
 
     def result(self, number: int) -> T:
-        """Return the result of a call; make others until its copy has it.
+        """Return the result of a call; make other calls until its copy has finished.
 
         Args:
             number: Number of the call, larger than that of the last result. The calls
@@ -162,7 +162,7 @@ class Ahead(Generic[T]):
         return self._made.pop(number)
 
     def begin(self) -> bool:
-        """Let copies begin; return whether there are any, so that this one is free."""
+        """Let copies begin; return whether there are any, which do the work."""
         self._fill(0)
         return bool(self._copies)
 

@@ -33,12 +33,12 @@ _NEAR = 1e-5
 
 
 class LaneStart(NamedTuple):
-    """A start of each of n instances.
+    """One start for each of n instances.
 
     Attributes:
         controls: Shape (nu, N, n).
-        states: Between the intervals, shape (nx, N + 1, n); None: those that the
-            controls lead to.
+        states: States between the intervals, shape (nx, N + 1, n); None: the states
+            that the controls lead to.
         is_near: Whether the starts are answers to similar instances.
     """
 
@@ -58,11 +58,11 @@ decisions about the start (ny, n)) -> their answers."""
 
 
 def lanes_of(planner: Planner, instances: Instances, threads: int) -> Lanes | None:
-    """Return lanes for the instances of a problem; None if there are none for it.
+    """Return lanes for the instances of a problem; None if lanes do not support it.
 
     Args:
         planner: Planner of the problem.
-        instances: All instances; the sizes of numbers are made for them.
+        instances: All instances; natural sizes are computed from their data.
         threads: Largest number of threads.
     """
     interior = planner.lanes_of_instances
@@ -111,7 +111,9 @@ class InLanes:
     def with_margins(
         self, core: OptimalControlProblem, instances: Instances
     ) -> "InLanes | None":
-        """Return solves of another problem, judged by this one; None without lanes.
+        """Return a solver with margins, whose answers are judged without; or None.
+
+        None if lanes do not support the problem with margins.
 
         Args:
             core: The core of this problem, with other checks and margins.

@@ -96,11 +96,11 @@ class InstanceData:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class PosedInstances:
-    """The valid instances, of the core, in an order that depends on their data only.
+    """Data of the valid instances for the core, in an order that depends on them only.
 
     Attributes:
         numbers: Number of each valid instance among those given, shape (n,).
-        core: Their data.
+        core: Data of these instances for the core.
         guesses: Guesses of the controls, shape (nu, N, n); None without guesses.
         invalid: Reason why an instance is invalid, by its number among those given.
     """
@@ -123,7 +123,7 @@ def read_data(
         problem: The problem as it is stated.
         x0s: Shape (nx, M); of an ensemble, a member's states are enough.
         known: Parameters and signals; see `solve_many`.
-        guesses: Controls for all or for each; None: no guesses.
+        guesses: Controls for all instances or for each one; None: no guesses.
 
     Raises:
         InvalidProblemError: If a name is missing or unknown, or a shape is another one.
@@ -157,7 +157,7 @@ def read_data(
 def varied_names(
     problem: OptimalControlProblem,
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the names of what an instance gives: of states, and of parameters.
+    """Return the names of the states and of the parameters that an instance gives.
 
     Args:
         problem: The problem; what it decides is left out.

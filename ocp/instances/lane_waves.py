@@ -1,9 +1,9 @@
 """Waves of solves of many instances in lanes.
 
     starts       every instance from its first start, the answer verified
-    margins      with finer checks and margins, answers that break a limit between the
-                 checks and would be the cheapest; at once, since a confirmed answer is
-                 not given up for one that is not
+    margins      answers that break a limit between the checks and would be the
+                 cheapest, again with finer checks and margins; at once, since a
+                 confirmed answer is not given up for one that is not
     neighbours   from answers to similar instances that promise to be cheaper, and those
                  that failed; again while that finds better answers
     more starts  all of this again from other starts, for those that failed and for some

@@ -70,7 +70,7 @@ def at_other_nodes(
 
     Args:
         core: The core that the instances belong to.
-        other: The same with other checks.
+        other: The core with other checks.
         instances: The instances.
     """
     if not core.ns or core.checks == other.checks:

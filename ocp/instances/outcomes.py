@@ -36,9 +36,10 @@ class Answers(NamedTuple):
         controls: Shape (nu, N, n).
         states: At the nodes, on the problem's own grid, shape (nx, nodes, n).
         by_interval: Whether an answer is judged interval by interval, shape (n,).
-        iterations: Iterations of the lanes, shape (n,); 0 of an NLP solver.
+        iterations: Iterations of the lanes, shape (n,); 0 for an answer of an NLP
+            solver.
         costates: Derivatives of the cost by the states at the start, shape (nx, n); NaN
-            of an NLP solver.
+            for an answer of an NLP solver.
     """
 
     status: Statuses
@@ -116,7 +117,7 @@ _PARTS = "plan", "path"
 
 
 def relative_difference(off: Array, scale: Array) -> float:
-    """Return the largest difference relative to its scale; 0 where both are zero."""
+    """Return the largest difference relative to its scale; 0 if both are zero."""
     return float(np.max(off / np.maximum(scale, 1e-300), initial=0.0))
 
 

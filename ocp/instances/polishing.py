@@ -53,7 +53,7 @@ class Group(NamedTuple):
 
 
 class Answered(NamedTuple):
-    """An answer to an instance, of the core.
+    """Answer of the core to one instance.
 
     Attributes:
         controls: Shape (nu, N).
@@ -129,9 +129,10 @@ class OneByOne:
     ) -> list[Derived]:
         """Return the derivatives of answers, or the errors that say why there are none.
 
-        An answer that the NLP explains is not solved again. Any other one is polished
-        first, from itself and without repair: one with margins at its limits, which the
-        NLP does not have, or by collocation, whose variables it does not keep.
+        An answer that satisfies the first-order conditions of the NLP is not solved
+        again. Any other answer is first polished from itself, without repair. It may
+        have margins at its limits, which the NLP does not have, or be made by
+        collocation, whose variables it does not keep.
 
         Args:
             answers: Confirmed answers.

@@ -70,7 +70,7 @@ class Neighbours:
 
 
 def is_cheaper(costs: Array, before: Array) -> NDArray[np.bool_]:
-    """Return where costs are below earlier ones, which may be infinite.
+    """Return a mask of the costs that are below earlier ones, which may be infinite.
 
     Args:
         costs: Shape (n,).
@@ -88,10 +88,10 @@ def promises(
 ) -> Array:
     """Return how clearly neighbours' optima promise to be cheaper at instances.
 
-    Shape (n, count): the gain by the least one that counts, 0 below 1, infinite where
-    an instance has no confirmed answer. If an instance i and its neighbour k are in the
-    same valley, the costates tell the difference of their costs, up to terms of third
-    order:
+    Shape (n, count): the gain divided by the least gain that counts; 0 if that is below
+    1, infinite if an instance has no confirmed answer. If an instance i and its
+    neighbour k are in the same valley, the costates tell the difference of their costs,
+    up to terms of third order:
 
         V_i - V_k = (lam_i + lam_k)' (x_i - x_k) / 2
 

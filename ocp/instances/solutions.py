@@ -87,11 +87,11 @@ class Solutions(Presenting):
             "random"; empty without an answer.
         attempts: Number of solves of each instance, shape (M,).
         sampled: Number of instances drawn at random at which other starts in lanes
-            found nothing cheaper, so that they were not tried at the rest; 0: all
-            starts that were to be tried were tried at all.
+            found nothing cheaper, so that these starts were not tried at the other
+            instances; 0: no start was left out in this way.
         invalid: Reason why an instance is invalid, by its number.
         seconds: Wall time of the solves [s].
-        core_answers: The answers as the core of the problem has them.
+        core_answers: The answers in the terms of the problem's core.
         how: Settings of the solves.
 
     Example:
@@ -137,7 +137,7 @@ class Solutions(Presenting):
 
     @property
     def cost(self) -> Array:
-        """Cost on the problem's grid, with its sign; NaN without an answer."""
+        """Cost on the problem's grid, as stated, shape (M,); NaN without an answer."""
         return self.problem.sense * self.core_answers.cost
 
     @property
@@ -188,7 +188,7 @@ class Solutions(Presenting):
 
     @property
     def times(self) -> Array:
-        """Times of the nodes, shape (nodes,) [s]; parts of a decided end time."""
+        """Times of the nodes, shape (nodes,) [s]; fractions of a decided end time."""
         core = self._lowered.core
         return core.times
 
@@ -273,19 +273,19 @@ class Solutions(Presenting):
     ) -> Sensitivities:
         """Return the derivatives of all answers by their data, to first order.
 
-        An answer has no multipliers of its own. Those that make the squares of what is
-        left of the first-order conditions least, over its active limits, are its
-        multipliers if it is an optimum: then nothing is solved again. An answer that
-        they do not explain is first polished by the NLP solver, from itself and without
-        margins: one with margins at its limits, or of a polish by collocation.
+        An answer has no multipliers of its own. They are computed by least squares from
+        the first-order conditions with its active limits. If they satisfy the
+        conditions, nothing is solved again. Otherwise the answer is first polished by
+        the NLP solver, from itself and without margins: it has margins at its limits,
+        or comes from a polish by collocation.
 
         Args:
-            by: As of `Solution.sensitivity`.
+            by: As in `Solution.sensitivity`.
             threads: Largest number of processes, as in `solve`.
 
         Raises:
             NoSensitivityError: If the problem has no derivatives by its data. An answer
-                without is no error: see `Sensitivities.reasons`.
+                without derivatives is no error: see `Sensitivities.reasons`.
 
         Example:
             >>> import casadi as ca, swarmstart as ss
@@ -334,8 +334,8 @@ class Solutions(Presenting):
     def plot(self) -> Any:
         """Return a matplotlib Figure: the cost over the data that differ, failures too.
 
-        Of the first two data that differ between the instances, initial states before
-        parameters.
+        The axes are the first two data that differ between the instances, initial
+        states before parameters.
 
         Raises:
             ImportError: If matplotlib is not installed.
@@ -450,7 +450,7 @@ class SolveManyInterrupted(Sendable, KeyboardInterrupt):
 def counted_near(
     problem: OptimalControlProblem, data: InstanceData
 ) -> OptimalControlProblem:
-    """Return a problem with states far from zero counted from near a typical start.
+    """Return a problem whose states far from zero are counted from a typical start.
 
     Args:
         problem: The problem.

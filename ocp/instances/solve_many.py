@@ -110,13 +110,14 @@ def solve_many(  # noqa: PLR0913 - the whole way in one call
             of parameters or signals. None: the problem has none.
         guesses: Controls to start from, shape (nu, N) for all instances, or (nu, N, M);
             of linear controls with N + 1 knots. None: no guess.
-        lanes: Whether instances are solved at once in lanes, if there are lanes for the
+        lanes: Whether instances are solved at once in lanes, if lanes support the
             problem. Without lanes each instance is solved by `polish`.
-        starts: Number of starts of each instance in the lanes: the guess or the middle
-            of the bounds, with the states that they lead to and with states that stay
-            at x0, then random controls. None: the first one for all, and three others
-            for those that fail and for some drawn at random; as long as that finds
-            cheaper answers, for more.
+        starts: Number of starts of each instance in the lanes, in this order: the guess
+            or the middle of the bounds, first with the states that these controls lead
+            to, then with states that stay at x0; after that random controls. None: the
+            first start for all instances, and three others for instances that fail and
+            for some drawn at random; for more instances as long as that finds cheaper
+            answers.
         polish: NLP solver of the instances that the lanes leave, as in `solve`; None:
             they stay unsolved.
         repair: As in `solve`, for the answers of the NLP solver.
@@ -126,7 +127,7 @@ def solve_many(  # noqa: PLR0913 - the whole way in one call
             status INVALID and the reason in `Solutions.invalid`. An instance is invalid
             if a number is not finite, or its initial state breaks the bounds of the
             states or the path constraints.
-        seed: Seed; each instance has a generator from it, as `solve` has.
+        seed: Seed; each instance has a generator with this seed, as in `solve`.
         progress: As in `solve`; a function is called with (instances done, all, what is
             being done).
 
@@ -135,7 +136,7 @@ def solve_many(  # noqa: PLR0913 - the whole way in one call
 
     Raises:
         InvalidProblemError: If a shape or a name is not the problem's, there are
-            neither lanes nor a polish, or an instance is invalid and must not.
+            neither lanes nor a polish, or an instance is invalid and `strict` is true.
         SolveManyInterrupted: On Ctrl-C, with the answers so far.
 
     Example:

@@ -6,7 +6,7 @@ FEASIBLE: whether it is a local optimum is not asked here.
 
 Each answer is judged by the natural sizes of its own instance, as `verified` does: by
 sizes in common, a small instance could break a limit unseen, and a large one would seem
-to break what it keeps. They are needed only if something is broken or differs.
+to break what it keeps. These sizes are needed only if something is broken or differs.
 """
 
 from dataclasses import dataclass
@@ -66,7 +66,7 @@ class FinePaths:
         """Return the worst excess of each path row, relative, and the rows' scales.
 
         Args:
-            instances: As of a call.
+            instances: As in a call of the object.
             controls: Shape (nu, N, n).
 
         Returns:

@@ -26,13 +26,13 @@ from the second one on those count that an earlier one has found."""
 
 
 class Ended(NamedTuple):
-    """End of the solves of all instances.
+    """Result of the solves of all instances.
 
     Attributes:
         is_whole: Whether they were not interrupted.
-        sampled: Number of instances drawn at random, after which other starts in lanes
-            were not tried at the rest, since they had found nothing cheaper; 0: all
-            starts were tried at all instances.
+        sampled: Number of instances drawn at random at which other starts in lanes
+            found nothing cheaper, so that these starts were not tried at the other
+            instances; 0: no start was left out in this way.
     """
 
     is_whole: bool
@@ -48,7 +48,7 @@ def solved(
         work: The instances; their outcomes are written.
         lanes: Solves in lanes; None: there are none.
         each: Solves by the NLP solver; None: without it.
-        starts: Number of starts of each instance in lanes; None: as many as it takes.
+        starts: Number of starts of each instance in lanes; None: as in `solve_many`.
     """
     sampled = 0
     try:

@@ -65,7 +65,7 @@ class Work:
         return np.random.default_rng((*self.seeds, _DRAWN)).permutation(self.size)
 
     def of(self, *statuses: SolutionStatus) -> NDArray[np.int64]:
-        """Return the numbers of the instances with one of some statuses."""
+        """Return the numbers of the instances whose status is one of those given."""
         found = [one in statuses for one in self.outcomes.answers.status]
         return np.flatnonzero(found)
 
@@ -75,7 +75,7 @@ class Work:
         """Solve some instances and keep the better answers, group by group.
 
         Args:
-            solve: Solves them.
+            solve: Function that solves instances.
             chosen: Their numbers.
             words: The solver, and the kind of the starts.
         """

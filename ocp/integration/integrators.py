@@ -46,7 +46,7 @@ def euler(rate: Rate, x: ca.SX, t: float, h: float) -> ca.SX:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Method:
-    """An integrator, with all that is known of it.
+    """An integrator and its properties.
 
     Attributes:
         step: (r, x, t, h) -> x after one step.
@@ -99,7 +99,7 @@ _LONGER = 4.0
 
 
 def stiff_lengths(h: float, steps: int, parts: int) -> list[float]:
-    """Return the step lengths, where steps of length h follow a first one in parts."""
+    """Return step lengths: a first step h in parts, then whole steps h."""
     return [*_lengths_of_parts(h, parts).tolist(), *[h] * (steps - 1)]
 
 

@@ -52,7 +52,8 @@ class Table:
 
     Attributes:
         breakpoints: Breakpoints of each input, increasing; shape (n,).
-        values: Shape (n,), or (n, m) with two inputs, the first along the rows.
+        values: Values of the table, shape (n,), or (n, m) with two inputs, the first
+            along the rows.
         method: "linear" or "bspline".
         outside: Value beyond the breakpoints: "extrapolate" or "hold".
         name: Name in messages.

@@ -46,8 +46,8 @@ class LaneAnswers:
     Attributes:
         controls: Shape (nu, N, n), within their bounds.
         starts: Decisions about the start, shape (ny, n).
-        states: At the beginning of each interval and at the end, divided by their
-            sizes, shape (nx, N + 1, n).
+        states: States at the beginning of each interval and at the end, divided by
+            their sizes, shape (nx, N + 1, n).
         cost: Cost of the problem's core, shape (n,); infinite if a lane broke down.
         violation: The worst excess in the NLP's scaled numbers, shape (n,).
         iterations: Number of steps, shape (n,).
@@ -106,9 +106,9 @@ class Optimum:
         lane: Number of its best answer.
         cost: Cost of that answer.
         count: Number of answers that belong to it.
-        controls: Of that answer, shape (nu, N).
-        states: Between its intervals, shape (nx, N + 1).
-        decided: Its decisions about the start, shape (ny,).
+        controls: Controls of that answer, shape (nu, N).
+        states: States of that answer between the intervals, shape (nx, N + 1).
+        decided: Decisions of that answer about the start, shape (ny,).
     """
 
     lane: int
@@ -143,7 +143,7 @@ def distinct_optima(
 ) -> list[Optimum]:
     """Return the optima among answers that are feasible, the cheapest first.
 
-    Their states are divided by their sizes, as those of the answers.
+    The states of optima are divided by their sizes, as in the answers.
 
     Args:
         answers: Answers of lanes.

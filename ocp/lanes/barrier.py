@@ -86,7 +86,7 @@ class Pairs:
         return self.of_pairs(v) - self._signs * self.limit
 
     def summed(self, each: ca.SX) -> ca.SX:
-        """Return the sum over its bounds for each variable."""
+        """Return, for each variable, the sum over its bounds."""
         total = ca.SX.zeros(self.size, 1)
         for number, entry in enumerate(self.of):
             total[entry] += each[number]
@@ -160,7 +160,7 @@ class Kinds(NamedTuple):
         lower: Those with a lower limit.
         upper: Those with an upper limit.
         less: Rows that an elastic variable p lets be below a limit.
-        more: Rows that n lets be above.
+        more: Rows that an elastic variable n lets be above a limit.
     """
 
     equal: list[int]
@@ -313,7 +313,7 @@ class Walls:
         return Eliminated(weight, weight * off)
 
     def steps(self, S: ca.SX, slope: ca.SX, m: ca.SX) -> ca.SX:
-        """Return the steps of slacks and elastic variables for multipliers after it."""
+        """Return the steps of slacks and elastic variables for given multipliers."""
         columns = self._parts(S), self._parts(slope), self._parts(self.pressure(m))
         found = [
             -(g + force) / stiff

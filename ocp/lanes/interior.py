@@ -237,7 +237,7 @@ class InteriorLanes:
 
         Args:
             x0: Initial state of the core, shape (nx,).
-            known: Parameters and signals.
+            known: Values of the parameters and signals.
             count: Number of times.
         """
         instances = Instances(*(

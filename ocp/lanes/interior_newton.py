@@ -21,7 +21,7 @@ class Folded(NamedTuple):
 
     Attributes:
         S: z / d + delta of each variable with bounds.
-        slope: Gradient of barrier and price by them.
+        slope: Gradient of barrier and price by these variables.
         rows: The eliminated rows.
         C: Derivatives of the rows by state and controls.
     """
@@ -39,7 +39,7 @@ def folded(place: Place, mu: ca.SX, rho: ca.SX, delta: ca.SX) -> Folded:
         place: The part.
         mu: Parameter of the central path.
         rho: Price of broken rows.
-        delta: What is added to second derivatives.
+        delta: Number that is added to the diagonal of the second derivatives.
     """
     walls, v = place.walls, place.v
     S = walls.pairs.curvature(v, place.kept["z"]) + delta
@@ -49,11 +49,11 @@ def folded(place: Place, mu: ca.SX, rho: ca.SX, delta: ca.SX) -> Folded:
 
 
 def quadratic(place: Place, part: Folded, more: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Return second derivatives and gradient of what is left, by state and controls.
+    """Return second derivatives and gradient of the folded part, by state and controls.
 
     Args:
         place: The part.
-        part: The same, folded.
+        part: The part, folded.
         more: Further terms of the Lagrangian.
     """
     rows, z = place.walls.rows, place.z
@@ -82,11 +82,11 @@ class Lengths(NamedTuple):
 def stepped(
     place: Place, part: Folded, moved: ca.SX, own: ca.SX, mu: ca.SX, so_far: Lengths
 ) -> tuple[dict[str, ca.SX], Lengths]:
-    """Return the step of what a part keeps, and its lengths.
+    """Return the step of the variables that a part keeps, and its lengths.
 
     Args:
         place: The part.
-        part: The same, folded.
+        part: The part, folded.
         moved: Step of state and controls.
         own: Step of its own variables.
         mu: Parameter of the central path.
@@ -122,8 +122,9 @@ def measured(place: Place, rho: ca.SX, dual: ca.SX, own: ca.SX, gap: ca.SX) -> M
     Args:
         place: The part.
         rho: Price of broken rows.
-        dual: What is left of the conditions on its state and others.
-        own: The same of its own variables, without rows and barriers.
+        dual: Residual of stationarity by the part's state and further variables.
+        own: Residual of stationarity by the part's own variables, without rows and
+            barriers.
         gap: The gap to the next state.
     """
     walls, v, kept = place.walls, place.v, place.kept
@@ -164,5 +165,5 @@ def forces(place: Place, more: ca.SX) -> ca.SX:
 
 
 def of_lane(place: Place) -> dict[str, ca.SX]:
-    """Return what a part keeps, with the names in a lane's memory."""
+    """Return the variables that a part keeps, by their names in a lane's memory."""
     return {f"{place.name}.{name}": one for name, one in place.kept.items()}

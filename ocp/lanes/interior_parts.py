@@ -89,8 +89,8 @@ class Place:
 class SteppedPlace(Place):
     """An interval whose integrator is computed elsewhere, step by step.
 
-    Its cost is that outside the integral. Rows, this cost and the jump to the state
-    after it may depend on the state F behind the last step, a given number here.
+    Its cost is the part that is not integrated. Rows, this cost and the jump to the
+    state after it may depend on the state F behind the last step, a given number here.
 
     Attributes:
         stepped: Symbols of given numbers by name. Where a step is taken: "F"; "Gc"

@@ -65,7 +65,7 @@ JUDGED = (
 
 
 def aimed(end: Place) -> tuple[Named, Named]:
-    """Return what follows from a sweep: what it reads, and what it writes.
+    """Return the expressions after a sweep: symbols that they read, and new values.
 
     Args:
         end: The end.
@@ -112,7 +112,7 @@ def aimed(end: Place) -> tuple[Named, Named]:
 def judged(
     places: Places, tolerance: float, most: int, rounding: float = ROUNDING
 ) -> tuple[Named, Named]:
-    """Return what follows from a trial: what it reads, and what it writes.
+    """Return the expressions after a trial: symbols that they read, and new values.
 
     Args:
         places: The parts of the problem.

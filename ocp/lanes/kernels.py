@@ -48,7 +48,7 @@ class Written(NamedTuple):
     writes: tuple[str, ...]
 
     def compiled(self) -> Kernel:
-        """Return it as machine code.
+        """Return the kernel as machine code.
 
         Raises:
             UnknownOperationError: If it has an operation that is not compiled.

@@ -47,7 +47,8 @@ class OneLane:
         least_unit: Least unit of the cost, and least size of a start's cost that is
             taken for it.
         steps: The steps of the integrator.
-        pull: Costate behind the last step of an interval; None: that after it.
+        pull: Costate behind the last step of an interval; None: that after the
+            interval.
     """
 
     kernels: Mapping[str, Written]
@@ -81,7 +82,7 @@ def one_lane(  # noqa: PLR0913 - a problem, and how exactly it is solved
         known: Parameters and signals of the core.
         most: Largest number of steps.
         longest: Largest number of instructions of an interval's part of a kernel.
-        tolerance: Largest scaled error at which it ends.
+        tolerance: Largest scaled error at which the lane ends.
         rounding: Rounding error of the barrier's value, relative to it.
 
     Raises:

@@ -75,7 +75,10 @@ class Posed:
         return rows.reshape(N * self.least.size, n)
 
     def states(self, inner: Array, end: Array) -> Array:
-        """Return (nx, N + 1, n) of states (N nx, n) of intervals and (nx, n) after."""
+        """Return states (nx, N + 1, n) from those of intervals and those at the end.
+
+        Those of intervals have shape (N nx, n), those at the end (nx, n).
+        """
         rows = inner.reshape(self.intervals, self.x0.size, end.shape[1])
         return np.concatenate([np.moveaxis(rows, 0, 1), end[:, None]], axis=1)
 
@@ -98,7 +101,7 @@ def posed(
         program: Its NLP.
         arguments: Arguments from which its sizes are made.
         x0: Initial state, shape (nx,), with a guess of its decided entries.
-        known: Parameters and signals.
+        known: Values of the parameters and signals.
 
     Raises:
         InvalidProblemError: If a shape is not the problem's, or a value not finite.

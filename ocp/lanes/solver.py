@@ -93,7 +93,7 @@ class LaneSolver:
             states: Guess of the states between intervals, shape (nx, N + 1, n); None:
                 those that the controls lead to, and, if that ends with broken
                 constraints, all equal to the first.
-            known: Parameters and signals.
+            known: Values of the parameters and signals.
 
         Raises:
             InvalidProblemError: If a shape is not the problem's, or a value not finite.
@@ -163,7 +163,7 @@ class LaneSolver:
         Args:
             answers: Answers of lanes.
             x0: Initial state of the core, shape (nx,).
-            known: Parameters and signals.
+            known: Values of the parameters and signals.
             stand_for: Number of answers that each one represents; see
                 `distinct_optima`.
         """

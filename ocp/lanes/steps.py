@@ -77,7 +77,7 @@ class Steps:
 
     Attributes:
         whole: The core with the intervals that were stated.
-        problem: The same with an interval for each step.
+        problem: The core with an interval for each step.
     """
 
     whole: OptimalControlProblem
@@ -89,13 +89,16 @@ class Steps:
         return self.whole.checks * self.whole.substeps
 
     def x0(self, x0: ArrayLike) -> Array:
-        """Return an initial state with the middle of the bounds as what is held."""
+        """Return an initial state whose held controls are the middle of the bounds."""
         lower, upper = self.whole.control_limits
         state = np.asarray(x0, dtype=np.float64).ravel()
         return np.concatenate([state, (lower + upper) / 2])
 
     def known(self, known: Known) -> Known:
-        """Return known data with the signals after each step, and where u begins."""
+        """Return known data with signals after each step, and a further signal.
+
+        The further signal is 1 where an interval of the problem begins, else 0.
+        """
         whole, count = self.whole, self.problem.nodes
         at = np.linspace(0, whole.nodes - 1, count)
         given = np.reshape(known.signals, (whole.ns, whole.nodes))
@@ -106,7 +109,10 @@ class Steps:
         return known._replace(signals=np.vstack(rows))
 
     def controls(self, controls: Array) -> Array:
-        """Return the controls of steps, shape (nu, N', n): those of what comes next."""
+        """Return the controls of steps, shape (nu, N', n).
+
+        At the last step of an interval they are those of the following interval.
+        """
         following = np.concatenate([controls[:, 1:], controls[:, -1:]], axis=1)
         found = np.repeat(controls, self.each, axis=1)
         found[:, self.each - 1 :: self.each] = following
@@ -117,7 +123,7 @@ class Steps:
         return np.concatenate([starts, controls[:, 0]])
 
     def states(self, controls: Array, states: Array) -> Array:
-        """Return states after each step, linear in between, and what is held."""
+        """Return states after each step, linear in between, and the held controls."""
         N = controls.shape[1]
         at = np.arange(N * self.each + 1) / self.each
         left = np.minimum(at.astype(int), N - 1)

@@ -1,7 +1,7 @@
 """Closed loop: a plant under a controller, one control interval after another.
 
-The generator yields each step when it is finished, so that an interruption loses no
-finished step; `simulate` collects the steps.
+`fly` yields each step when it is finished, so that an interruption loses no finished
+step; `simulate` collects the steps.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ class Trajectory(Presented):
 
     Attributes:
         times: Control instants, shape (T + 1,) [s].
-        states: At the control instants, shape (nx, T + 1).
+        states: States at the control instants, shape (nx, T + 1).
         controls: Controls, shape (nu, T): held from each instant to the next, or, if
             they are linear, their values at the start of each interval.
         dense_times: Times of the plant's steps, shape (T * m + 1,) [s].
@@ -102,8 +102,8 @@ class Trajectory(Presented):
             compiling machine code.
         state_names: The model's names of the states; numbers if it has none.
         control_names: The model's names of the controls; numbers if it has none.
-        outputs: Outputs of the plant at its steps, with the control from there on (the
-            last with that before), shape (ny, T * m + 1).
+        outputs: Outputs of the plant at its steps, with the control that follows (the
+            last ones with the control before), shape (ny, T * m + 1).
         output_names: Names of the outputs.
         units: Units of states, controls and outputs by name, as far as they are stated.
     """
@@ -125,8 +125,8 @@ class Trajectory(Presented):
     def at(self, time: float) -> tuple[Array, Array]:
         """Return states (nx,) and controls (nu,) at a time, for `Model.linearised`.
 
-        States are linear between the plant's steps. At a control instant the new
-        control counts; of delayed ones that which the model receives.
+        States are linear between the plant's steps. At a control instant the controls
+        are the new ones. Delayed controls are those that the model receives then.
 
         Args:
             time: Time within the run [s].
@@ -276,9 +276,10 @@ def _begun(plant: Plant | SteppedPlant, state: Array) -> Array:
 
 
 def flown_again(plant: SimulatedPlant, steps: Sequence[Step]) -> bool:
-    """Return whether a simulator, begun anew, makes the steps of an earlier run again.
+    """Return whether a simulator, started anew, repeats the steps of an earlier run.
 
-    It has then the state at which that run ended, so that the run can be continued.
+    The simulator then has the state at which that run ended, so that the run can be
+    continued.
     """
     if not np.array_equal(plant.start_at(steps[0].state), steps[0].state):
         return False

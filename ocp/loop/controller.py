@@ -105,8 +105,8 @@ class Decision:
             intervals; None: the control is held.
         decided: Parameters that the plan decides, by name.
         acting: Control that reaches the equations of a `Plant` over the interval, shape
-            (nu,), if it is another one: a delayed one; None: the control. A plant of
-            the user's receives the control, and delays it itself.
+            (nu,), if it differs from `control` because of a delay; None: `control`
+            itself. A plant of the user's own receives `control`, and delays it itself.
     """
 
     control: Array
@@ -216,10 +216,10 @@ class RecedingHorizon:
 
     Attributes:
         planner: Planner of the problem.
-        reference: Times, shape (n,) [s] -> values of the problem's first signals then,
-            shape (signals, n); None: the problem has no such signals.
-        parameters: Time [s] -> parameters of the plan made then, one number for each,
-            or a number alone; None: no parameters.
+        reference: Times, shape (n,) [s] -> values of the problem's first signals at
+            these times, shape (signals, n); None: the problem has no such signals.
+        parameters: Time [s] -> parameters of the plan made at that time, one number for
+            each, or a number alone; None: no parameters.
         candidates: Time [s] -> controls (nu, N, k) that a search evaluates in addition
             to the last plan; None: no candidates.
         append: What is appended to the shifted last plan: "zero" controls or its "last"
@@ -232,28 +232,28 @@ class RecedingHorizon:
             The horizon shrinks with a constant number of intervals. The run ends when
             the end time is at most one period, or when the remainder after a period
             would be shorter than allowed. None: one control interval.
-        until: Time at which the run ends [s], as a batch does: plans end there and not
-            later, so that the horizon, a number, shrinks as with a free end time; None:
-            the horizon recedes for ever. `planner` is then one of its own, which takes
-            the length of a plan as a number that is known.
+        until: Time at which the run ends [s], such as the end of a batch. All plans end
+            at this time, so that the horizon, which must be a number, shrinks.
+            `planner` is then replaced by one that takes the length of each plan as an
+            input. None: the horizon recedes for ever.
         previous: Control of the interval before the run, shape (nu,); None: the allowed
             value nearest to zero.
         carries: Whether a polish also starts from the multipliers of the last plan. Set
-            it to False if the meaning of the signals changes from plan to plan. A
-            polish that takes three times the median of the earlier iterations, and at
-            least 20, is given up for the usual start.
-        within: Wall time for one plan [s], without that of loading and compiling: then
-            search and polish are stopped, and the best plan so far is applied, by
-            violation, then cost, never worse than the shifted last plan or the start.
-            `Plan.stopped` says so. A generation or an iteration that has begun is
-            finished, and lanes are not used. None: plans are finished.
+            it to False if the meaning of the signals changes from plan to plan. Such a
+            polish is stopped after three times the median iterations of the earlier
+            ones, and at least 20; it then begins anew from the usual start.
+        within: Limit of the wall time for one plan [s], without loading and compiling.
+            At the limit search and polish are stopped, and the best plan so far (by
+            violation, then cost) is applied. It is never worse than the shifted last
+            plan or the start. `Plan.stopped` is then true. A generation or an iteration
+            that has begun is finished, and lanes are not used. None: no limit.
 
     Raises:
         InvalidProblemError: If the end time is free and there is no period or it may
             not shrink to one period; if there is `until` and the end time is free, a
             control has a delay, or time is discrete; if the members of an ensemble
-            share no control; or if there is a time for a plan, and a search in lanes or
-            a polish that cannot be stopped.
+            share no control; or if there is a limit `within`, and the search uses lanes
+            or the polish cannot be stopped.
 
     Example:
         >>> import casadi as ca
@@ -466,7 +466,7 @@ class RecedingHorizon:
             state: Shape (nx,).
             last: The plan one interval ago; None at the start.
             seen: Signal rows, as in `known`.
-            is_only: Whether no other plan follows it.
+            is_only: Whether this is the only plan of the run.
             rng: Source of all randomness.
         """
         problem, left = self.planner.problem, self._left(time, last)
@@ -628,7 +628,9 @@ def plan_of_step(
     within: float | None,
     **asked: Unpack[_Asked],
 ) -> Plan:
-    """Return the plan of a step; the shifted last one if none is feasible, or better.
+    """Return the new plan of a step, or the shifted last one if that is better.
+
+    The shifted plan is considered only if the new one is not feasible.
 
     Args:
         planner: The planner.
@@ -727,7 +729,7 @@ class OpenLoop:
 
     Raises:
         InvalidProblemError: If members of an ensemble have controls of their own, or
-            the loop has a time for one plan.
+            the loop has a limit `within`.
 
     Example:
         >>> import casadi as ca

@@ -110,7 +110,7 @@ class DenseOutput:
 def interpolate(plant: Plant, trajectory: Trajectory) -> DenseOutput:
     """Return the continuous path of a closed-loop run.
 
-    That of a simulator of others is linear between its steps.
+    The path of an external simulator is linear between its steps.
 
     Only times, controls that the plant received, and dense states are used, so a saved
     record is enough.

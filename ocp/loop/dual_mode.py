@@ -63,7 +63,7 @@ SLACK = 1e-9
 
 
 class UncertifiedSetError(InvalidProblemError):
-    """A terminal set is not certified for the hold time of the inputs here."""
+    """A terminal set is not certified for the hold time or bounds of the inputs."""
 
 
 @checked(
@@ -79,7 +79,7 @@ class DualMode(Called):
         team: Plans while any agent is outside its set.
         sets: The terminal set of each agent.
         targets: The moving reference of each agent.
-        uncertified: Whether sets were accepted of which some part is not proven.
+        uncertified: Whether sets that are not proven in every part were accepted.
 
     Example:
         >>> import casadi as ca, numpy as np

@@ -90,16 +90,17 @@ class PhasedHorizon:
     Attributes:
         stated: The phases.
         period: Time from one plan to the next [s].
-        left: For each phase, the problem of it and all later ones.
+        left: For each phase, the problem of this phase and all later ones.
         planners: Planners of these problems.
         model: Model of the plant: all states by their names, then time, phase, and time
             in the phase.
         parameters: Values of the known parameters by name.
-        within: Wall time for one plan [s], as in `RecedingHorizon`; None: no limit.
+        within: Limit of the wall time for one plan [s], as in `RecedingHorizon`; None:
+            no limit.
 
     Raises:
-        InvalidProblemError: If there is a time for a plan, and a search in lanes or a
-            polish that cannot be stopped.
+        InvalidProblemError: If there is a limit `within`, and the search uses lanes or
+            the polish cannot be stopped.
 
     Example:
         >>> import casadi as ca

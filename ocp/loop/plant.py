@@ -487,7 +487,7 @@ class SteppedPlant(Called):
     def start_at(self, state: Array) -> Array:
         """Begin a run, and return the state at which it begins, shape (nx,).
 
-        That is another one only if a simulator says so; see Simulator.
+        It is the state that is asked for, unless a simulator returns another one.
 
         Args:
             state: The state that is asked for, shape (nx,).
@@ -503,7 +503,7 @@ class SteppedPlant(Called):
     def outputs(self, states: Array, controls: Array, times: Array) -> Array:
         """Return the outputs of a system of python-control, shape (ny, n); see Plant.
 
-        Of any other object there are none.
+        Any other object has no outputs.
         """
         if self._system is None:
             return np.empty((0, times.size))

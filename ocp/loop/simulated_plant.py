@@ -1,7 +1,7 @@
-"""A simulator of others as the plant of a run that has a model, too.
+"""External simulator as the plant of a run that also has a model.
 
-The simulator makes the steps. The model, that of the plans, has the names, and the
-parameters and signals that costs and constraints of the run are measured with.
+The simulator makes the steps. The model of the plans gives the names, and the
+parameters and signals with which costs and constraints of the run are measured.
 """
 
 from collections.abc import Callable
@@ -18,10 +18,10 @@ from swarmstart.ocp.system.model import Model
 
 @checked(refused, load=function())
 class SimulatedPlant(Plant):
-    """A simulator beside a model of the same states and controls.
+    """External simulator, with a model of the same states and controls.
 
-    It gets the commands as they are decided: a delay is its own. Controls that change
-    within one of its steps are replaced by their mean.
+    It gets the commands as they are decided, and applies any delay itself. Controls
+    that change within one of its steps are replaced by their mean.
     """
 
     def __init__(

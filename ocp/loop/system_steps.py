@@ -28,7 +28,7 @@ _MOST_CALLS = 20_000
 def is_system(plant: object) -> bool:
     """Return whether an object is a system of python-control.
 
-    Without an import of python-control so far, there cannot be one.
+    If python-control has not been imported yet, no object is one.
     """
     control = sys.modules.get("control")
     return control is not None and isinstance(plant, control.InputOutputSystem)
@@ -76,7 +76,7 @@ class SystemSteps:
 
         Raises:
             InvalidSystemError: If the system has another number of inputs.
-            DivergedError: If the integration does not reach its end.
+            DivergedError: If the integration does not reach the end of the interval.
         """
         system = self._system
         if u.size != system.ninputs:

@@ -46,7 +46,7 @@ class Basis:
         """Return each product at each point, shape (N, size).
 
         Args:
-            box: Of the polynomials.
+            box: Box that the polynomials are scaled to.
             points: Shape (variables, N).
         """
         return self._products(self._powers(box.scaled(points)))
@@ -55,7 +55,7 @@ class Basis:
         """Return the derivatives of the products, shape (variables, N, size).
 
         Args:
-            box: Of the polynomials.
+            box: Box that the polynomials are scaled to.
             points: Shape (variables, N).
         """
         z = box.scaled(points)

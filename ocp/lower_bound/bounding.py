@@ -54,11 +54,11 @@ class Answered(Protocol):
 
     @property
     def status(self) -> SolutionStatus:
-        """Its status."""
+        """Status of the answer."""
 
     @property
     def verified_cost(self) -> float:
-        """Its cost, accurately integrated, as the problem states it."""
+        """Cost of the answer, accurately integrated, as the problem states it."""
 
 
 @checked(
@@ -91,8 +91,8 @@ def lower_bound(  # noqa: PLR0913 - everything but the problem has a default
             trajectories that cost more. The bound is valid even if the cost is wrong,
             but it is never above that cost. None means that the problem is solved to
             get one.
-        work: Budget of work, in units of about a second. It proves the same bound on
-            every machine.
+        work: Budget of work, in units of about a second. The same work proves the same
+            bound on every machine.
         seconds: Wall time [s] after which the proof ends even if work is left; the
             reason of the bound then says so. None: no limit.
         seed: Seed of the samples. They influence how high the bound is, not whether it

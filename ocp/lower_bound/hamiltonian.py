@@ -215,12 +215,12 @@ class Quadratic(NamedTuple):
     """Functions that are at least constant + g'd + d'Hd / 2 - rest over m boxes.
 
     Attributes:
-        reach: Of the boxes, shape (d, m).
+        reach: Half widths of the boxes, shape (d, m).
         constant: Shape (m,).
         slope: g, shape (d, m).
         bend: H for each pair of coordinates, shape (pairs, m).
         rest: Shape (m,).
-        pull: The part of the rest that each coordinate has, shape (d, m).
+        pull: Part of `rest` that belongs to each coordinate, shape (d, m).
     """
 
     reach: Array
@@ -378,8 +378,8 @@ class Setting:
     Attributes:
         statement: The problem.
         affine: The problem in affine form, if it has one.
-        stage: Its rates and costs at points.
-        size: Size of its costs, > 0.
+        stage: Rates and costs of the problem at points.
+        size: Size of the problem's costs, > 0.
     """
 
     statement: Statement

@@ -50,7 +50,7 @@ class Limits:
     """Limits at which a search ends.
 
     Attributes:
-        until: Reading of the clock of work at which it ends.
+        until: Reading of the clock of work at which the search ends.
         useless: Slack at which the outcome would be useless.
         max_boxes: Largest number of boxes.
     """
@@ -75,10 +75,12 @@ def proven_floor(
     """Prove that a function is at least -slack on a set, with little slack.
 
     Args:
-        bounds: (lower, upper corners of boxes, each (d, m)) -> lower bounds of it.
+        bounds: (lower, upper corners of boxes, each (d, m)) -> lower bounds of the
+            function.
         outside: The same arguments -> mask of boxes certainly without a point of the
             set.
-        value: Points (d, N) -> its values; infinite for points outside of the set.
+        value: Points (d, N) -> values of the function; infinite for points outside of
+            the set.
         start: Boxes that cover the set, (d, m) each.
         hoped: Target of the slack, > 0.
         limits: Limits at which the search ends.

@@ -203,7 +203,7 @@ class EndSet:
             self._linear = _of_one_coordinate(self._rows.column, statement.point)
 
     def outside(self, lower: Array, upper: Array) -> Mask:
-        """Return which boxes certainly have no such point, shape (m,)."""
+        """Return which boxes certainly have no point of this set, shape (m,)."""
         earliest, latest = self._statement.horizon
         out = (upper[0] < earliest) | (lower[0] > latest)
         if self._rows is not None:
@@ -211,7 +211,7 @@ class EndSet:
         return np.asarray(out)
 
     def inside(self, points: Array) -> Mask:
-        """Return which points are such, shape (N,)."""
+        """Return which points are in this set, shape (N,)."""
         earliest, latest = self._statement.horizon
         within = (points[0] >= earliest) & (points[0] <= latest)
         if self._rows is not None:
@@ -219,7 +219,7 @@ class EndSet:
         return np.asarray(within)
 
     def narrowed(self, lower: Array, upper: Array) -> tuple[Array, Array]:
-        """Return smaller boxes that still hold all such points of the given ones.
+        """Return smaller boxes that hold all points of this set in the given ones.
 
         A constraint of a single coordinate, linear in it, cuts a box exactly.
         """

@@ -102,7 +102,7 @@ class Search:
         aim: Objective.
         hoped: Target of the slack [cost / s].
         rng: Source of randomness of the samples.
-        until: Reading of the clock of work at which it ends.
+        until: Reading of the clock of work at which the search ends.
         needed: For a pruning step: points (1 + n, N) -> value that cuts a point off.
     """
 

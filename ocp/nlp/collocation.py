@@ -191,7 +191,7 @@ class Inner:
 
         Args:
             cost: Cost of the interval, a scalar.
-            g: Its rows, shape (m, 1).
+            g: Rows of the interval, shape (m, 1).
         """
         layout = self._layout
         if layout is None or not layout.lifted:

@@ -152,7 +152,7 @@ def over_intervals(
     apart: Sequence[Sequence[int]],
     compiled: bool,
 ) -> list[ca.Function]:
-    """Return functions of all intervals whose outputs are, in order, those of one.
+    """Return functions that together give the outputs of one function at all intervals.
 
     Args:
         function: An SX function of one interval.

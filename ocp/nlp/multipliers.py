@@ -265,7 +265,7 @@ def shifted_duals(program: NonlinearProgram, duals: Duals) -> Duals:
 
     Args:
         program: The NLP that they belong to.
-        duals: Not changed.
+        duals: The multipliers; not changed.
     """
     found = Duals(duals.rows.copy(), duals.bounds.copy())
     for now, before in zip(

@@ -84,10 +84,10 @@ class Solvers(NamedTuple):
 
     Attributes:
         program: The NLP.
-        far: Whether iterates are observed -> the solver far from an answer.
-        near: Whether iterates are observed -> the solver near an answer.
+        far: Whether iterates are observed -> the solver for starts far from an answer.
+        near: Whether iterates are observed -> the solver for starts near an answer.
         warm: Returns the solver that starts from multipliers, always observed, since
-            it may have to be given up.
+            its solve may have to be stopped.
         iterates: Receives the iterates of observed solvers.
         ratios: Cost of derivatives, in rollouts.
     """

@@ -26,7 +26,7 @@ Indices = NDArray[np.int64]
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Numbers:
-    """Numbers of an NLP at one time.
+    """Numbers of an NLP, as they are set at one time.
 
     Attributes:
         p: Values of the parameters, shape (np,).

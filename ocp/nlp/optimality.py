@@ -148,11 +148,11 @@ def stationarity(point: NlpPoint) -> float:
 def least_multipliers(
     program: NonlinearProgram, w: Array, q: Array, limits: Limits
 ) -> tuple[Array, Array, Array]:
-    """Return the multipliers of a feasible point that leave least of its slope.
+    """Return the multipliers at a feasible point with the least residual.
 
-    They make the squares of grad f + J' lam_g + lam_x least, and are zero at limits
-    that are not active and of the right sign at the others. At an optimum they are the
-    optimum's, if its active limits are independent.
+    They minimise |grad f + J' lam_g + lam_x|, are zero at limits that are not active,
+    and of the right sign at the others. At an optimum whose active limits are
+    independent they are its multipliers.
 
     Args:
         program: The NLP.
@@ -161,7 +161,7 @@ def least_multipliers(
         limits: Bounds of variables and rows.
 
     Returns:
-        lam_g of shape (ng,), lam_x of shape (nw,), and what is left, shape (nw,), which
+        lam_g of shape (ng,), lam_x of shape (nw,), and the residual, shape (nw,), which
         is infinite if something is not finite.
     """
     from scipy import sparse  # Slow to import, and only a polish is judged so.

@@ -322,7 +322,7 @@ class Polisher(Called):
         Args:
             controls: The guess, shape (nu, N), clipped to the bounds; not changed.
             x0: Initial state, shape (nx,), with the guess of the decisions about it.
-            known: Parameters and signals.
+            known: Values of the parameters and signals.
             states: Start of the solver for the states at the nodes, shape (nx, nodes);
                 they need not be consistent with the controls. None: the states that the
                 controls lead to.
@@ -406,13 +406,13 @@ class Polisher(Called):
     ) -> NlpPoint | None:
         """Return an answer as a point of the NLP, with multipliers; nothing is solved.
 
-        The multipliers are those that explain its slope best (`least_multipliers`).
+        The multipliers are those of `least_multipliers`.
 
         Args:
             controls: Shape (nu, N).
             states: At the nodes, shape (nx, nodes).
             x0: Initial state, with the decisions about it, shape (nx,).
-            known: Parameters and signals.
+            known: Values of the parameters and signals.
             held: Numbers of the controls that are held.
 
         Returns:
@@ -717,7 +717,8 @@ def better_of(
         one: An answer.
         other: Another answer; among equal ones, it is preferred if it converged.
         tolerance: Largest violation that counts as feasible.
-        alike: Difference of costs, relative to the cost, that counts as none.
+        alike: Difference of costs, relative to the cost, up to which they count as
+            equal.
     """
     costs = [(p.cost, p.violation) for p in (one, other)]
     less = other.cost - alike * abs(other.cost), other.violation

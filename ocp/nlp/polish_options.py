@@ -202,7 +202,7 @@ def check_solver(options: PolishOptions) -> None:
     """Make an NLP solver for a small problem, to see whether it takes its options.
 
     Raises:
-        InvalidProblemError: If it does not; with its own words.
+        InvalidProblemError: If the solver does not take them; with CasADi's words.
     """
     x = ca.MX.sym("x")
     nlp = {"x": x, "f": x**2, "g": x}

@@ -55,7 +55,7 @@ def in_turn(
 
     Args:
         polisher: The polisher that all of them call.
-        polishes: Each makes one.
+        polishes: Functions, each of which makes one polish.
         processes: Largest number of processes.
         first: Numbers of the polishes that are most likely needed.
     """
@@ -117,7 +117,7 @@ def polished_from(
         polisher: The polisher.
         start: The start.
         x0: Initial state, shape (nx,), unless the start has its own.
-        known: Parameters and signals.
+        known: Values of the parameters and signals.
         near: Whether the solver should stay near the start; see Polisher.
     """
     return polisher(
@@ -147,7 +147,7 @@ def polish_basins(  # noqa: PLR0913 - starts and how they are polished
         polisher: The polisher.
         starts: Starts, at least one; among equal answers the first is kept.
         x0: Initial state, shape (nx,).
-        known: Parameters and signals.
+        known: Values of the parameters and signals.
         tolerance: Largest violation that counts as feasible.
         near: Whether the starts are answers that the solver should stay near; see
             Polisher.

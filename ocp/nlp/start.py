@@ -58,8 +58,8 @@ class Start(NamedTuple):
         controls: Controls, shape (nu, N).
         states: States at the nodes, shape (nx, nodes); None: those that the controls
             lead to.
-        x0: Initial state, including the decisions about it, shape (nx,); None: as
-            given.
+        x0: Initial state, including the decisions about it, shape (nx,); None: the
+            given one.
         is_guess: Whether the states give the sizes of unbounded states, by which
             the NLP is scaled.
         carried: Multipliers of an earlier answer, from which a polish starts; None
@@ -124,8 +124,8 @@ class Carried:
         end: End of the new horizon, in the answer's time from 0 to 1.
         stretch: Length of the new horizon divided by the answer's time between both.
         spent: Iterations of earlier solves that began with carried multipliers and
-            converged, the latest last, in a closed loop. A solve that takes much
-            longer is given up; without any, it may take as long as others.
+            converged, the latest last, in a closed loop. A solve that takes much longer
+            is stopped. If empty, there is no such limit.
     """
 
     duals: Duals

@@ -439,7 +439,8 @@ def _shared_symbols(problem: OptimalControlProblem) -> _Shared:
 def interval_around(shooting: Shooting) -> Part:
     """Return an interval whose state after it is given: z = (x, u, e, x after).
 
-    Its cost is that outside the integral. Rows inside the interval are not right.
+    Its cost is the part that is not integrated. Its rows inside the interval are not
+    valid.
 
     Args:
         shooting: The functions of a problem without collocation.

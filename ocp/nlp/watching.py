@@ -159,7 +159,7 @@ class Watch(Protocol):
 
         Args:
             evaluations: Evaluations of the search so far.
-            best: Returns its best point.
+            best: Function that returns the best point of the search.
             answer: Converts a point to an answer.
         """
 
@@ -174,8 +174,8 @@ class Watch(Protocol):
 
         Args:
             evaluations: Approximate work of this solve so far, in rollouts.
-            answer: Returns the iterate; None if it does not belong to the problem
-                itself.
+            answer: Function that returns the iterate; None if the iterate does not
+                belong to the problem itself.
         """
 
     def solved(self, work: Work, ratios: Ratios) -> None:
@@ -307,7 +307,7 @@ class Deadline(Relay):
 
     Attributes:
         best: The best answer so far; None before the first.
-        value: Its cost and violation.
+        value: Cost and violation of the best answer.
         stopped: Whether the time has ended some work, or prevented it.
     """
 
@@ -339,7 +339,7 @@ class Deadline(Relay):
 
     @property
     def is_late(self) -> bool:
-        """True if the time is over; whatever asks is then not done."""
+        """True if the time is over, so that no further work is started."""
         late = self._clock() >= self._within
         self.stopped = self.stopped or late
         return late

@@ -1,7 +1,7 @@
 """Measurement of broken constraints: at the start, along a path, at the end.
 
-An excess is measured in the units of the user and relative to the row's scale. It knows
-its constraint and its time.
+An excess is measured in the units of the user and relative to the row's scale. It has
+the number of its constraint, and its time.
 """
 
 from collections.abc import Callable
@@ -95,7 +95,8 @@ class Checker:
             x0: Initial state, shape (nx,).
             p: Parameters, shape (np,).
             s: Signals at the start, shape (ns,).
-            sizes: Returns the natural sizes; called only if a row is broken.
+            sizes: Function that returns the natural sizes; called only if a row is
+                broken.
         """
         if not self.looks_at_start:
             return []
@@ -106,9 +107,9 @@ class Checker:
         return [e for e in found if e.relative > self._problem.tolerance]
 
     def may_break(self, x0: Array, p: Array, s: Array) -> NDArray[np.bool_]:
-        """Return which initial states break a row at all, shape (n,).
+        """Return a mask of the initial states that break any row, shape (n,).
 
-        Only these need be asked for what `at_start` finds.
+        `at_start` needs to be called for these states only.
 
         Args:
             x0: Initial states, shape (nx, n).

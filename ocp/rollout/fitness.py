@@ -114,7 +114,7 @@ class BlockObjective(Objective):
     previous=optional(reals()),
 )
 class Known(NamedTuple):
-    """Known data of one planning problem besides its initial state.
+    """Data that a planning problem needs besides its initial state.
 
     Attributes:
         parameters: Values of the parameters that are not decided, shape (np,).
@@ -122,8 +122,8 @@ class Known(NamedTuple):
         time: Time at the start of the horizon [s].
         previous: Control of the interval before, shape (nu,), or controls of several
             intervals before, the last one last, shape (nu, k), for a delay: the first
-            one is taken for all intervals before it, and earlier ones than those on
-            their way are ignored; None: the allowed value nearest to zero.
+            one is taken for all intervals before it, and controls that are older than
+            the delay are ignored; None: the allowed value nearest to zero.
 
     Example:
         >>> import casadi as ca
@@ -167,7 +167,7 @@ class Fitness(Called):
 
     Attributes:
         problem: The problem.
-        shooting: Its compiled functions.
+        shooting: Compiled functions of the problem.
 
     Example:
         >>> import casadi as ca, numpy as np
@@ -272,7 +272,7 @@ class Fitness(Called):
         Args:
             controls: Controls, shape (nu, N).
             x0: Initial state, shape (nx,).
-            known: Parameters and signals.
+            known: Values of the parameters and signals.
         """
         objective = self.objective(x0, known)
         cost, violation = objective(self.decision(controls, x0)[:, None])
@@ -285,7 +285,7 @@ class Fitness(Called):
         Args:
             controls: Controls, shape (nu, N).
             x0: Initial state, shape (nx,).
-            known: Parameters and signals.
+            known: Values of the parameters and signals.
         """
         return self.followed(controls, x0, known)[0]
 
@@ -301,7 +301,7 @@ class Fitness(Called):
         Args:
             controls: Shape (nu, N).
             x0: Initial state, shape (nx,).
-            known: Parameters and signals.
+            known: Values of the parameters and signals.
         """
         shared = self.arguments(x0, known)
         decision = self.decision(controls, x0)
@@ -317,7 +317,7 @@ class Fitness(Called):
         Args:
             x0: Initial state, shape (nx,).
             states: At the nodes, shape (nx, nodes).
-            known: Parameters and signals.
+            known: Values of the parameters and signals.
         """
         epigraph = self.problem.epigraph
         if epigraph is None:
@@ -454,7 +454,7 @@ class Arguments:
             controls: Shape (nu, N).
             states: At the nodes, shape (nx, nodes).
             x0: Initial state, shape (nx,).
-            known: Parameters and signals.
+            known: Values of the parameters and signals.
             is_guess: Whether the states give the sizes of unbounded states.
         """
         problem = self._problem
@@ -598,7 +598,7 @@ def replay(
         problem: The problem, or its compiled functions.
         controls: Shape (nu, N).
         x0: Initial state, shape (nx,).
-        known: Parameters and signals.
+        known: Values of the parameters and signals.
         ends: States between the intervals, shape (nx, N + 1), from which each interval
             begins anew; how far they are missed, relative to the states' sizes, counts
             in the violation. None: each interval begins where the last one ends.

@@ -93,7 +93,7 @@ class Kinks:
             sides: Sides along the path, in order of time, with the same number of
                 points in each interval; shape (n, points).
             reach: Change of each side over the sizes, shape (n, points). A side that is
-                small all along is thus near its switch, not small by its nature.
+                small all along the path, compared with this change, is near its switch.
             intervals: Number of intervals.
         """
         if not self.names:
@@ -253,13 +253,13 @@ def smoothed(
 def kink_sizes(
     problem: OptimalControlProblem | Shooting, x0: ArrayLike, known: Known
 ) -> list[float]:
-    """Return the size of each kink around a start; one for zero and for no number.
+    """Return the size of each kink around a start; 1 if that is 0 or not a number.
 
     Args:
         problem: The problem, or its compiled functions. The list is empty without
             kinks.
         x0: Initial state, shape (nx,).
-        known: Parameters and signals.
+        known: Values of the parameters and signals.
     """
     shooting = shooting_of(problem)
     problem = shooting.problem

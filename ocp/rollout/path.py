@@ -47,19 +47,19 @@ class Path:
 
     Attributes:
         times: Times of the fine steps, shape (n,) [s].
-        states: States there, shape (nx, n); below the problem's own states follow those
-            of its core, such as a free end time.
+        states: States at these times, shape (nx, n): the problem's own, then those that
+            its core adds, such as a free end time.
         controls: Controls held from each time to the next, shape (nu, n - 1).
-        outputs: Outputs of the model there, with the control held from each time on,
-            shape (ny, n).
+        outputs: Outputs of the model at these times, with the control held from each
+            time on, shape (ny, n).
         cost: Cost along the path; multiplied by -1 if it is maximised.
         magnitude: Integral of |stage cost| plus |terminal cost|; a cost in which a
             state stands alone is counted from its value at the start.
         outside: Constraints that the start breaks.
         broken: The worst excess of each constraint row, the worst first.
         kinks: Names of the kinks and jumps that the path touches.
-        reach: Natural size of each state along the path, shape (nx,): its range, and of
-            a state that an interval's end writes, that of what is written.
+        reach: Natural size of each state along the path, shape (nx,): its range; for a
+            state that the ends of intervals set, the range of the values that are set.
         not_finite: (time, name of the state) of the first state that is not finite;
             None: all are finite.
         missed: By how much each interval misses the state from which the next one
@@ -91,12 +91,12 @@ class Tracer:
 
     Attributes:
         problem: The problem.
-        shooting: Its functions.
+        shooting: Functions of the problem.
         checker: Measures the problem's constraints.
         steps: Number of fine steps in an interval.
-        lengths: Their lengths, shape (steps,) [s].
+        lengths: Lengths of these steps, shape (steps,) [s].
         step: ((x, cost, |cost|), u, p, s before, s after, length) -> the same after a
-            fine step; of step size control as `_adaptive_step`.
+            fine step; with step size control as in `_adaptive_step`.
         kinks: Switches of the problem's expressions.
         stage_cost: (x, u, p, s) -> stage cost.
         step_cost: (x, u, p, s) -> step cost.
@@ -504,7 +504,7 @@ def signals_between(
 
     Args:
         problem: The problem.
-        signals: At its nodes, shape (ns, nodes).
+        signals: Signals at the problem's nodes, shape (ns, nodes).
         times: Shape (n,) [s].
     """
     rows = [np.interp(times, problem.times, row) for row in signals]

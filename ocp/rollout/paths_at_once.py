@@ -68,7 +68,7 @@ class PathValues(NamedTuple):
 
 
 class Data(NamedTuple):
-    """Controls of instances with all data.
+    """Controls and data of n instances.
 
     Attributes:
         controls: Shape (nu, N, n).

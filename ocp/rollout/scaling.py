@@ -27,10 +27,9 @@ x0 keeps it.
 
 A size that the problem gives by name (`scales`) replaces that of the state or control.
 A way or a guess that is negligible beside the sizes from the dynamics counts as zero,
-and so does a way that is much less than that of a state needs whose rate is a multiple
-of this one.
-All sizes are homogeneous: values in units larger by a power of two give sizes that are
-larger by exactly that power.
+and so does a way that is much shorter than the one of another state needs, if the rate
+of that state is a multiple of this one. All sizes are homogeneous: values in units
+larger by a power of two give sizes that are larger by exactly that power.
 """
 
 from dataclasses import dataclass, field
@@ -68,7 +67,7 @@ class Sizes:
     Attributes:
         states: Shape (nx,).
         controls: Shape (nu,).
-        cost: Of the whole cost.
+        cost: Size of the whole cost.
         rows: Sizes of the rows of each constraint: path, terminal and soft ones.
         weights: 1 / size of the rows whose scale the problem leaves open, except the
             soft ones.
@@ -161,7 +160,7 @@ class Sizing:
             parameters: Shape (np, M).
             signals: At the nodes, shape (ns, nodes, M).
             guess: Controls, shape (nu, N, M), as for one initial state.
-            along: As for one initial state, of all.
+            along: As for one initial state, for all of them.
         """
         if self._first_controls().all():
             guess = None  # Bounds or given sizes suffice.
@@ -270,7 +269,7 @@ class Sizing:
             return float(self._cost(self._around(at, states, controls, None))[0])
 
     def target(self, parameters: Array, signals: Array) -> Array:
-        """Return the end state wherever an equality fixes it, else NaN.
+        """Return the end value of each state that an equality fixes, else NaN.
 
         Args:
             parameters: Shape (np,).

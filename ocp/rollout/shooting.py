@@ -96,7 +96,7 @@ class Shooting(Rebuilt):
 
     @cached_property
     def jump_slopes(self) -> ca.Function:
-        """(x, u, p, s) -> the derivative of that state by the one before."""
+        """(x, u, p, s) -> the derivative of the state after a jump by that before."""
         return self.jump.factory("slopes", self.jump.name_in(), ["jac:o0:i0"])
 
     @cached_property

@@ -64,7 +64,7 @@ _ORDERS = 14
 
 
 class SolutionStatus(Enum):
-    """Status of an answer; only one of many instances is INVALID or NOT_REACHED."""
+    """Status of an answer; INVALID and NOT_REACHED occur among many instances only."""
 
     CONVERGED = "a local optimum, confirmed on the finer grid"
     FEASIBLE = "feasible, confirmed on the finer grid, not shown to be a local optimum"
@@ -108,7 +108,7 @@ class FastMode:
         growth: Natural logarithm of the largest factor by which a step multiplies a
             mode that decays.
         substeps: Number of substeps that would be stable.
-        is_stiff: Whether it decays faster than it oscillates.
+        is_stiff: Whether the mode decays faster than it oscillates.
     """
 
     time: float
@@ -122,11 +122,12 @@ class Growth(NamedTuple):
     """The largest growth of a deviation.
 
     Attributes:
-        log: Its natural logarithm.
+        log: Natural logarithm of the growth.
         begin: When the deviation begins to grow [s].
         end: When it is largest [s].
-        rate: The fastest growing mode: the largest real part of an eigenvalue [1/s].
-        time: Its time [s].
+        rate: Rate of the fastest growing mode: the largest real part of an eigenvalue
+            [1/s].
+        time: Time at which this mode occurs [s].
     """
 
     log: float
@@ -161,7 +162,7 @@ def advice_for(
 
     Args:
         problem: The problem.
-        found: Its status, with the reason.
+        found: Status of the answer, with the reason.
         fast: A mode that is too fast for the step; None without one.
         grown: Growth of deviations, if it may be the reason.
     """
@@ -266,7 +267,7 @@ def fastest_mode(
         shooting: The problem's functions.
         path: The finer path.
         x0: Initial state, shape (nx,).
-        known: Parameters and signals.
+        known: Values of the parameters and signals.
     """
     problem = shooting.problem
     # An implicit method is stable for every mode that decays.
@@ -339,10 +340,10 @@ def growth_along(
 
     Args:
         shooting: The problem's functions.
-        states: Shape (nx, N); what is not finite counts as the end.
+        states: Shape (nx, N); the growth ends at the first state that is not finite.
         controls: Shape (nu, N).
-        known: Parameters and signals.
-        sizes: Of the states, shape (nx,).
+        known: Values of the parameters and signals.
+        sizes: Natural sizes of the states, shape (nx,).
     """
     problem = shooting.problem
     finite = np.isfinite(states).all(axis=0)

@@ -156,7 +156,7 @@ class SoftRows:
         Args:
             e: The largest excesses so far.
             states: States at the end of the check, and after the end of an interval.
-            known: Controls, parameters and signals there.
+            known: Controls, parameters and signals at the end of the check.
         """
         reached, left = states
         found = self.excess(self.values(reached, *known))

@@ -69,7 +69,7 @@ class Lanes:
         infeasible: Number of starts that ended at a point that breaks constraints.
         unfinished: Number of starts that ended at a feasible point which is not shown
             to be an optimum.
-        lost: Number of starts whose states left the finite numbers.
+        lost: Number of starts whose states became infinite or NaN.
         varied: Number of starts that are variations of optima from the others; they
             count for all but `unseen`.
     """

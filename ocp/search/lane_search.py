@@ -64,7 +64,7 @@ class Searched(NamedTuple):
     Attributes:
         result: Result of the search.
         lanes: Results of the lanes; None without lanes.
-        without: Reason why there were no lanes.
+        without: Reason why there were no lanes; empty if there were.
     """
 
     result: SearchResult

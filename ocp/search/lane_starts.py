@@ -46,7 +46,7 @@ class Task:
 
     Attributes:
         x0: Initial state of the core, shape (nx,).
-        known: Parameters and signals.
+        known: Values of the parameters and signals.
         objective: Population -> cost and violation.
         order: Order of individuals.
         guess: Controls to start from, shape (nu, N); None without a guess.
@@ -109,7 +109,7 @@ class _Found:
 
         Args:
             x0: Initial state of the core, shape (nx,).
-            known: Parameters and signals.
+            known: Values of the parameters and signals.
             random: Whether the starts were a random sample, which allows an estimate.
         """
         ends, optima = [one.count for one in self.optima], tuple[Optimum, ...]()

@@ -7,8 +7,8 @@
                disagree, from variations of these optima, too (start_lanes.py)
     search     the population search
     polish     the NLP solver from the best three optima of the lanes, from the search's
-               points, and from states that lead straight to a fixed end; without
-               optima of lanes, from more that reach it
+               points, and from states that lead straight to a fixed end; without optima
+               of lanes, from more states that reach it
     again      the NLP solver once more from the best answer with its own settings, if
                it had been kept near its start, so that it can leave a saddle point
 
@@ -82,7 +82,7 @@ class Answered:
         polished: The answer.
         evaluations: Evaluations of the NLP solver.
         account: Results of all starts.
-        is_searched: Whether the search counts.
+        is_searched: Whether there was a search by roll-outs that are reliable.
     """
 
     polished: Polished
@@ -161,7 +161,7 @@ class ManyStarts:
             search: Runs the search and returns its points, the best first; None without
                 a search.
             x0: Initial state of the core, shape (nx,).
-            known: Parameters and signals.
+            known: Values of the parameters and signals.
             rng: Source of all randomness.
             may_agree: Whether the search is left out if cold starts and lanes agree.
 
@@ -338,7 +338,7 @@ class _Tries:
     Attributes:
         answers: Its answers.
         tried: Account of each answer.
-        is_searched: Whether the search counts.
+        is_searched: Whether there was a search by roll-outs that are reliable.
         agree: Whether cold starts and lanes agree, so that less is tried.
     """
 
@@ -450,8 +450,8 @@ class _Tries:
 def agree(cold: Sequence[Tried], lanes: Lanes | None) -> bool:
     """Return whether cold starts lead to the cheapest optimum of the lanes.
 
-    All that are feasible must, one at least, and the lanes must have seen nearly all
-    optima that such starts end in.
+    All feasible results must, and there must be at least one. The lanes must also have
+    seen nearly all optima that such starts end in.
 
     Args:
         cold: Results of the cold starts.

@@ -93,7 +93,7 @@ class SearchSpace(Protocol):
         """Return the start that a point, shape (dim,), represents."""
 
     def encoded(self, controls: Array, x0: ArrayLike) -> Array:
-        """Return the point of controls, shape (nu, N), from an initial state.
+        """Return the point that represents controls (nu, N) from an initial state.
 
         Raises:
             InvalidProblemError: If the controls have no point in this space.
@@ -101,7 +101,7 @@ class SearchSpace(Protocol):
 
 
 class ControlSpace:
-    """All control sequences within the bounds; ca.vec of (nu, blocks).
+    """All control sequences within the bounds; points are ca.vec of (nu, blocks).
 
     Controls that several members of an ensemble share occur once.
 

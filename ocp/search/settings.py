@@ -135,7 +135,8 @@ class Memetic:
         """Return the population search that is improved.
 
         Args:
-            evaluations: The budget of both together; None if it is given in seconds.
+            evaluations: Budget of the search with its local solves; None if the budget
+                is given in seconds.
         """
         if self.size is not None or evaluations is None:
             return LSHADE(size=self.size)
@@ -278,7 +279,7 @@ def search_settings(
 
     Args:
         search: Settings, which have a budget and an order; or an algorithm, its class,
-            its name, or "default", which is made for undecided plans only; None or
+            its name, or "default", which searches with `when="undecided"`; None or
             "none" means no search.
         budget: Budget of an algorithm; an integer is a number of evaluations; None
             means 20,000, or 500,000 for a multistart.

@@ -60,13 +60,13 @@ _STILL = 1e-6
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Solved:
-    """Answers of lanes.
+    """Answers that lanes found from the starts of one problem.
 
     Attributes:
         x0: Initial state of the core, shape (nx,).
-        known: Parameters and signals.
+        known: Values of the parameters and signals.
         answers: Those from random starts, then those from variations.
-        random: Number of the former.
+        random: Number of the answers from random starts.
         seconds: Wall time [s].
     """
 
@@ -111,14 +111,14 @@ class StartLanes:
         n: int,
         rng: np.random.Generator,
     ) -> Solved:
-        """Return the answers from starts and from random ones.
+        """Return the answers from given starts and from random starts.
 
-        If the end fixes states, half of the random ones are states that reach it.
+        If the end fixes states, half of the random starts are states that reach it.
 
         Args:
             starts: Further starts, at least one.
             x0: Initial state of the core, shape (nx,).
-            known: Parameters and signals.
+            known: Values of the parameters and signals.
             n: Number of random starts.
             rng: Source of all randomness.
 
@@ -154,7 +154,7 @@ class StartLanes:
         )  # fmt: skip
 
     def varied(self, solved: Solved, n: int, rng: np.random.Generator) -> Solved:
-        """Return answers with those of variations, as long as they get cheaper.
+        """Return answers with those of variations, in rounds that get cheaper.
 
         Args:
             solved: Answers from random starts.
@@ -229,7 +229,7 @@ def variations(
 
     Returns:
         Controls (nu, N, n), decisions about the start (ny, n), and states between
-        intervals, divided by their sizes as those of the answers, (nx, N + 1, n).
+        intervals, divided by their sizes as in the answers, (nx, N + 1, n).
     """
     best = np.array([one.lane for one in distinct_optima(answers)[:KEPT]])
     weights = 1.0 / np.arange(1, best.size + 1)

@@ -28,7 +28,7 @@ def straight_states(fitness: Fitness, x0: ArrayLike, known: Known) -> Array | No
     Args:
         fitness: The problem's evaluator.
         x0: Initial state, shape (nx,).
-        known: Parameters and signals.
+        known: Values of the parameters and signals.
     """
     way = _way(fitness, x0, known)
     return None if way is None else way[0]
@@ -45,7 +45,7 @@ def state_guesses(
     Args:
         fitness: The problem's evaluator.
         x0: Initial state, shape (nx,).
-        known: Parameters and signals.
+        known: Values of the parameters and signals.
         n: Number of guesses.
         rng: Source of all randomness.
     """

@@ -81,7 +81,7 @@ def knot_names(control: str) -> tuple[str, str]:
 
 
 def control_of(knot: str, controls: Sequence[str]) -> int | None:
-    """Return the number of the control whose knot a state is; None if it is no knot."""
+    """Return the number of the control that a knot state belongs to; else None."""
     return next((j for j, u in enumerate(controls) if knot == knot_names(u)[1]), None)
 
 
@@ -189,7 +189,7 @@ def first_of(labels: Index) -> Index:
 
 
 def variables_of(labels: Index) -> Index:
-    """Return, for each label in ca.vec, the index of its first control."""
+    """Return, for each control in ca.vec, the rank of its label among the labels."""
     numbers = labels.ravel(order="F")
     rank = {label: place for place, label in enumerate(numbers[first_of(labels)])}
     return np.array([rank[label] for label in numbers], dtype=np.intp)
@@ -264,7 +264,7 @@ class Profile:
     Attributes:
         controls: Controls held one after another, or the knots at the ends, shape
             (nu, m).
-        piece: Time for which each is held, or between knots [s].
+        piece: Time for which each control is held, or between two knots [s].
         start: The first knot, shape (nu,); None: the controls are held.
     """
 

@@ -100,8 +100,8 @@ class FreeStart:
     """One decision about the state at the start.
 
     Attributes:
-        states: Numbers of the states that start at it, at least one.
-        value: Its bounds, including those of the states, and its guess.
+        states: Numbers of the states that start at this value, at least one.
+        value: Bounds of the value, including those of the states, and its guess.
     """
 
     states: tuple[int, ...]
@@ -217,7 +217,7 @@ def whole(
 def whole_symbols(
     controls: _Symbolic, integer: Sequence[int], limits: tuple[Array, Array]
 ) -> _Symbolic:
-    """Return the same for one column of symbols, shape (nu, 1)."""
+    """Return controls in symbols, shape (nu, 1), rounded as by `whole`."""
     rows = ca.vertsplit(controls) if integer else []
     for j in integer:
         lower, upper = (float(side[j]) for side in limits)

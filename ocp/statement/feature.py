@@ -26,7 +26,7 @@ class Feature:
             problem: An OptimalControlProblem, whose other fields are checked.
 
         Raises:
-            InvalidProblemError: If it does not.
+            InvalidProblemError: If the feature does not go with the problem.
         """
 
     def accepts(self, problem: Any) -> bool:
@@ -43,7 +43,7 @@ def features_given(given: object) -> tuple[Feature, ...]:
     """Return the features of a statement, checked.
 
     Raises:
-        InvalidProblemError: If they are no list of features.
+        InvalidProblemError: If `features` is not a list of features.
     """
     if not isinstance(given, list | tuple) or not all(
         isinstance(one, Feature) for one in given

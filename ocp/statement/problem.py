@@ -585,7 +585,10 @@ class OptimalControlProblem(Expressed):
 
     @cached_property
     def kept(self) -> dict[str, Any]:
-        """Functions and planners made for it, for later calls; copies have none."""
+        """Functions and planners kept for later calls with this problem.
+
+        A copy of the problem has none.
+        """
         return {}
 
     @cached_property

@@ -8,7 +8,7 @@ Rules, which say when a vehicle commits to a candidate:
                   if each message arrives before that
     hearsay       at once, if it is clear of what was heard last: not safe
 
-How plans are found, and how they are followed, is not known here.
+Other modules find the plans, and follow them.
 """
 
 from __future__ import annotations
@@ -58,9 +58,10 @@ class Terms(NamedTuple):
     """Terms of plans, beside their paths.
 
     Attributes:
-        parting: Step at which each parts from the one before, shape (rows,).
-        is_last: Whether its vehicle proposes none once it has committed to it, shape
+        parting: Step at which each plan parts from its vehicle's plan before, shape
             (rows,).
+        is_last: Whether a plan is its vehicle's last: the vehicle proposes no other
+            plan once it has committed to this one, shape (rows,).
     """
 
     parting: Count
@@ -82,7 +83,7 @@ def decide(
     Args:
         now: Rule, step, least distance.
         rank: Order in which candidates give way, shape (n,).
-        terms: Those of the plans.
+        terms: Terms of the plans.
         members: The vehicles.
         plans: All plans.
         results: Gets WAITING, COMMITTED, WITHDRAWN or NOTHING, shape (n,).
@@ -140,7 +141,7 @@ class Agreement:
     Attributes:
         plans: All plans: those of the start, those that are known to all, such as
             obstacles, and those that were proposed, in this order.
-        terms: Their terms.
+        terms: Terms of the plans.
         members: The vehicles.
         not_before: Tick before which a vehicle proposes nothing, shape (n,).
     """

@@ -39,12 +39,14 @@ class Log(NamedTuple):
 
     Attributes:
         plans: The plans; the first n are those of the start.
-        vehicle: Of each plan its vehicle, shape (rows,).
-        parting: Step at which it parts from the plan before, shape (rows,).
-        proposed: Tick of its proposal, or START, shape (rows,).
-        ended: Tick of its commitment or withdrawal, START or OPEN, shape (rows,).
-        committed: Whether it was committed to, shape (rows,).
-        accepted: Tick at which each vehicle accepted it, or OPEN, shape (rows, n).
+        vehicle: Number of each plan's vehicle, shape (rows,).
+        parting: Step at which each plan parts from the plan before, shape (rows,).
+        proposed: Tick of each plan's proposal, or START, shape (rows,).
+        ended: Tick of each plan's commitment or withdrawal, START or OPEN, shape
+            (rows,).
+        committed: Whether each plan was committed to, shape (rows,).
+        accepted: Tick at which each vehicle accepted each plan, or OPEN, shape (rows,
+            n).
         ticks: Number of ticks in a step.
         steps: Number of steps of the flight.
         step_s: Step of the grid of times [s].

@@ -24,11 +24,11 @@ class Channel(NamedTuple):
 
     Attributes:
         committed: [t, i]: plan that i is committed to in its message of tick t.
-        candidate: [t, i]: its candidate in it.
-        accepted: [t, i, j]: candidate of j that it accepts in it.
+        candidate: [t, i]: candidate of i in the same message.
+        accepted: [t, i, j]: candidate of j that i accepts in the same message.
         arrival: [t, i, j]: tick at which the message reaches j, or LOST.
-        known: [t, i, k]: number of k's newest message that i passes on in it; of size
-            0 if nothing is passed on.
+        known: [t, i, k]: number of k's newest message that i passes on in the same
+            message; of size 0 if nothing is passed on.
     """
 
     committed: Count

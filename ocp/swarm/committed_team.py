@@ -2,7 +2,7 @@
 
 Each vehicle follows a plan that it has committed to, and that ends in a certified set.
 It plans anew from the state that this plan leads to one lead later, sees the plans that
-it knows of the others, and proposes what is cheaper than to go on; the rule of
+it knows of the others, and proposes a plan that is cheaper than to go on; the rule of
 `rule.py` decides when it commits to it. So delays and losses cost time only.
 
 The planning problem of a vehicle has these signals, each of k rows of a position:
@@ -10,10 +10,11 @@ The planning problem of a vehicle has these signals, each of k rows of a positio
     its reference, if it has one
     the committed plans that it knows of the others, in the order of their numbers
     their candidates; their committed plans if it knows of none
-    one row: what to keep from others in addition to the distance, at least
+    one row: what to keep from others in addition to the least distance
 
-The rule proves more than the problem demands: it looks between the nodes. If a plan is
-not clear by a part of the distance, the vehicle plans again with that reserve.
+The rule proves more than the problem demands: it also looks between the nodes. If a
+plan comes too near to others by some part of the distance, the vehicle plans again with
+so much distance in addition.
 
 A plan that ends in the set of its goal is the last one of its vehicle. Constraints
 other than the distances hold as the planner checks them, up to a plan's end.
@@ -318,7 +319,7 @@ class CommittedVehicles:
 
     @property
     def have_arrived(self) -> Flags:
-        """True for vehicles whose plan ends in the set of the goal, shape (n,)."""
+        """Mask of the vehicles whose plan ends in the set of the goal, shape (n,)."""
         rows = self._agreement.members.committed
         return np.array(self._agreement.terms.is_last[rows])
 
@@ -549,13 +550,13 @@ def _parameters(loop: RecedingHorizon) -> Array:
 def begin_as(plan: int, committed: int, lead: int, plans: Plans) -> None:
     """Let a plan have the samples and bulges of another one until they part.
 
-    If the other is in its rest by then, its sample is the centre of a ball in which the
-    vehicle is; the next bulge grows by the distance of the two.
+    If the other plan is in its rest by then, its sample is the centre of a ball that
+    contains the vehicle; the next bulge grows by the distance from that centre.
 
     Args:
         plan: Row of the plan, which is written.
         committed: Row of the plan from which it parts.
-        lead: Number of steps until then, from its first sample on.
+        lead: Number of steps from the plan's first sample until they part.
         plans: All plans.
     """
     place, bulge = plans.samples[plan, lead].copy(), plans.bulges[plan, lead]

@@ -2,7 +2,7 @@
 
 Vehicles follow their committed plans: each holds the acceleration of its plan in every
 step, and corrects the error that a disturbance has made (tracking.py). The bounds of
-the errors enter the distances of plans, and what is left of the bounds of acceleration
+the errors are added to the distances of plans, and taken off the bounds of acceleration
 and speed, so that the disturbed vehicles keep the distance and the bounds, too.
 """
 

@@ -33,8 +33,8 @@ class SwarmFlight(Presenting):
         positions: Positions, shape (n, 3, steps + 1) [m].
         arrival_s: Time from which on each vehicle is at its goal for ever; infinite if
             it does not arrive, shape (n,) [s].
-        apart: Scaled distance of the nearest two plans between each two times: at least
-            this, shape (steps,) [m].
+        apart: Lower bound of the scaled distance of any two plans from each time to the
+            next, shape (steps,) [m].
         searches: Number of searches for a plan.
         log: All plans, and what became of them.
 
@@ -99,12 +99,14 @@ class SwarmFlight(Presenting):
 
     @property
     def is_safe(self) -> bool:
-        """True if no two plans come nearer than they are to."""
+        """True if no two plans come nearer than they may."""
         return self.min_distance_m >= self.swarm.plan_distance
 
     @property
     def path_ratio(self) -> Array:
-        """Length of each path by that of the straight one, shape (n,); 1 if it stays.
+        """Length of each path divided by the straight distance, shape (n,).
+
+        It is 1 for a vehicle that stays.
 
         A vehicle that does not arrive has infinity.
         """

@@ -39,10 +39,11 @@ class PointMass(NamedTuple):
         speed: Largest one along each axis, scaled, shape (3,) [m/s].
         step_s: Step of the grid [s].
         turn_rate: Largest turn rate of a vehicle that moves in the direction of its
-            heading, in the plane [rad/s]; the bounds of the first axis hold for sizes
-            of vectors, then. Infinite for others.
-        drift_x: Velocity of the frame along x, scaled, which turns count with [m/s].
-        drift_y: The same along y [m/s].
+            heading, in the plane [rad/s]; the bounds of the first axis then hold for
+            sizes of vectors. Infinite for others.
+        drift_x: Velocity of the frame along x, scaled, which turns take into account
+            [m/s].
+        drift_y: Velocity of the frame along y, scaled, likewise [m/s].
     """
 
     acceleration: Array
@@ -62,7 +63,7 @@ class State(NamedTuple):
 
 @kernel
 def is_feasible(start: State, end: State, steps: int, body: PointMass) -> bool:
-    """Return whether a leg of so many steps keeps the bounds, but for rounding."""
+    """Return whether a leg of a number of steps keeps the bounds, but for rounding."""
     for axis in range(3):
         first, change = accelerations(start, end, (axis, steps), body)
         last = first + change * (steps - 1)
@@ -125,7 +126,8 @@ def accelerations(
     Args:
         start: State at its beginning.
         end: State at its end.
-        leg: Axis, and number of steps. One step has no change, and need not lead there.
+        leg: Axis, and number of steps. A leg of one step has no change, and need not
+            lead to `end`.
         body: The point mass.
     """
     axis, n = leg

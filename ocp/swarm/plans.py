@@ -40,8 +40,8 @@ class Plans(NamedTuple):
     Attributes:
         first: Steps of the first samples, shape (rows,).
         samples: Scaled positions [m], shape (rows, pieces + 1, 3).
-        bulges: Of the pieces and, at last, the radius of the rest [m], shape
-            (rows, pieces + 1).
+        bulges: Bulges of the pieces and, as the last one, the radius of the rest [m],
+            shape (rows, pieces + 1).
     """
 
     first: Count
@@ -94,7 +94,7 @@ def may_meet(one: int, other: int, step: int, radius: float, plans: Plans) -> bo
     Args:
         one: Row of a plan, or GONE.
         other: Row of another.
-        step: Number of the time from which on they matter.
+        step: Number of the time from which on the plans are compared.
         radius: Least distance of the two [m], scaled.
         plans: The plans.
     """

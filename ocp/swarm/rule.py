@@ -58,9 +58,10 @@ class Members(NamedTuple):
         candidate: Rows of their candidates, or NONE, shape (n,).
         accepted: [j, i]: candidate of i that j accepts, or NONE, shape (n, n).
         number: [j, i]: number of i's newest message that j has, shape (n, n); -1: none.
-        heard_committed: [j, i]: committed plan of i in it, shape (n, n).
-        heard_candidate: [j, i]: candidate of i in it, shape (n, n).
-        heard_accepted: [j, i]: candidate of j that i accepts in it, shape (n, n).
+        heard_committed: [j, i]: committed plan of i in that message, shape (n, n).
+        heard_candidate: [j, i]: candidate of i in that message, shape (n, n).
+        heard_accepted: [j, i]: candidate of j that i accepts in that message, shape (n,
+            n).
     """
 
     committed: Count

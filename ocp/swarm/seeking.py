@@ -52,17 +52,17 @@ NEAR = 0.6
 
 
 class Task(NamedTuple):
-    """A search.
+    """Task of one search.
 
     Attributes:
         step: Number of the present time.
         parting: Index of the sample at which the plan parts from the committed one; all
             samples up to it are written already.
-        state: State there.
+        state: State at that sample.
         goal: Scaled position [m], shape (3,).
         others: Rows of plans to keep clear of, shape (k,); their order changes.
         radius: Least distance [m], scaled.
-        heading: Of a vehicle with a turn rate, at rest [rad].
+        heading: Heading at rest of a vehicle with a turn rate [rad].
     """
 
     step: int

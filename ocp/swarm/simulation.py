@@ -122,15 +122,17 @@ def simulate_swarm(  # noqa: PLR0913 - the swarm, its links, and how it is simul
     Args:
         swarm: The swarm.
         links: Its links.
-        rule: "acknowledged", "waiting" or "hearsay"; see the module.
+        rule: Rule by which vehicles commit to plans: "acknowledged" (safe with any
+            delays), "waiting" (safe if each message arrives before the plans part) or
+            "hearsay" (not safe).
         seconds: Longest time of the flight [s].
         step_s: Step of the grid of the plans [s].
         longest_s: Longest time of a plan [s].
         tries: Number of flights that a search tries.
-        lead_s: Time from a proposal to its parting from the committed plan [s]; None:
-            a round trip to all others, as the links are.
+        lead_s: Time from a proposal to its parting from the committed plan [s]; None: a
+            round trip to all others over the links.
         rng: Random number generator of delays, losses and searches.
-        seed: Seed of a new one, in place of it.
+        seed: Seed of a new generator, in place of `rng`.
 
     Raises:
         InvalidProblemError: If an argument is invalid, a silent vehicle is unknown, or
@@ -161,7 +163,7 @@ def most_hops(name: str, places: Array, radio_range: float) -> int:
     """Return the number of links between the two vehicles that are farthest apart.
 
     Raises:
-        InvalidProblemError: If no message comes from one to another.
+        InvalidProblemError: If no message gets from some vehicle to another.
     """
     if radio_range == math.inf:
         return 1

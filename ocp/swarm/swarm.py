@@ -78,7 +78,7 @@ class Obstacle:
     """Ball that stands, or moves on a known path.
 
     Attributes:
-        radius: Its radius [m].
+        radius: Radius of the ball [m].
         path: Positions of its centre, shape (k, 3), between which it moves at constant
             speed; it stands before the first and after the last [m].
         times: Times of the positions, rising, shape (k,) [s].
@@ -109,14 +109,14 @@ class Obstacle:
 
     @checked(refused, times=reals(axes=1))
     def position(self, times: ArrayLike) -> Array:
-        """Return its centre at times, shape (len(times), 3) [m]."""
+        """Return the centre at times, shape (len(times), 3) [m]."""
         now = np.asarray(times, dtype=np.float64)
         each = [np.interp(now, self.times, axis) for axis in self.path.T]
         return np.stack(each, axis=1)
 
     @checked(refused, times=reals(axes=1))
     def bulge(self, times: ArrayLike) -> Array:
-        """Return by how much it may be off the chords between times [m].
+        """Return by how much the centre may be off the chords between times [m].
 
         If its speed changes between two times, its path has a corner there.
         """
@@ -156,20 +156,21 @@ class Swarm:
         obstacles: Balls from which a vehicle keeps half the distance, scaled.
         turn_rate: Largest turn rate of vehicles that move in the plane, in the
             direction of their heading (unicycles) [rad/s]; the bounds of the first axis
-            hold for the sizes of acceleration and velocity, then. Infinite for point
+            then hold for the sizes of acceleration and velocity. Infinite for point
             masses.
         headings: Headings of such vehicles at the start, shape (n,) [rad]; zero if they
             are not given.
         drift: Velocity of the frame in which places are given, shape (3,) [m/s]: what
-            is at rest there moves with it, as in a formation. A turn rate counts with
-            it; nothing else depends on it.
-        tracking_error: Largest scaled distance of a vehicle from its plan [m]; plans
-            keep twice as much more than the distance.
+            is at rest there moves with it, as in a formation. Turn rates take it into
+            account; nothing else depends on it.
+        tracking_error: Largest scaled distance of a vehicle from its plan [m]; two
+            plans keep `distance` plus twice this.
 
     Raises:
         InvalidProblemError: If shapes do not fit, a number is not finite, two starts or
             two goals are too near, a goal is too near an obstacle in the end, or a
-            start is too near its path; the vehicles and the distance are named.
+            start is too near an obstacle's path; the message names the vehicles and the
+            distance.
 
     Example:
         >>> import swarmstart as ss
@@ -320,7 +321,8 @@ class Links:
         period: Number of ticks in a step of the plans.
         most_delay: A message takes 1 to 1 + most_delay ticks, drawn anew each time.
         loss: Probability that a message is lost, for each receiver.
-        silences: Vehicle -> (from, to): it neither sends nor hears then [s].
+        silences: Vehicle -> (from, to), the times between which it neither sends nor
+            hears [s].
         radio_range: Largest distance between sender and receiver, not scaled [m]. If it
             is finite, vehicles pass on what they hear.
 
@@ -349,10 +351,10 @@ class Links:
 
 
 def require_silences(links: Links, n: int) -> None:
-    """Raise if a vehicle that is silent is none of so many.
+    """Raise if a silent vehicle is not one of the swarm.
 
     Raises:
-        InvalidProblemError: If one is not.
+        InvalidProblemError: If the number of a silent vehicle is unknown.
     """
     unknown = sorted(set(links.silences) - set(range(n)))
     if unknown:

@@ -92,7 +92,8 @@ class Team:
         """Let all exchange messages, plan, and follow their plans for a step.
 
         Returns:
-            Accelerations that they hold in it, not scaled, shape (n, 3) [m/s^2].
+            Accelerations that the vehicles hold in this step, not scaled, shape (n, 3)
+            [m/s^2].
         """
         period, step = self._links.period, self.steps
         self._flight = None
@@ -115,7 +116,7 @@ class Team:
         return np.asarray(pushes / self._swarm.scale)
 
     def states(self) -> Array:
-        """Return where the committed plans are now, and how fast, not scaled.
+        """Return the present states of the committed plans, not scaled.
 
         Returns:
             Positions and velocities, shape (n, 6) [m, m/s].
@@ -271,7 +272,7 @@ def lead_steps(n: int, links: Links, hops: int) -> int:
 
 @kernel
 def branch(plan: int, committed: int, when: tuple[int, int], plans: Plans) -> bool:
-    """Begin a plan with what is committed to; return whether that rests then.
+    """Begin a plan with the committed one; return whether that rests when they part.
 
     Args:
         plan: Row of the new plan.

@@ -67,7 +67,7 @@ class Path:
         controls: Controls between them, each (nu,).
         gains: Gains of the deviations from the first states, each (nu, nx).
         bulges: Distances from the chords between them [m].
-        rest: Its end.
+        rest: End of the plan.
     """
 
     first: int

@@ -42,7 +42,7 @@ class InvalidSystemError(InvalidProblemError):
 
 
 class NonMinimalWarning(UserWarning):
-    """A transfer function became more states than it may need."""
+    """A transfer function was converted to more states than it may need."""
 
 
 class Equations(NamedTuple):
@@ -314,8 +314,8 @@ def state_space(
 
     Args:
         functions: (x, u, p, s) -> x' or x+, and (x, u, p, s) -> y.
-        point: x, u, p and s there.
-        names: Of states, inputs and outputs.
+        point: x, u, p and s at the point.
+        names: Names of states, inputs and outputs.
         dt: 0 for a continuous system; else the sampling time [s], or True.
 
     Raises:

@@ -366,8 +366,8 @@ class Model(Expressed):
     ) -> control.StateSpace:
         """Return the linear system near a point, for python-control.
 
-        Its states, inputs and outputs are deviations from the point. Without outputs of
-        the model, they are the states.
+        Its states, inputs and outputs are deviations from the point. If the model has
+        no outputs, those of the system are the states.
 
         Args:
             x: States, shape (nx,).
@@ -434,9 +434,9 @@ class Model(Expressed):
     def unit_conflicts(self) -> tuple[str, ...]:
         """Return a sentence for each equation whose units contradict each other.
 
-        Compared are the terms of sums, the arguments of functions such as the sine,
-        and each rate with its state. Plain numbers, and parameters without a unit, may
-        have any. `swarmstart check` warns of the same in a file.
+        The terms of sums are compared, the arguments of functions such as the sine, and
+        each rate with its state. Plain numbers, and parameters without a unit, may have
+        any unit. `swarmstart check` warns of the same in a file.
 
         Example:
             >>> import casadi as ca

@@ -1,9 +1,9 @@
 """Units of a model: what its equations say of them, read by pint.
 
 A unit is a text at a state, a control or an output; time is in seconds. Plain numbers
-and parameters without a unit may have any, so that a product with one of them says
-nothing. What is left is compared: the terms of a sum, the argument of a function such
-as the sine, and each rate with its state.
+and parameters without a unit may have any unit, so that a product with one of them is
+not checked. Everything else is compared: the terms of a sum, the argument of a function
+such as the sine, and each rate with its state.
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ class Unit:
     """A unit as a factor and powers of the base units.
 
     Attributes:
-        factor: Its size in base units, above 0.
+        factor: Size of the unit in base units, above 0.
         powers: Name of a base unit -> its power, none of them 0; radians are left out.
-        text: How it was written; empty for one that was computed.
+        text: Text that the unit was read from; empty for a computed unit.
     """
 
     factor: float
@@ -62,11 +62,11 @@ class Unit:
         return " ".join([*number, *words])
 
     def is_size(self, factor: float) -> bool:
-        """Return whether its factor is this one."""
+        """Return whether the unit's factor is a given number."""
         return abs(self.factor / factor - 1) < _SAME
 
     def is_like(self, other: Unit) -> bool:
-        """Return whether both are the same unit, however they are written."""
+        """Return whether another unit is the same one, however they are written."""
         return self.powers == other.powers and self.is_size(other.factor)
 
     def times(self, other: Unit, power: int = 1) -> Unit:
@@ -86,7 +86,7 @@ _ONE = Unit(1.0)
 
 
 class UnlikeUnitsError(ValueError):
-    """Two quantities are added or compared, or a function is taken, in wrong units."""
+    """Unlike units are added or compared, or a function has a wrong unit."""
 
 
 def read_unit(text: str) -> Unit | None:
@@ -96,8 +96,8 @@ def read_unit(text: str) -> Unit | None:
         text: The text.
 
     Returns:
-        The unit; of a temperature that of its differences. None if the text is empty
-        or says no unit that pint knows: it is a label, then.
+        The unit; for a temperature, the unit of its differences. None if the text is
+        empty or not a unit that pint knows: such a text is only a label.
     """
     plain = text.strip().replace("·", "*").replace("deg C", "delta_degC")
     # pint would read two strokes as one whole division.
@@ -133,14 +133,15 @@ def _registry() -> Any:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Equations:
-    """Equations, and the names and units of what is in them.
+    """Equations, and the names and units of the quantities in them.
 
     Attributes:
         symbols: Symbol of each quantity, a column.
-        names: Name of each symbol; longer than the names is the time [s], the last.
+        names: Name of each symbol in order, without that of the time [s], which is the
+            last symbol if there is one more than names.
         units: Unit by name, as text.
-        kinds: What an equation says, such as "rate" -> the names that it says it of,
-            and its rows.
+        kinds: Kind of equation, such as "rate" -> the names of the quantities that such
+            equations give, and their rows.
     """
 
     symbols: ca.SX

@@ -101,7 +101,7 @@ class LowerBound:
         kind: Kind of the bound.
         value: The bound, as the problem states its cost: no answer costs less; if the
             cost is maximised, no answer reaches more. NaN if there is no bound.
-        reason: How it was found, or why there is none: sentences.
+        reason: How the bound was found, or why there is none: sentences.
         degree: Degree of the polynomial; 0 if none was used.
         slack: Gap that the proofs left, already subtracted from the bound [cost].
         boxes: Number of boxes of all proofs.

@@ -41,7 +41,7 @@ class Statement(Expressed):
 
     Attributes:
         time: Symbol of the time t [s].
-        states: Symbols of the states x, each in its size, shape (n, 1).
+        states: Symbols of the states x, each divided by its size, shape (n, 1).
         controls: Symbols of the controls u, in their units, shape (m, 1).
         rate: f(t, x, u), shape (n, 1) [1/s].
         stage: L(t, x, u) [cost / s].

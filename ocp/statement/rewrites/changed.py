@@ -49,7 +49,7 @@ class Appended:
 
 
 def replaced(old: ca.SX, new: ca.SX) -> Change:
-    """Return the change that substitutes symbols; without symbols there is none."""
+    """Return a function that substitutes symbols in an expression."""
     if not old.numel():
         return lambda expression: expression
     return lambda expression: ca.substitute(expression, old, new)
@@ -66,8 +66,8 @@ def with_states(
     Args:
         problem: The problem before.
         appended: The states.
-        equations: Fields of the model that change besides, for its states so far.
-        changes: Fields of the problem that change besides.
+        equations: Further fields of the model to change, without the new states.
+        changes: Further fields of the problem to change.
     """
     given = {**{role: getattr(problem.model, role) for role in _KEPT}, **equations}
     model = problem.model
@@ -94,7 +94,7 @@ def with_states(
 
 
 def with_equations(model: Model, **changes: Any) -> Model:
-    """Return a model with other equations; all are SX, the algebraic ones solved."""
+    """Return a model with other equations, in SX, with algebraic ones solved."""
     return Model(**({role: getattr(model, role) for role in _KEPT} | changes))
 
 
@@ -115,8 +115,9 @@ def changed_fields(
 
     Args:
         problem: The problem.
-        timed: Change of an expression that is evaluated at any time.
-        begun: Change of one that is evaluated at the start of an interval.
+        timed: Function that changes an expression that is evaluated at any time.
+        begun: Function that changes an expression that is evaluated at the start of an
+            interval.
     """
     risk = problem.risk
     return {

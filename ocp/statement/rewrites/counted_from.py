@@ -1,4 +1,4 @@
-"""States counted from near: z = x - c in place of a state x that is far from zero.
+"""States counted from a number near them: z = x - c for a state x far from zero.
 
     z' = f(z + c, u, p),   z+ = g(z + c, u, p) - c,   z(0) = x(0) - c
 
@@ -10,8 +10,8 @@ cancel where the problem subtracts a number r near it. Every value is kept in pa
                    k a number
 
 until an operation needs its sum: sums and constant factors act on the parts, and (z +
-c) - r becomes z + (c - r), where c - r is exact. The number of a row with limits moves
-into these.
+c) - r becomes z + (c - r), where c - r is exact. A constant term of a row with limits
+is moved into the limits.
 
 Source: Higham (2002), Accuracy and Stability of Numerical Algorithms, theorem 2.5
 (Sterbenz), for the exact difference of numbers near each other.
@@ -51,9 +51,9 @@ _STEP = 64
 
 @dataclass(frozen=True, slots=True)
 class CountedFrom(Rewrite):
-    """States that are counted from a number instead of zero, inside.
+    """Numbers from which the solvers count states, instead of from zero.
 
-    `solve` does it by itself for a start more than 1e7 sizes away from zero. A
+    `solve` does it by itself for a start more than 1e7 natural sizes away from zero. A
     `Planner` is made before it has a start, so state it for a closed loop. All states
     that you give and get are counted as the problem counts them.
 
@@ -61,8 +61,8 @@ class CountedFrom(Rewrite):
         numbers: A number near the values of each state, by its name.
 
     Raises:
-        InvalidProblemError: If a number is not finite; of a problem with it, if a name
-            is unknown, or it joins phases.
+        InvalidProblemError: If a number is not finite; when a problem has this feature,
+            if a name is unknown, or the problem joins phases.
 
     Example:
         >>> import casadi as ca
@@ -167,10 +167,10 @@ class CountedFrom(Rewrite):
 def from_near(
     problem: OptimalControlProblem, x0: Array, sizes: Array
 ) -> OptimalControlProblem:
-    """Return a problem whose states far from zero are counted from near its start.
+    """Return a problem whose states far from zero are counted from near x0.
 
-    A problem without such states is returned itself, and so is one that says what its
-    states are counted from.
+    A problem without such states is returned unchanged, and so is one that has a
+    `CountedFrom`.
 
     Args:
         problem: The problem.
@@ -198,7 +198,7 @@ def from_near(
 
 
 def from_zero(problem: OptimalControlProblem) -> OptimalControlProblem:
-    """Return a problem without its CountedFrom; itself if it has none."""
+    """Return a problem without its CountedFrom; a problem without one, unchanged."""
     left = [one for one in problem.features if not isinstance(one, CountedFrom)]
     if len(left) == len(problem.features):
         return problem

@@ -42,6 +42,6 @@ class Decided(Rewrite):
     def start(
         self, problem: OptimalControlProblem, x0: Array, previous: ArrayLike | None
     ) -> Array:
-        """Return NaN for each: they are decided."""
+        """Return NaN for each decided parameter."""
         del x0, previous
         return np.full(len(problem.decided), np.nan)

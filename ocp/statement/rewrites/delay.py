@@ -48,8 +48,8 @@ class TransportDelay(Rewrite):
             problem's intervals.
 
     Raises:
-        InvalidProblemError: If a delay is negative or not finite; of a problem with it,
-            as `require` says, with the nearest delays that are possible.
+        InvalidProblemError: If a delay is negative or not finite; when a problem has
+            this feature, as in `require`, with the nearest delays that are possible.
 
     Example:
         >>> import casadi as ca
@@ -146,7 +146,7 @@ class TransportDelay(Rewrite):
     def start(
         self, problem: OptimalControlProblem, x0: Array, previous: ArrayLike | None
     ) -> Array:
-        """Return the controls before the horizon, the last one of each first."""
+        """Return the values of each control before the horizon, the last one first."""
         del x0
         counts = self._intervals(problem)
         before = controls_before(problem, previous, max(n for _, n in counts))

@@ -24,7 +24,7 @@ GIVEN_LENGTH = "length given with the plan"
 
 
 class Length(NamedTuple):
-    """Length of the horizon, and what a problem gets with it if it is free.
+    """Length of a horizon, and the parameter that a free one adds to the problem.
 
     Attributes:
         seconds: The length [s], an expression.
@@ -40,7 +40,7 @@ class Length(NamedTuple):
 def length_of(problem: OptimalControlProblem) -> Length:
     """Return the length of a problem's horizon: a decided parameter if it is free.
 
-    It is a state if it is given with each plan.
+    If the length is given with each plan, it is a state.
     """
     parameters, decided = problem.model.parameters, problem.decided
     if GIVEN_LENGTH in problem.model.state_names:

@@ -80,10 +80,10 @@ class LinearControls(Rewrite):
     def start(
         self, problem: OptimalControlProblem, x0: Array, previous: ArrayLike | None
     ) -> Array:
-        """Return the first knots, twice; a guess in bounds of those that are decided.
+        """Return the first knots, twice; for those that are decided, a guess in bounds.
 
         Raises:
-            InvalidProblemError: If given ones are not within the bounds.
+            InvalidProblemError: If given knots are not within the bounds.
         """
         del x0
         found = controls_before(problem, previous)[:, -1]
@@ -114,7 +114,8 @@ class LinearControls(Rewrite):
         """Return start and controls from knots, or from held controls.
 
         Raises:
-            InvalidProblemError: If the shape is of neither, or a value is not finite.
+            InvalidProblemError: If the shape is not that of knots or of held controls,
+                or a value is not finite.
         """
         nu, N = problem.model.nu, problem.intervals
         if controls.shape not in ((nu, N + 1), (nu, N)):

@@ -2,8 +2,8 @@
 
 A rewrite removes one feature of a problem. It may append states to the model, replace
 expressions, and count states from other numbers; it leaves the states that are there in
-their places. `chain.py` composes all rewrites; what comes after knows the last problem
-only, the core.
+their places. `chain.py` composes all rewrites; solvers know only the last problem, the
+core.
 
     accepts   does a problem have the feature?
     apply     problem -> problem without it
@@ -37,7 +37,7 @@ class Rewrite(Feature, ABC):
     """A map from a problem to a simpler one; `problem` is always the one before.
 
     Attributes:
-        role: Name of the states that it appends, for those who look for them.
+        role: Name of the appended states in `Lowered.places`.
         is_remembered: Whether its states at the end of an interval are those at the
             start of the next plan, in receding horizon.
     """
@@ -47,7 +47,7 @@ class Rewrite(Feature, ABC):
 
     @abstractmethod
     def accepts(self, problem: OptimalControlProblem) -> bool:
-        """Return whether a problem has what this rewrites."""
+        """Return whether a problem has the feature that this rewrite removes."""
 
     @abstractmethod
     def apply(self, problem: OptimalControlProblem) -> OptimalControlProblem:
@@ -58,7 +58,7 @@ class Rewrite(Feature, ABC):
         """
 
     def origin(self, problem: OptimalControlProblem) -> Array:
-        """Return the number that each state before is counted from, shape (nx,)."""
+        """Return the number that each state of a problem is counted from, (nx,)."""
         return np.zeros(problem.model.nx)
 
     def start(

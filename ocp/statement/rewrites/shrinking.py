@@ -58,6 +58,6 @@ class Shrinking(Rewrite):
     def start(
         self, problem: OptimalControlProblem, x0: Array, previous: ArrayLike | None
     ) -> Array:
-        """Return the whole length; a closed loop puts in what is left of it."""
+        """Return the whole length; a closed loop sets the remaining length."""
         del x0, previous
         return np.array([problem.length])
