@@ -76,7 +76,7 @@ class OptimalityGap:
         """Return the gap between a bound and an answer's cost.
 
         Args:
-            bound: The bound.
+            bound: Bound of the optimal cost, as of `lower_bound`.
             cost: The answer's cost; None if no answer is confirmed.
             tolerance: Largest error of the answer's cost [cost].
         """
@@ -102,7 +102,7 @@ class OptimalityGap:
 
     @property
     def gap(self) -> float | None:
-        """`apart` divided by the size of the cost; None also for a cost of 0."""
+        """`apart` divided by |cost|; None also if only the cost is 0."""
         apart = self.apart
         if apart is None or not (self.cost or apart == 0.0):
             return None

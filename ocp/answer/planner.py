@@ -231,7 +231,8 @@ class Planner(Called):
             backend: Backend that evaluates populations: "llvm" (machine code), "casadi"
                 or "auto"; None asks SWARMSTART_BACKEND, then auto.
             lanes: Number of additional random starts that are solved at once if there
-                is no earlier answer (docs/answers.md, "Many starts"). 0 means none.
+                is no earlier answer (docs/answers.md, "Many starts"). 0: no such
+                starts.
             threads: Largest number of threads of populations and lanes, and of
                 processes of polishes from several starts; None as in `solve`. Plans are
                 the same for any number.

@@ -159,7 +159,7 @@ class Sensitivities:
         return every
 
     def __repr__(self) -> str:
-        """Return the data, and the number of instances with doubts or without."""
+        """Return the data, and how many instances have unclear or no derivatives."""
         return (
             f"Sensitivities of {self.unclear.size} instances by "
             f"{', '.join(self.data) or 'no data'}: {len(self.reasons)} without "

@@ -697,7 +697,7 @@ def _same_beside(
         plan: The plan.
         path: Its path.
         here: Initial state, parameters and signals.
-        sizes: The natural sizes.
+        sizes: Natural sizes of states, controls, cost and rows.
         tolerance: Tolerance of the comparison.
     """
     start, parameters, signals = here

@@ -130,7 +130,7 @@ def solve(  # noqa: PLR0913 - the whole way in one call
     """Solve an optimal-control problem from an initial state.
 
     Args:
-        problem: The problem.
+        problem: Problem to solve.
         x0: Initial state, shape (nx,); entries that are decided are a guess, or NaN.
         search: The population search: a name such as "lshade", an algorithm or its
             class, or `SearchSettings`, which have a budget and an order. "default" is

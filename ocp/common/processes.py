@@ -118,9 +118,10 @@ class Ahead(Generic[T]):
         Args:
             calls: The calls. They must change nothing that a later one reads.
             processes: Largest number of processes, this one counted.
-            begins: Called first in a copy.
-            sent: Makes a result into what can be pickled, in the copy.
-            received: Makes it into a result again, here.
+            begins: Function that a copy calls first.
+            sent: Function that turns a result into an object to pickle, in the copy.
+            received: Function that turns this object into a result again, in this
+                process.
             first: Numbers of the calls that copies make before all others, since the
                 others may not be needed.
         """

@@ -56,7 +56,7 @@ class LaneWaves:
     """Waves of solves of the instances of a problem in lanes."""
 
     def __init__(self, work: Work, lanes: InLanes) -> None:
-        """Remember the work.
+        """Keep the work and the lanes.
 
         Args:
             work: The instances.
@@ -74,12 +74,12 @@ class LaneWaves:
     def __call__(self, count: int | None) -> int:
         """Solve all instances; return the number of those that were drawn last.
 
-        After these the other starts were not tried at the rest, since they had found
-        nothing cheaper. Only those count that were solved before. 0: all starts were
-        tried at all instances.
+        At these the other starts found nothing cheaper, so that they were not tried at
+        the other instances. Only drawn instances that had an answer before count. 0: no
+        start was left out in this way.
 
         Args:
-            count: Number of starts of each instance; None: as many as it takes.
+            count: Number of starts of each instance; None: as in `solve_many`.
         """
         work, starts = self._work, self._starts(count or _STARTS)
         first = count or 1
@@ -185,7 +185,7 @@ class LaneWaves:
         Args:
             here: The instances, with the guesses of what is decided.
             starts: One or several starts of each.
-            chosen: Their numbers.
+            chosen: Numbers of these instances.
             kind: Kind of the starts.
         """
         lanes = self._lanes

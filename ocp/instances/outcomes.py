@@ -168,7 +168,7 @@ class Outcomes:
 
         Args:
             chosen: Numbers of the instances, shape (n,).
-            found: Their answers.
+            found: Answers to these instances.
             solver: The solver.
             start: What it started from.
         """

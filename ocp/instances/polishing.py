@@ -45,7 +45,7 @@ class Group(NamedTuple):
 
     Attributes:
         chosen: Places of the instances among those that were asked for, shape (n,).
-        answers: Their answers.
+        answers: Answers to these instances.
     """
 
     chosen: NDArray[np.int64]

@@ -34,7 +34,7 @@ class Neighbours:
 
         Args:
             core: The core.
-            instances: All instances.
+            instances: Data of all instances.
         """
         rows = np.vstack([*instances])
         width = np.ptp(rows, axis=1)
@@ -101,8 +101,8 @@ def promises(
 
     Args:
         core: The core.
-        instances: All instances.
-        answers: Their answers.
+        instances: Data of all instances.
+        answers: Answers to these instances.
         around: Numbers of each instance's neighbours, -1 if there are fewer.
     """
     own = np.where(answers.confirmed, answers.cost, np.inf)[:, None]
@@ -136,8 +136,8 @@ def starts_from(
 
     Args:
         core: The core.
-        instances: All instances.
-        answers: Their answers.
+        instances: Data of all instances.
+        answers: Answers to these instances.
         chosen: Numbers of the instances, shape (n,).
         neighbours: Numbers of the neighbours, shape (n,).
     """
@@ -158,7 +158,7 @@ def random_start(core: OptimalControlProblem, seed: Sequence[int]) -> Start | No
 
     Args:
         core: The core.
-        seed: Seed.
+        seed: Seed of the random controls.
     """
     if not core.model.nu:
         return None
@@ -177,7 +177,7 @@ def at_instances(
 
     Args:
         core: The core.
-        instances: All instances.
+        instances: Data of all instances.
         chosen: Numbers of the instances.
         start: The start; its initial state has decisions only.
     """

@@ -101,7 +101,7 @@ def solve_many(  # noqa: PLR0913 - the whole way in one call
     """Solve one problem for many initial states, parameters and signals.
 
     Args:
-        problem: The problem.
+        problem: Problem to solve for all instances.
         x0s: Initial states, shape (nx, M), a column for each instance; entries that are
             decided are a guess, or NaN.
         known: Parameters and signals, by name: of a parameter a number for all

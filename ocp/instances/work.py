@@ -33,8 +33,8 @@ class Work:
         planner: Planner of the problem.
         posed: The valid instances.
         outcomes: Their best answers so far.
-        seeds: Seed.
-        progress: Callback.
+        seeds: Whole numbers that seed all random draws.
+        progress: Callback for the progress, as in `solve_many`.
     """
 
     planner: Planner
@@ -76,7 +76,7 @@ class Work:
 
         Args:
             solve: Function that solves instances.
-            chosen: Their numbers.
+            chosen: Numbers of these instances.
             words: The solver, and the kind of the starts.
         """
         solver, start = words

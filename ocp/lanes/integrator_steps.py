@@ -33,8 +33,8 @@ class IntegratorSteps:
 
     Attributes:
         value: (y, u, p, unit, shared, a, b) -> (f, l).
-        adjoint: The arguments of `value`, with the costate after u -> gradient of h by
-            (y, u).
+        adjoint: The arguments of `value`, with the costate inserted after u -> gradient
+            of h by (y, u).
         before: (y, u, p, g, W, lower triangle of V, ...) behind a step -> (p, g, W, V)
             before it.
         count: Number of steps between two checks.

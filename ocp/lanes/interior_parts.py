@@ -170,7 +170,7 @@ def places_of(program: NonlinearProgram, around: Part | None = None) -> Places:
     """Return the parts of a problem.
 
     Args:
-        program: Its NLP.
+        program: NLP of the problem.
         around: The interval by the state after it (transcription.py), if that is
             computed elsewhere: then the interval is a `SteppedPlace`.
     """

@@ -98,7 +98,7 @@ def posed(
     """Return a problem from one initial state, in the NLP's numbers.
 
     Args:
-        program: Its NLP.
+        program: NLP of the problem.
         arguments: Arguments from which its sizes are made.
         x0: Initial state, shape (nx,), with a guess of its decided entries.
         known: Values of the parameters and signals.

@@ -91,8 +91,8 @@ class LaneSolver:
             starts: Decisions about the start, shape (ny, n), one row for each of
                 `problem.free_starts`; None means those of x0.
             states: Guess of the states between intervals, shape (nx, N + 1, n); None:
-                those that the controls lead to, and, if that ends with broken
-                constraints, all equal to the first.
+                those that the controls lead to, and, if a lane then ends with broken
+                constraints, states that stay at the first one.
             known: Values of the parameters and signals.
 
         Raises:

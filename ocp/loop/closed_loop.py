@@ -368,7 +368,7 @@ def simulate(  # noqa: PLR0913 - a closed loop in one call
             sampled with the controller's dt; or any object with `step(x, u, dt)`, which
             returns the state after dt seconds. The last two have no path between the
             control instants.
-        controller: The controller.
+        controller: Controller that decides at each control instant.
         x0: State at the start, shape (nx,).
         steps: Number of control intervals.
         rng: Source of all randomness; either this or a seed.

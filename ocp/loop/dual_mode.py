@@ -261,7 +261,7 @@ def terminal_set_of(  # noqa: PLR0913 - what a design rests on, by name
     are ignored: the user must check any constraint that cuts the set.
 
     Args:
-        problem: The problem.
+        problem: Problem with the dynamics, the bounds and dt.
         at: Reference state, shape (nx,), SI units.
         weights: Weights Q and R per step, and kappa.
         velocity: Velocity of a reference that moves, shape (nx,), per second, in states

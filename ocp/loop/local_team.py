@@ -184,20 +184,19 @@ class LocalTeam(Called):
 
         Args:
             agents: At least one agent.
-            planners: Maps a number of neighbours to the planner with signals for that
-                many.
+            planners: Number of neighbours -> the planner with signals for this number.
             order: A permutation of 0..len(agents) - 1.
             range: Distance within which an agent sees others' plans [m].
             position: Rows of an agent's states that are its position.
             links: Number of links that the problems have signals for. An agent with
                 fewer links gets the position FAR for the rest.
-            within: Wall time for the plan of one agent [s], as in `RecedingHorizon`;
-                None: no limit.
+            within: Limit of the wall time for the plan of one agent [s], as in
+                `RecedingHorizon`; None: no limit.
 
         Raises:
-            InvalidProblemError: If the order is not a permutation, a link plans later,
-                there are too many links, no planner has room for all others, or the
-                planners' problems do not fit each other.
+            InvalidProblemError: If the order is not a permutation, a linked agent plans
+                later, there are too many links, no planner has room for all others, or
+                the planners' problems do not fit each other.
         """
         self.agents, self.order = tuple(agents), tuple(order)
         self.range, self.position, self._links = range, position, links

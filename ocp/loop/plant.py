@@ -461,7 +461,7 @@ class SteppedPlant(Called):
         """Keep the object.
 
         Args:
-            steps: The object.
+            steps: Object with `step(x, u, dt)`.
             dt: Length of a control interval [s].
         """
         self.dt, self._steps = dt, steps
@@ -526,7 +526,7 @@ def stepped(steps: Steps, state: Array, controls: Array, dt: float) -> Array:
     """Return the states after each of several steps of a user's object, shape (nx, n).
 
     Args:
-        steps: The object.
+        steps: Object with `step(x, u, dt)`.
         state: State before the first step, shape (nx,).
         controls: Controls of each step, shape (nu, n).
         dt: Length of a step [s].

@@ -33,7 +33,7 @@ class SimulatedPlant(Plant):
             model: The model.
             load: Function that returns the simulator, the same one at each call; it
                 makes `substeps` steps in a control interval.
-            **about: As of `Plant`.
+            **about: Further arguments, as in `Plant`.
         """
         super().__init__(model, **about)
         self._load = load

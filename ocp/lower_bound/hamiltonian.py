@@ -248,7 +248,7 @@ class Margin:
     """Lower bounds over boxes of an expression with a polynomial's parameters."""
 
     def __init__(self, expression: ca.SX, point: ca.SX, parameters: ca.SX) -> None:
-        """Form its derivatives.
+        """Form the derivatives of the expression.
 
         Args:
             expression: Scalar in the point and the parameters.

@@ -337,7 +337,7 @@ def corrected(
 
     Args:
         point: The answer of the NLP.
-        sizes: The natural sizes.
+        sizes: Natural sizes of states, controls, cost and rows.
         parameters: Shape (np,).
         signals: At the nodes, shape (ns, nodes).
 

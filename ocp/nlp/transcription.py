@@ -199,7 +199,7 @@ class NonlinearProgram(Rebuilt):
             x0: Initial state, shape (nx,).
             parameters: Shape (np,).
             signals: ca.vec of the signals.
-            sizes: The natural sizes.
+            sizes: Natural sizes of states, controls, cost and rows.
         """
         cost = [sizes.cost / self.unit]
         soft = _sizes_of_slacks(self.problem, sizes)
@@ -228,7 +228,7 @@ class NonlinearProgram(Rebuilt):
         """Return the lower and upper bounds of w.
 
         Args:
-            sizes: The natural sizes.
+            sizes: Natural sizes of states, controls, cost and rows.
             tied: Numbers of controls that must equal earlier ones. They have no bounds
                 of their own, which would repeat those of the earlier ones.
         """
@@ -334,7 +334,7 @@ class NonlinearProgram(Rebuilt):
         Args:
             w: Variables.
             given: Values that the variables are made from.
-            sizes: The natural sizes.
+            sizes: Natural sizes of states, controls, cost and rows.
         """
         if self.inner_guess is None:
             return w

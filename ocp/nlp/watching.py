@@ -323,8 +323,8 @@ class Deadline(Relay):
         """Set the time.
 
         Args:
-            within: The time at which the work ends [s].
-            clock: Returns the time since the start [s].
+            within: Time after the start at which the work ends [s].
+            clock: Function that returns the time since the start [s].
             value_of: Controls and initial state -> cost and violation at the checks.
             better: Whether the first value is better than the second.
             watch: Another observer, which may stop the work earlier.

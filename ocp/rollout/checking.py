@@ -144,7 +144,7 @@ class Checker:
         Args:
             points: The points of the path.
             p: Parameters, shape (np,).
-            sizes: The natural sizes.
+            sizes: Natural sizes of states, controls, cost and rows.
             outside: Rows that the start breaks. Such a row counts from the first time
                 at which it is kept; from the start on if it is never kept, or if its
                 excess grows beyond that at the start.

@@ -57,7 +57,7 @@ class Objective:
 
         Args:
             outputs: Population -> cost and violation, (2, size).
-            dim: Number of variables, nu * N.
+            dim: Number of variables of an individual, nu * N.
         """
         self._outputs = outputs
         self._dim = dim

@@ -155,9 +155,9 @@ class Tracer:
             x0: Initial state, shape (nx,).
             p: Parameters, shape (np,).
             signals: At the nodes, shape (ns, nodes).
-            sizes: The natural sizes.
+            sizes: Natural sizes of states, controls, cost and rows.
             ends: States between the intervals, shape (nx, N + 1), from which each
-                interval begins anew; None: the path is one.
+                interval begins anew; None: each begins where the last one ends.
         """
         problem, m = self.problem, self.steps
         u = np.repeat(controls, m, axis=1)

@@ -158,8 +158,8 @@ class ManyStarts:
 
         Args:
             guess: The user's guess, if there is one.
-            search: Runs the search and returns its points, the best first; None without
-                a search.
+            search: Function that runs the search and returns its points, the best
+                first; None without a search.
             x0: Initial state of the core, shape (nx,).
             known: Values of the parameters and signals.
             rng: Source of all randomness.

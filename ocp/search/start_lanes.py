@@ -86,12 +86,12 @@ class StartLanes:
     """Local solves in lanes of one problem."""
 
     def __init__(self, fitness: Fitness, solver: LaneSolver, watch: Watch) -> None:
-        """Take what solves and what counts.
+        """Keep the evaluator, the solver and the observer.
 
         Args:
             fitness: The problem's evaluator.
             solver: The solver.
-            watch: Told of the work, and asked if it may go on.
+            watch: Observer that counts the work, and says whether it may go on.
         """
         self._fitness, self._solver, self._watch = fitness, solver, watch
 

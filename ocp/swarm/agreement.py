@@ -84,8 +84,8 @@ def decide(
         now: Rule, step, least distance.
         rank: Order in which candidates give way, shape (n,).
         terms: Terms of the plans.
-        members: The vehicles.
-        plans: All plans.
+        members: Memories of the vehicles.
+        plans: All plans of the vehicles, each a row.
         results: Gets WAITING, COMMITTED, WITHDRAWN or NOTHING, shape (n,).
     """
     rule, step, distance = now
@@ -142,7 +142,7 @@ class Agreement:
         plans: All plans: those of the start, those that are known to all, such as
             obstacles, and those that were proposed, in this order.
         terms: Terms of the plans.
-        members: The vehicles.
+        members: Memories of the vehicles.
         not_before: Tick before which a vehicle proposes nothing, shape (n,).
     """
 
@@ -159,11 +159,11 @@ class Agreement:
         """Let all vehicles be committed to their first plans.
 
         Args:
-            plans: Those of the start, and then those that are known to all.
+            plans: Plans of the start, and then plans that are known to all.
             is_last: Whether the plans of the start are their vehicles' last, shape
                 (n,).
             distance: Least distance of two plans [m], scaled.
-            links: The links.
+            links: Links between the vehicles.
             rule: Name of the rule.
             step_s: Step of the grid of the plans [s].
         """
@@ -234,7 +234,7 @@ class Agreement:
         """Let a vehicle propose the plan in the free row.
 
         Args:
-            i: The vehicle.
+            i: Number of the vehicle.
             tick: Number of the present tick.
             parting: Step at which it parts from the vehicle's committed plan.
             is_last: Whether the vehicle proposes nothing once it has committed to it.

@@ -63,7 +63,7 @@ def broadcast(tick: int, delays: Count, members: Members, channel: Channel) -> N
     Args:
         tick: Number of the present tick.
         delays: [i, j]: delay of i's message to j in ticks, or LOST, shape (n, n).
-        members: The vehicles.
+        members: Memories of the vehicles.
         channel: Gets the messages.
     """
     slot = tick % len(channel.arrival)

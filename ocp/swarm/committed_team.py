@@ -164,11 +164,11 @@ class CommittedTeam(Called):
             sets: One terminal set for each vehicle, certified for inputs held over
                 `team.dt`, with the weights of its design.
             distance: Least distance of two vehicles [m].
-            links: The links.
+            links: Links between the vehicles.
             tracking_error: Largest distance of a vehicle from its plan [m]; 0 if the
-                plant is the model. Plans keep twice as much more than the distance.
+                plant is the model. Two plans keep `distance` plus twice this.
             lead: Number of steps from a proposal to its parting from the committed
-                plan; None: a round trip to all others, as the links are.
+                plan; None: a round trip to all others over the links.
 
         Raises:
             InvalidProblemError: If there is not one set for each vehicle, a vehicle
@@ -477,9 +477,9 @@ class CommittedVehicles:
         """Return the known data of a vehicle's plan that begins at a step.
 
         Args:
-            i: The vehicle.
+            i: Number of the vehicle.
             step: The step.
-            plans: All plans.
+            plans: All plans of the vehicles, each a row.
             others: Rows of committed plans and candidates of the others; of those that
                 are missing nothing is known.
             reserve: What to keep from others in addition to the distance [m].
@@ -557,7 +557,7 @@ def begin_as(plan: int, committed: int, lead: int, plans: Plans) -> None:
         plan: Row of the plan, which is written.
         committed: Row of the plan from which it parts.
         lead: Number of steps from the plan's first sample until they part.
-        plans: All plans.
+        plans: All plans of the vehicles, each a row.
     """
     place, bulge = plans.samples[plan, lead].copy(), plans.bulges[plan, lead]
     branch(plan, committed, (int(plans.first[plan]), lead), plans)

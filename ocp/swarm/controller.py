@@ -134,7 +134,7 @@ class SwarmController:
 
         Args:
             swarm: The swarm, with the bounds of the real vehicles.
-            links: Its links.
+            links: Links between the vehicles.
             rule: As in `simulate_swarm`, like the next four.
             step_s: Step of the grid of the plans [s].
             longest_s: Longest time of a plan [s].

@@ -73,7 +73,8 @@ class SwarmFlight(Presenting):
         """Return the flight's certificate, the text of a file to be checked.
 
         Raises:
-            InvalidProblemError: If the rule proves nothing.
+            InvalidProblemError: If the rule is not "acknowledged": the others prove
+                nothing.
         """
         if RULES[self.rule] != ACKNOWLEDGED:
             raise InvalidProblemError(

@@ -128,7 +128,7 @@ def accelerations(
         end: State at its end.
         leg: Axis, and number of steps. A leg of one step has no change, and need not
             lead to `end`.
-        body: The point mass.
+        body: Bounds of the point mass, and the grid of its plans.
     """
     axis, n = leg
     h = body.step_s
@@ -174,8 +174,8 @@ def write_leg(
         index: Index of the sample at which the leg begins, which is not written.
         ends: Its first and last state.
         steps: Its number of steps; samples after the plan's last are left out.
-        body: The point mass.
-        plans: The plans.
+        body: Bounds of the point mass, and the grid of its plans.
+        plans: All plans of the vehicles, each a row.
     """
     start, end = ends
     last = plans.bulges.shape[1] - 1

@@ -77,7 +77,7 @@ def position(plan: int, step: int, plans: Plans, point: NDArray[np.float64]) -> 
     Args:
         plan: Its row.
         step: Number of the time; before the plan's first sample the bulge is NaN.
-        plans: The plans.
+        plans: All plans of the vehicles, each a row.
         point: Gets the position [m], shape (3,).
     """
     index = step - plans.first[plan]
@@ -96,7 +96,7 @@ def may_meet(one: int, other: int, step: int, radius: float, plans: Plans) -> bo
         other: Row of another.
         step: Number of the time from which on the plans are compared.
         radius: Least distance of the two [m], scaled.
-        plans: The plans.
+        plans: All plans of the vehicles, each a row.
     """
     if GONE in (one, other):
         return False
@@ -140,7 +140,7 @@ def least_gap(rows: Count, step: int, plans: Plans) -> float:
     Args:
         rows: The plans, shape (n,).
         step: Number of the time.
-        plans: All plans.
+        plans: All plans of the vehicles, each a row.
     """
     least = math.inf
     point, its = np.empty(3), np.empty(3)

@@ -97,8 +97,8 @@ def hear(j: int, i: int, number: int, message: Count, members: Members) -> None:
     """Let vehicle j keep a message of i if it is newer than what it has of i.
 
     Args:
-        j: The receiver.
-        i: The sender.
+        j: Number of the receiver.
+        i: Number of the sender.
         number: Number of the message, larger than those of i's earlier ones.
         message: i's committed plan, its candidate, and the candidate of j that i
             accepts, shape (3,).
@@ -118,12 +118,12 @@ def answer(
     """Let vehicle j accept what it has heard, by (b); return whether it withdrew C_j.
 
     Args:
-        j: The vehicle.
+        j: Number of the vehicle.
         step: Number of the present time.
         radius: Least distance of two plans [m], scaled.
         rank: C_j gives way to C_i if rank[i] < rank[j], shape (n,).
         members: The vehicles; row j is written.
-        plans: All plans.
+        plans: All plans of the vehicles, each a row.
     """
     withdrew = False
     for i in range(members.committed.size):
@@ -149,12 +149,12 @@ def is_clear(
     """Return whether i may propose a plan, by (a); nothing is written.
 
     Args:
-        i: The vehicle.
+        i: Number of the vehicle.
         plan: Row of the plan.
         step: Number of the present time.
         radius: Least distance of two plans [m], scaled.
-        members: The vehicles.
-        plans: All plans.
+        members: Memories of the vehicles.
+        plans: All plans of the vehicles, each a row.
     """
     for j in range(members.committed.size):
         if j == i:
@@ -177,12 +177,12 @@ def settle(
     """Commit vehicle i to its candidate or withdraw it, by (c); return what was done.
 
     Args:
-        i: The vehicle.
+        i: Number of the vehicle.
         now: Number of the present time, and whether it is the last one before its
             candidate parts from its committed plan.
         radius: Least distance of two plans [m], scaled.
         members: The vehicles; row i is written.
-        plans: All plans.
+        plans: All plans of the vehicles, each a row.
         is_last: Whether each plan is the last one of its vehicle, shape (rows,).
     """
     step, is_parting = now

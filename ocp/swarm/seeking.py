@@ -80,11 +80,11 @@ def seek(plan: int, task: Task, draws: Array, body: PointMass, plans: Plans) -> 
 
     Args:
         plan: Row of the plan; it is spoilt if nothing is found.
-        task: The search.
+        task: Task of the search.
         draws: Normal numbers, shape (tries, PARTS); the first row is not used, as the
             first flight is the direct one, without a wait.
-        body: The point mass.
-        plans: The plans.
+        body: Bounds of the point mass, and the grid of its plans.
+        plans: All plans of the vehicles, each a row.
 
     Returns:
         The cost; infinite if nothing is found.
@@ -120,10 +120,10 @@ def fly(
     Args:
         plan: Row of the plan.
         parts: Wait, via point, speed there, its place, shape (PARTS,).
-        task: The search.
+        task: Task of the search.
         most: A flight that cannot be cheaper is not written.
-        body: The point mass.
-        plans: The plans.
+        body: Bounds of the point mass, and the grid of its plans.
+        plans: All plans of the vehicles, each a row.
     """
     start, end = task.state, State(task.goal, np.zeros(3))
     room = plans.bulges.shape[1] - 1 - task.parting
@@ -160,7 +160,7 @@ def _wait(
         part: A normal number.
         ends: States at the ends of the first leg.
         leg: Its number of steps, and the heading before it [rad].
-        body: The point mass.
+        body: Bounds of the point mass, and the grid of its plans.
     """
     start, via = ends
     if start.velocity.any():

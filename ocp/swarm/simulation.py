@@ -120,11 +120,11 @@ def simulate_swarm(  # noqa: PLR0913 - the swarm, its links, and how it is simul
     """Simulate a swarm until all have arrived, or the time is over.
 
     Args:
-        swarm: The swarm.
-        links: Its links.
+        swarm: Swarm of vehicles, with starts, goals and bounds.
+        links: Links between the vehicles.
         rule: Rule by which vehicles commit to plans: "acknowledged" (safe with any
-            delays), "waiting" (safe if each message arrives before the plans part) or
-            "hearsay" (not safe).
+            delays), "waiting" (safe if each message arrives before the new plan parts
+            from the old one) or "hearsay" (not safe).
         seconds: Longest time of the flight [s].
         step_s: Step of the grid of the plans [s].
         longest_s: Longest time of a plan [s].

@@ -49,7 +49,7 @@ class Team:
 
         Args:
             swarm: The swarm.
-            links: Its links.
+            links: Links between the vehicles.
             rule: Name of the rule.
             step_s: Step of the grid of the plans [s].
             sizes: Pieces of a plan, steps from a proposal to its parting, and flights
@@ -259,7 +259,7 @@ def lead_steps(n: int, links: Links, hops: int) -> int:
 
     Args:
         n: Number of vehicles.
-        links: Their links.
+        links: Links between the vehicles.
         hops: Number of links between the two that are farthest apart.
     """
     if links.loss:
@@ -278,7 +278,7 @@ def branch(plan: int, committed: int, when: tuple[int, int], plans: Plans) -> bo
         plan: Row of the new plan.
         committed: Row of the committed one.
         when: Step of the present, and number of steps until they part.
-        plans: All plans.
+        plans: All plans of the vehicles, each a row.
     """
     step, index = when
     plans.first[plan] = step

@@ -51,7 +51,7 @@ class Unit:
     text: str = field(default="", compare=False)
 
     def __str__(self) -> str:
-        """Return how it was written, or else its factor and base units."""
+        """Return the text of the unit, or else its factor and base units."""
         if self.text:
             return self.text
         words = [
@@ -140,8 +140,8 @@ class Equations:
         names: Name of each symbol in order, without that of the time [s], which is the
             last symbol if there is one more than names.
         units: Unit by name, as text.
-        kinds: Kind of equation, such as "rate" -> the names of the quantities that such
-            equations give, and their rows.
+        kinds: Kind of equation, such as "rate" -> the names of the quantities whose
+            units are compared, and the expressions.
     """
 
     symbols: ca.SX

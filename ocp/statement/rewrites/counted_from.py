@@ -265,8 +265,8 @@ class _Shift:
         """Return a column in z, with numbers added to its rows.
 
         Args:
-            column: In x, shape (m, 1).
-            more: Shape (m,); None: nothing is added.
+            column: Column in the states x, shape (m, 1).
+            more: Numbers to add, shape (m,); None: nothing is added.
         """
         added = np.zeros(column.numel()) if more is None else more
         rows = self.rows_of(column)

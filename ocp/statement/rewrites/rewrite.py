@@ -67,7 +67,7 @@ class Rewrite(Feature, ABC):
         """Return the initial values of the appended states; NaN for a decided one.
 
         Args:
-            problem: The problem before.
+            problem: Problem before this rewrite.
             x0: Its initial state, shape (nx,).
             previous: Controls of the intervals before the horizon: of the last one,
                 shape (nu,), or of several, the last one last, shape (nu, m); None: the
@@ -82,7 +82,7 @@ class Rewrite(Feature, ABC):
         """Return the appended states over the horizon; here they keep their start.
 
         Args:
-            problem: The problem before.
+            problem: Problem before this rewrite.
             start: Their initial values, shape (k,).
             controls: Controls of the core, shape (nu, N).
             at: Times, in intervals since the start, shape (n,).
@@ -110,7 +110,7 @@ class Rewrite(Feature, ABC):
         """Return the appended states' start and the core's controls from a guess.
 
         Args:
-            problem: The problem before.
+            problem: Problem before this rewrite.
             start: Initial values of the appended states, shape (k,); not changed.
             controls: Guess of the controls as they are stated.
         """
@@ -133,7 +133,7 @@ class Rewrite(Feature, ABC):
         """Return the controls that the model's equations receive, shape (nu, N).
 
         Args:
-            problem: The problem before.
+            problem: Problem before this rewrite.
             start: Initial values of the appended states, shape (k,).
             controls: Controls of the core, shape (nu, N).
         """
