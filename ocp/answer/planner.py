@@ -479,9 +479,9 @@ class Planner(Called):
             is_new: Whether nothing of an earlier answer can be used, as for a horizon
                 of one interval; then a search is made as for a first plan.
             rng: Source of all randomness.
-            progress: Called with (evaluations, all, "searching") now and then, with
-                "polishing" when that begins, and in a long polish with the numbers of
-                the start and of the iteration as text.
+            progress: Called with (evaluations, all, "searching") now and then, and with
+                "polishing" when the polish begins. In a long polish the last argument
+                is a text with the numbers of the start and of the iteration.
 
         Returns:
             The best plan; it need not be feasible.

@@ -171,8 +171,8 @@ def solve(  # noqa: PLR0913 - the whole way in one call
         progress: True: shown on a terminal and in a notebook if it takes more than two
             seconds. False: not shown. A function is called with (evaluations, all,
             "searching") now and then, and at the start of "polishing", "verifying" and
-            "improving", whose length is not known (0); in a long polish also with
-            the number of the start and of the iteration as text.
+            "improving", whose length is not known (0); in a long polish the last
+            argument is a text with the numbers of the start and of the iteration.
 
     Returns:
         The best answer found, verified along its path.

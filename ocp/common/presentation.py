@@ -177,7 +177,7 @@ def shown(
         title: Name of the call.
         what: Description of the work that is done first.
         of: Name of what is counted.
-        total: Number of them; 0 if it is not known.
+        total: Total of what is counted; 0 if it is not known.
     """
     if not isinstance(progress, bool):
         yield progress

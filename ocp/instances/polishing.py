@@ -1,9 +1,9 @@
 """Instances solved by an NLP solver, verified or differentiated, in processes.
 
 A copy of this process solves several instances, since a copy takes some milliseconds.
-The first group is solved here, so that all copies have what is built at the first use.
-Each instance has its own generator from the seed, and so its answer is that of `solve`
-without search and lanes, for any number of processes and instances.
+The first group is solved here, so that all copies have the functions that are built at
+their first use. Each instance has its own generator from the seed, and so its answer is
+that of `solve` without search and lanes, for any number of processes and instances.
 """
 
 from collections.abc import Callable, Iterator, Sequence

@@ -388,7 +388,7 @@ class Solutions(Presenting):
         """Return the answers that `save` has written.
 
         Args:
-            path: The file; nothing of it is run.
+            path: The file; no code in it is run.
             problem: The problem that they answer.
 
         Raises:

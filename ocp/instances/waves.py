@@ -1,9 +1,9 @@
 """Waves of solves of many instances of one problem: in lanes, then one by one.
 
-The lanes solve what they can (lane_waves.py). What is still open is solved by an NLP
-solver, one by one: from an instance's own answer that was not confirmed, else the
-guess; from neighbours; from random controls. If the finer grid gives another value for
-the polished own answer, too, the grid is too coarse, and no start changes that.
+The lanes solve what they can (lane_waves.py). Instances that are still open are solved
+by an NLP solver, one by one: from an instance's own answer that was not confirmed, else
+the guess; from neighbours; from random controls. If the finer grid gives another value
+for the polished own answer, too, the grid is too coarse, and no start changes that.
 """
 
 from collections.abc import Sequence

@@ -6,9 +6,9 @@ six stages solves one linear system with the same matrix:
     W k_i = h g r(t + c_i h, x + sum_j a_ij k_j) + g sum_j C_ij k_j + h^2 g d_i r_t
 
 The fifth stage ends at a solution of order 3, x_5 = x + sum_j a_5j k_j + k_5, the step
-at one of order 4, x+ = x_5 + k_6, so k_6 estimates the error of the former. The method
-is L-stable: fast modes are damped by steps of any length, and only the slow ones limit
-the step. Nothing is iterated: a step is an explicit expression (SX) with derivatives.
+at one of order 4, x+ = x_5 + k_6, so k_6 estimates the error of x_5. The method is
+L-stable: fast modes are damped by steps of any length, and only the slow ones limit the
+step. Nothing is iterated: a step is an explicit expression (SX) with derivatives.
 
 W is factored symbolically: an LU factorisation by the pattern of its nonzeros, with
 pivots on the diagonal in the order of least fill, without exchanging rows for their
@@ -176,9 +176,9 @@ class Factors:
 
     Attributes:
         order: Rows, in the order of elimination.
-        lower: For each of them [(row, element of L in its column)].
-        upper: For each of them [(column, element of U in its row)].
-        inverse: For each of them 1 / pivot.
+        lower: For each of these rows, [(row, element of L in its column)].
+        upper: For each of these rows, [(column, element of U in its row)].
+        inverse: For each of these rows, 1 / pivot.
     """
 
     order: tuple[int, ...]

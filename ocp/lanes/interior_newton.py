@@ -88,7 +88,7 @@ def stepped(
         place: The part.
         part: The part, folded.
         moved: Step of state and controls.
-        own: Step of its own variables.
+        own: Step of the part's own variables.
         mu: Parameter of the central path.
         so_far: Lengths so far.
     """

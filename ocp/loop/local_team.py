@@ -9,7 +9,7 @@ An agent receives these time-varying signals of its problem, in this order:
 
 Another agent is within range if its plan comes within the range of the agent's own
 shifted last plan at any node, including the present. Before the first step, an agent's
-first candidate takes the place of its last plan, if it has candidates.
+first candidate, if it has any, takes the place of its last plan.
 
 So a plan keeps clear of what the others will do if they find nothing better. Among
 agents that saw each other, the shifted last plan keeps the distances, except at its

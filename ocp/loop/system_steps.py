@@ -1,4 +1,4 @@
-"""Steps of a system of python-control, simulated as it is.
+"""Steps of a system of python-control, simulated without conversion.
 
     continuous   solve_ivp over the interval with the input held (DOP853 at rtol 1e-10;
                  Radau if that takes too many steps, as it does for stiff systems)

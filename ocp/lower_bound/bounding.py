@@ -94,7 +94,7 @@ def lower_bound(  # noqa: PLR0913 - everything but the problem has a default
         work: Budget of work, in units of about a second. The same work proves the same
             bound on every machine.
         seconds: Wall time [s] after which the proof ends even if work is left; the
-            reason of the bound then says so. None: no limit.
+            bound's `reason` then says so. None: no limit.
         seed: Seed of the samples. They influence how high the bound is, not whether it
             is valid.
         progress: Called now and then with (whole units of work done, the budget,

@@ -67,7 +67,7 @@ class FixedSteps(NamedTuple):
 
     Attributes:
         steps: Number of equal steps.
-        parts: Number of parts of the first of them after a jump of the controls.
+        parts: Number of parts of the first step after a jump of the controls.
     """
 
     steps: int

@@ -231,7 +231,7 @@ class Polisher(Called):
 
     The NLP is built when it is first needed, and then kept. With step size control, its
     steps are chosen for each guess (nlp_solvers.py), and there is one NLP for each
-    number of them.
+    number of steps.
 
     Attributes:
         solvers: The NLPs with their solvers.

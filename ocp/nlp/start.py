@@ -137,7 +137,7 @@ class Carried:
 
     @property
     def most(self) -> float:
-        """Number of iterations after which a solve is given up."""
+        """Number of iterations after which a solve is stopped; may be infinite."""
         if not self.spent:
             return math.inf
         return max(_LEAST_PATIENCE, _PATIENCE * float(np.median(self.spent)))

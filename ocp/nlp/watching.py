@@ -350,7 +350,7 @@ class Deadline(Relay):
         return self.is_late or self.watch.is_over
 
     def shortened(self, budget: Budget, share: float) -> Budget:
-        """Return a search's budget with at most a share of the time that is left."""
+        """Return a search's budget with at most a share of the remaining time."""
         # A budget needs a time above zero: the first generation is made in any case.
         left = max(share * (self._within - self._clock()), 1e-9)
         self._limits_search = budget.seconds is None or left < budget.seconds
@@ -459,7 +459,7 @@ def expect_starts(watch: Watch, more: int) -> None:
 
 
 def is_late(watch: Watch) -> bool:
-    """Return whether the time of a step is over, so that the rest is left out."""
+    """Return whether the time of a step is over, so that further work is left out."""
     deadline = deadline_of(watch)
     return deadline is not None and deadline.is_late
 

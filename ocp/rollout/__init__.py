@@ -1,4 +1,4 @@
-"""Rollouts: cost and violation of controls, their finer path, and what it says.
+"""Rollouts: cost and violation of controls, their finer path, and what that shows.
 
 The compiled evaluator of populations is `Fitness`; `status.py` has the words for what
 the finer path shows.

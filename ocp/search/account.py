@@ -304,7 +304,7 @@ class StartsAccount:
 
     @property
     def origin(self) -> str:
-        """The start that the answer comes from, with what it did not need."""
+        """The start that the answer comes from, and the work that it did not need."""
         return f"{self.won}{self._not_needed()}"
 
     def _not_needed(self) -> str:

@@ -204,7 +204,7 @@ class SearchSettings:
             decisions besides the controls.
         warm_start: Share of the first population that is the guess: "all", "half",
             "one" individual or "none"; the rest is drawn at random.
-        sampling: Method of drawing the rest, as in `heuristics.Initial`.
+        sampling: Method of drawing the random individuals, as in `heuristics.Initial`.
         basins: Number of additional starting points for the polish (the best distinct
             basins). 0: polish the best point only, or three basins if there are
             decisions besides the controls.

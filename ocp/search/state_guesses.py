@@ -2,7 +2,7 @@
 
 If the controls of a start lead far from a fixed end, an NLP solver may not recover;
 from states that reach the end, it often does. Such guesses, lines with sine modes, are
-drawn, not optimised: only the NLP solver's answer shows which of them leads to a good
+drawn, not optimised: only the NLP solver's answer shows which guess leads to a good
 optimum.
 """
 

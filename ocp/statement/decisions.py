@@ -1,8 +1,8 @@
 """Decisions besides real-valued controls: end time, parameters, start, whole numbers.
 
 An end time, a parameter or a start is a `Free` with bounds. The core of a problem
-(lowering.py) turns all of them into decisions about the initial state: a parameter
-becomes a constant state.
+(rewrites/chain.py) turns all of them into decisions about the initial state: a
+parameter becomes a constant state.
 
 Controls that take whole numbers only need, in
 

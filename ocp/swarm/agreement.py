@@ -253,7 +253,7 @@ class Agreement:
         return np.unique(known[known >= 0])
 
     def send(self, tick: int, places: Array, rng: np.random.Generator) -> None:
-        """Let all broadcast what they have.
+        """Let all vehicles broadcast their plans and acceptances.
 
         Args:
             tick: Number of the present tick.
@@ -271,7 +271,7 @@ class Agreement:
         broadcast(tick, delays, self.members, self._channel)
 
     def log(self, steps: int) -> Log:
-        """Return all plans that were proposed in so many steps, in order."""
+        """Return all plans that were proposed in the steps so far, in order."""
         rows = sorted(self._log)
         every = [self._log[row] for row in rows]
         accepted = np.full((len(rows), self.not_before.size), OPEN, np.int64)

@@ -59,7 +59,7 @@ def no_plans(rows: int, pieces: int) -> Plans:
 
 
 def grown(plans: Plans, rows: int) -> Plans:
-    """Return plans with room for more rows; those that are there keep their numbers."""
+    """Return plans with room for more rows; existing plans keep their numbers."""
     more = no_plans(rows, plans.bulges.shape[1] - 1)
     return Plans(*(np.concatenate(pair) for pair in zip(plans, more, strict=True)))
 

@@ -168,7 +168,7 @@ class Swarm:
 
     Raises:
         InvalidProblemError: If shapes do not fit, a number is not finite, two starts or
-            two goals are too near, a goal is too near an obstacle in the end, or a
+            two goals are too near, a goal is too near an obstacle's last position, or a
             start is too near an obstacle's path; the message names the vehicles and the
             distance.
 

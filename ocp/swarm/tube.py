@@ -58,7 +58,7 @@ class Rest:
 
 @dataclass(kw_only=True, slots=True, eq=False)
 class Path:
-    """Path along a plan and its rest; it grows as it is needed.
+    """Path along a plan and its rest; it is extended when needed.
 
     Attributes:
         first: Step of the first state.
@@ -201,7 +201,7 @@ class Body:
         )  # fmt: skip
 
     def grow(self, path: Path, steps: int) -> None:
-        """Let a path have at least so many steps, by the linear law."""
+        """Extend a path by the linear law until it has a number of steps."""
         lower, upper = self._problem.control_limits
         while len(path.controls) < steps:
             error = path.states[-1] - path.rest.centre

@@ -1,4 +1,4 @@
-"""Units of a model: what its equations say of them, read by pint.
+"""Units of a model: their check against the equations; pint reads the texts.
 
 A unit is a text at a state, a control or an output; time is in seconds. Plain numbers
 and parameters without a unit may have any unit, so that a product with one of them is

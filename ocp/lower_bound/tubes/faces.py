@@ -252,7 +252,7 @@ def rates_at_faces(
     """Return upper bounds of d_k f over each face of a moving polytope and all u.
 
     Args:
-        motion: f.
+        motion: The right-hand side f.
         template: Template of the polytope.
         times: Beginning and end of the slab.
         levels: Levels at both times, shape (2, K); linear between them.

@@ -90,7 +90,7 @@ class Motion:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Cells:
-    """Parts of moving faces; N of them, see the module's head.
+    """N parts of moving faces; see the module's head.
 
     Attributes:
         times: t_a and t_b.
@@ -163,8 +163,8 @@ def rates_over(motion: Motion, cells: Cells) -> Array:
     """Return upper bounds of d'f over cells and all u, infinite if there is none.
 
     Args:
-        motion: f.
-        cells: N of them.
+        motion: The right-hand side f.
+        cells: N cells.
 
     Returns:
         Shape (N,) [1/s].
@@ -213,7 +213,7 @@ def _bounds(motion: Motion, cells: Cells, boxes: list[Array], half: Array) -> Ar
     """Return the better one of both bounds for each box.
 
     Args:
-        motion: f.
+        motion: The right-hand side f.
         cells: A cell for each box.
         boxes: Lower corners, upper corners and middles, each (1 + n + m, boxes).
         half: Half of the cells in z, before they were repeated.

@@ -114,7 +114,7 @@ class Lowered:
     def places(self) -> dict[str, list[int]]:
         """Numbers of the core's states, by the role of the rewrite that appended them.
 
-        "states" are those of the stated problem. A free end time is not among the
+        "states" are the states of the stated problem. A free end time is not among the
         "decided" parameters, but has a place of its own.
         """
         roles = [END_TIME, *[rewrite.role for rewrite in REWRITES]]

@@ -4,7 +4,7 @@
 
 The states w_i hold the controls of the last k intervals, and the end of an interval
 moves them on. The model, with its outputs, receives w_k; costs, bounds and constraints
-are about the control as it is commanded.
+use the control as it is commanded.
 
 Source: Åström and Wittenmark (1997), Computer-Controlled Systems, 2.3, for the states
 of a sampled system with a delay.

@@ -17,9 +17,8 @@ core.
 
 A feature may also be part of a statement itself: `OptimalControlProblem(features=...)`.
 
-The shape of it is that of cvxpy's reductions: Agrawal, Verschueren, Diamond and Boyd
-(2018), A rewriting system for convex optimization problems, Journal of Control and
-Decision 5.
+The design is that of cvxpy's reductions: Agrawal, Verschueren, Diamond and Boyd (2018),
+A rewriting system for convex optimization problems, Journal of Control and Decision 5.
 """
 
 from abc import ABC, abstractmethod
