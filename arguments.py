@@ -3,10 +3,11 @@
     @checked(refusal, steps=a_count(least=1), dt=a_number(above=0), x0=reals())
 
 A decorated function looks at its arguments by their names before its body runs, and a
-decorated class before it is constructed. What is refused ends in `refusal(name, value,
-allowed)`, the error of the room, so nothing fails inside with an error of Python. A
-check says what type and range a value must have by itself; what depends on other values
-is checked inside. Each costs less than a microsecond, an array some more.
+decorated class before it is constructed. A refused value raises `refusal(name, value,
+allowed)`, the error of the room, so nothing fails later with an error of Python. A
+check says what type and range a value must have by itself; conditions on several values
+together are checked in the body. A check takes less than a microsecond, of an array
+somewhat more.
 """
 
 from __future__ import annotations
@@ -93,7 +94,7 @@ def _is(value: object, types: Any) -> bool:
 
 
 def a_count(*, least: int = 0, most: float = MOST) -> Check:
-    """Integers of Python or NumPy in [least, most]; a bool is none."""
+    """Return a check for integers of Python or NumPy in [least, most]; no bools."""
 
     def accepts(value: Any) -> bool:
         # The usual type needs no search among the others.
@@ -114,15 +115,15 @@ def a_number(
     finite: bool = True,
     nan: bool = False,
 ) -> Check:
-    """Real numbers in a range; a bool is none.
+    """Return a check for real numbers in a range; no bools.
 
     Args:
-        least: Smallest number.
-        above: Number that all are larger than.
-        most: Largest number.
-        below: Number that all are smaller than.
-        finite: Whether infinities are refused, and NaN as well.
-        nan: Whether NaN is accepted, for an error of its own that follows.
+        least: Smallest allowed number.
+        above: Every allowed number is larger than this one.
+        most: Largest allowed number.
+        below: Every allowed number is smaller than this one.
+        finite: Whether infinities and NaN are refused.
+        nan: Whether NaN is accepted, because a later check has its own error for it.
     """
 
     def accepts(value: Any) -> bool:
@@ -155,12 +156,12 @@ def a_number(
 def reals(
     *, finite: bool = False, axes: int | None = None, array: bool = False
 ) -> Check:
-    """Real numbers in an array, a list or alone; text and complex numbers are none.
+    """Return a check for real numbers: an array, a list or one number.
 
     Args:
         finite: Whether NaN and infinities are refused.
-        axes: Number of axes; None for any.
-        array: Whether it must be a NumPy array.
+        axes: Number of axes of the array; None for any.
+        array: Whether the value must be a NumPy array.
     """
 
     def accepts(value: Any) -> bool:
@@ -187,7 +188,7 @@ def reals(
 
 
 def text(*, longest: int = 1000) -> Check:
-    """Text of at most so many characters."""
+    """Return a check for text of at most `longest` characters."""
     return Check(
         lambda value: isinstance(value, str) and len(value) <= longest,
         f"text of at most {longest} characters",
@@ -195,7 +196,7 @@ def text(*, longest: int = 1000) -> Check:
 
 
 def choice(allowed: Collection[str]) -> Check:
-    """One of some words."""
+    """Return a check for one of the texts `allowed`."""
     return Check(
         lambda value: isinstance(value, str) and value in allowed,
         f"one of {', '.join(allowed)}",
@@ -203,12 +204,12 @@ def choice(allowed: Collection[str]) -> Check:
 
 
 def of_kind(types: Any, words: str) -> Check:
-    """Instances of a class, of a union, or of one of several classes."""
+    """Return a check for instances of a class, a union, or one of several classes."""
     return Check(lambda value: isinstance(value, types), words)
 
 
 def optional(check: Check) -> Check:
-    """None, or what another check accepts."""
+    """Return a check that accepts None and what another check accepts."""
     accepts = check.accepts
     return Check(
         lambda value: value is None or accepts(value), f"None or {check.allowed}"
@@ -216,7 +217,7 @@ def optional(check: Check) -> Check:
 
 
 def either(first: Check, second: Check) -> Check:
-    """What one of two checks accepts."""
+    """Return a check that accepts what one of two checks accepts."""
     one, other = first.accepts, second.accepts
     return Check(
         lambda value: one(value) or other(value), f"{first.allowed} or {second.allowed}"
@@ -224,7 +225,7 @@ def either(first: Check, second: Check) -> Check:
 
 
 def several(check: Check, words: str) -> Check:
-    """A sequence or a vector of what another check accepts; text is none."""
+    """Return a check for a sequence or vector of what `check` accepts; no text."""
     accepts = check.accepts
 
     def accept_all(values: Any) -> bool:
@@ -243,7 +244,7 @@ def several(check: Check, words: str) -> Check:
 def mapping(
     keys: Check | None = None, values: Check | None = None, *, words: str
 ) -> Check:
-    """A mapping whose keys and values other checks accept; None for any."""
+    """Return a check for a mapping whose keys and values pass checks; None: any."""
 
     def accepts(given: Any) -> bool:
         if not isinstance(given, Mapping):
@@ -259,12 +260,12 @@ UNITS = mapping(text(), text(), words="a mapping from names to units")
 
 
 def function(words: str = "a function") -> Check:
-    """What can be called, and is no class."""
+    """Return a check for callable objects other than classes."""
     return Check(lambda value: callable(value) and not isinstance(value, type), words)
 
 
 def having(*names: str, words: str) -> Check:
-    """Objects, no classes, that have some attributes."""
+    """Return a check for objects other than classes with the attributes `names`."""
     return Check(
         lambda value: (
             not isinstance(value, type) and all(hasattr(value, name) for name in names)

@@ -1,7 +1,7 @@
 """Array: the type of the project's arrays of real numbers, for annotations.
 
-What must not import this package has an alias of its own: the checker of certificates,
-and the judge of the tests.
+Code that must not import this package defines the alias itself: the checker of
+certificates, and the judge of the tests.
 """
 
 from __future__ import annotations

@@ -20,12 +20,12 @@ from typing import Any
 def door(
     room: str, names: Mapping[str, str], *, within: str = "."
 ) -> tuple[dict[str, str], Callable[[str], Any], Callable[[], list[str]]]:
-    """Return the homes of a room's names, its `__getattr__` and its `__dir__`.
+    """Return a room's table name -> module, its `__getattr__` and its `__dir__`.
 
     Args:
-        room: Name of its module.
-        names: Module -> its public names, separated by spaces.
-        within: Beginning of all names of modules; "." is the room itself.
+        room: Full name of the room.
+        names: Name of a module -> its public names, separated by spaces.
+        within: Prefix of the names of the modules; "." is the room itself.
     """
     homes = {name: home for home, its in names.items() for name in its.split()}
 

@@ -17,8 +17,9 @@ LONGEST_SHOWN = 200
 class Sendable:
     """Base of exceptions that are pickled with their message and all attributes.
 
-    By default they would be made again from the message alone, which ends the process
-    that waits for them. An attribute that cannot be pickled becomes its text.
+    By default Python would make them again from the message alone; the constructor then
+    fails, and ends the process that waits for the exception. An attribute that cannot
+    be pickled becomes its text.
     """
 
     __slots__ = ()
@@ -54,8 +55,8 @@ class InvalidArgumentError(SwarmstartError, ValueError):
     """An argument of a call has a type or a value that is not allowed.
 
     Attributes:
-        name: The argument.
-        value: What was given.
+        name: Name of the argument.
+        value: The value that was given.
         allowed: What is allowed, in words.
     """
 
@@ -72,15 +73,15 @@ class MissingPackageError(SwarmstartError, ImportError):
 
 
 def load_optional(module: str, *, extra: str, need: str) -> Any:
-    """Return the package of an optional module, which is imported.
+    """Import an optional module, and return the package that contains it.
 
     Args:
-        module: Its full name.
+        module: Full name of the module.
         extra: The extra of swarmstart that installs it.
-        need: What needs it, the begin of the message.
+        need: Name of the feature that needs the module; the message begins with it.
 
     Raises:
-        MissingPackageError: If it is not installed.
+        MissingPackageError: If the module is not installed.
 
     Example:
         >>> load_optional("json.decoder", extra="none", need="nothing").__name__

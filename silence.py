@@ -15,8 +15,8 @@ from collections.abc import Iterator
 def silenced(*, is_needed: bool = True) -> Iterator[None]:
     """Discard all printed output, also that of C and C++ libraries.
 
-    Standard output of the whole process is replaced, so only one thread may solve.
-    Nothing is done unless `is_needed`.
+    Standard output of the whole process is replaced, so only one thread may solve. If
+    `is_needed` is False, nothing is done.
     """
     if not is_needed:
         yield

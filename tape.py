@@ -31,7 +31,7 @@ class UnknownOperationError(Exception):
     """An operation that is unknown to the reader or to a user of the tape.
 
     Attributes:
-        operation: Its name; empty if the function has no tape at all.
+        operation: Name of the operation; empty if the function has no tape at all.
     """
 
     def __init__(self, message: str, operation: str = "") -> None:
@@ -58,7 +58,7 @@ class Node:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Tape:
-    """An SX function, value by value, each after those it is computed from.
+    """SX function as a list of values, each after those it is computed from.
 
     Attributes:
         nodes: All values; a value's number is its index.
@@ -116,11 +116,12 @@ class TapeBuilder:
     def rewritten(
         self, tape: Tape, write: Callable[[Node, tuple[int, ...]], int]
     ) -> Tape:
-        """Return a tape with each operation of another written anew.
+        """Return a copy of a tape with each operation replaced by `write`.
 
         Args:
-            tape: The other tape.
-            write: (operation, new numbers of its arguments) -> number of its result.
+            tape: The tape to copy.
+            write: Function (node of an operation, new numbers of its arguments) -> new
+                number of its result.
         """
         numbers: list[int] = []
         for node in tape.nodes:
@@ -157,7 +158,7 @@ def expanded(function: ca.Function) -> ca.Function:
         function: A function of SX or of MX.
 
     Raises:
-        UnknownOperationError: If it cannot be expanded.
+        UnknownOperationError: If the function cannot be written in SX.
     """
     if function.is_a("SXFunction"):
         return function
@@ -175,10 +176,12 @@ def read_tape(function: ca.Function, *, nonzeros: bool = False) -> Tape:
     Args:
         function: A function with SX instructions (`Function.is_a("SXFunction")`), whose
             inputs and outputs may be sparse.
-        nonzeros: Whether an output has its nonzeros only, in CasADi's order.
+        nonzeros: Whether only the nonzeros of the outputs are listed, in CasADi's
+            order.
 
     Raises:
-        UnknownOperationError: If it has an operation that is not in OPERATIONS.
+        UnknownOperationError: If the function has an operation that is not in
+            OPERATIONS.
     """
     if not function.is_a("SXFunction"):
         raise UnknownOperationError(f"{function.name()} is no SX function")

@@ -1,4 +1,4 @@
-"""Clocks: of the wall time without that spent on machine code, and of work.
+"""Clocks of work, and of wall time without that spent on machine code.
 
 Code that loads or compiles runs within `compiling`; time is measured by a `stopwatch`,
 which keeps the two apart.
@@ -54,7 +54,7 @@ _held: ContextVar[tuple[Held, ...]] = ContextVar("_held", default=())
 
 @contextlib.contextmanager
 def stopwatch() -> Iterator[Stopwatch]:
-    """Return a context that measures time, machine code apart.
+    """Return a context that measures time without that spent on machine code.
 
     Yields:
         A stopwatch that may be read at any time; nested ones run independently.
@@ -72,7 +72,7 @@ def held_while_compiling(held: Held) -> Iterator[None]:
     """Enter another context, such as a paused time limit, whenever code is compiled.
 
     Args:
-        held: Makes the context in which machine code is compiled.
+        held: Function that returns the context in which machine code is compiled.
 
     Yields:
         Nothing.
@@ -86,7 +86,7 @@ def held_while_compiling(held: Held) -> Iterator[None]:
 
 @contextlib.contextmanager
 def compiling() -> Iterator[None]:
-    """Count the time in this context as loading or compiling; nested ones count once.
+    """Count time in this context as loading or compiling; nested contexts count once.
 
     Yields:
         Nothing.
@@ -126,12 +126,13 @@ OPERATIONS = 1e9
 
 @dataclass(eq=False)
 class WorkClock:
-    """Work of one task.
+    """Clock of the work of one task.
 
     Attributes:
-        limit: Time of `time.perf_counter` at which it must end [s]; infinity for none.
+        limit: Time of `time.perf_counter` at which the task must end [s]; infinity: no
+            limit.
         work: Units of work done so far.
-        was_late: Whether the work was read after the limit.
+        was_late: Whether the clock was read after the limit.
     """
 
     limit: float

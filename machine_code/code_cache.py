@@ -44,8 +44,8 @@ class Usage:
     Attributes:
         folder: Its folder, whether it exists or not.
         files: Number of files in it.
-        bytes: Their size.
-        refused: See `refusal`.
+        bytes: Total size of the files.
+        refused: Reason why the folder is not used; None if it is usable.
     """
 
     folder: Path
@@ -82,7 +82,7 @@ def load_code(key: str) -> bytes | None:
 
 
 def store_code(key: str, code: bytes) -> None:
-    """Store code under a key if that is safe; else do nothing.
+    """Store code under a key if the folder is safe; else do nothing.
 
     Args:
         key: Hexadecimal digits.

@@ -51,15 +51,15 @@ def fingerprint(function: Callable[..., object]) -> str:
     """Return a hash of a function and of all that it calls and reads.
 
     Args:
-        function: A Python function, or one that Numba has taken.
+        function: A Python function, or a kernel that Numba has made of one.
 
     Returns:
         Hexadecimal digits; the same in every process and path, for one version of
         Python.
 
     Raises:
-        UnknownValueError: If it reads a global that is not a number, a text, an array,
-            a tuple of these, a class, a module or a function.
+        UnknownValueError: If the function reads a global that is not a number, a text,
+            an array, a tuple of these, a class, a module or a function.
     """
     digest, seen = hashlib.sha256(), dict[int, int]()
     for part in _parts(function, seen):
@@ -71,7 +71,7 @@ def sources(*modules: str) -> str:
     """Return a hash of modules' source, imports from this package included.
 
     Args:
-        modules: Their full names; imports within functions count too.
+        modules: Full names of the modules; imports within functions count too.
     """
     texts: dict[str, bytes] = {}
     waiting = list(modules)
@@ -87,10 +87,10 @@ def sources(*modules: str) -> str:
 
 
 def source(module: str) -> bytes:
-    """Return the text of a module.
+    """Return the source text of a module.
 
     Args:
-        module: Its full name.
+        module: Full name of the module.
 
     Raises:
         ModuleNotFoundError: If there is no such module, or it has no file.

@@ -79,12 +79,12 @@ def kernel(function: Function) -> Function:
 
 
 def ieee_kernel(function: Function) -> Function:
-    """Compile as `kernel` does; a division by zero gives infinity or NaN, no error."""
+    """Compile a function as `kernel` does; a division by 0 gives infinity or NaN."""
     return cast(Function, Deferred(function, lambda maker: maker.ieee_kernel(function)))
 
 
 def free_kernel(function: Function) -> Function:
-    """Compile as `kernel` does; Python's lock is released while the function runs."""
+    """Compile a function as `kernel` does; it runs without Python's lock."""
     return cast(Function, Deferred(function, lambda maker: maker.free_kernel(function)))
 
 
@@ -109,7 +109,8 @@ def is_kept(
     Args:
         function: A kernel; another function needs no compiling.
         arguments: Values of the types that it will be called with.
-        for_kernel: True for `address_of`, False for a call from Python.
+        for_kernel: True if the code is for `address_of`, False if for calls from
+            Python.
     """
     if not isinstance(function, Deferred):
         return True
@@ -121,7 +122,7 @@ def is_kept(
 def address_of(function: Callable[..., object], *arguments: object) -> int:
     """Return the address of a kernel's machine code, for `call_at`.
 
-    It stays there: Numba unloads no code as long as the process runs.
+    The code stays at this address: Numba unloads no code as long as the process runs.
 
     Args:
         function: A kernel that returns None.

@@ -63,12 +63,12 @@ def kernel(function: Function) -> Function:
 
 
 def ieee_kernel(function: Function) -> Function:
-    """Return the same as `kernels.ieee_kernel` says."""
+    """Return a function that Numba compiles, as `kernels.ieee_kernel` says."""
     return _compiled(function, error_model="numpy")
 
 
 def free_kernel(function: Function) -> Function:
-    """Return the same as `kernels.free_kernel` says."""
+    """Return a function that Numba compiles, as `kernels.free_kernel` says."""
     return _compiled(function, nogil=True)
 
 

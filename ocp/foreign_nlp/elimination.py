@@ -49,13 +49,13 @@ class GivenNlp:
     Attributes:
         x: Variables, SX of shape (nx, 1).
         p: Parameters, SX of shape (np, 1).
-        f: The cost.
-        g: The rows, of shape (ng, 1).
+        f: Cost, a scalar SX.
+        g: Rows of the constraints, SX of shape (ng, 1).
         source: The object that it was read from.
-        rows: (x, p) -> g.
-        cost: (x, p) -> f.
-        jacobian: (x, p) -> the Jacobian of g, sparse.
-        slopes: The Jacobian's expression.
+        rows: Function (x, p) -> g.
+        cost: Function (x, p) -> f.
+        jacobian: Function (x, p) -> Jacobian of g by x, sparse.
+        slopes: Expression of this Jacobian.
     """
 
     x: ca.SX
@@ -125,10 +125,11 @@ class Elimination:
 
     Attributes:
         free: Indices in x of the remaining variables, shape (nf,).
-        torn: Indices in x of the states among them.
+        torn: Indices in x of the states among the remaining variables.
         kept: Numbers of the remaining rows of g, shape (nk,).
-        value: (free, p, lower of g) -> (f, kept rows of g).
-        whole: (free, p, lower of g) -> x.
+        value: Function (remaining variables, p, lower bounds of g) -> (f, remaining
+            rows of g).
+        whole: Function (remaining variables, p, lower bounds of g) -> x.
     """
 
     free: Indices

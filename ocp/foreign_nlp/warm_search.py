@@ -43,17 +43,17 @@ divided by this factor and multiplied by it."""
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class RollOut:
-    """NLP in the variables z of the search.
+    """NLP as functions of the search's variables z.
 
     free = clip(spread @ z, lower, upper)
 
     Attributes:
-        found: The elimination.
-        evaluate: (z, p, lower of g, limits of the kept rows and of free) -> (cost,
-            violation).
-        spread: Shape (nf, nz).
-        sequences: Controls over time, or single variables: for each its knots' times,
-            the times of its remaining variables, and their indices in x.
+        found: The NLP with its states eliminated.
+        evaluate: Function (z, p, lower bounds of g, limits of the remaining rows and of
+            the remaining variables) -> (cost, violation).
+        spread: Matrix from z to the remaining variables, shape (nf, nz).
+        sequences: For each control over time, or single variable: times of its knots,
+            times of its remaining variables, and their indices in x.
     """
 
     found: Elimination
@@ -69,7 +69,7 @@ class Ranges:
     Attributes:
         lower: Lower bounds of the remaining variables, shape (nf,).
         upper: Upper bounds of the remaining variables, shape (nf,).
-        box: The search's box.
+        box: Bounds of z.
         start: The user's own start in the search's variables, shape (nz,).
     """
 
@@ -80,10 +80,10 @@ class Ranges:
 
 
 def roll_out_of(found: Elimination, controls: Sequence[Indices]) -> RollOut:
-    """Return the NLP in the search's variables.
+    """Return the NLP as functions of the search's variables.
 
     Args:
-        found: The elimination.
+        found: The NLP with its states eliminated.
         controls: Controls over time, each as indices in x, shape (times,).
     """
     place = {int(index): k for k, index in enumerate(found.free)}
@@ -145,13 +145,14 @@ def starts(
     search: SearchSettings,
     rng: np.random.Generator,
 ) -> list[Array]:
-    """Search; return the best distinct points with their states, each (nx,).
+    """Search for starts; return the best distinct points x, each of shape (nx,).
 
     Args:
         roll_out: The NLP as functions of the search's variables.
         ranges: The ranges of the search.
         numbers: Values of the parameters, bounds of the rows, and start of the NLP.
-        search: The search; if it has no order, that by cost + weight * violation.
+        search: Settings of the search; if they have no order, individuals are compared
+            by cost + weight * violation.
         rng: Source of all randomness.
     """
     found = roll_out.found

@@ -123,8 +123,8 @@ def read_interpolant(function: ca.Function) -> Splines | None:
         function: Any function.
 
     Returns:
-        The splines; None if the function is no interpolant with a fixed grid and fixed
-        values in one or two inputs, or if CasADi's format is unknown.
+        The splines; None if the function is not an interpolant with a fixed grid and
+        fixed values and one or two inputs, or if CasADi's format is unknown.
     """
     kind = function.class_name()
     if kind not in ("LinearInterpolant", "BSplineInterpolant") or function.n_in() != 1:

@@ -41,7 +41,8 @@ class Spline:
     Attributes:
         knots: Knots of each argument, not decreasing, shape (k,).
         degrees: Degree of the B-splines of each argument.
-        coefficients: Shape (k - degree - 1,) in each argument.
+        coefficients: Factors of the B-splines, shape (k - degree - 1,) in each
+            argument.
         outside: Value beyond the first and the last knot: the end pieces are extended,
             the value at the end is held, or the value is zero.
     """
@@ -52,10 +53,11 @@ class Spline:
     outside: Outside
 
     def expression(self, *arguments: ca.SX) -> ca.SX:
-        """Return the value, entry by entry of the arguments; NaN for NaN.
+        """Return the spline's value at each entry of the arguments; NaN at NaN.
 
         Args:
-            arguments: One for each argument of the spline, of one shape or scalar.
+            arguments: An expression for each argument of the spline, all of one shape
+                or scalar.
         """
         given = [ca.densify(ca.SX(a)) for a in arguments]
         ends = [(float(k[0]), float(k[-1])) for k in self.knots]

@@ -144,10 +144,10 @@ class Table:
         return self._spline.expression(*expressions)
 
     def at(self, *arguments: ArrayLike) -> Array:
-        """Return the table's values at numbers.
+        """Return the table's values at given inputs.
 
         Args:
-            arguments: One for each input, of shapes that NumPy can broadcast.
+            arguments: Numbers for each input, of shapes that NumPy can broadcast.
 
         Returns:
             The values, in the broadcast shape.

@@ -55,7 +55,7 @@ GROWTH = 8
 
 
 class Terms(NamedTuple):
-    """Terms of plans, beside their paths.
+    """Terms of plans, which vehicles know in addition to their paths.
 
     Attributes:
         parting: Step at which each plan parts from its vehicle's plan before, shape
@@ -81,7 +81,7 @@ def decide(
     """Let all vehicles accept, commit to and withdraw candidates.
 
     Args:
-        now: Rule, step, least distance.
+        now: Number of the rule, present step, and least distance of two plans [m].
         rank: Order in which candidates give way, shape (n,).
         terms: Terms of the plans.
         members: Memories of the vehicles.
@@ -182,11 +182,11 @@ class Agreement:
         self._log = {row: _Proposal(row, START, START, True, {}) for row in range(n)}
 
     def exchange(self, tick: int, rng: np.random.Generator) -> Settled:
-        """Let all hear, accept, commit and withdraw; return who has settled.
+        """Let all vehicles hear, accept, commit and withdraw; return those that did.
 
         Args:
             tick: Number of the present tick.
-            rng: Random number generator, of pauses after a withdrawal.
+            rng: Random number generator for the pauses after a withdrawal.
         """
         members, step = self.members, tick // self._links.period
         n = members.committed.size
@@ -210,7 +210,7 @@ class Agreement:
         return settled
 
     def may_propose(self, tick: int) -> Count:
-        """Return the vehicles that may propose a plan at a tick."""
+        """Return the numbers of the vehicles that may propose a plan at a tick."""
         members = self.members
         heard = members.number >= 0
         np.fill_diagonal(heard, True)
@@ -236,8 +236,9 @@ class Agreement:
         Args:
             i: Number of the vehicle.
             tick: Number of the present tick.
-            parting: Step at which it parts from the vehicle's committed plan.
-            is_last: Whether the vehicle proposes nothing once it has committed to it.
+            parting: Step at which the plan parts from the vehicle's committed plan.
+            is_last: Whether the vehicle proposes no further plan once it has committed
+                to this one.
         """
         row = self._used
         self.members.candidate[i] = row
@@ -257,8 +258,8 @@ class Agreement:
 
         Args:
             tick: Number of the present tick.
-            places: Their positions, not scaled, shape (n, 3) [m].
-            rng: Random number generator, of delays and losses.
+            places: Positions of the vehicles, not scaled, shape (n, 3) [m].
+            rng: Random number generator for delays and losses.
         """
         links = self._links
         delays = drawn_delays(len(places), links.most_delay, links.loss, rng)

@@ -121,7 +121,7 @@ def _path(first: int, samples: Array, bulges: Array) -> dict[str, object]:
 
 
 def obstacle_paths(swarm: Swarm, step_s: float) -> list[dict[str, object]]:
-    """Return the obstacles, with what a vehicle keeps away from each centre."""
+    """Return the obstacles, each with the distance to keep from its centre."""
     found = []
     for one in swarm.obstacles:
         times = np.arange(np.ceil(one.times[-1] / step_s) + 2) * step_s

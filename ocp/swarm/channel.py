@@ -2,8 +2,8 @@
 
 A vehicle broadcasts at every tick. A message takes 1 + d ticks to a receiver, d drawn
 anew for each receiver from 0 to the largest delay, or is lost on the way. If links have
-a range, vehicles also tell what they have heard of others; so what one says comes to
-all through those between, which is a longer delay to the rule.
+a range, vehicles also pass on what they have heard of others; so a message reaches
+distant vehicles through those between, and the rule only sees a longer delay.
 """
 
 from typing import NamedTuple
@@ -58,7 +58,7 @@ def empty_channel(n: int, most_delay: int, *, passed_on: bool = False) -> Channe
 
 @kernel
 def broadcast(tick: int, delays: Count, members: Members, channel: Channel) -> None:
-    """Send what each vehicle has.
+    """Send each vehicle's plans and the candidates that it accepts.
 
     Args:
         tick: Number of the present tick.
@@ -106,7 +106,7 @@ def receive(
 ) -> None:
     """Let vehicle j hear i's message of a tick that is still in the rings.
 
-    `message` is room for it, shape (3,).
+    `message` is a buffer for its contents, shape (3,).
     """
     slot = sent % len(channel.arrival)
     message[0] = channel.committed[slot, i]
@@ -118,7 +118,7 @@ def receive(
 def drawn_delays(
     n: int, most_delay: int, loss: float, rng: np.random.Generator
 ) -> Count:
-    """Return delays in ticks from each vehicle to each, LOST with a probability."""
+    """Return delays between all vehicles [ticks]; LOST with the probability `loss`."""
     delays = rng.integers(0, most_delay + 1, size=(n, n))
     delays[rng.random((n, n)) < loss] = LOST
     return delays

@@ -104,10 +104,12 @@ class CommittedTeam(Called):
     Attributes:
         team: The vehicles, in the order in which they make their first plans; none
             watches another, and each shows the one to three rows of its position.
-        sets: The certified terminal set of each; its reference is the vehicle's goal.
+        sets: Certified terminal set of each vehicle; the set's reference is the
+            vehicle's goal.
         plan_distance: Least distance of two plans [m].
-        links: The links; a step of the rule is a control interval.
-        lead: Number of steps from a proposal to its parting from the committed plan.
+        links: Links between the vehicles; a step of the rule is a control interval.
+        lead: Number of steps from the proposal of a plan to its parting from the
+            committed one.
 
     Example:
         >>> import casadi as ca, numpy as np
@@ -257,11 +259,11 @@ class CommittedTeam(Called):
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class CommittedDecision(Decision):
-    """Decision of a CommittedTeam, with what its vehicles remember.
+    """Decision of a CommittedTeam, with the memories of its vehicles.
 
     Attributes:
-        vehicles: The vehicles; they move on with the next decision.
-        step: Number of steps that are over with this one.
+        vehicles: The vehicles; the next decision changes them.
+        step: Number of steps decided so far, this one included.
     """
 
     vehicles: CommittedVehicles
@@ -272,9 +274,9 @@ class CommittedVehicles:
     """Vehicles of a team on their committed plans.
 
     Attributes:
-        steps: Number of steps that are over.
+        steps: Number of steps decided so far.
         tracking_error: Largest measured distance of a vehicle from its plan so far [m].
-        apart: Distance of the nearest two plans in each step: at least this [m].
+        apart: Lower bound of the distance of the nearest two plans in each step [m].
     """
 
     def __init__(
@@ -325,13 +327,13 @@ class CommittedVehicles:
 
     @property
     def allowed_error(self) -> float:
-        """Distance of a vehicle from its plan for which distances are proven [m]."""
+        """Largest distance of a vehicle from its plan that the proof allows [m]."""
         return self._team.tracking_error
 
     def advance(
         self, states: Sequence[Array], rng: np.random.Generator
     ) -> CommittedDecision:
-        """Let all exchange messages and plan; return their controls for a step."""
+        """Let all vehicles exchange messages and plan; return controls for a step."""
         agreed, step = self._agreement, self.steps
         period = self._team.links.period
         places = self._places(states)
@@ -548,7 +550,7 @@ def _parameters(loop: RecedingHorizon) -> Array:
 
 
 def begin_as(plan: int, committed: int, lead: int, plans: Plans) -> None:
-    """Let a plan have the samples and bulges of another one until they part.
+    """Copy samples and bulges of a committed plan into another until they part.
 
     If the other plan is in its rest by then, its sample is the centre of a ball that
     contains the vehicle; the next bulge grows by the distance from that centre.

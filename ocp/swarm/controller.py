@@ -71,11 +71,11 @@ def swarm_model(n: int) -> Model:
 @checked(refused, team=of_kind(Team, "a team of a SwarmController"), step=a_count())
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class SwarmDecision(Decision):
-    """Decision for all vehicles, with what they remember.
+    """Decision for all vehicles, with their memories.
 
     Attributes:
-        team: The vehicles; they move on with the next decision.
-        step: Number of steps that are over with this one.
+        team: The vehicles; the next decision changes them.
+        step: Number of steps decided so far, this one included.
     """
 
     team: Team
@@ -83,7 +83,7 @@ class SwarmDecision(Decision):
 
     @property
     def flight(self) -> SwarmFlight:
-        """Flight up to now."""
+        """The flight so far."""
         return self.team.flight()
 
 

@@ -58,7 +58,7 @@ class SwarmFlight(Presenting):
 
     @property
     def commitments(self) -> int:
-        """Number of plans that were committed to, without those of the start."""
+        """Number of commitments to plans, without those of the start."""
         return int(self.log.committed.sum()) - self.swarm.size
 
     def plot(self) -> Any:
@@ -109,7 +109,7 @@ class SwarmFlight(Presenting):
 
         It is 1 for a vehicle that stays.
 
-        A vehicle that does not arrive has infinity.
+        A vehicle that stays in place has 1, one that does not arrive infinity.
         """
         ways = np.linalg.norm(np.diff(self.positions, axis=2), axis=1).sum(axis=1)
         straight = np.linalg.norm(self.swarm.goals - self.swarm.starts, axis=1)

@@ -35,8 +35,8 @@ class PointMass(NamedTuple):
     """Bounds of a point mass, and the grid of its plans.
 
     Attributes:
-        acceleration: Largest one along each axis, scaled, shape (3,) [m/s^2].
-        speed: Largest one along each axis, scaled, shape (3,) [m/s].
+        acceleration: Largest acceleration along each axis, scaled, shape (3,) [m/s^2].
+        speed: Largest speed along each axis, scaled, shape (3,) [m/s].
         step_s: Step of the grid [s].
         turn_rate: Largest turn rate of a vehicle that moves in the direction of its
             heading, in the plane [rad/s]; the bounds of the first axis then hold for
@@ -146,8 +146,7 @@ def accelerations(
 def least_steps(start: State, end: State, most: int, body: PointMass) -> int:
     """Return the least number of steps of a leg, or LONGEST if it is above `most`.
 
-    Longer legs than the least one need not be feasible, as those with a velocity at an
-    end bend more.
+    A leg with more steps need not be feasible: with a velocity at an end it bends more.
     """
     # None is shorter than its longest axis at the largest speed.
     steps = 1
@@ -203,7 +202,7 @@ def write_leg(
 
 @kernel
 def rest(plan: int, index: int, plans: Plans) -> None:
-    """Let a plan stay for ever at its sample of an index."""
+    """Let a plan stay for ever at the sample with a given index."""
     last = plans.bulges.shape[1] - 1
     for k in range(index, last + 1):
         plans.bulges[plan, k] = 0.0

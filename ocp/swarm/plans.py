@@ -9,13 +9,14 @@ A held acceleration a gives b = |a| h^2 / 8. The last sample is the centre of a 
 the plan's rest, in which it stays for ever: the vehicle hovers, loiters or is held by a
 terminal set. (The last bulge holds for the chord to the centre, then.)
 
-Two plans are clear of each other from a step on if at each later time the chords are
-farther apart than the radius and both bulges; at last, the rests. Chords are straight
-and run at constant speed, so the least distance of two is that of a segment from the
-origin. Whatever is not a number is not clear.
+Two plans are clear of each other from a step on if at each later time the chords, and
+at last the rests, are farther apart than the radius plus both bulges. Chords are
+straight and run at constant speed, so the least distance of two is that of a segment
+from the origin. A plan with NaN is not clear of any other.
 
-Positions are scaled beforehand such that what must not be entered is a ball; the radius
-contains the error by which the vehicles may be off their plans.
+Positions are scaled beforehand such that the region around a vehicle that others must
+not enter is a ball; its radius contains the error by which the vehicles may be off
+their plans.
 """
 
 import math
@@ -50,7 +51,7 @@ class Plans(NamedTuple):
 
 
 def no_plans(rows: int, pieces: int) -> Plans:
-    """Return room for plans; each row is clear of none until it is written."""
+    """Return empty rows for plans; a row is clear of no plan until it is written."""
     return Plans(
         first=np.zeros(rows, np.int64),
         samples=np.full((rows, pieces + 1, 3), np.nan),
@@ -135,10 +136,10 @@ def _distance(start: NDArray[np.float64], end: NDArray[np.float64]) -> float:
 
 @kernel
 def least_gap(rows: Count, step: int, plans: Plans) -> float:
-    """Return a distance that no two of several plans fall below until the next step.
+    """Return a lower bound of the distance of any two plans until the next step.
 
     Args:
-        rows: The plans, shape (n,).
+        rows: Rows of the plans to compare, shape (n,).
         step: Number of the time.
         plans: All plans of the vehicles, each a row.
     """

@@ -21,13 +21,13 @@ j proposed it after s and committed to it by t. By (d) i had not committed to it
 plan by then, since C_i was its candidate at t; so i accepted it at some s' in (s, t],
 while C_i, which j had accepted before, was a candidate of i: clear by (b) at i.
 
-So (a) and what is heard decide how often vehicles agree, never whether they collide;
-the same holds for the order in which candidates give way, which may change at will. A
-vehicle may lose all but its committed plan and the number of its next candidate, since
-candidates may always be withdrawn, or be silent for ever: if it has not committed to
-its last plan, the others then keep what they have. A vehicle that leaves is clear of
-all. What is needed: all vehicles are known, they agree on the time, no number of a
-candidate is used twice, and a message is what its sender sent.
+So (a) and the messages heard decide how often vehicles agree, never whether they
+collide; the same holds for the order in which candidates give way, which may change at
+will. A vehicle may lose all but its committed plan and the number of its next
+candidate, since candidates may always be withdrawn, or be silent for ever: if it has
+not committed to its last plan, the others then keep what they have. A vehicle that
+leaves is clear of all. What is needed: all vehicles are known, they agree on the time,
+no number of a candidate is used twice, and a message is what its sender sent.
 
 Source of the parts: Tordesillas and How (2022), MADER, IEEE Transactions on Robotics
 38, and Kondo et al. (2023), Robust MADER, ICRA (checks against committed plans and
@@ -74,10 +74,10 @@ class Members(NamedTuple):
 
 
 def members_at(rows: Count) -> Members:
-    """Return vehicles with committed plans that have heard nothing yet.
+    """Return memories of vehicles with committed plans that have heard nothing yet.
 
     Args:
-        rows: Rows of their plans, shape (n,).
+        rows: Rows of their committed plans, shape (n,).
     """
     n = rows.size
     none = np.full((n, n), NONE, np.int64)

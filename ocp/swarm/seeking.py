@@ -87,7 +87,7 @@ def seek(plan: int, task: Task, draws: Array, body: PointMass, plans: Plans) -> 
         plans: All plans of the vehicles, each a row.
 
     Returns:
-        The cost; infinite if nothing is found.
+        The cost; infinite if no flight is found.
     """
     best = math.inf
     known, trial = np.zeros(PARTS), np.zeros(PARTS)

@@ -54,7 +54,7 @@ PLANNED: Mapping[str, Check] = MappingProxyType(
 
 
 class Planning(NamedTuple):
-    """Ways of planning of a swarm, as arguments of `simulate_swarm`."""
+    """Options of a swarm's planning; see the arguments of `simulate_swarm`."""
 
     links: Links
     rule: str
@@ -65,7 +65,7 @@ class Planning(NamedTuple):
 
 
 def team_of(swarm: Swarm, planning: Planning, rng: np.random.Generator) -> Team:
-    """Return the vehicles at their starts; raises what `sizes_of` raises."""
+    """Return the vehicles at their starts; raise errors as `sizes_of` does."""
     return Team(
         swarm, planning.links, planning.rule, step_s=planning.step_s,
         sizes=sizes_of(swarm, planning), rng=rng,

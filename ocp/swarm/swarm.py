@@ -118,7 +118,8 @@ class Obstacle:
     def bulge(self, times: ArrayLike) -> Array:
         """Return by how much the centre may be off the chords between times [m].
 
-        If its speed changes between two times, its path has a corner there.
+        A chord joins the centres at two successive times; between them the path may
+        have a corner. Shape (len(times) - 1,).
         """
         speeds = np.linalg.norm(np.diff(self.path, axis=0), axis=1)
         speeds /= np.diff(self.times)

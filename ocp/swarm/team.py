@@ -31,7 +31,7 @@ class Team:
     """Vehicles in flight, with all plans that were ever proposed.
 
     Attributes:
-        steps: Number of steps that are over.
+        steps: Number of steps flown so far.
         velocities: Scaled velocities of the committed plans, shape (n, 3) [m/s].
     """
 
@@ -89,7 +89,7 @@ class Team:
         self._flight: SwarmFlight | None = None
 
     def advance(self) -> Array:
-        """Let all exchange messages, plan, and follow their plans for a step.
+        """Let all vehicles exchange messages, plan, and follow their plans for a step.
 
         Returns:
             Accelerations that the vehicles hold in this step, not scaled, shape (n, 3)
@@ -208,7 +208,7 @@ class Team:
             plans.bulges[row, :-1] += swarm.scale.max() * one.bulge(times)
 
     def have_arrived(self) -> bool:
-        """Return whether all are at rest at their goals."""
+        """Return whether all vehicles are at rest at their goals."""
         rows = self._agreement.members.committed
         if not self._agreement.terms.is_last[rows].all():
             return False
@@ -252,10 +252,10 @@ class Team:
 
 
 def lead_steps(n: int, links: Links, hops: int) -> int:
-    """Return the steps from a proposal to its parting: a round trip to all, mostly.
+    """Return the number of steps from the proposal of a plan to its parting.
 
-    Each message is repeated at every tick; so many repetitions reach all others with a
-    probability of 0.98.
+    It is enough for messages to all others and their answers: messages are repeated at
+    every tick, and reach all others in time with a probability of 0.98.
 
     Args:
         n: Number of vehicles.

@@ -59,7 +59,7 @@ EXACT = Tracking(np.zeros(2), 0.0, 0.0, 0.0)
 
 
 def tracking_of(disturbance: float, step_s: float) -> Tracking:
-    """Return the law, and bounds of its errors.
+    """Return the tracking law, with bounds of its errors.
 
     Args:
         disturbance: Largest size w of the disturbance along an axis [m/s^2].

@@ -40,16 +40,16 @@ ROUNDING = 1e-9
 
 
 class NoRestError(InvalidProblemError):
-    """A plan does not end in a set that is kept for ever."""
+    """A plan does not end in a set in which the vehicle can stay for ever."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Rest:
-    """End of a plan that is kept for ever.
+    """End of a plan, at which the vehicle can stay for ever.
 
     Attributes:
         centre: State at which the linear law comes to rest, shape (nx,).
-        is_goal: Whether that is the set's own reference.
+        is_goal: Whether the centre is the terminal set's own reference.
     """
 
     centre: Array
@@ -65,7 +65,8 @@ class Path:
         ends: Step from which on the linear law acts.
         states: States at steps, each (nx,).
         controls: Controls between them, each (nu,).
-        gains: Gains of the deviations from the first states, each (nu, nx).
+        gains: Gains K on the deviation from the state at the beginning of each step,
+            each (nu, nx).
         bulges: Distances from the chords between them [m].
         rest: End of the plan.
     """
@@ -83,7 +84,7 @@ class Body:
     """Motion of a vehicle, and the set in which its plans end.
 
     Attributes:
-        rows: Rows of the states that are its position.
+        rows: Rows of the states that are its position, one to three.
         parameters: Parameters of the model, shape (np,).
     """
 
@@ -138,7 +139,7 @@ class Body:
         return float(np.sqrt(level * self._reach) * (1.0 + ROUNDING))
 
     def rest_of(self, state: Array) -> Rest:
-        """Return the rest of a plan that ends in a state.
+        """Return the rest of a plan that ends in a given state.
 
         Raises:
             NoRestError: If the state is in no certified set.
@@ -186,7 +187,7 @@ class Body:
             controls: Its controls, shape (nu, N).
 
         Raises:
-            NoRestError: If it ends in no certified set.
+            NoRestError: If the plan ends in no certified set.
         """
         states, bulges = [start], list[float]()
         for u in controls.T:
@@ -268,12 +269,13 @@ class Body:
 
 
 def joined(before: Path, made: Path, step: int) -> Path:
-    """Return the path that follows one from a step until another begins, and then that.
+    """Return the path that follows `before` from a step on, and later `made`.
 
     Args:
-        before: The path that is followed first; it has all states up to the other.
-        made: The other path.
-        step: The step.
+        before: The path that is followed until `made` begins; it has all states up to
+            there.
+        made: The path that is followed then.
+        step: First step of the result.
     """
     kept = slice(step - before.first, made.first - before.first)
     return Path(
