@@ -40,15 +40,15 @@ class BoundEvaluator(Protocol):
         """
 
     def attach(self, population: Array, outputs: Sequence[Array]) -> Pointers | None:
-        """Bind to buffers, for a caller that is compiled itself.
+        """Bind the evaluator to buffers, for a caller that is compiled itself.
 
         Args:
-            population: Shape (dim, size), contiguous doubles.
-            outputs: One for each output, rows * size doubles, contiguous.
+            population: Individuals, shape (dim, size), contiguous doubles.
+            outputs: A buffer for each output, rows * size contiguous doubles.
 
         Returns:
             The addresses, valid as long as this object and the buffers live; None if
-            it can be called from Python only.
+            the evaluator can be called from Python only.
         """
 
 
@@ -63,7 +63,7 @@ class BatchEvaluator(Protocol):
         """Name of the backend, as recorded with a run."""
 
     def bind(self, shared: tuple[Array, ...]) -> BoundEvaluator:
-        """Return population -> outputs, for fixed other arguments.
+        """Return a function population -> outputs, with the other arguments fixed.
 
         Args:
             shared: The other arguments, flattened column by column; copied.
@@ -79,10 +79,11 @@ class MappedBuffers:
     """A function that CasADi maps, and the memory that it reads and writes.
 
     Attributes:
-        run: Evaluates the arguments into the results.
-        arguments: Arguments, (size, entries), or (entries,) if all share them.
+        run: Function that evaluates the arguments into the results.
+        arguments: Arguments, (size, entries), or (entries,) if all individuals share
+            them.
         results: Nonzeros of the outputs, (size, nonzeros).
-        keeps_alive: What `run` calls, which it does not own.
+        keeps_alive: Objects that `run` calls but does not own.
     """
 
     run: Callable[[], None]
@@ -216,11 +217,11 @@ def evaluator(
     mapped: Callable[[], CasadiMap],
     backend: str | None = None,
 ) -> BatchEvaluator:
-    """Return machine code if it is chosen and possible, else CasADi's map.
+    """Return an evaluator: machine code if chosen and possible, else CasADi's map.
 
     Args:
-        compiled: Makes the machine code.
-        mapped: Makes the map.
+        compiled: Function that returns the evaluator in machine code.
+        mapped: Function that returns the evaluator by CasADi's map.
         backend: As in `chosen_backend`.
     """
     if chosen_backend(backend) == "casadi":

@@ -135,10 +135,10 @@ class BatchFunction(Called):
         """Return the function bound to copies of its arguments, for many calls.
 
         Args:
-            arguments: As in a call.
+            arguments: Arguments as in a call.
 
         Raises:
-            InvalidProblemError: If they do not fit, or the backend is CasADi.
+            InvalidProblemError: If the arguments do not fit, or the backend is CasADi.
         """
         if self.backend != "llvm":
             raise InvalidProblemError("prepare needs machine code, got backend casadi")
@@ -232,13 +232,14 @@ def compile_batch(
     Args:
         function: Any `casadi.Function` that expands to SX; if it does not, or has an
             operation that is not compiled, CasADi's map serves, and a warning says so.
-        backend: "auto", "llvm" or "casadi"; None asks SWARMSTART_BACKEND, then auto.
+        backend: "auto", "llvm" or "casadi"; None means SWARMSTART_BACKEND if it is set,
+            else "auto".
         precision: "double", or "single", which computes with half the digits in less
             than half the time; arguments and outputs are doubles in both cases. CasADi
             always computes in double precision.
         threads: Largest number of threads over which machine code spreads a population;
-            a thread pays from about 256 individuals on. The results have the same bits.
-            CasADi's map uses one thread.
+            a thread pays from about 256 individuals on. The results have the same bits
+            for any number of threads. CasADi's map uses one thread.
         gradient: Whether to add an output: the gradient of the first output, which must
             be a number, by the first argument, shape (rows, n). Reverse mode.
 

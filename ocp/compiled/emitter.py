@@ -31,8 +31,8 @@ class Ticks:
     """Steps of adaptive length from check to check; see ocp/integration/rodas.py.
 
     Attributes:
-        tick: (z, u, p, s) -> z after one tick, s flat over both ends of a check; z is
-            (y, |y| so far, left, h), y the states and the integrals.
+        tick: Function (z, u, p, s) -> z after one tick, s flat over both ends of a
+            check; z is (y, |y| so far, left, h), y the states and the integrals.
         checks: Number of checks in an interval.
         first: Step size h at the beginning of an interval.
         most: Largest number of ticks between two checks.
@@ -49,9 +49,9 @@ class Roll:
     """A rollout: a stage applied N times, then the terms of the end.
 
     Attributes:
-        stage: (x, u, p, s) -> (x after, cost, violation), s flat over the nodes of one
-            interval. With ticks it has two more arguments: the states that they reach
-            at each check, and the integrals.
+        stage: Function (x, u, p, s) -> (x after, cost, violation), s flat over the
+            nodes of one interval. With ticks it has two more arguments: the states that
+            the ticks reach at each check, and the integrals.
         end: (x, p, s) -> (cost, violation), s at the last node.
         intervals: Number of intervals N.
         signals_per_interval: Offset to the signals of the next interval, ns * checks.
@@ -312,7 +312,7 @@ def repeated_functions(stage: Tape) -> list[tuple[int, int, int]]:
     state after the step, so that the next step begins with the same sine.
 
     Args:
-        stage: (x, ...) -> (x after, ...).
+        stage: Tape of (x, ...) -> (x after, ...).
 
     Returns:
         (entry of the state, number of a function of it, number of that function of the

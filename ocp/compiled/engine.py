@@ -37,7 +37,7 @@ class Machine:
     Attributes:
         triple: The target triple.
         cpu: The processor's name.
-        features: Its features, as LLVM writes them.
+        features: Features of the processor, as LLVM writes them.
         register_bits: Length of a vector register.
         lanes: Least number of doubles that a kernel evaluates side by side.
         has_scale: See `vector_ir.Module`.
@@ -133,9 +133,9 @@ def translate(ir: str, *, quickly: bool = False) -> bytes:
 
     Args:
         ir: A module with the function `kernel`.
-        quickly: Whether LLVM optimises nothing, as in a module that is very long. It
-            then takes a tenth of the time, and the code, with the same results, up to
-            twice as long as otherwise.
+        quickly: Whether LLVM optimises nothing, as for very long modules. LLVM then
+            needs a tenth of the time; the code has the same results, but takes up to
+            twice as long.
 
     Raises:
         NoCompilerError: If machine code cannot be made here, or the module is too long.

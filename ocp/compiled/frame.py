@@ -250,7 +250,7 @@ class Frame:
 def module_of(
     body: Callable[[Frame], None], target: Target, *, inputs: int, outputs: int
 ) -> str:
-    """Return the module whose kernel applies a body to each block of individuals."""
+    """Return the module whose kernel runs `body` for each block of individuals."""
     module = Module(has_scale=target.has_scale)
     ir = VectorIR(target.lanes, target.form, module=module)
     frame = Frame(ir, inputs=inputs, outputs=outputs)

@@ -66,7 +66,7 @@ class Program(NamedTuple):
         table: Instructions, int64, shape (instructions, 4).
         constants: Numbers behind the shared arguments, shape (constants,).
         slots: Length of the work vector.
-        rows: Number of outputs.
+        rows: Number of rows of all outputs.
     """
 
     table: Count
@@ -79,10 +79,11 @@ def program_of(function: ca.Function) -> Program:
     """Return an SX function as a table.
 
     Args:
-        function: Its first argument differs per individual, the others are shared.
+        function: SX function; its first argument differs per individual, the others are
+            shared.
 
     Raises:
-        UnknownOperationError: If it has an operation that the kernel has not.
+        UnknownOperationError: If the function has an operation that the kernel lacks.
     """
     places_in = [function.sparsity_in(i).find() for i in range(function.n_in())]
     places_out = [function.sparsity_out(i).find() for i in range(function.n_out())]
@@ -155,7 +156,7 @@ class Interpreted:
         self._work = _aligned(self._program.slots * _lanes())
 
     def bind(self, shared: tuple[Array, ...]) -> "BoundInterpreted":
-        """Return population -> outputs; see BatchEvaluator."""
+        """Return a function population -> outputs; see BatchEvaluator."""
         return BoundInterpreted(self, shared)
 
     def evaluate(self, population: Array, shared: Array) -> Array:
@@ -197,7 +198,7 @@ class BoundInterpreted:
         return self._function.evaluate(population, self._shared)
 
     def attach(self, population: Array, outputs: Sequence[Array]) -> None:
-        """Return None: it is called from Python only."""
+        """Return None: the function is called from Python only."""
 
 
 def interpreted(function: ca.Function) -> Interpreted | CasadiMap:

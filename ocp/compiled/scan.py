@@ -45,8 +45,8 @@ class Scan:
     """A step with the roles of its arguments.
 
     Attributes:
-        step: (arguments) -> (new carried values, in the order of the carried arguments;
-            then the values kept of each interval).
+        step: Function (arguments) -> (new carried values, in the order of the carried
+            arguments; then the values of this interval to be kept).
         roles: Role of each argument.
         turns: Number of intervals N.
         backward: Whether the last interval comes first.
@@ -146,7 +146,7 @@ def compile_scan(
 
     Raises:
         InvalidProblemError: If the roles do not fit the step.
-        UnknownOperationError: If it has an operation that is not compiled.
+        UnknownOperationError: If the step has an operation that is not compiled.
         NoCompilerError: If machine code cannot be made here.
     """
     _require(step, roles)

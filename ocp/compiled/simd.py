@@ -88,8 +88,8 @@ class Prepared:
         arguments: Buffers to fill in place: (rows, n), or (rows,) if shared.
         outputs: Buffers to read after the call, each (rows, n).
         results: The same memory as one array, (all rows, n).
-        pointers: Addresses of the function and of its two arguments, for a caller that
-            is compiled itself: void f(double **in, double **out, int64 n).
+        pointers: Addresses of a function and of its two arguments, for a caller that is
+            compiled itself: void f(double **in, double **out, int64 n).
         size: n, the third argument.
         run: Function that evaluates the arguments into the outputs, as a call does.
         rows: Number of rows of each output.
@@ -170,7 +170,7 @@ class SimdBatch:
         )
 
     def bind(self, shared: tuple[Array, ...]) -> "Bound":
-        """Return population -> outputs, the other arguments fixed and copied."""
+        """Return a function population -> outputs; the other arguments are copied."""
         return Bound(self, shared)
 
     def prepare(self, size: int) -> Prepared:
@@ -192,10 +192,10 @@ class SimdBatch:
         )
 
     def caller(self, tables: tuple[Table, Table], size: int) -> Callable[[], None]:
-        """Return a call of the kernel, on what the tables point to when it is called.
+        """Return a function that runs the kernel on the buffers that tables point to.
 
         Args:
-            tables: Addresses of the arguments, and of the outputs.
+            tables: Addresses of the arguments, and of the outputs, read at each call.
             size: Number of individuals.
         """
         if self.threads > 1:
@@ -336,11 +336,11 @@ class Bound:
         return prepared
 
     def attach(self, population: Array, outputs: Sequence[Array]) -> Pointers:
-        """Bind to buffers, for a caller that is compiled itself.
+        """Bind the kernel to buffers, for a caller that is compiled itself.
 
         Args:
-            population: Shape (dim, size), contiguous doubles.
-            outputs: One for each output, rows * size doubles, contiguous.
+            population: Individuals, shape (dim, size), contiguous doubles.
+            outputs: A buffer for each output, rows * size contiguous doubles.
 
         Returns:
             The addresses, valid as long as this object and the buffers live.
@@ -414,10 +414,10 @@ def compile_flat(
         precision: Precision of the arithmetic; arguments and outputs are doubles.
         threads: Largest number of threads for a population.
         nonzeros: Whether the outputs are their nonzeros, in CasADi's order.
-        quickly: Whether it is compiled ten times as fast and runs half as fast.
+        quickly: Whether the code is compiled ten times as fast, but runs half as fast.
 
     Raises:
-        UnknownOperationError: If it has an operation that is not compiled.
+        UnknownOperationError: If the function has an operation that is not compiled.
         NoCompilerError: If machine code cannot be made here.
     """
     function = without_interpolants(function)
@@ -474,8 +474,8 @@ def compile_rollout(  # noqa: PLR0913 - a rollout's parts
 
     Args:
         stage: (x, u, p, s) -> (x after, cost, violation) over one interval. With
-            adaptive steps it has two more arguments: the states that they reach at each
-            check, shape (nx, checks), and the integrals.
+            adaptive steps it has two more arguments: the states that the steps reach at
+            each check, shape (nx, checks), and the integrals.
         end: (x, p, s) -> (cost, violation) at the end.
         intervals: Number of intervals.
         signals_per_interval: ns * checks.
@@ -549,8 +549,8 @@ def cached(
     """Return machine code from the cache, or make and store it; see `aside`.
 
     Args:
-        key: Its hash; see `key_of`.
-        emit: Returns its LLVM IR.
+        key: Hash of the code; see `key_of`.
+        emit: Function that returns the LLVM IR of the code.
         quickly: As in `translate`.
     """
     with compiling():
@@ -577,9 +577,9 @@ def key_of(
     """Return the hash of everything that determines the machine code.
 
     Args:
-        functions: Functions that it evaluates.
-        settings: Other settings that determine it.
-        maker: Name of the module that makes it, in addition to MAKERS.
+        functions: Functions that the code evaluates.
+        settings: Other settings that determine the code.
+        maker: Name of the module that makes the code, in addition to MAKERS.
     """
     digest = hashlib.sha256(_sources(maker).encode())
     # The processor counts too: machines may share a cache.

@@ -27,7 +27,7 @@ _is_aside: ContextVar[bool] = ContextVar("_is_aside", default=False)
 
 
 def parts_of(size: int, threads: int) -> list[tuple[int, int]]:
-    """Return the first individual of each part, and the first after it."""
+    """Return the first individual of each part, and the first one after the part."""
     count = max(1, min(threads, size // LEAST))
     each = max(1, -(-size // (count * _BLOCK))) * _BLOCK
     return [(first, min(first + each, size)) for first in range(0, size, each)]
@@ -37,7 +37,8 @@ def in_parts(part: Callable[[int, int], None], size: int, threads: int) -> None:
     """Call a function for all individuals, in one part or in several in parallel.
 
     Args:
-        part: (first, first after the part) -> None; must not hold Python's lock.
+        part: Function (first, first after the part) -> None; must not hold Python's
+            lock.
         size: Number of individuals.
         threads: Largest number of calls at a time.
     """
@@ -49,7 +50,8 @@ def together(calls: Sequence[Callable[[], None]]) -> None:
     """Make calls at the same time, each in a thread of its own.
 
     Args:
-        calls: At least one; they must not hold Python's lock for long.
+        calls: Functions to call, at least one; they must not hold Python's lock for
+            long.
     """
     first, *others = calls
     if not others:
@@ -108,7 +110,7 @@ def code_of(make: Callable[[], bytes]) -> "bytes | Future[bytes]":
     """Return object code; within `aside()`, a future of it.
 
     Args:
-        make: Makes the code; may run in another thread.
+        make: Function that returns the code; it may run in another thread.
     """
     return _worker(os.getpid()).submit(make) if _is_aside.get() else make()
 

@@ -2,8 +2,8 @@
 
 rk4    k1 = r(t, x), k2 = r(t + h/2, x + h/2 k1), k3 = r(t + h/2, x + h/2 k2),
        k4 = r(t + h, x + h k3),  x+ = x + h/6 (k1 + 2 k2 + 2 k3 + k4)
-euler  x+ = x + h r(t, x)                      (what eq. 5.22 of the chapter says)
-stiff  RODAS4, for models with modes that decay much faster than the step; rodas.py
+euler  x+ = x + h r(t, x)                      (eq. 5.22 of the chapter) stiff  RODAS4,
+for models with modes that decay much faster than the step; rodas.py
 
 Controls are held constant over a step. The functions take expressions as well as
 arrays, depending on the return value of r.
@@ -49,12 +49,13 @@ class Method:
     """An integrator and its properties.
 
     Attributes:
-        step: (r, x, t, h) -> x after one step.
+        step: Function (r, x, t, h) -> x after one step.
         order: Order of convergence.
         evaluations: Number of evaluations of r in a step.
         growth: Coefficients of R(z), from z^0 on, by which a mode x' = lambda x changes
-            in a step, z = h lambda; empty: it decays at any step (implicit).
-        stable: Recommended |h lambda|, within the stable region with a reserve.
+            in a step, z = h lambda; empty: a stable mode decays at any step length
+            (implicit).
+        stable: Recommended largest |h lambda|, inside the stable region with a margin.
     """
 
     step: Callable[[Rate, ca.SX, float, float], ca.SX]
@@ -199,7 +200,7 @@ def held_step(
 def linear_step(model: Model, dt: float, *, method: str = "rk4") -> ca.Function:
     """Return F(x, u, p) -> x after dt seconds, u the controls at both ends, (2 nu, 1).
 
-    The controls are linear in between; otherwise it is as `held_step`, in one step.
+    The controls are linear in between. Otherwise F is as in `held_step`, with one step.
 
     Args:
         model: The model.

@@ -70,7 +70,7 @@ def as_transcription(given: object) -> Radau | None:
     """Return the collocation for a user's entry; None: multiple shooting.
 
     Raises:
-        InvalidProblemError: If the entry is neither.
+        InvalidProblemError: If the entry is neither of the two.
     """
     if isinstance(given, Radau):
         return given
@@ -89,9 +89,9 @@ class Coefficients:
     """Coefficients of collocation at d points.
 
     Attributes:
-        times: c, shape (d,), as fractions of the element.
-        slopes: D, shape (d, d + 1).
-        weights: b, shape (d,).
+        times: Points c as fractions of the element, shape (d,).
+        slopes: Matrix D, shape (d, d + 1).
+        weights: Weights b of an integral, shape (d,).
     """
 
     times: Array

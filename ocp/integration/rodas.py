@@ -111,7 +111,7 @@ def rodas4(rate: Rate, x: ca.SX, t: float, h: float) -> ca.SX:
 
 
 def prepared(rate: Rate, size: int) -> Callable[[ca.SX, float, float], ca.SX]:
-    """Return (x, t, h) -> x after a step, for many steps of one equation.
+    """Return the function (x, t, h) -> x after a step, for many steps of one equation.
 
     The factorisation and the elimination of common parts are done once.
 
@@ -207,7 +207,7 @@ def factored(matrix: ca.SX) -> Factors:
     fill (Markowitz 1957), so a triangular matrix in any order needs no elimination.
 
     Args:
-        matrix: Shape (n, n).
+        matrix: The matrix, shape (n, n).
     """
     rows = _rows(matrix)
     order, lower, upper, inverse = [], [], [], []
@@ -276,7 +276,7 @@ def ticked(
 
     Args:
         rate: r(t, y), with t measured from the start of the check [s].
-        z: See the module's head, shape (2 ny + 2, 1).
+        z: The column z of the module's head, shape (2 ny + 2, 1).
         sizes: Natural sizes of y, shape (ny, 1).
         duration: Time between two checks [s].
         tolerance: Allowed relative error of a step.
@@ -310,7 +310,7 @@ def ticked(
 
 
 def followed(tick: ca.Function) -> ca.Function:
-    """Return (z, ...) -> z at the end of the check; y is NaN if it is not reached.
+    """Return a function (z, ...) -> z at the end of the check; y is NaN if it fails.
 
     Args:
         tick: (z, ...) -> z after one tick.
@@ -333,7 +333,7 @@ def follower(
     duration: float,
     tolerance: float,
 ) -> ca.Function:
-    """Return (z, known) -> z at the end of a time span; see `followed`.
+    """Return the function (z, known) -> z at the end of a time span; see `followed`.
 
     Args:
         rate: r(t, y).

@@ -44,7 +44,7 @@ class LaneAnswers:
     """Results of lanes, in the order of their starts.
 
     Attributes:
-        controls: Shape (nu, N, n), within their bounds.
+        controls: Controls within their bounds, shape (nu, N, n).
         starts: Decisions about the start, shape (ny, n).
         states: States at the beginning of each interval and at the end, divided by
             their sizes, shape (nx, N + 1, n).
@@ -80,7 +80,7 @@ def joined(parts: Sequence[LaneAnswers]) -> LaneAnswers:
     """Return the answers of several calls as those of one.
 
     Args:
-        parts: At least one.
+        parts: Answers of each call, at least one.
     """
     return LaneAnswers(**{
         one.name: np.concatenate([getattr(part, one.name) for part in parts], axis=-1)
@@ -127,7 +127,8 @@ class Unseen:
         share: The estimate.
         most: Upper end of the one-sided 95 % interval: with a larger share, more optima
             would have been found once in 95 % of all cases.
-        answers: Number of answers with an optimum, which the estimate is from.
+        answers: Number of answers that belong to an optimum, on which the estimate
+            rests.
     """
 
     share: float

@@ -93,7 +93,7 @@ class Pairs:
         return total
 
     def curvature(self, v: ca.SX, z: ca.SX) -> ca.SX:
-        """Return z / d, summed for each variable."""
+        """Return for each variable the sum of z / d over its bounds."""
         return self.summed(z / self.distances(v))
 
     def slope(self, v: ca.SX, mu: ca.SX) -> ca.SX:
@@ -101,7 +101,7 @@ class Pairs:
         return self.pushed(-mu / self.distances(v))
 
     def pushed(self, z: ca.SX) -> ca.SX:
-        """Return the sum of sign z for each variable."""
+        """Return for each variable the sum of sign * z over its bounds."""
         return self.summed(self._signs * z)
 
     def dual_step(self, v: ca.SX, z: ca.SX, mu: ca.SX, step: ca.SX) -> ca.SX:
@@ -157,8 +157,8 @@ class Kinds(NamedTuple):
     Attributes:
         equal: Rows whose limits are equal.
         slack: The other rows.
-        lower: Those with a lower limit.
-        upper: Those with an upper limit.
+        lower: Rows of `slack` with a lower limit.
+        upper: Rows of `slack` with an upper limit.
         less: Rows that an elastic variable p lets be below a limit.
         more: Rows that an elastic variable n lets be above a limit.
     """
@@ -183,7 +183,7 @@ class Eliminated(NamedTuple):
     """Rows with their slacks and elastic variables eliminated.
 
     Attributes:
-        weight: w.
+        weight: Weights w of the rows.
         force: w o, the multipliers after a step dz = 0.
     """
 
@@ -200,8 +200,8 @@ class Walls:
 
     Attributes:
         rows: The rows c, a column.
-        lower: Their lower limits, widened.
-        upper: Their upper limits, widened; those of `kinds.equal` are exact.
+        lower: Lower limits of the rows, widened.
+        upper: Upper limits of the rows, widened; those of `kinds.equal` are exact.
         kinds: The kinds of the rows.
         own: Bounds of the part's own variables.
     """

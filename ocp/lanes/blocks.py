@@ -1,8 +1,8 @@
 """Lanes side by side in one memory, and all starts solved in several of these.
 
-Every name that a kernel reads or writes is some rows of the memory, whose columns are
-the lanes. A name that begins with "next." is the value after a turn of the name after
-that word. Threads take equal shares of the starts, each with a memory of its own.
+Every name that a kernel reads or writes stands for some rows of the memory, whose
+columns are the lanes. The rows of "next.x" hold the value of x after a turn, for any
+name x. Threads take equal shares of the starts, each with a memory of its own.
 """
 
 import ctypes
@@ -76,7 +76,7 @@ class Block:
     """Memory for some lanes.
 
     Attributes:
-        memory: Shape (rows, lanes).
+        memory: The memory, shape (rows, lanes).
         calls: Address of `part`, of its arguments and of its outputs for each kernel.
     """
 
@@ -123,11 +123,11 @@ class Job:
     Attributes:
         kernels: The machine code, in the order of the loop.
         layout: Layout of the memory.
-        rows: Rows that the loop reads, as it takes them.
+        rows: Rows of the memory that the loop reads.
         shared: Arguments that all lanes share.
         blank: Initial memory of any lane, shape (rows,).
-        given: Numbers of the starts, a column for each.
-        brought: Names of these numbers.
+        given: Given numbers, a column for each start.
+        brought: Names of the given numbers.
         kept: Names of the results.
         loop: The compiled loop: (calls, memory, rows, starts, ends, work, turns).
         turns: Number of turns between two checks for Ctrl-C.

@@ -218,10 +218,10 @@ class InteriorLanes:
         return joined(found)
 
     def common(self, instances: Instances) -> Common:
-        """Return what instances have in common, with the machine code compiled.
+        """Return the numbers that instances have in common, and compile the code.
 
         Args:
-            instances: At least one.
+            instances: The instances, at least one.
 
         Raises:
             NoLanesError: If machine code cannot be made.
@@ -251,7 +251,7 @@ class InteriorLanes:
         """Return the machine code for instances with the same signals.
 
         Raises:
-            NoLanesError: If it cannot be made.
+            NoLanesError: If the code cannot be made.
         """
         return self._made_for(own_signals=False).kernels
 
@@ -359,7 +359,7 @@ def _given(places: Places) -> list[str]:
 
 
 def state_names(names: Iterable[str]) -> tuple[str, ...]:
-    """Return the names that follow from "next." ones, those of a sweep first."""
+    """Return the names that have a "next." name, those written by a sweep first."""
     found = [name.removeprefix(NEXT) for name in names if name.startswith(NEXT)]
     return *AIMED, *(name for name in found if name not in AIMED)
 

@@ -68,7 +68,7 @@ def aimed(end: Place) -> tuple[Named, Named]:
     """Return the expressions after a sweep: symbols that they read, and new values.
 
     Args:
-        end: The end.
+        end: The end of the horizon, as a part.
     """
     lane = symbols(
         mu=1, rho=1, delta=1, delta_last=1, gain_end=1, primal_end=1, dual_end=1,

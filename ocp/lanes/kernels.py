@@ -32,7 +32,7 @@ class Written(NamedTuple):
     """A kernel before it is compiled.
 
     Attributes:
-        function: Its function; with intervals, that of one of them.
+        function: Function of the kernel; with intervals, that of one interval.
         roles: Role of each argument, as in scan.py.
         turns: Number of intervals; 0: it has none.
         backward: Whether the last interval comes first.
@@ -51,7 +51,7 @@ class Written(NamedTuple):
         """Return the kernel as machine code.
 
         Raises:
-            UnknownOperationError: If it has an operation that is not compiled.
+            UnknownOperationError: If the kernel has an operation that is not compiled.
             NoCompilerError: If machine code cannot be made here.
         """
         if self.turns:

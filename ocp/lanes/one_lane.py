@@ -35,11 +35,11 @@ class OneLane:
     """A lane of a problem whose numbers are divided by fixed sizes.
 
     Attributes:
-        kernels: Its kernels by name.
+        kernels: Kernels of the lane by name.
         rows: Number of entries of each name that a kernel reads or writes, besides
             those of `shared`.
         shared: Arguments that do not change, by name.
-        state: Names that follow from "next." ones after a trial.
+        state: Names that take the values of their "next." names after a trial.
         blank: First value of names that do not begin at 0.
         sizes: Sizes that numbers are divided by.
         weights: 1 / scale of the rows whose scale depends on the initial state.

@@ -68,7 +68,7 @@ class Posed:
         return self.first_least[:, None], self.first_most[:, None]
 
     def scaled(self, controls: Array) -> Array:
-        """Return controls (nu, N, n) as lanes take them, excesses 0: (N nu, n)."""
+        """Return controls (nu, N, n) in the form of lanes (N nu, n); excesses are 0."""
         nu, N, n = controls.shape
         rows = np.zeros((N, self.least.size, n))
         rows[:, :nu] = np.moveaxis(controls, 1, 0) / self.sizes.controls[:nu, None]
@@ -83,7 +83,7 @@ class Posed:
         return np.concatenate([np.moveaxis(rows, 0, 1), end[:, None]], axis=1)
 
     def controls(self, lanes: Array) -> Array:
-        """Return the controls (nu, N, n) of lanes (N nu, n)."""
+        """Return controls (nu, N, n) from the form of lanes (N nu, n)."""
         nu, n = self.sizes.controls.size, lanes.shape[1]
         rows = lanes.reshape(self.intervals, self.least.size, n)[:, :nu]
         return np.moveaxis(rows, 0, 1) * self.sizes.controls[:, None, None]

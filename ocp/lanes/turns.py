@@ -22,8 +22,9 @@ class Rows(NamedTuple):
 
     Attributes:
         state: First row of the state.
-        aim: First row of its part that a sweep has changed.
-        aims: Number of rows of that part.
+        aim: First row of the new values of those entries of the state that a sweep
+            writes.
+        aims: Number of these rows.
         following: First row of the state after a trial.
         size: Number of rows of the state.
         tries: Whether a lane tries a step; else it waits for a sweep.
@@ -46,7 +47,7 @@ class Starts(NamedTuple):
 
     Attributes:
         blank: Initial memory of any lane, shape (rows,).
-        given: Numbers of each start, a column for each of all starts.
+        given: Given numbers, a column for each of all starts.
         rows: Rows of the memory that these numbers are written to.
         numbers: Indices of the starts to be solved.
     """

@@ -93,7 +93,7 @@ class Best:
 
 @dataclass(eq=False)
 class Ascent:
-    """The search for better and better bounds, from a tube."""
+    """Search for better and better bounds, which starts from a tube."""
 
     statement: Statement
     tube: Tube

@@ -98,7 +98,7 @@ class Basis:
         """Return the polynomial as an expression.
 
         Args:
-            point: Shape (variables, 1).
+            point: Symbols of the point, shape (variables, 1).
             parameters: Middle and half widths of the box, coefficients; shape
                 (parameters, 1), see `packed`.
         """
@@ -126,7 +126,7 @@ class Basis:
         return nested(0, ())
 
     def polynomial(self, box: Box, coefficients: Array) -> Polynomial:
-        """Return a polynomial in the form that evidence has."""
+        """Return a polynomial in the form that is stored as evidence."""
         return Polynomial(
             middle=box.middle,
             half=box.half,
@@ -140,7 +140,7 @@ class Box:
     """A box that Chebyshev polynomials are scaled to.
 
     Attributes:
-        middle: Shape (variables,).
+        middle: Middle of each side, shape (variables,).
         half: Half widths, shape (variables,), > 0.
     """
 
@@ -155,12 +155,12 @@ class Box:
         return cls((upper + lower) / 2, np.maximum(half, smallest))
 
     def scaled(self, points: Array) -> Array:
-        """Return points, shape (variables, N), with the box as [-1, 1]."""
+        """Return points, (variables, N), in coordinates in which the box is [-1, 1]."""
         return (points - self.middle[:, None]) / self.half[:, None]
 
 
 def packed(polynomial: Polynomial) -> Array:
-    """Return the parameters of the symbolic form, shape (parameters,)."""
+    """Return a polynomial's parameters for `Basis.expression`, (parameters,)."""
     return np.concatenate([polynomial.middle, polynomial.half, polynomial.coefficients])
 
 

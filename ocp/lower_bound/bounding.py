@@ -102,7 +102,7 @@ def lower_bound(  # noqa: PLR0913 - everything but the problem has a default
 
     Returns:
         The best bound that was proven; of kind NONE, with a reason, if there is none.
-        Ctrl-C ends the search as the end of the time does.
+        After Ctrl-C the best bound so far is returned, as at the end of the time.
 
     Raises:
         InvalidProblemError: If a shape does not fit the problem, or work or seconds is

@@ -3,8 +3,9 @@
     python -m swarmstart.ocp.lower_bound.check FILE [--seconds 600]
 
 This is `python -m swarmstart.terminal_set.check`, which judges certificates of both
-kinds. Of a lower bound everything is proven again: derivatives are truncated arithmetic
-in place of CasADi's, and the bound itself is computed in exact fractions.
+kinds. Of a lower bound everything is proven again: derivatives come from arithmetic on
+truncated Taylor series in place of CasADi's, and the bound itself is computed in exact
+fractions.
 """
 
 from __future__ import annotations

@@ -48,7 +48,7 @@ class Bounds(NamedTuple):
     """Lower bounds of a function over m boxes.
 
     Attributes:
-        low: Shape (m,); -inf if nothing is known.
+        low: Lower bound over each box, shape (m,); -inf if nothing is known.
         spread: Variation of the function along each coordinate, shape (d, m).
     """
 
@@ -307,7 +307,7 @@ class Stage:
 
         Args:
             slopes: Derivatives of V, shape (1 + n, N).
-            points: Shape (1 + n, N).
+            points: Points (t, x), shape (1 + n, N).
             u: Controls to use, shape (m, N); None means the best ones.
 
         Returns:

@@ -54,9 +54,10 @@ def maximised(
     """Solve a linear program from a cold start.
 
     Args:
-        c: Shape (m,).
-        A: Shape (N, m), of rank m, as bounds on each unknown ensure.
-        b: Shape (N,).
+        c: Objective, shape (m,).
+        A: Matrix of the rows, shape (N, m), of rank m, as bounds of all unknowns
+            ensure.
+        b: Offsets of the rows, shape (N,).
         tolerance: Tolerance of the gap, in units of the objective.
         iterations: Largest number of iterations.
     """

@@ -2,7 +2,7 @@
 
 The bound is found on the way: it begins with a target, and is lowered whenever a point
 of the set has a smaller value. So every search that ends has proven some bound, and the
-points it met show at which points the polynomial must become better.
+points found show where the polynomial must become better.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Floor:
         boxes: Number of boxes searched.
         points: Points of the set at which the function is below the target, shape
             (d, N), the lowest first.
-        lowest: The least value met; infinite without points.
+        lowest: Least value found; infinite without points.
     """
 
     slack: float

@@ -32,7 +32,7 @@ PAVING = 3000
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """The set S.
+    """Set S of the points (t, x) that optimal trajectories may pass through.
 
     Attributes:
         statement: The problem.
@@ -181,7 +181,7 @@ class Rows:
         self._intervals = interval_function(self._function)
 
     def broken(self, lower: Array, upper: Array) -> Mask:
-        """Return the boxes in which a row is certainly above 0 everywhere, (m,)."""
+        """Return which boxes have a row that is certainly above 0 everywhere, (m,)."""
         least, _ = self._intervals(lower, upper)
         return np.asarray((least > 0).any(axis=0))
 
@@ -279,11 +279,11 @@ class Filter:
         self._latest = latest
 
     def excludes(self, lower: Array, upper: Array) -> Mask:
-        """Return which boxes no cheaper trajectory passes, shape (m,)."""
+        """Return which boxes no cheaper trajectory passes through, shape (m,)."""
         return self._margin.bounds(self._parameters, lower, upper).low > 0
 
     def keeps(self, points: Array) -> Mask:
-        """Return which points are left, shape (N,); points: (1 + n, N)."""
+        """Return which points the pruning leaves, shape (N,); points: (1 + n, N)."""
         C = values_of(self._pruning.come.polynomial, points)
         G = values_of(self._pruning.go.polynomial, points)
         constant, come, go = self._parameters[-3:]

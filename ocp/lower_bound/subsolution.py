@@ -60,8 +60,8 @@ class Cuts:
     """Points whose inequalities are rows of the linear program.
 
     Attributes:
-        points: (t, x, u), shape (1 + n + m, N).
-        ends: (T, x), shape (1 + n, K).
+        points: Points (t, x, u), shape (1 + n + m, N).
+        ends: Ends (T, x), shape (1 + n, K).
     """
 
     points: Array
@@ -99,7 +99,7 @@ class Search:
         setting: The problem.
         region: The set.
         forms: Inequalities of the degree.
-        aim: Objective.
+        aim: Kind of the objective: "start" for a bound, "come" or "go" for a pruning.
         hoped: Target of the slack [cost / s].
         rng: Source of randomness of the samples.
         until: Reading of the clock of work at which the search ends.

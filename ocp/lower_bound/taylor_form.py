@@ -82,7 +82,7 @@ class TaylorForm:
         Args:
             lower: Lower corners, shape (d, m).
             upper: Upper corners.
-            parameters: Shape (p,).
+            parameters: Values of the parameters, shape (p,).
         """
         d, k, count = self.coordinates, self.functions, lower.shape[1]
         middle = (lower + upper) / 2
@@ -146,8 +146,8 @@ def least_quadratic(
     Args:
         slope: g, shape (d, m).
         bend: H for each pair i <= j, shape (pairs, m).
-        reach: Shape (d, m).
-        pairs: The pairs.
+        reach: Half widths of the boxes, shape (d, m).
+        pairs: Pairs (i, j) of coordinates, i <= j, in the order of `bend`.
 
     Returns:
         Bounds, shape (m,); variation of the function along each axis, (d, m).

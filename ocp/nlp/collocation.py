@@ -171,7 +171,7 @@ class Inner:
 
         Args:
             sizes: Natural sizes of the states, shape (nx, 1).
-            residuals: Sizes of the algebraic equations, shape (nz, 1).
+            residuals: Natural sizes of the algebraic equations, shape (nz, 1).
         """
         layout = self._layout
         if layout is None:
@@ -207,7 +207,7 @@ class Inner:
         return self._shooting.problem.model.elimination.symbols
 
     def _at_points(self, expression: ca.SX, z: ca.SX) -> ca.Function:
-        """Return (x, u, p, s, z) -> an expression."""
+        """Return the function (x, u, p, s, z) -> an expression."""
         names = [*self._shooting.problem.symbols().values(), z]
         return ca.Function("at_points", names, [expression])
 
@@ -219,7 +219,7 @@ class Reached(NamedTuple):
         state: State at its end, shape (nx, 1).
         cost: Integral of the stage cost / unit over it.
         defects: Collocation rows, which must be 0, in the units of the states.
-        at: (state, signals) at each collocation point.
+        at: Pair (state, signals) at each collocation point.
     """
 
     state: ca.SX
@@ -275,7 +275,7 @@ def lifted(expressions: ca.SX, values: ca.SX, symbols: ca.SX) -> ca.SX:
     """Return expressions with symbols in place of given values.
 
     Args:
-        expressions: Shape (m, 1).
+        expressions: Expressions that contain the values, shape (m, 1).
         values: Values to replace, shape (n, 1).
         symbols: The symbols that replace them, shape (n, 1).
     """

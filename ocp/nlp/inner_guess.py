@@ -80,7 +80,7 @@ class InnerGuess:
         known: tuple[Array, Array],
         sizes: Sizes,
     ) -> Array:
-        """Return the states that the evaluator reaches from each interval's start.
+        """Return the states that the evaluator reaches from the start of each interval.
 
         Args:
             controls: Shape (nu, N).

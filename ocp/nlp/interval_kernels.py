@@ -84,7 +84,7 @@ class IntervalKernel(ca.Callback):
     def eval_buffer(
         self, given: Sequence[memoryview], found: Sequence[memoryview | None]
     ) -> int:
-        """Evaluate all intervals; outputs that are None are not wanted."""
+        """Evaluate all intervals; an output whose buffer is None is not written."""
         # Two threads may call at once, so buffers are taken and given back.
         try:
             buffers = self._free.pop()
@@ -158,9 +158,10 @@ def over_intervals(
         function: An SX function of one interval.
         intervals: Number of intervals.
         same: Indices of the arguments that are the same for all intervals.
-        apart: Numbers of the outputs, in groups that are not needed together.
-        compiled: Whether machine code is wanted, if it is possible. It evaluates all
-            outputs at once.
+        apart: Numbers of the outputs, in groups that are not needed together; each
+            group becomes a function.
+        compiled: Whether machine code is wanted, if it is possible. Then there is one
+            function, which evaluates all outputs at once.
     """
     if compiled:
         try:

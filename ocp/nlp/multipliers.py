@@ -89,8 +89,8 @@ def multipliers_of(point: NlpPoint, stated: OptimalControlProblem) -> Multiplier
 
     Args:
         point: The answer as a point of the NLP.
-        stated: The problem that it answers; the NLP may be that of its core, and have
-            margins and more checks.
+        stated: The problem that the point answers; the NLP may be that of its core, and
+            have margins and more checks.
     """
     core, parts = point.program.problem, point.program.parts
     nx, nu, N = core.model.nx, inputs_of(core), core.intervals
@@ -250,7 +250,7 @@ def units_of(
 
 
 def columns_of(program: NonlinearProgram, duals: Duals) -> tuple[Array, Array]:
-    """Return rows (height, N) and bounds (inputs + nx, N) of the intervals, views."""
+    """Return views of each interval's rows (height, N) and bounds (inputs + nx, N)."""
     core, N = program.problem, program.problem.intervals
     height = program.parts.interval.height
     width = inputs_of(core) + core.model.nx

@@ -29,9 +29,9 @@ class LimitedRows(NamedTuple):
     """Rows with limits, and their origin.
 
     Attributes:
-        values: Shape (m, 1).
-        lower: Shape (m,).
-        upper: Shape (m,).
+        values: Expressions of the rows, shape (m, 1).
+        lower: Lower limits, shape (m,).
+        upper: Upper limits, shape (m,).
         places: For each row: number of its constraint among path and terminal
             constraints, and its row there.
         at: For each row: number, from 1, of the check at whose end it holds; 0: at the
@@ -48,13 +48,14 @@ class LimitedRows(NamedTuple):
 class Part(NamedTuple):
     """A part of the NLP (an interval, the end or the start) with its derivatives.
 
-    The derivatives are with respect to its own variables z.
+    The derivatives are with respect to the variables z of the part. `shared` are
+    arguments that all parts have in common, s are signals.
 
     Attributes:
-        values: (z, shared, s) -> (cost, g).
-        slopes: (z, shared, s) -> (cost, its gradient, g, its Jacobian).
-        curvature: (z, shared, s, lam_f, lam_g) -> upper triangle of the Hessian of
-            lam_f cost + lam_g' g.
+        values: Function (z, shared, s) -> (cost, g).
+        slopes: Function (z, shared, s) -> (cost, its gradient, g, its Jacobian).
+        curvature: Function (z, shared, s, lam_f, lam_g) -> upper triangle of the
+            Hessian of lam_f cost + lam_g' g.
         rows: The rows with limits, which come last in g.
     """
 
@@ -162,10 +163,10 @@ class Mapped:
         same: tuple[int, ...] = (1,),
         apart: Sequence[Sequence[int]] = ((0,),),
     ) -> list[list[ca.MX]]:
-        """Return the outputs of all intervals, side by side, of the end and the start.
+        """Return the outputs of all intervals (side by side), of the end, of the start.
 
         Args:
-            chosen: The function of a part.
+            chosen: Function that returns the function of a part.
             more: Further arguments of each part; those of the intervals side by side.
             same: Indices of the arguments that are the same for all intervals.
             apart: Numbers of the outputs, in groups that are not needed together.
@@ -194,7 +195,7 @@ class Mapped:
         return ca.densify(ca.vertcat(ca.vec(g[0] - reached), *g[1:], *ties))
 
     def ties(self) -> tuple[Index, Index]:
-        """Return the indices in w of equal controls, each with the one before."""
+        """Return the indices in w of tied controls, and of those that they equal."""
         step = self.nu + self.nx
         now, before = (
             # From ca.vec of u to w.

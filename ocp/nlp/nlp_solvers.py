@@ -89,7 +89,7 @@ class Solvers(NamedTuple):
         warm: Returns the solver that starts from multipliers, always observed, since
             its solve may have to be stopped.
         iterates: Receives the iterates of observed solvers.
-        ratios: Cost of derivatives, in rollouts.
+        ratios: Cost of the derivatives, in rollouts.
     """
 
     program: NonlinearProgram
@@ -339,7 +339,7 @@ def corrected(
         point: The answer of the NLP.
         sizes: Natural sizes of states, controls, cost and rows.
         parameters: Shape (np,).
-        signals: At the nodes, shape (ns, nodes).
+        signals: Signals at the nodes, shape (ns, nodes).
 
     Returns:
         The new guess and limits; None if the evaluator's states are not finite, or

@@ -89,7 +89,7 @@ class OptiSource:
                 )
 
     def function(self) -> ca.Function:
-        """Return (x, p) -> (f, g)."""
+        """Return the function (x, p) -> (f, g)."""
         return ca.Function("given", [self.x, self.p], [self.f, self.g])
 
     def require_unchanged(self) -> None:
@@ -184,8 +184,8 @@ class NlpSource:
     """A dictionary for `casadi.nlpsol`, with its numbers.
 
     Attributes:
-        nlp: "x", "f" and, if used, "g" and "p".
-        solver: The solver made from it.
+        nlp: Expressions "x", "f" and, if used, "g" and "p".
+        solver: The solver made from the dictionary.
         arguments: Arguments of the solver: all of x0, p, lbg, ubg, lbx, ubx.
     """
 
@@ -226,11 +226,11 @@ class NlpSource:
         return _places(role, given, self.nlp["x"], "entries of nlp['x']")
 
     def name(self, index: int) -> str:
-        """Return the variable's place."""
+        """Return the variable's name in messages: its index in x."""
         return f"x[{index}]"
 
     def describe(self, row: int) -> str:
-        """Return the row's expression in short."""
+        """Return the row's expression, shortened."""
         own = self.arguments["lbg"].size
         if row < own:
             return shortened(self.nlp["g"][row])

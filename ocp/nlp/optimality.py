@@ -157,7 +157,7 @@ def least_multipliers(
     Args:
         program: The NLP.
         w: Variables, shape (nw,).
-        q: Arguments.
+        q: Arguments of the NLP, shape (nq,).
         limits: Bounds of variables and rows.
 
     Returns:
@@ -392,12 +392,12 @@ def _derivatives(
 
 
 def rooms(point: NlpPoint) -> tuple[Array, Array]:
-    """Return how far rows and variables are from their limits; below 0: always active.
+    """Return distances of rows and variables to limits; below 0: always active.
 
     A limit counts as active if its multiplier is larger than this distance.
 
     Returns:
-        For each row, shape (ng,), and for each variable, shape (nw,).
+        Distance of each row, shape (ng,), and of each variable, shape (nw,).
     """
     limits = point.limits
     g = np.array(point.program.derivatives["jac_g"](point.w, point.q)[0]).ravel()

@@ -189,8 +189,8 @@ class Polished:
             judged interval by interval, since deviations grow so much over the horizon
             that no roll-out confirms it; None: it is judged by its roll-out.
         rollouts: Cost of the polish in rollouts, derivatives included; see watching.py.
-        spent: As in `Carried`, with this polish if it began with multipliers and
-            converged.
+        spent: Iterations as in `Carried.spent`, with those of this polish if it began
+            with multipliers and converged.
     """
 
     controls: Array
@@ -273,12 +273,12 @@ class Polisher(Called):
 
     @property
     def ratios(self) -> Ratios | None:
-        """Cost of its derivatives; None if steps are chosen for each guess."""
+        """Cost of the NLP's derivatives; None if steps are chosen for each guess."""
         return None if self._choice is not None else self.solvers(None).ratios
 
     @property
     def operations(self) -> float:
-        """Operations of a usual solve; infinite if steps are chosen for each guess."""
+        """Operations of a typical solve; infinity if steps depend on the guess."""
         program = self.program
         if program is None:
             return math.inf
@@ -409,8 +409,8 @@ class Polisher(Called):
         The multipliers are those of `least_multipliers`.
 
         Args:
-            controls: Shape (nu, N).
-            states: At the nodes, shape (nx, nodes).
+            controls: Controls, shape (nu, N).
+            states: States at the nodes, shape (nx, nodes).
             x0: Initial state, with the decisions about it, shape (nx,).
             known: Values of the parameters and signals.
             held: Numbers of the controls that are held.
@@ -763,10 +763,10 @@ def _within(
 def is_better(
     one: tuple[float, float], other: tuple[float, float], *, tolerance: float
 ) -> bool:
-    """Return whether (cost, violation) `one` is better, violation first.
+    """Return whether `one` is better than `other`, each (cost, violation).
 
-    Violations up to the tolerance count as zero; a value that is not finite is never
-    better.
+    The smaller violation is better; if both are equal, the smaller cost. Violations up
+    to the tolerance count as zero; a value that is not finite is never better.
     """
     if not np.isfinite(one).all():
         return False

@@ -173,7 +173,7 @@ PolishOptions = IpoptOptions | NlpOptions
 
 
 def has_solver(name: str) -> bool:
-    """Return whether CasADi has an NLP solver.
+    """Return whether CasADi has an NLP solver of this name.
 
     Raises:
         InvalidProblemError: If the present folder holds files that CasADi could take
@@ -199,7 +199,7 @@ def _here_are_plugins() -> bool:
 
 
 def check_solver(options: PolishOptions) -> None:
-    """Make an NLP solver for a small problem, to see whether it takes its options.
+    """Make an NLP solver for a small problem, to check that it accepts its options.
 
     Raises:
         InvalidProblemError: If the solver does not take them; with CasADi's words.

@@ -26,7 +26,7 @@ class Packed(NamedTuple):
 
     Attributes:
         found: The answer, without its point.
-        point: Its point, without the NLP; None if it has none.
+        point: Point of the answer, without the NLP; None if there is none.
         steps: Steps of the NLP.
     """
 

@@ -130,7 +130,7 @@ class NonlinearProgram(Rebuilt):
 
     @property
     def kernels(self) -> list[ca.Function]:
-        """Machine code of the intervals, which these functions call, but do not own."""
+        """Machine code of the intervals, which the NLP's functions call, not own."""
         return self._functions.kernels
 
     @property
@@ -152,7 +152,7 @@ class NonlinearProgram(Rebuilt):
     def slack_rows(self) -> tuple[list[int], ...]:
         """For each soft row, the rows of an interval that bound its excess.
 
-        They are counted among the rows with a limit.
+        Rows are numbered among the rows with a limit.
         """
         places = self.parts.interval.rows.places
         soft = () if self.shooting.soft is None else self.shooting.soft.places
@@ -398,10 +398,10 @@ class Given(NamedTuple):
     """Start of an NLP solver, in the units of the problem.
 
     Attributes:
-        controls: Shape (nu, N).
+        controls: Controls, shape (nu, N).
         pieces: States at both ends of each check, shape (nx, checks + 1, N).
-        parameters: Shape (np,).
-        signals: At the nodes, shape (ns, nodes).
+        parameters: Parameters, shape (np,).
+        signals: Signals at the nodes, shape (ns, nodes).
     """
 
     controls: Array

@@ -52,8 +52,8 @@ class Ratios(NamedTuple):
     """Cost of derivatives, in rollouts.
 
     Attributes:
-        gradient: The cost's slope and the Jacobian at a point.
-        hessian: The second derivatives at a point.
+        gradient: Cost of the cost's slope and the Jacobian at a point.
+        hessian: Cost of the second derivatives at a point.
     """
 
     gradient: float
@@ -250,11 +250,11 @@ class Relay:
 
     @property
     def is_over(self) -> bool:
-        """State of the watch; all methods below are passed on to it."""
+        """True if the current watch's budget is spent."""
         return self.watch.is_over
 
     def searching(self) -> AbstractContextManager[None]:
-        """Pass on."""
+        """Pass the call on to the current watch."""
         return self.watch.searching()
 
     def advanced(
@@ -263,27 +263,27 @@ class Relay:
         best: Callable[[], Individual],
         answer: Callable[[Array], Answer],
     ) -> None:
-        """Pass on."""
+        """Pass the call on to the current watch."""
         self.watch.advanced(evaluations, best, answer)
 
     def searched(self, result: SearchResult) -> None:
-        """Pass on."""
+        """Pass the call on to the current watch."""
         self.watch.searched(result)
 
     def counted(self, evaluations: float) -> None:
-        """Pass on."""
+        """Pass the call on to the current watch."""
         self.watch.counted(evaluations)
 
     def iterated(self, evaluations: float, answer: Callable[[], Answer] | None) -> bool:
-        """Pass on."""
+        """Pass the call on to the current watch."""
         return self.watch.iterated(evaluations, answer)
 
     def solved(self, work: Work, ratios: Ratios) -> None:
-        """Pass on."""
+        """Pass the call on to the current watch."""
         self.watch.solved(work, ratios)
 
     def answered(self, answer: Answer, cost: float, violation: float) -> None:
-        """Pass on."""
+        """Pass the call on to the current watch."""
         self.watch.answered(answer, cost, violation)
 
 
@@ -303,7 +303,7 @@ class WorkAlone(Relay):
 
 
 class Deadline(Relay):
-    """End of the work on a plan at a time, with the best answer until then.
+    """Watch that ends the work on a plan at a given time and keeps the best answer.
 
     Attributes:
         best: The best answer so far; None before the first.
@@ -444,7 +444,7 @@ def stops_nothing(watch: Watch) -> bool:
 
 
 def deadline_of(watch: Watch) -> Deadline | None:
-    """Return the time limit that a watch passes on to; None without one."""
+    """Return the `Deadline` that a watch is or passes on to; None without one."""
     if isinstance(watch, Deadline):
         return watch
     return deadline_of(watch.watch) if isinstance(watch, Relay) else None
@@ -468,7 +468,8 @@ class Iterates(ca.Callback):
     """Callback that CasADi calls after each iteration of an NLP solver.
 
     Attributes:
-        told: Iterate, in the NLP's units -> whether to continue; set for each solve.
+        told: Function (iterate in the NLP's units) -> whether to continue; set for each
+            solve.
     """
 
     def __init__(self, nlp: Mapping[str, Any]) -> None:

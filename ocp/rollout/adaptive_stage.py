@@ -30,7 +30,7 @@ Rates = Callable[[ca.SX, ca.SX, tuple[ca.SX, ca.SX]], Rate]
 def tick_of(
     problem: OptimalControlProblem, rates: Rates, *, tolerance: float
 ) -> ca.Function:
-    """Return (z, u, p, s) -> z after one tick; s: signals at both ends of a check.
+    """Return the tick (z, u, p, s) -> z; s are the signals at both ends of a check.
 
     Args:
         problem: The problem.

@@ -175,7 +175,9 @@ class Checker:
         return self.path.worst(excess, above, times, sizes)
 
     def slack(self, points: "Points", p: Array) -> dict[tuple[int, int], float]:
-        """Return the smallest distance of each path row to its limits, by its place.
+        """Return the smallest distance of each path row to its limits.
+
+        The keys are (number of the constraint, row in it).
 
         Args:
             points: The points of the path.
@@ -210,10 +212,10 @@ class Points:
     """Points of a path.
 
     Attributes:
-        times: Shape (n,) [s].
-        states: Shape (nx, n).
+        times: Times of the points, shape (n,) [s].
+        states: States at the points, shape (nx, n).
         controls: Controls held at the points, shape (nu, n).
-        signals: Shape (ns, n).
+        signals: Signals at the points, shape (ns, n).
     """
 
     times: Array
@@ -230,7 +232,7 @@ class ConstraintRows:
         lower: Lower limits of the rows, shape (rows, 1).
         upper: Upper limits of the rows, shape (rows, 1).
         places: (number of the constraint, row in it) for each row.
-        function: (x, u, p, s) -> values of the rows.
+        function: Function (x, u, p, s) -> values of the rows.
     """
 
     def __init__(

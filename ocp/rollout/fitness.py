@@ -50,7 +50,7 @@ from swarmstart.ocp.statement.rewrites.counted_from import from_near
 
 
 class Objective:
-    """Cost and violation of populations, from one state; compiled if possible."""
+    """Cost and violation of populations from one initial state, as a function."""
 
     def __init__(self, outputs: BoundEvaluator, dim: int) -> None:
         """Wrap a rollout with fixed state, parameters and signals.
@@ -77,7 +77,7 @@ class Objective:
         return values[0], values[1]  # Unpacking takes three times as long.
 
     def attach(self, asked: Array, cost: Array, violation: Array) -> Pointers | None:
-        """Bind to buffers; see `heuristics.CompiledObjective`."""
+        """Bind the objective to buffers; see `heuristics.CompiledObjective`."""
         return self._outputs.attach(asked, (cost, violation))
 
 
@@ -251,7 +251,7 @@ class Fitness(Called):
 
     @checked(refused, x0=reals(), known=KNOWN)
     def objective(self, x0: ArrayLike, known: Known = NOTHING) -> Objective:
-        """Return population (decisions, size) -> cost (size,) and violation (size,).
+        """Return a function: population (decisions, size) -> cost, violation (size,).
 
         Args:
             x0: Initial state, shape (nx,); copied.
@@ -333,7 +333,7 @@ class Fitness(Called):
 
     @cached_property
     def _member_costs(self) -> ca.Function:
-        """(x, p, s) at the end -> the members' costs."""
+        """Function (x, p, s) at the end -> the members' costs."""
         problem = self.problem
         symbols, epigraph = problem.symbols(), problem.epigraph
         return ca.Function(
@@ -452,7 +452,7 @@ class Arguments:
 
         Args:
             controls: Shape (nu, N).
-            states: At the nodes, shape (nx, nodes).
+            states: States at the nodes, shape (nx, nodes).
             x0: Initial state, shape (nx,).
             known: Values of the parameters and signals.
             is_guess: Whether the states give the sizes of unbounded states.
@@ -559,7 +559,7 @@ def from_near_start(
 def stated_known(
     lowered: Lowered, x0: Array, parameters: Array, signals: Array
 ) -> Known:
-    """Return the known data of a stated problem, with the parameters it decides."""
+    """Return a stated problem's known data, including the parameters it decides."""
     model, given = lowered.stated.model, lowered.known_parameters
     decided = lowered.decided_parameters(x0)
     names = symbol_names(model.parameters)
@@ -576,7 +576,8 @@ def at_nodes(problem: OptimalControlProblem, flat: Array) -> Array:
 
     Args:
         problem: The problem.
-        flat: Shape (ns * nodes,); or (ns * nodes, n), for which it is (ns, nodes, n).
+        flat: Signals, shape (ns * nodes,); or (ns * nodes, n), for which the result is
+            (ns, nodes, n).
     """
     return flat.reshape((problem.ns, problem.nodes, *flat.shape[1:]), order="F")
 
@@ -600,8 +601,9 @@ def replay(
         x0: Initial state, shape (nx,).
         known: Values of the parameters and signals.
         ends: States between the intervals, shape (nx, N + 1), from which each interval
-            begins anew; how far they are missed, relative to the states' sizes, counts
-            in the violation. None: each interval begins where the last one ends.
+            begins anew; the distances by which intervals miss them, relative to the
+            states' sizes, count in the violation. None: each interval begins where the
+            last one ends.
     """
     shooting = shooting_of(problem)
     problem = shooting.problem
@@ -642,7 +644,7 @@ def shaped(
     shape: tuple[int, ...],
     meaning: Callable[[], str] = str,
 ) -> Array:
-    """Return a validated copy: the caller may change x0 while the objective lives.
+    """Return a validated copy of values, since the caller may change them later.
 
     Args:
         role: Name of the values in messages.

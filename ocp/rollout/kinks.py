@@ -74,8 +74,8 @@ class Kinks:
 
     Attributes:
         names: Name of each switch, for messages.
-        sides: (x, u, p, s, sizes of x, sizes of u) -> side of each switch, and its
-            change over these sizes, each (n, 1).
+        sides: Function (x, u, p, s, sizes of x, sizes of u) -> side of each switch, and
+            the change of the side over these sizes, each (n, 1).
         steps: Whether a switch occurs at every whole number, as for floor; shape (n,).
     """
 
@@ -225,7 +225,7 @@ def smoothed(
     Args:
         problem: The problem.
         sizes: Size of each kink, as `kink_sizes` returns them.
-        part: delta.
+        part: Factor delta of the module's head.
     """
     kinked = _Kinked(problem)
     found = kinked.rewritten([part * size for size in sizes])

@@ -98,10 +98,10 @@ class Tracer:
         step: ((x, cost, |cost|), u, p, s before, s after, length) -> the same after a
             fine step; with step size control as in `_adaptive_step`.
         kinks: Switches of the problem's expressions.
-        stage_cost: (x, u, p, s) -> stage cost.
-        step_cost: (x, u, p, s) -> step cost.
-        end_cost: (x, p, s) -> terminal cost.
-        first_cost: (x, p, s) -> initial cost.
+        stage_cost: Function (x, u, p, s) -> stage cost.
+        step_cost: Function (x, u, p, s) -> step cost.
+        end_cost: Function (x, p, s) -> terminal cost.
+        first_cost: Function (x, p, s) -> initial cost.
         moved: Whether a state stands alone in the stage cost, and in the terminal cost,
             shape (2,).
     """

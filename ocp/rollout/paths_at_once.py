@@ -5,9 +5,9 @@ to fine step, the state with the integrals of the cost, the lowest and the highe
 of each state, and the worst excess of each path row. So nothing of a path is in memory
 but the fine steps' controls and signals. Another scan rolls out the problem's own grid.
 
-Left to path.py, one path after another: step size control, jumps of the state, kinks,
-soft constraints, ensembles, whole numbers, sums instead of integrals of the cost, and
-what cannot be compiled.
+The following is left to path.py, one path after another: step size control, jumps of
+the state, kinks, soft constraints, ensembles, whole numbers, sums instead of integrals
+of the cost, and what cannot be compiled.
 """
 
 from dataclasses import dataclass
@@ -35,9 +35,9 @@ class Grid(NamedTuple):
     """Roll-outs on the problem's own grid.
 
     Attributes:
-        states: At the nodes, shape (nx, nodes, n).
-        cost: Shape (n,).
-        violation: Shape (n,); infinite if a number is not finite.
+        states: States at the nodes, shape (nx, nodes, n).
+        cost: Cost of each, shape (n,).
+        violation: Violation of each, shape (n,); infinite if a number is not finite.
     """
 
     states: Array
@@ -90,7 +90,7 @@ class Paths:
     """Compiled scans of the problem's grid and of the finer path.
 
     Attributes:
-        tracer: Tracer of the paths one by one, whose functions are used.
+        tracer: Tracer that follows paths one by one; its functions are used.
         grid: Scan of the problem's own grid.
         fine: Scan of the finer path.
     """

@@ -26,7 +26,7 @@ from swarmstart.ocp.statement.problem import OptimalControlProblem
 
 
 class Value(NamedTuple):
-    """Value of a path.
+    """Cost and violation of a path.
 
     Attributes:
         cost: The minimised cost.
@@ -72,7 +72,7 @@ class SampledValue:
 
     @cached_property
     def _single(self) -> ca.Function:
-        """(x, u, p, s) -> step cost and initial cost."""
+        """Function (x, u, p, s) -> step cost and initial cost."""
         problem = self.problem
         names = [*problem.symbols().values()]
         return ca.Function("single", names, [problem.step_cost, problem.initial_cost])
@@ -128,7 +128,7 @@ def _weights(parts: int) -> Array:
 
 
 def node_terms(problem: OptimalControlProblem) -> ca.Function:
-    """Return (x, u, p, s) -> stage cost, and the scaled excess of control bounds."""
+    """Return a function (x, u, p, s) -> (stage cost, scaled excess of bounds of u)."""
     symbols = problem.symbols()
     u = symbols["controls"]
     lower, upper = problem.control_limits
@@ -142,7 +142,7 @@ def node_terms(problem: OptimalControlProblem) -> ca.Function:
 
 
 def check_violation(shooting: Shooting) -> ca.Function:
-    """Return (x, u, p, s at both ends of a check) -> excess of the path constraints."""
+    """Return a function (x, u, p, s at both ends of a check) -> excess of the path."""
     problem = shooting.problem
     before, after = (
         [ca.SX.sym(n, s.numel()) for n, s in problem.symbols().items()]

@@ -86,12 +86,12 @@ class Shooting(Rebuilt):
 
     @cached_property
     def dynamics(self) -> ca.Function:
-        """(x, u, p, s) -> x', s the model's signals."""
+        """Function (x, u, p, s) -> x', s the model's signals."""
         return rate_of(self.problem.model)
 
     @cached_property
     def jump(self) -> ca.Function:
-        """(x, u, p, s) -> the state after the end of an interval."""
+        """Function (x, u, p, s) -> the state after the end of an interval."""
         return jump_of(self.problem.model)
 
     @cached_property
@@ -101,13 +101,13 @@ class Shooting(Rebuilt):
 
     @cached_property
     def rate_slopes(self) -> ca.Function:
-        """(x, u, p, s) -> the derivative of the rates by the state."""
+        """Function (x, u, p, s) -> the derivative of the rates by the state."""
         f = self.dynamics
         return f.factory("slopes", f.name_in(), ["jac:o0:i0"])
 
     @cached_property
     def costs(self) -> tuple[float, Costs]:
-        """(unit, costs / unit)."""
+        """Unit of the cost, and the costs divided by it."""
         return self.problem.costs()
 
     def automatic(self, sizes: Sizes) -> Array:
@@ -123,19 +123,19 @@ class Shooting(Rebuilt):
 
     @cached_property
     def stage_cost(self) -> ca.Function:
-        """(x, u, p, s) -> stage cost / unit."""
+        """Function (x, u, p, s) -> stage cost / unit."""
         names = self.problem.symbols().values()
         return ca.Function("stage_cost", [*names], [self.costs[1].stage])
 
     @cached_property
     def step_cost(self) -> ca.Function:
-        """(x, u, p, s) -> step cost / unit."""
+        """Function (x, u, p, s) -> step cost / unit."""
         names = self.problem.symbols().values()
         return ca.Function("step_cost", [*names], [self.costs[1].step])
 
     @cached_property
     def path_values(self) -> tuple[ca.Function, ...]:
-        """(x, u, p, s) -> the expression, of each path constraint."""
+        """Function (x, u, p, s) -> the expression, of each path constraint."""
         names = [*self.problem.symbols().values()]
         return tuple(
             ca.Function("watched", names, [c.expression])
@@ -238,7 +238,7 @@ class Shooting(Rebuilt):
 
     @property
     def tick(self) -> ca.Function:
-        """(z, u, p, s) -> z after one tick; see rodas.py."""
+        """Function (z, u, p, s) -> z after one tick; see rodas.py."""
         return self.tick_to(self.problem.integrator_tolerance or 0.0)
 
     def tick_to(self, tolerance: float) -> ca.Function:
@@ -256,7 +256,7 @@ class Shooting(Rebuilt):
 
     @cached_property
     def begin(self) -> ca.Function:
-        """(x, p, s) -> (cost, violation) at the start of the horizon.
+        """Function (x, p, s) -> (cost, violation) at the start of the horizon.
 
         p is as in the module's head. The violation is that of the rows that are checked
         at a decided start.
@@ -270,7 +270,7 @@ class Shooting(Rebuilt):
 
     @cached_property
     def terminal(self) -> ca.Function:
-        """(x, p, s) -> (cost, violation) at the end of the horizon.
+        """Function (x, p, s) -> (cost, violation) at the end of the horizon.
 
         p is as in the module's head. The violation is infinite if a state is not
         finite.
@@ -279,7 +279,7 @@ class Shooting(Rebuilt):
 
     @cached_property
     def rollout(self) -> ca.Function:
-        """(decisions, x0, parameters, signals) -> (cost, violation)."""
+        """Function (decisions, x0, parameters, signals) -> (cost, violation)."""
         # The stage with step size control is made of calls, which SX cannot hold.
         is_called = self.problem.is_adaptive
         stage = self.stage if is_called else self.stage_without_path
@@ -292,7 +292,7 @@ class Shooting(Rebuilt):
 
     @cached_property
     def trajectory(self) -> ca.Function:
-        """(decisions, x0, parameters, signals) -> (states, outside).
+        """Function (decisions, x0, parameters, signals) -> (states, outside).
 
         The states are at the nodes, shape (nx, nodes). `outside` is the largest scaled
         excess at the start of rows without controls.
@@ -353,12 +353,13 @@ class Shooting(Rebuilt):
         """Return the signals at a part of a check or a step, linear between its ends.
 
         The time is read a little inside of both ends, so that a function of time that
-        jumps there has the value that it has in between. Over the whole it is not
-        moved, and the error of a smooth function is far below that of a step.
+        jumps there has the value that it has in between. On average over a step the
+        time is not moved, so the error of a smooth function is far below that of a
+        step.
 
         Args:
             ends: Signals at both ends, shape (ns, 1), or (ns, n) of arrays.
-            part: From 0 at the first end to 1.
+            part: Fraction from 0 at the first end to 1 at the second.
         """
         start, end = ends
         s: Values = start + part * (end - start)
@@ -391,7 +392,7 @@ def shooting_of(problem: OptimalControlProblem | Shooting) -> Shooting:
     """Return the functions of a problem's core, which the problem keeps.
 
     Args:
-        problem: The problem, or its functions, which are returned.
+        problem: The problem; or its functions, which are then returned.
     """
     if isinstance(problem, Shooting):
         return problem
@@ -602,7 +603,7 @@ def _trajectory(shooting: Shooting) -> ca.Function:
 
 
 def _followed(interval: ca.Function, kind: type[Symbolic]) -> ca.Function:
-    """Return (x, u, p, S) -> (last of the states, states) of a stage."""
+    """Return the function (x, u, p, S) -> (last of the states, states) of a stage."""
     x, u, p, s = (kind.sym(n, *interval.size_in(i)) for i, n in enumerate("xups"))
     after = interval(x, u, p, s)[0]
     return ca.Function("step", [x, u, p, s], [after[:, -1], after])

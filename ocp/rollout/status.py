@@ -389,7 +389,7 @@ def exponential(A: Array) -> Array:
     other.
 
     Args:
-        A: Shape (n, n), finite.
+        A: The matrix, shape (n, n), finite.
     """
     halvings = max(0, math.ceil(math.log2(max(float(np.linalg.norm(A)), 0.5))) + 1)
     part, one = A / 2.0**halvings, np.eye(len(A))

@@ -113,7 +113,7 @@ class SoftRows:
 
     @cached_property
     def values(self) -> ca.Function:
-        """(x, u, p, s) -> the value of each row, (m, 1)."""
+        """Function (x, u, p, s) -> the value of each row, (m, 1)."""
         return ca.Function(
             "soft", [*self.problem.symbols().values()], [self._expression]
         )

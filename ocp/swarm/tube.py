@@ -134,7 +134,11 @@ class Body:
         return float(self._set.value(state - rest.centre))
 
     def radius(self, value: float) -> float:
-        """Return the radius of the ball that is kept from a value V on [m]."""
+        """Return the radius of the ball in which positions stay for ever [m].
+
+        Args:
+            value: V at the state from which the linear law acts.
+        """
         level = max(value, self._core) * self._growth
         return float(np.sqrt(level * self._reach) * (1.0 + ROUNDING))
 

@@ -15,19 +15,23 @@ from swarmstart.ocp.compiled.vectors.vector_ir import DOUBLE, Format
 class Table:
     """Coefficients, highest power first, and limits for one format.
 
+    "f in z" stands for the coefficients of a polynomial in z that approximates f.
+
     Attributes:
-        pi_2: pi / 2 as a sum of parts, each the next bits, rounded down: with a
-            negative one, reducing -0 would give +0.
+        pi_2: pi / 2 as a sum of parts, each of which has the next bits, rounded down:
+            with a negative part, reducing -0 would give +0.
         huge_angle: Above it the reduction of an angle loses bits.
         sin: (sin r / r - 1) / r^2 in r^2.
         cos: cos r in r^2.
         ln2: ln 2 in two parts; a multiple of the first is exact.
         exp: exp r in r.
-        exp_range: Below the first exp is 0, above the second infinite.
+        exp_range: Two limits of x: below the first exp x is 0, above the second
+            infinite.
         log: The series of log after its first terms, in z = (f / (2 + f))^2.
         root_half: The bits of sqrt(1/2).
         tanh: Numerator and denominator of (tanh x / x - 1) / x^2 in x^2.
-        atan: The same of atan, and the largest argument for which it is valid.
+        atan: Numerator and denominator of (atan x / x - 1) / x^2 in x^2, and the
+            largest x for which they are valid.
         asin: (asin x / x - 1) / x^2 in x^2, up to x = 1/2.
         sinh: (sinh x / x - 1) / x^2 in x^2, up to x = 1.
         erf: erf x / x - 1 in x^2, up to x = 1.

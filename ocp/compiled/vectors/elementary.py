@@ -239,13 +239,13 @@ def rational(
 def served_by_library(
     ir: VectorIR, function: str, method: Served, *arguments: str
 ) -> str:
-    """Return a function by a method; by the C library for arguments out of its range.
+    """Return a function by `method`, or by the C library where `method` is not valid.
 
     Args:
-        ir: The body to emit into.
-        function: The C library's name.
-        method: (ir, arguments) -> value, and the mask of the lanes in which it is
-            right.
+        ir: Writer of the function's body.
+        function: Name of the function in the C library.
+        method: Function (ir, arguments) -> value, and the mask of the lanes in which
+            the value is right.
         arguments: Arguments of the function.
     """
     value, served = method(ir, *arguments)

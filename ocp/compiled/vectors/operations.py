@@ -38,9 +38,9 @@ def emit_tape(
     """Emit a tape; return its values, in the order of its nodes.
 
     Args:
-        ir: The body to emit into.
+        ir: Writer of the function's body.
         tape: The tape.
-        read: Emits the reading of an input.
+        read: Function that emits the reading of an input and returns the value.
         given: Number of a node -> its value, for nodes whose value is known.
 
     Raises:

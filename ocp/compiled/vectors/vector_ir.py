@@ -21,9 +21,9 @@ class Format:
     """A floating-point format.
 
     Attributes:
-        name: LLVM's name of it.
-        suffix: How LLVM's intrinsics name it.
-        bits: Its length.
+        name: LLVM's name of the format.
+        suffix: Name of the format in LLVM's intrinsics.
+        bits: Length of a number [bits].
         significand: Bits of the significand that are stored.
         bias: Bias of the exponent.
         smallest: Smallest normal number.
@@ -67,7 +67,7 @@ class Function(NamedTuple):
     """A function of vectors, made beside the kernel.
 
     Attributes:
-        text: Its code.
+        text: LLVM IR of the function.
         values: Number of vectors that it returns.
     """
 
@@ -82,7 +82,7 @@ class Module:
     Attributes:
         has_scale: Whether the processor multiplies by powers of two in one instruction
             (AVX-512's vscalef).
-        declarations: Of functions from elsewhere.
+        declarations: Declarations of functions from elsewhere.
         functions: The functions made beside the kernel, by name.
     """
 
@@ -270,12 +270,12 @@ class VectorIR:
     def beside(
         self, name: str, make: Callable[..., Sequence[str]], *arguments: str
     ) -> list[str]:
-        """Return a call of a function of vectors that is written once, beside this one.
+        """Call a function of vectors that is written once beside this one.
 
         Args:
-            name: Its name in the module.
-            make: (ir, arguments) -> its values; called for the first use.
-            arguments: Its arguments.
+            name: Name of the function in the module.
+            make: Function (ir, arguments) -> values, which writes it at its first use.
+            arguments: Arguments of the call.
         """
         if name not in self.module.functions:
             inner = VectorIR(self.lanes, self.form, module=self.module)
@@ -297,9 +297,9 @@ class VectorIR:
         """Return the body as a function.
 
         Args:
-            name: Its name.
+            name: Name of the function.
             count: Number of its arguments, %a0, %a1 and so on.
-            values: What it returns.
+            values: Values that it returns.
         """
         returned, result = _returned(self.vector, len(values)), values[0]
         if len(values) > 1:
@@ -322,12 +322,13 @@ class VectorIR:
     def corrected(
         self, values: Sequence[str], right: str, make: Callable[[], Sequence[str]]
     ) -> list[str]:
-        """Return values; others in the lanes in which they are not right.
+        """Return values, replaced in the lanes in which they are wrong.
 
         Args:
             values: The values.
-            right: Mask of the lanes in which they are right, mostly all.
-            make: Emits the others, which are computed only if a lane needs them.
+            right: Mask of the lanes in which the values are right, mostly all.
+            make: Function that emits the replacements; they are computed only if a lane
+                needs them.
         """
         everywhere = f"<{', '.join(['i1 1'] * self.lanes)}>"
         wrong = self.any(self.mask_op("xor", right, everywhere))
@@ -347,7 +348,7 @@ class VectorIR:
         ]
 
     def converted(self, value: str, given: Format, wanted: Format) -> str:
-        """Return a vector in another format, rounded if that is shorter."""
+        """Return a vector in another format, rounded if that format is shorter."""
         if given == wanted:
             return value
         instruction = "fpext" if given.bits < wanted.bits else "fptrunc"
@@ -358,7 +359,7 @@ class VectorIR:
         """Return a function of the C library, of doubles, applied to every lane.
 
         Args:
-            function: Its name, such as "sinh".
+            function: Name of the function, such as "sinh".
             arguments: One or two vectors.
         """
         (value,) = self.beside(

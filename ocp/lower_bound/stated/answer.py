@@ -155,8 +155,9 @@ class Polynomial:
     Attributes:
         middle: Middle of the box it is scaled to, shape (1 + n,).
         half: Half the widths of that box, shape (1 + n,), > 0.
-        exponents: Shape (number, 1 + n), whole numbers >= 0.
-        coefficients: Shape (number,).
+        exponents: Degrees of the factors of each product, shape (number, 1 + n), whole
+            numbers >= 0.
+        coefficients: Coefficient of each product, shape (number,).
     """
 
     middle: Array
@@ -207,9 +208,10 @@ class Tube:
     states cut off need not rise, since admissible trajectories keep these bounds.
 
     Attributes:
-        directions: Shape (K, n); the first 2n are the axes, e_1, -e_1, e_2, ...
-        times: Shape (M + 1,) [s], from 0 to the latest end.
-        levels: Shape (M + 1, K).
+        directions: Outward directions of the faces, shape (K, n); the first 2n are the
+            axes, e_1, -e_1, e_2, ...
+        times: Times of the levels, shape (M + 1,) [s], from 0 to the latest end.
+        levels: Level of each face at each time, shape (M + 1, K).
     """
 
     directions: Array

@@ -100,11 +100,11 @@ class Affine:
     with numbers c_k and q_k >= 0: the least u is known in closed form.
 
     Attributes:
-        drift: Shape (n, 1), of (t, x).
+        drift: Rate without controls, shape (n, 1), of (t, x).
         columns: A column for each control, shape (n, 1), of (t, x).
-        stage: Scalar, of (t, x).
-        linear: c, shape (m,).
-        quadratic: q, shape (m,).
+        stage: Stage cost without controls, scalar, of (t, x).
+        linear: Factors c of the controls in L, shape (m,).
+        quadratic: Factors q of the squared controls in L, shape (m,).
     """
 
     drift: ca.SX

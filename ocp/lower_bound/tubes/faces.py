@@ -98,11 +98,11 @@ def dual_vertices_on_faces(rows: Array, directions: Array) -> DualVertices:
 
     Args:
         rows: D, as `dual_vertices` says.
-        directions: Those for the face of each of the first rows, shape
-            (faces, number, n), number >= 1.
+        directions: Directions q for the face of each of the first rows, shape (faces,
+            number, n), number >= 1.
 
     Returns:
-        Those of directions[0, 0], directions[0, 1], ..., directions[1, 0], ...
+        Dual vertices of directions[0, 0], directions[0, 1], ..., directions[1, 0], ...
     """
     others = rows.shape[1] - 1
     found = []
@@ -152,8 +152,8 @@ class Template:
     Attributes:
         directions: D, shape (K, n); the first 2n are the axes, e_1, -e_1, e_2, ...
         rows: D, then the axes with a bound of a state, shape (R, n).
-        limits: The levels of those last rows, shape (R - K,).
-        opposite: Number of the opposite of each direction, shape (K,).
+        limits: Levels of the rows that bound a state, shape (R - K,).
+        opposite: Index of the opposite of each direction, shape (K,).
         frames: W of each face, shape (K, n, n).
         misfit: Bound of |x - W G x|, as computed, relative to the largest |x_i|.
         support: Dual vertices for the largest d_k x.

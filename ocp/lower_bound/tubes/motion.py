@@ -71,7 +71,7 @@ class Motion:
     Attributes:
         n: Number of states.
         terms: The terms that f is a weighted sum of.
-        slopes: Their derivatives, column after column: by t, by x, by u.
+        slopes: Derivatives of the terms, column after column: by t, by x, by u.
         weights: The weights of the sums, shape (n, terms).
         errors: Error bounds of the weights, shape (n, terms).
         kinks: Jumps of f that its derivatives do not show.
@@ -336,7 +336,7 @@ def terms_of(function: ca.Function) -> Terms:
         function: y (n, 1) -> a column.
 
     Raises:
-        UnknownIntervalOperationError: If it has an operation that is unknown.
+        UnknownIntervalOperationError: If the function has an operation that is unknown.
     """
     tape = expanded_tape(function)
     forms: list[_Form] = []
