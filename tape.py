@@ -46,8 +46,8 @@ class Node:
 
     Attributes:
         operation: A name of OPERATIONS, "input" or "constant".
-        arguments: Numbers of the values it is computed from; (argument, nonzero) for an
-            input; empty for a constant.
+        arguments: Numbers of the values that this one is computed from; (argument,
+            nonzero) for an input; empty for a constant.
         value: The constant.
     """
 

@@ -42,7 +42,7 @@ class Usage:
     """The state of the cache.
 
     Attributes:
-        folder: Its folder, whether it exists or not.
+        folder: Folder of the cache, whether it exists or not.
         files: Number of files in it.
         bytes: Total size of the files.
         refused: Reason why the folder is not used; None if it is usable.

@@ -2,8 +2,8 @@
 
 rk4    k1 = r(t, x), k2 = r(t + h/2, x + h/2 k1), k3 = r(t + h/2, x + h/2 k2),
        k4 = r(t + h, x + h k3),  x+ = x + h/6 (k1 + 2 k2 + 2 k3 + k4)
-euler  x+ = x + h r(t, x)                      (eq. 5.22 of the chapter) stiff  RODAS4,
-for models with modes that decay much faster than the step; rodas.py
+euler  x+ = x + h r(t, x)                      (eq. 5.22 of the chapter)
+stiff  RODAS4, for models with modes that decay much faster than the step; rodas.py
 
 Controls are held constant over a step. The functions take expressions as well as
 arrays, depending on the return value of r.

@@ -96,7 +96,7 @@ class Instances(NamedTuple):
 
     Attributes:
         x0: Initial states, with the guesses of the decisions about them, shape (nx, M).
-        parameters: Shape (np, M).
+        parameters: Parameters, shape (np, M).
         signals: `ca.vec` of the signals at the nodes, shape (ns * nodes, M).
     """
 
@@ -186,7 +186,7 @@ class InteriorLanes:
 
         Args:
             instances: The instances.
-            controls: Shape (nu, N, M), finite.
+            controls: Controls, shape (nu, N, M), finite.
             starts: Decisions about the start, shape (ny, M), one row for each of
                 `problem.free_starts`.
             states: Guess of the states between intervals, shape (nx, N + 1, M); None:

@@ -28,12 +28,12 @@ class Place:
         name: "interval", "end" or "begin"; names of its numbers begin with it.
         x: State.
         u: Controls and excesses of soft constraints; empty at the ends.
-        own: Symbols of the variables with bounds that are its own.
+        own: Symbols of the part's own variables with bounds.
         given: Given numbers by name: "parameters", "unit", "signals" of a lane;
             "shared" by all, and the limits "lower" and "upper" of rows.
-        cost: Its cost.
+        cost: Cost of the part.
         after: State after the interval; empty at the ends.
-        walls: Its bounds and rows.
+        walls: Bounds and rows of the part.
     """
 
     name: str
@@ -63,7 +63,7 @@ class Place:
 
     @cached_property
     def known(self) -> dict[str, ca.SX]:
-        """Its given numbers, with the names that kernels use."""
+        """Given numbers of the part, with the names that kernels use."""
         return {f"{self.name}.{name}": one for name, one in self.given.items()}
 
     @cached_property
@@ -150,7 +150,7 @@ class Places:
         interval: One interval, whose own variables are (xa, u).
         end: The end.
         begin: The start, whose own variables are the decisions y about it.
-        tied: Shape (nx, ny): 1 if a state starts at a decision.
+        tied: Matrix, shape (nx, ny): 1 if a state starts at a decision.
         N: Number of intervals.
     """
 

@@ -28,7 +28,7 @@ class Posed:
         intervals: Number N of intervals.
         sizes: Sizes that numbers are divided by.
         x0: Initial state, without its decided entries, shape (nx,).
-        tied: Shape (nx, ny): 1 if a state starts at a decision, else 0.
+        tied: Matrix, shape (nx, ny): 1 if a state starts at a decision, else 0.
         least: Lower bounds of controls and excesses, shape (nu,).
         most: Upper bounds.
         first_least: Lower bounds of the decisions about the start, shape (ny,).

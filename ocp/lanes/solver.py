@@ -87,7 +87,7 @@ class LaneSolver:
 
         Args:
             x0: Initial state of the core, shape (nx,).
-            controls: Shape (nu, N, n), finite; moved inside the bounds.
+            controls: Controls, shape (nu, N, n), finite; moved inside the bounds.
             starts: Decisions about the start, shape (ny, n), one row for each of
                 `problem.free_starts`; None means those of x0.
             states: Guess of the states between intervals, shape (nx, N + 1, n); None:

@@ -253,7 +253,7 @@ class Margin:
         Args:
             expression: Scalar in the point and the parameters.
             point: Shape (d, 1).
-            parameters: Shape (p, 1).
+            parameters: Parameters, shape (p, 1).
 
         Raises:
             UnknownIntervalOperationError: See TaylorForm.

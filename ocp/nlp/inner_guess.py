@@ -39,10 +39,10 @@ class InnerGuess:
         """Return the inner unknowns, shape (size, N), not scaled.
 
         Args:
-            controls: Shape (nu, N).
+            controls: Controls, shape (nu, N).
             pieces: States at both ends of each check, shape (nx, checks + 1, N).
-            parameters: Shape (np,).
-            signals: At the nodes, shape (ns, nodes).
+            parameters: Parameters, shape (np,).
+            signals: Signals at the nodes, shape (ns, nodes).
         """
         layout, (_, _, N) = self._layout, pieces.shape
         known, p = self._by_interval(signals), np.tile(parameters[:, None], (1, N))
@@ -83,7 +83,7 @@ class InnerGuess:
         """Return the states that the evaluator reaches from the start of each interval.
 
         Args:
-            controls: Shape (nu, N).
+            controls: Controls, shape (nu, N).
             begins: States at the start of the intervals, shape (nx, N).
             known: Parameters, shape (np,), and signals at the nodes, (ns, nodes).
             sizes: The natural sizes, by which steps are controlled.
@@ -101,7 +101,7 @@ class InnerGuess:
 
         Args:
             x0: Initial state, shape (nx,).
-            parameters: Shape (np,).
+            parameters: Parameters, shape (np,).
             signals: ca.vec of the signals.
         """
         if not self._layout.lifted:

@@ -242,8 +242,8 @@ class StepChoice:
         """Return the steps that a guess needs; the finest if none is accurate enough.
 
         Args:
-            controls: Shape (nu, N).
-            states: At the nodes, shape (nx, nodes).
+            controls: Controls, shape (nu, N).
+            states: States at the nodes, shape (nx, nodes).
             arguments: Other arguments of a rollout.
         """
         exact = self._reached(controls, states, arguments)

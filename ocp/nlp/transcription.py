@@ -197,7 +197,7 @@ class NonlinearProgram(Rebuilt):
 
         Args:
             x0: Initial state, shape (nx,).
-            parameters: Shape (np,).
+            parameters: Parameters, shape (np,).
             signals: ca.vec of the signals.
             sizes: Natural sizes of states, controls, cost and rows.
         """
@@ -309,8 +309,8 @@ class NonlinearProgram(Rebuilt):
 
         Args:
             w: Variables whose excesses are 0.
-            q: Arguments.
-            limits: Limits of its variables and rows.
+            q: Arguments of the NLP, shape (nq,).
+            limits: Limits of the NLP's variables and rows.
         """
         problem = self.problem
         if not problem.slacks:

@@ -299,7 +299,7 @@ class Fitness(Called):
         to their scales; 0 if the start keeps them.
 
         Args:
-            controls: Shape (nu, N).
+            controls: Controls, shape (nu, N).
             x0: Initial state, shape (nx,).
             known: Values of the parameters and signals.
         """
@@ -347,7 +347,7 @@ class Fitness(Called):
         """Return the decision vector of controls, which need not be finite.
 
         Args:
-            controls: Shape (nu, N).
+            controls: Controls, shape (nu, N).
             x0: Initial state, shape (nx,), including the decisions about the start.
         """
         shape = (self.problem.model.nu, self.problem.intervals)
@@ -451,7 +451,7 @@ class Arguments:
         stay far below the size that their rates at the start suggest.
 
         Args:
-            controls: Shape (nu, N).
+            controls: Controls, shape (nu, N).
             states: States at the nodes, shape (nx, nodes).
             x0: Initial state, shape (nx,).
             known: Values of the parameters and signals.
@@ -597,7 +597,7 @@ def replay(
 
     Args:
         problem: The problem, or its compiled functions.
-        controls: Shape (nu, N).
+        controls: Controls, shape (nu, N).
         x0: Initial state, shape (nx,).
         known: Values of the parameters and signals.
         ends: States between the intervals, shape (nx, N + 1), from which each interval

@@ -25,7 +25,7 @@ def member_costs(
 
     Args:
         shooting: The functions of the ensemble's problem.
-        controls: Shape (nu, N).
+        controls: Controls, shape (nu, N).
         x0: Initial state of the core, shape (nx,).
         parameters: Parameters of the core, shape (np,).
         signals: Signals of the core at the nodes, shape (ns, nodes).

@@ -151,7 +151,7 @@ class Tracer:
         """Return the path of controls.
 
         Args:
-            controls: Shape (nu, N).
+            controls: Controls, shape (nu, N).
             x0: Initial state, shape (nx,).
             p: Parameters, shape (np,).
             signals: At the nodes, shape (ns, nodes).
@@ -505,7 +505,7 @@ def signals_between(
     Args:
         problem: The problem.
         signals: Signals at the problem's nodes, shape (ns, nodes).
-        times: Shape (n,) [s].
+        times: Times, shape (n,) [s].
     """
     rows = [np.interp(times, problem.times, row) for row in signals]
     return np.array(rows).reshape(problem.ns, times.size)

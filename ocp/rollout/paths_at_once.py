@@ -52,8 +52,8 @@ class PathValues(NamedTuple):
         ends: States at the end, shape (nx, n).
         reach: Natural size of each state along the path, shape (nx, n).
         finite: Whether all states are finite, shape (n,).
-        cost: Shape (n,).
-        magnitude: Shape (n,).
+        cost: Costs, shape (n,).
+        magnitude: Magnitudes, shape (n,).
         along: Worst excess of each path row, relative to its scale, shape (rows, n).
         at_end: Excess of each terminal row, relative to its scale, shape (rows, n).
     """
@@ -71,10 +71,10 @@ class Data(NamedTuple):
     """Controls and data of n instances.
 
     Attributes:
-        controls: Shape (nu, N, n).
+        controls: Controls, shape (nu, N, n).
         x0: Initial states with the decisions about them, shape (nx, n).
-        parameters: Shape (np, n).
-        signals: At the nodes, shape (ns, nodes, n).
+        parameters: Parameters, shape (np, n).
+        signals: Signals at the nodes, shape (ns, nodes, n).
         sizes: Natural sizes of each instance.
     """
 
@@ -176,7 +176,7 @@ class Paths:
         """Return the signals at the fine steps, shape (steps + 1, ns, n).
 
         Args:
-            signals: At the nodes, shape (ns, nodes, n).
+            signals: Signals at the nodes, shape (ns, nodes, n).
         """
         problem, times = self.tracer.problem, self.tracer.times
         after = np.searchsorted(problem.times, times[:-1], side="right")

@@ -83,7 +83,7 @@ class SampledValue:
         """Return cost and violation of a path.
 
         Args:
-            states: At the nodes, shape (nx, nodes).
+            states: States at the nodes, shape (nx, nodes).
             controls: Held over the intervals, shape (nu, N).
             x0: Initial state, from which the scales follow, shape (nx,).
             known: Known data of the stated problem.

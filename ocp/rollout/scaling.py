@@ -125,8 +125,8 @@ class Sizing:
 
         Args:
             x0: Initial state, shape (nx,).
-            parameters: Shape (np,).
-            signals: At the nodes, shape (ns, nodes).
+            parameters: Parameters, shape (np,).
+            signals: Signals at the nodes, shape (ns, nodes).
             guess: Controls, shape (nu, N), which give the sizes of unbounded controls.
             along: A guess of the states at the nodes, shape (nx, nodes), which gives
                 the sizes of unbounded states.
@@ -157,8 +157,8 @@ class Sizing:
 
         Args:
             x0: Initial states, shape (nx, M).
-            parameters: Shape (np, M).
-            signals: At the nodes, shape (ns, nodes, M).
+            parameters: Parameters, shape (np, M).
+            signals: Signals at the nodes, shape (ns, nodes, M).
             guess: Controls, shape (nu, N, M), as for one initial state.
             along: As for one initial state, for all of them.
         """
@@ -258,8 +258,8 @@ class Sizing:
 
         Args:
             x0: Initial state, shape (nx,).
-            parameters: Shape (np,).
-            signals: At the start, shape (ns,).
+            parameters: Parameters, shape (np,).
+            signals: Signals at the start, shape (ns,).
             sizes: Sizes of states and controls.
         """
         given = (x0, parameters, signals, sizes.states, sizes.controls)
@@ -272,8 +272,8 @@ class Sizing:
         """Return the end value of each state that an equality fixes, else NaN.
 
         Args:
-            parameters: Shape (np,).
-            signals: At the end, shape (ns,).
+            parameters: Parameters, shape (np,).
+            signals: Signals at the end, shape (ns,).
         """
         return np.array(self._target(parameters, signals)).ravel()
 
@@ -300,10 +300,10 @@ class Sizing:
         A cost that moves with the origin of a state is counted from its first value.
 
         Args:
-            states: At the nodes, shape (nx, nodes).
-            controls: Shape (nu, N).
-            parameters: Shape (np,).
-            signals: At the nodes, shape (ns, nodes).
+            states: States at the nodes, shape (nx, nodes).
+            controls: Controls, shape (nu, N).
+            parameters: Parameters, shape (np,).
+            signals: Signals at the nodes, shape (ns, nodes).
         """
         problem = self._problem
         x, s = states[:, :: problem.checks], signals[:, :: problem.checks]

@@ -181,7 +181,7 @@ class SoftRows:
         Args:
             begins: States, controls, parameters and signals at the start of fine steps,
                 the same number in each interval, one column each.
-            ends: The same at the end of the intervals.
+            ends: States, controls, parameters and signals at the ends of the intervals.
             left: States after the jumps at the intervals' ends, shape (nx, N).
         """
         N = self.problem.intervals

@@ -188,7 +188,7 @@ class Body:
         Args:
             first: Step at which the plan begins.
             start: State there, shape (nx,).
-            controls: Its controls, shape (nu, N).
+            controls: Controls of the plan, shape (nu, N).
 
         Raises:
             NoRestError: If the plan ends in no certified set.

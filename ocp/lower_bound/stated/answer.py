@@ -171,7 +171,7 @@ class Step:
     """A polynomial with the slacks of its proven inequalities.
 
     Attributes:
-        polynomial: V.
+        polynomial: The polynomial V.
         slack: Slack of the inequality over the set [cost / s], >= 0.
         end_slack: Slack of the inequality at the end [cost], >= 0; None if nothing is
             stated.

@@ -183,7 +183,7 @@ class Template:
         """Return a bound of |x_i| in polytopes of these levels.
 
         Args:
-            levels: Shape (K,), or (number, K).
+            levels: Levels, shape (K,), or (number, K).
         """
         return float(np.abs(levels[..., : 2 * self.n]).max())
 

@@ -55,7 +55,7 @@ def inside(tube: Tube, points: Array) -> Mask:
 
     Args:
         tube: The tube.
-        points: Shape (1 + n, N).
+        points: Points, shape (1 + n, N).
 
     Returns:
         Shape (N,).
@@ -90,7 +90,7 @@ def mark_outside(
     Args:
         times: Times of the tube, shape (M + 1,).
         levels: Its levels, shape (M + 1, K).
-        directions: Shape (K, n).
+        directions: Directions, shape (K, n).
         boxes: Lower and upper corners, shape (2, 1 + n, m).
         marks: Filled with the answers, shape (m,).
     """
