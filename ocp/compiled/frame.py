@@ -162,7 +162,7 @@ class Frame:
         """Emit the addresses of the arguments and outputs, and the mask of the lanes.
 
         Args:
-            ir: A body in which %in, %out, %n and %start are known.
+            ir: Writer of a body in which %in, %out, %n and %start are defined.
             inputs: Number of arguments.
             outputs: Number of outputs.
         """

@@ -146,7 +146,8 @@ class Interpreted:
             function: An SX function; its first argument differs per individual.
 
         Raises:
-            UnknownOperationError: If it has an operation that the kernel has not.
+            UnknownOperationError: If the function has an operation that the kernel
+                lacks.
             NoCompilerError: If machine code cannot be made here.
         """
         self._kernel = _kernel()

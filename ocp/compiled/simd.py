@@ -138,8 +138,8 @@ class SimdBatch:
         Args:
             compiled: The kernel, or a kernel that is being made; its first use then
                 waits for it, and may raise NoCompilerError.
-            shape: Rows of its arguments and outputs; at least one argument differs per
-                individual.
+            shape: Rows of the kernel's arguments and outputs; at least one argument
+                differs per individual.
             threads: Largest number of threads for a population, at least 1.
             instructions: Number of instructions of the function for one interval; 0 if
                 they were not counted.
@@ -262,8 +262,8 @@ class InPlace:
         """Return all outputs, (all rows, size).
 
         Args:
-            arguments: Of the right shapes, which are not checked; copied only if they
-                are not contiguous doubles.
+            arguments: Arguments of the right shapes, which are not checked; copied only
+                if they are not contiguous doubles.
         """
         given = [np.ascontiguousarray(a, dtype=np.float64) for a in arguments]
         results = np.empty(self._results)
@@ -287,10 +287,10 @@ class Bound:
 
         Args:
             kernel: The kernel.
-            shared: Its other arguments, flattened column by column.
+            shared: Other arguments of the kernel, flattened column by column.
 
         Raises:
-            InvalidProblemError: If they do not fit the kernel.
+            InvalidProblemError: If these arguments do not fit the kernel.
         """
         first, *others = kernel.shape.per_individual
         if not first or any(others):

@@ -146,7 +146,7 @@ class WarmStartedSolver:
             nlp: The NLP.
             layouts: Possible arrangements in time of the states and of the controls.
             asked: Bounds for the search: (indices in x, lower, upper).
-            search: The search.
+            search: Settings of the search.
             seed: Seed of each `solve`.
         """
         self.report: WarmStartReport | None = None

@@ -113,8 +113,8 @@ class Table:
         """Return the table as an expression, entry by entry of its arguments.
 
         Args:
-            arguments: One for each input, of one shape or scalar: CasADi symbols,
-                expressions or numbers.
+            arguments: A CasADi symbol, expression or number for each input, all of one
+                shape or scalar.
 
         Returns:
             An SX expression; MX if an argument is one.

@@ -152,7 +152,7 @@ class InteriorLanes:
 
         Args:
             problem: The problem, or its functions.
-            program: Its NLP, if that is built already.
+            program: NLP of the problem, if it is built already.
             tolerance: Largest scaled error at which a lane ends.
             most: Largest number of steps of a lane.
             longest: Largest number of instructions of an interval's part of a kernel.
@@ -191,11 +191,11 @@ class InteriorLanes:
                 `problem.free_starts`.
             states: Guess of the states between intervals, shape (nx, N + 1, M); None:
                 those that the controls lead to.
-            common: Made by `common` from these or more instances, whose sizes decide
-                the last digits; None: from these.
+            common: Result of the method `common` for these or more instances, whose
+                sizes decide the last digits; None: for these.
             mu: First parameter of the central path, for a cost of size 1 at the start;
                 small for starts near an optimum. None: FIRST_MU.
-            rho: First price of broken rows, for the same.
+            rho: First price of broken rows, for a cost of size 1 at the start.
             threads: Largest number of threads.
 
         Raises:

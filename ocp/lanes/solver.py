@@ -50,7 +50,7 @@ class LaneSolver:
 
         Args:
             problem: The problem, or its functions.
-            program: Its NLP, if that is built already.
+            program: NLP of the problem, if it is built already.
             threads: Largest number of threads for the lanes.
             most: Largest number of steps of a lane.
 

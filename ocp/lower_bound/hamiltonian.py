@@ -252,7 +252,7 @@ class Margin:
 
         Args:
             expression: Scalar in the point and the parameters.
-            point: Shape (d, 1).
+            point: Symbols of the point, shape (d, 1).
             parameters: Parameters, shape (p, 1).
 
         Raises:

@@ -92,7 +92,7 @@ class IntegerPolisher:
         """Return the best answer with whole numbers from some starts.
 
         Args:
-            starts: At least one, the best first.
+            starts: Starts, at least one, the best first.
             x0: Initial state, shape (nx,), with the guess of the decisions about it.
             known: Values of the parameters and signals.
             near: Whether the starts are answers that the solver should stay near; see

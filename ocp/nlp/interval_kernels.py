@@ -42,7 +42,8 @@ class IntervalKernel(ca.Callback):
             same: Indices of the arguments that are the same for all intervals.
 
         Raises:
-            UnknownOperationError: If it has an operation that is not compiled.
+            UnknownOperationError: If the function has an operation that is not
+                compiled.
             NoCompilerError: If machine code cannot be made here, or would be too long.
         """
         super().__init__()

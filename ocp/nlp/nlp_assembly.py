@@ -115,8 +115,8 @@ class Mapped:
 
         Args:
             problem: The problem.
-            parts: Its parts.
-            compiled: Whether its intervals are evaluated by machine code if possible.
+            parts: Parts of its NLP.
+            compiled: Whether the intervals are evaluated by machine code if possible.
         """
         self._compiled, self.kernels = compiled, list[ca.Function]()
         model, N, checks = problem.model, problem.intervals, problem.checks

@@ -108,7 +108,7 @@ class _How(NamedTuple):
     Attributes:
         solvers: The NLP with its solvers.
         near: Whether the solver stays near the guess.
-        held: Numbers of the controls that are held.
+        held: Indices of the controls that are held fixed.
         is_guess: Whether the states are a guess that gives the sizes of unbounded
             states.
         carried: Multipliers to start from; None without them.
@@ -329,7 +329,7 @@ class Polisher(Called):
             is_guess: Whether the states give the sizes of unbounded states.
             near: Whether the guess is an answer of a search or a solver that the solver
                 should stay near if it is feasible to 1e-3.
-            held: Numbers of the controls that are held.
+            held: Indices of the controls that are held fixed.
             carried: Multipliers of an earlier answer to start from. If that does not
                 converge, the solver starts without them. None: no multipliers.
 

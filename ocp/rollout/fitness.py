@@ -197,7 +197,7 @@ class Fitness(Called):
         Args:
             problem: The problem, or its compiled functions.
             backend: Backend that evaluates populations: "llvm" (machine code), "casadi"
-                or "auto"; None asks SWARMSTART_BACKEND, then auto.
+                or "auto"; None means SWARMSTART_BACKEND if it is set, else "auto".
             precision: Precision of the machine code's arithmetic, as in
                 `compile_batch`. "single" is enough for a first look at many points, not
                 for constraints to 1e-6.

@@ -113,7 +113,7 @@ class Tracer:
 
         Args:
             problem: The problem, or its compiled functions.
-            checker: Measures the problem's constraints; None: a new one.
+            checker: Checker of the problem's constraints; None: a new one.
         """
         self.shooting = shooting = shooting_of(problem)
         self.checker = checker or Checker(shooting)

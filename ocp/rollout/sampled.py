@@ -84,7 +84,7 @@ class SampledValue:
 
         Args:
             states: States at the nodes, shape (nx, nodes).
-            controls: Held over the intervals, shape (nu, N).
+            controls: Controls held over the intervals, shape (nu, N).
             x0: Initial state, from which the scales follow, shape (nx,).
             known: Known data of the stated problem.
         """

@@ -159,7 +159,7 @@ class CommittedTeam(Called):
         tracking_error: float = 0.0,
         lead: int | None = None,
     ) -> None:
-        """Check that vehicles, sets and links fit.
+        """Check that vehicles, sets and links fit together.
 
         Args:
             team: The vehicles.
@@ -174,9 +174,10 @@ class CommittedTeam(Called):
 
         Raises:
             InvalidProblemError: If there is not one set for each vehicle, a vehicle
-                watches another or shows no position, its problem has features, signals
-                or a time in its dynamics, or too few signals for the others, a
-                silent vehicle is unknown, or two goals are too near.
+                watches another or shows no position, its problem has a feature that
+                committed plans do not support, signals or a time in its dynamics, or
+                too few signals for the plans of the others, a silent vehicle is
+                unknown, or two goals are too near.
             UncertifiedSetError: As in `DualMode`.
         """
         n = len(team.agents)

@@ -130,7 +130,7 @@ class SwarmController:
         lead_s: float | None = None,
         disturbance: float = 0.0,
     ) -> None:
-        """Reserve what the corrections need.
+        """Leave room in distances and bounds for the corrections.
 
         Args:
             swarm: The swarm, with the bounds of the real vehicles.

@@ -210,7 +210,7 @@ class Swarm:
         drift: ArrayLike = (0.0, 0.0, 0.0),
         tracking_error: float = 0.0,
     ) -> None:
-        """Copy the arrays, and check that all have room."""
+        """Copy the arrays, and check that all vehicles have room."""
         first = _frozen(starts, (None, AXES), "starts")
         if not len(first):
             raise InvalidProblemError("starts must name a vehicle, got none")

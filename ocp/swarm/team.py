@@ -31,7 +31,7 @@ class Team:
     """Vehicles in flight, with all plans that were ever proposed.
 
     Attributes:
-        steps: Number of steps flown so far.
+        steps: Number of completed steps.
         velocities: Scaled velocities of the committed plans, shape (n, 3) [m/s].
     """
 

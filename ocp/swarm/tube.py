@@ -98,9 +98,9 @@ class Body:
         """Build the functions of a step.
 
         Args:
-            problem: Its planning problem, without rewrites.
+            problem: Planning problem of the vehicle, without rewrites.
             rows: Rows of the states that are its position, one to three.
-            terminal_set: Its certified set, with the weights of its design.
+            terminal_set: Certified set of the vehicle, with the weights of its design.
             parameters: Parameters of the model, shape (np,).
 
         Raises:

@@ -121,9 +121,9 @@ class VectorIR:
 
         Args:
             lanes: Numbers in a vector, a power of two.
-            form: Their format.
+            form: Format of the numbers.
             module: Module of the function; None means a new one.
-            body: The body so far; None means an empty one.
+            body: Body of the function so far; None means an empty one.
         """
         self.lanes, self.form = lanes, form
         self.module = Module() if module is None else module
@@ -402,7 +402,7 @@ class Loop:
         """Begin the loop's body.
 
         Args:
-            ir: The body to emit into.
+            ir: Writer of the function's body.
             initial: The carried values before the first turn.
             turns: Number of turns, at least 1.
         """
