@@ -136,8 +136,8 @@ class TapeBuilder:
         """Return the tape, without the values that no output needs.
 
         Args:
-            outputs: See Tape.
-            inputs: See Tape.
+            outputs: As in `Tape`.
+            inputs: As in `Tape`.
         """
         needed = {number for output in outputs for number in output}
         for number in range(len(self.nodes) - 1, -1, -1):

@@ -127,9 +127,9 @@ def most_of(d: ca.SX, change: ca.SX, part: ca.SX, most: ca.SX) -> ca.SX:
 
     Args:
         d: The numbers, positive.
-        change: Their changes with a full step.
-        part: The largest part that they may lose.
-        most: An upper bound.
+        change: Changes of the numbers with a full step.
+        part: Largest share of itself that a number may lose.
+        most: Upper bound of the step.
     """
     one = ca.SX(1)
     return smallest(

@@ -97,8 +97,8 @@ def lower_bound(  # noqa: PLR0913 - everything but the problem has a default
             bound's `reason` then says so. None: no limit.
         seed: Seed of the samples. They influence how high the bound is, not whether it
             is valid.
-        progress: Called now and then with (whole units of work done, the budget,
-            "bounding").
+        progress: Function called now and then with (whole units of work done, the
+            budget, "bounding").
 
     Returns:
         The best bound that was proven; of kind NONE, with a reason, if there is none.

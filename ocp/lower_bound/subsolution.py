@@ -103,7 +103,8 @@ class Search:
         hoped: Target of the slack [cost / s].
         rng: Source of randomness of the samples.
         until: Reading of the clock of work at which the search ends.
-        needed: For a pruning step: points (1 + n, N) -> value that cuts a point off.
+        needed: For a pruning step: function points (1 + n, N) -> value of the objective
+            above which a point is cut off.
     """
 
     setting: Setting

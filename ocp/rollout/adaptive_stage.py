@@ -60,8 +60,8 @@ def adaptive_stage(
     Args:
         problem: The problem.
         tick: The tick, as `tick_of` returns it.
-        close: (x, u, p, S, states at the checks, integrals) -> the outputs of the
-            stage.
+        close: Function (x, u, p, S, states at the checks, integrals) -> the outputs of
+            the stage.
     """
     names = ["x", "u", "p", "signals"]
     x, u, p, s = (ca.MX.sym(name, *close.size_in(i)) for i, name in enumerate(names))

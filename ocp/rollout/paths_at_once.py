@@ -36,8 +36,9 @@ class Grid(NamedTuple):
 
     Attributes:
         states: States at the nodes, shape (nx, nodes, n).
-        cost: Cost of each, shape (n,).
-        violation: Violation of each, shape (n,); infinite if a number is not finite.
+        cost: Cost of each roll-out, shape (n,).
+        violation: Violation of each roll-out, shape (n,); infinite if a number is not
+            finite.
     """
 
     states: Array

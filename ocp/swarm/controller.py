@@ -93,11 +93,11 @@ class SwarmController:
 
     Its plant is `swarm_model`, or any other with these states and controls. A decision
     has no plans of optimal-control problems; `decision.flight` has the committed ones.
-    The loop ends when all have arrived.
+    The loop ends when all vehicles have arrived.
 
     Attributes:
-        swarm: The swarm as it plans: with the error of tracking, and less acceleration
-            and speed.
+        swarm: The swarm that is planned for: with the tracking error, and with smaller
+            bounds of acceleration and speed.
         tracking: The law that follows a plan, with the bounds of its errors.
         dt: Step of the grid of the plans [s].
 

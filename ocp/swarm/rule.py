@@ -174,7 +174,7 @@ def settle(
     i: int, now: tuple[int, bool], radius: float, members: Members, plans: Plans,
     is_last: Flags,
 ) -> int:  # fmt: skip
-    """Commit vehicle i to its candidate or withdraw it, by (c); return what was done.
+    """Commit vehicle i to its candidate or withdraw it, by (c); return the outcome.
 
     Args:
         i: Number of the vehicle.

@@ -152,7 +152,7 @@ def fly(
 def _wait(
     part: float, ends: tuple[State, State], leg: tuple[int, float], body: PointMass
 ) -> int:
-    """Return for how many steps a flight waits: most not at all, and none in motion.
+    """Return for how many steps a flight waits: 0 for most, and for all in motion.
 
     A vehicle with a turn rate turns on the spot at least.
 

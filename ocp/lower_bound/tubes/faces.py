@@ -190,8 +190,8 @@ class Template:
     def tightened(self, levels: Array) -> Array:
         """Return levels of the same polytope whose faces nearly touch it.
 
-        They keep a distance that `_are_outside` can detect: a face on a state's bound
-        would have to rise if it were not certainly beyond it.
+        The faces keep a distance that `_are_outside` can detect: a face on a state's
+        bound would have to rise unless it is certainly beyond the bound.
         """
         reach = self.reach(levels)
         bounds = self.support.upper(self.levels(levels), reach)
@@ -259,8 +259,8 @@ def rates_at_faces(
         cells: Number of parts of a face along each of its coordinates.
 
     Returns:
-        Shape (K,) [1/s]; -infinity for a face that is not part of the polytope at any
-        time of the slab, infinity if no bound of the rate is known.
+        Bounds, shape (K,) [1/s]; -infinity for a face that is not part of the polytope
+        at any time of the slab, infinity if no bound of the rate is known.
     """
     ends = np.array([template.levels(level) for level in levels])
     reach = template.reach(levels)

@@ -167,7 +167,7 @@ def rates_over(motion: Motion, cells: Cells) -> Array:
         cells: N cells.
 
     Returns:
-        Shape (N,) [1/s].
+        Bounds, shape (N,) [1/s].
     """
     start, stop = cells.times
     middle = 0.5 * (start + stop)
@@ -333,7 +333,7 @@ def terms_of(function: ca.Function) -> Terms:
     """Return a function as weighted sums of terms.
 
     Args:
-        function: y (n, 1) -> a column.
+        function: Function y (n, 1) -> a column.
 
     Raises:
         UnknownIntervalOperationError: If the function has an operation that is unknown.

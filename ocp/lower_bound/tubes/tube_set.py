@@ -41,7 +41,7 @@ def outside(tube: Tube, lower: Array, upper: Array) -> Mask:
         upper: Upper corners.
 
     Returns:
-        Shape (m,); False for boxes with a NaN.
+        Mask, shape (m,); False for boxes with a NaN.
     """
     marks = np.empty(lower.shape[1], dtype=np.bool_)
     boxes = np.stack([lower, upper]).astype(np.float64, copy=False)
@@ -58,7 +58,7 @@ def inside(tube: Tube, points: Array) -> Mask:
         points: Points, shape (1 + n, N).
 
     Returns:
-        Shape (N,).
+        Mask, shape (N,).
     """
     is_time = (points[0] >= tube.times[0]) & (points[0] <= tube.times[-1])
     is_in = (tube.directions @ points[1:] <= _levels_at(tube, points[0])).all(axis=0)
