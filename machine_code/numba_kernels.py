@@ -229,10 +229,10 @@ class _KernelCache(_Cache):
             store_code(key, dumps(result._reduce()))
 
     def enable(self) -> None:
-        """Do nothing: it is always on."""
+        """Do nothing: the cache is always on."""
 
     def disable(self) -> None:
-        """Do nothing: it is always on."""
+        """Do nothing: the cache is always on."""
 
     def flush(self) -> None:
         """Do nothing: stored code is never out of date."""

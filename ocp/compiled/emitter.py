@@ -238,7 +238,7 @@ class _Sums(TapeBuilder):
         """Return the number of an operation's result.
 
         Args:
-            operation: Its name.
+            operation: Name of the operation.
             arguments: Numbers of its arguments.
             inner: Arguments that nothing else uses.
         """

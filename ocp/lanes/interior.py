@@ -318,7 +318,7 @@ class _Made:
         kernels: The machine code.
         layout: Layout of the memory.
         rows: Rows that the loop reads.
-        given: Number of rows that a start is made of.
+        given: Number of rows that hold the numbers of a start.
         own_signals: Whether each lane has its own signals.
     """
 
@@ -331,7 +331,7 @@ class _Made:
 
     @staticmethod
     def of(places: Places, kernels: Interior[Kernel], own_signals: bool) -> "_Made":
-        """Return it with its layout."""
+        """Return the machine code with its layout."""
         layout, rows = _layout_of(kernels)
         given = sum(layout.places[name][1] for name in _given(places))
         return _Made(places, kernels, layout, rows, given, own_signals)

@@ -241,15 +241,15 @@ class _Maker:
     def prepare(self) -> Written:
         """Return the kernel of states and controls inside their bounds.
 
-        A lane that is `rolled` takes the states that its controls lead to, as long as
-        they and what follows are tame, else that at the start; another one those that
-        are given.
+        A lane whose `rolled` is set takes the states that its controls lead to; a state
+        is replaced by `home` if it, or the state one interval later, has an entry of
+        size WILD or more. Another lane takes the given states.
         """
         interval = self._places.interval
         lane = symbols(rolled=1, mu=1, rho=1, home=self._nx)
         xa, u = self._xa, _pushed(interval, interval.own)[self._nx :]
         after = ca.substitute(interval.after, self._u, u)
-        # From a state that is hardly tame, the next interval may leave the numbers.
+        # From a state just below WILD, the next interval may overflow.
         following = ca.substitute(interval.after, interval.z, ca.vertcat(after, u))
         tame = ca.SX(1)
         for one in ca.vertsplit(ca.vertcat(after, following)):
@@ -287,7 +287,7 @@ class _Maker:
         return self._scan({"x0": interval.x}, each, lane, self._at_trial(writes))
 
     def finish(self) -> Written:
-        """Return the kernel of what goes with a start's end."""
+        """Return the kernel of the first values at the end, and of the cost's size."""
         end, lane = self._places.end, symbols(mu=1, rho=1)
         writes = self._begun(end, end.own, lane["mu"], lane["rho"])
         so_far = symbols(spent=1, steep=1)

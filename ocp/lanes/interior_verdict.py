@@ -186,9 +186,9 @@ class _Path(NamedTuple):
     """The next parameters of the central path.
 
     Attributes:
-        mu: Its parameter.
+        mu: Parameter of the central path.
         rho: Price of broken rows.
-        is_new: Whether one of them has changed.
+        is_new: Whether `mu` or `rho` has changed.
         arrived: Whether the lane is at an optimum.
     """
 
@@ -281,7 +281,7 @@ class _Judged:
         )
 
     def writes(self) -> Named:
-        """Return all that follows."""
+        """Return all values that the judgement writes."""
         now, ends = self._now, self._ends
         cost, theta, logs, elastic, _ = ca.vertsplit(ends.sums)
         _, primal, _, _, excess = ca.vertsplit(ends.tops)

@@ -128,9 +128,9 @@ class _Buffers:
     Attributes:
         arguments: Arguments, (N, entries), or (entries,) if they are the same for all.
         outputs: Outputs, (N, nonzeros).
-        run: Evaluates the arguments into the outputs.
-        given: CasADi's arguments that the outputs belong to.
-        keeps_alive: What `run` calls, if it does not own it.
+        run: Function that evaluates the arguments into the outputs.
+        given: Arguments from CasADi to which the outputs belong.
+        keeps_alive: Objects that `run` calls but does not own.
     """
 
     arguments: list[Array]

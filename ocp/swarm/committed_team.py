@@ -411,7 +411,7 @@ class CommittedVehicles:
     def _plan(self, i: int, tick: int, rng: np.random.Generator) -> None:
         """Let a vehicle propose a plan from where its committed plan leads, if it pays.
 
-        A plan that is not clear is made again, with a reserve.
+        A plan that is not clear is made again, at larger distances from the others.
         """
         agreed, team, loop = self._agreement, self._team, self._loop(i)
         body, committed = team.bodies[i], self._paths[int(agreed.members.committed[i])]
@@ -485,7 +485,7 @@ class CommittedVehicles:
             plans: All plans of the vehicles, each a row.
             others: Rows of committed plans and candidates of the others; of those that
                 are missing nothing is known.
-            reserve: What to keep from others in addition to the distance [m].
+            reserve: Distance to keep from others in addition to the least one [m].
         """
         team, loop = self._team, self._loop(i)
         problem, axes = loop.planner.problem, len(team.bodies[i].rows)
@@ -516,7 +516,7 @@ class CommittedVehicles:
         return self._team.plan_distance - min(gaps, default=np.inf)
 
     def _added(self, missing: float) -> float:
-        """Return what is added to a reserve if some distance was missing [m]."""
+        """Return what to add to the reserve if a plan lacked some distance [m]."""
         return MORE * max(0.0, missing) + LEAST * self._team.plan_distance
 
     def _gap(self, one: int, other: int, step: int, plans: Plans) -> float:

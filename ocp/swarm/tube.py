@@ -305,7 +305,7 @@ def _weights_of(terminal_set: TerminalSet) -> Weights:
 
 
 def _levels(terminal_set: TerminalSet) -> tuple[float, float]:
-    """Return the level that may not be left, and the factor between two samples."""
+    """Return the level of V that is kept, and the growth of V between samples."""
     certificate = terminal_set.certificate
     if certificate is None or certificate.held is None:
         raise InvalidProblemError(
