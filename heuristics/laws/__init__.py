@@ -1,7 +1,7 @@
 """Laws that all searches share: the box, the order of points, and sampling.
 
-A search is settings, a state and two kernels (`algorithm.py`); these are written in
-terms of what is here.
+A search consists of settings, a state and two kernels (`algorithm.py`). The kernels are
+written with the functions of this folder.
 """
 
 from swarmstart.heuristics.laws.algorithm import (

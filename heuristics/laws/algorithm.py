@@ -9,13 +9,13 @@ kernels. One generation is
 
 At generation 0 `propose` hands out the initial population, and `accept` takes its
 costs. How many individuals the next generation has is part of the state, so that
-populations may shrink or grow. Everything that changes lives in the arrays of the state
-(and the level of the order); with a copy of them and of the generator's state a search
+populations may shrink or grow. All that changes is in the arrays of the state and in
+the level of the order. From a copy of these and of the generator's state, a search
 continues bit for bit.
 
 Kernels copy arrays coordinate by coordinate, by the functions here. They do the same as
-`target[:] = source`; for that, Numba also compiles an error message about shapes that
-differ, which takes 1 to 2 s at the first use and never runs.
+`target[:] = source`. For that line, Numba would also compile an error message about
+different shapes, which takes 1 to 2 s at the first use and never runs.
 """
 
 from collections.abc import Callable
@@ -82,16 +82,16 @@ class State(Protocol):
     def best(self) -> Array:
         """Best point so far, shape (dim,).
 
-        The first point of the initial population as long as nothing finite was seen.
+        It is the first point of the initial population until an individual was finite.
         """
 
     @property
     def best_cost(self) -> Array:
-        """Cost of `best`, shape (1,); infinity until a finite one was seen."""
+        """Cost of `best`, shape (1,); infinity until an individual was finite."""
 
     @property
     def best_violation(self) -> Array:
-        """Violation of `best`, shape (1,); infinity until a finite one was seen."""
+        """Violation of `best`, shape (1,); infinity until an individual was finite."""
 
     @property
     def nonfinite(self) -> Count:
@@ -107,7 +107,7 @@ class State(Protocol):
 
     @property
     def improved(self) -> Count:
-        """Number of the generation in which `best` or the level last improved, (1,)."""
+        """Number of the last generation that improved `best` or the level, (1,)."""
 
 
 class CommonFields(NamedTuple):
@@ -141,14 +141,14 @@ class Algorithm(Protocol):
 
     @property
     def kernels(self) -> Kernels:
-        """The two compiled functions."""
+        """The two compiled functions of the algorithm."""
 
     def first_size(self, box: Box, evaluations: int | None) -> int:
         """Number of individuals of the first generation.
 
         Args:
-            box: The box.
-            evaluations: The budget; None if it is not known.
+            box: The box that is searched.
+            evaluations: Budget of the search in evaluations; None if it is not known.
         """
 
     def kernel_settings(self, box: Box, order: RunningOrder) -> tuple[object, ...]:
@@ -162,7 +162,7 @@ class Algorithm(Protocol):
         """The state before generation 0.
 
         Args:
-            box: The box.
+            box: The box that is searched.
             population: Initial population, shape (dim, size); copied.
             rng: Source of randomness.
         """
@@ -200,7 +200,7 @@ def take_generation(
     long as the level is above the tolerance, every generation counts as an improvement.
 
     Args:
-        order: The order.
+        order: The order of individuals.
         state: State of the algorithm, changed in place.
         asked: Points that were evaluated, shape (dim, size).
         cost: Their costs, shape (size,).
@@ -229,7 +229,7 @@ def take_generation(
 
 
 def is_algorithm(given: object) -> bool:
-    """Return whether a class or an object has what a search calls."""
+    """Return whether a class or an object has all methods that a search calls."""
     needed = ("kernels", "first_size", "kernel_settings", "start")
     return all(hasattr(given, name) for name in needed)
 
@@ -242,10 +242,10 @@ ALGORITHM = Check(
 
 
 def require(name: str, value: object, *, ok: bool, allowed: str) -> None:
-    """Raise InvalidSettingsError unless a setting is ok.
+    """Raise InvalidSettingsError unless the value of a setting is allowed.
 
     Raises:
-        InvalidSettingsError: If ok is False.
+        InvalidSettingsError: If `ok` is False.
     """
     if not ok:
         raise InvalidSettingsError(name, value, allowed)
@@ -288,10 +288,11 @@ BOUND_HANDLING = choice(NAMES)
 def first_size_of(algorithm: Algorithm, box: Box, evaluations: int | None) -> int:
     """Return the size of the first generation, if it fits into memory.
 
-    The budget `evaluations` is None if it is wall time.
+    `evaluations` is the budget of the search; None if the budget is a time.
 
     Raises:
-        InvalidSettingsError: If a population has more than MOST_NUMBERS numbers.
+        InvalidSettingsError: If the generation would have more than MOST_NUMBERS
+            coordinates.
     """
     size = algorithm.first_size(box, evaluations)
     allowed = f"at most {MOST_NUMBERS // box.dim} with {box.dim} variables"
@@ -301,14 +302,14 @@ def first_size_of(algorithm: Algorithm, box: Box, evaluations: int | None) -> in
 
 @kernel
 def copy_values(source: Array, target: Array) -> None:
-    """Copy the first numbers of a vector into another, as many as that has."""
+    """Fill the vector `target` with the first entries of the vector `source`."""
     for k in range(target.size):
         target[k] = source[k]
 
 
 @kernel
 def copy_points(source: Array, target: Array) -> None:
-    """Copy the first columns of a matrix into another, as many as that has."""
+    """Fill the matrix `target` with the first columns of the matrix `source`."""
     for d in range(target.shape[0]):
         for i in range(target.shape[1]):
             target[d, i] = source[d, i]

@@ -74,11 +74,12 @@ class Box:
             bounds are equal is fixed.
         per_step: Number of variables of one time step, if the variables are a sequence
             in time, step after step. None if they are not.
-        constant: Number of variables, the last ones, that belong to no time step.
+        constant: Number of variables that belong to no time step; they come last.
 
     Raises:
-        InvalidBoxError: If the bounds are no vectors of one length, not finite, or a
-            lower bound is above its upper bound, or per_step does not divide dim.
+        InvalidBoxError: If the bounds are not vectors of one length or not finite, a
+            lower bound is above its upper bound, or `per_step` does not divide the
+            number of variables that belong to time steps.
 
     Example:
         >>> import numpy as np
@@ -117,7 +118,7 @@ class Box:
 
     @property
     def in_sequence(self) -> int:
-        """Number of variables that belong to steps, if there are any."""
+        """Number of variables that belong to time steps: all but `constant`."""
         return self.dim - self.constant
 
     @property
@@ -129,7 +130,7 @@ class Box:
     def free(self) -> Count:
         """Indices of the variables that are not fixed; all indices if all are fixed.
 
-        It is never empty, so that algorithms need no special case.
+        The array is never empty, so that algorithms need no special case.
         """
         free = np.flatnonzero(self.lower < self.upper)
         return free if free.size else np.arange(self.dim)
@@ -171,7 +172,7 @@ def clip(value: float, lower: float, upper: float) -> float:
 
 @kernel
 def between(lower: float, upper: float, fraction: float) -> float:
-    """The point at a fraction in [0, 1] of the way, never above upper by rounding."""
+    """Point at a fraction in [0, 1] of the way from lower to upper; never above."""
     return min(lower + (upper - lower) * fraction, upper)
 
 
@@ -219,11 +220,11 @@ def repair(
         rule: A code of CODES.
         value: The coordinate. NaN becomes a bound, or a new draw under `redraw`, and
             stays NaN under `none`.
-        origin: Its last position, in [lower, upper].
+        origin: Last position of the coordinate, in [lower, upper].
         lower: Lower bound.
         upper: Upper bound.
-        fraction: For `redraw` a random number in [0, 1), drawn by the caller: a call
-            with a generator costs ten times one without.
+        fraction: Random number in [0, 1), which only `redraw` uses. The caller draws
+            it, since a call with a generator costs ten times as much as one without.
     """
     if lower == upper:
         return lower
@@ -248,7 +249,7 @@ def turned(
 
     Args:
         rule: A code of CODES.
-        velocity: Its velocity before.
+        velocity: Velocity of the particle in this coordinate before the repair.
         value: The coordinate before the repair.
         lower: Lower bound.
         upper: Upper bound.
@@ -268,7 +269,8 @@ def turned(
 def reflected(value: float, lower: float, upper: float) -> float:
     """Return the coordinate after all reflections at the bounds: a triangular wave.
 
-    If the distance overflows or is NaN, or the bounds are equal, it is the lower bound.
+    The result is the lower bound if the distance from the box overflows or is NaN, or
+    if the bounds are equal.
     """
     width = upper - lower
     if (

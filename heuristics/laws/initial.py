@@ -3,7 +3,7 @@
 Methods of drawing points:
 
 uniform          independent in every variable
-latin_hypercube  one of the n points in each n-th of every variable (McKay et al. 1979)
+latin_hypercube  each n-th of every range holds one of n points (McKay et al. 1979)
 smooth           correlated in time
 half_smooth      the first half smooth, the rest uniform
 
@@ -55,7 +55,8 @@ class Initial:
             that all points are drawn.
         cost: Known costs of these points, shape (k,), which are then not evaluated
             again. None means that they are not known.
-        violation: Their violations, shape (k,); None with costs means all are 0.
+        violation: Known violations of these points, shape (k,). None means that all are
+            0 if costs are given.
 
     Raises:
         InvalidSettingsError: If the sampling is unknown, or there are violations
@@ -97,7 +98,7 @@ class Initial:
 def initial_population(
     box: Box, size: int, initial: Initial, *, rng: np.random.Generator
 ) -> tuple[Array, Values | None]:
-    """Return the population, shape (dim, size), and the values of its first columns.
+    """Return the population, shape (dim, size), and known values of its first columns.
 
     Raises:
         InvalidPointsError: If given points do not fit, costs or violations have another
@@ -208,11 +209,12 @@ def smooth_fractions(
 
     Args:
         shape: (dim, size), the shape of the result.
-        per_step: How many variables belong to one step; divides dim.
+        per_step: Number of variables of one time step; it divides dim.
         rng: Source of randomness.
 
     Returns:
-        The numbers, a new array; columns, and variables of one step, are independent.
+        The numbers, a new array. Different columns are independent, and so are the
+        variables of one step.
     """
     fractions = np.empty(shape)
     correlate(rng, per_step, fractions)
@@ -233,7 +235,7 @@ def smooth_in(box: Box, size: int, *, rng: np.random.Generator) -> Array:
 
 @kernel
 def correlate(rng: np.random.Generator, per_step: int, fractions: Array) -> None:
-    """Fill (dim, size) with the process at the head of this module."""
+    """Fill an array (dim, size) with the process at the head of this module."""
     dim, size = fractions.shape
     r = math.exp(-per_step / dim)
     spread = math.sqrt(1.0 - r * r)

@@ -64,8 +64,8 @@ class Order(NamedTuple):
         rule: STATIC_PENALTY, FEASIBILITY_FIRST or EPSILON_LEVEL.
         weight: Cost per unit of violation; static penalty only.
         tolerance: Largest violation of a feasible individual.
-        quantile: Part q of a generation that is below the level.
-        control: Fraction of the budget p_c after which the level is the tolerance.
+        quantile: Fraction q of a generation whose violations are below the level.
+        control: Fraction p_c of the budget, after which the level is the tolerance.
         power: The level's exponent c.
         adaptive: Whether the level follows the violations of the generations.
     """
@@ -79,7 +79,7 @@ class Order(NamedTuple):
     adaptive: bool = False
 
     def running(self) -> "RunningOrder":
-        """Return the order with a level of its own, at the beginning of a search."""
+        """Return the order with a level, as it is at the beginning of a search."""
         return RunningOrder(*self, level=np.array([self.tolerance, 0.0]))
 
 
@@ -87,8 +87,8 @@ class RunningOrder(NamedTuple):
     """An order as kernels take it: the fields of `Order`, and the level reached.
 
     Attributes:
-        level: The largest violation that counts as feasible now, and the one that the
-            search began with, shape (2,).
+        level: The largest violation that counts as feasible now, and v_0, from which
+            the level falls, shape (2,).
     """
 
     rule: int
@@ -134,7 +134,7 @@ def static_penalty(weight: float) -> Order:
 
 @checked(InvalidOrderError, tolerance=a_number(least=0))
 def feasibility_first(tolerance: float = 0.0) -> Order:
-    """Order feasible before infeasible, the former by cost, the latter by violation.
+    """Order feasible individuals by cost, and after them infeasible ones by violation.
 
     Args:
         tolerance: Largest violation that counts as feasible, at least 0.
@@ -232,7 +232,7 @@ def epsilon_level(
 
 @kernel
 def begin_level(order: RunningOrder, violation: Array) -> None:
-    """Take the first level from the violations of the initial population, (size,)."""
+    """Set v_0 of the level from the violations of the initial population, (size,)."""
     level = quantile_of(violation, order.quantile)
     if level < np.inf:  # Else no violation was finite, and the level stays 0.
         order.level[1] = level
@@ -326,8 +326,9 @@ def precedes(  # noqa: PLR0913, PLR0917 - numbers only: see the docstring
 ) -> bool:
     """Return whether a is strictly better, as `better_at` does, from plain numbers.
 
-    It is for loops over individuals. A `RunningOrder` holds an array, whose references
-    compiled code would count at each call; that takes longer than the comparison.
+    It is for loops over individuals. A `RunningOrder` holds an array, and compiled code
+    would count the references to it at each call, which takes longer than the
+    comparison.
     """
     if not is_finite(cost_a, violation_a):
         return False
@@ -378,15 +379,16 @@ def ranking(order: RunningOrder, cost: Array, violation: Array) -> Count:
 
 @kernel
 def merits(order: RunningOrder, cost: Array, violation: Array, out: Array) -> None:
-    """One number for each individual of a population; the smaller, the better.
+    """Fill `out` with one number for each individual; the smaller, the better.
 
     Static penalty: cost + weight * violation. The others, free of units: for feasible
     individuals their place between the least and the largest feasible cost, in [0, 1];
-    for infeasible ones 1 + violation / largest violation. Not finite: infinity.
-    Individuals that `better` tells apart may tie by rounding; they never change places.
+    for infeasible ones 1 + violation / largest violation. Individuals that are not
+    finite get infinity. Rounding may give two individuals the same number although one
+    is `better`, but never puts them in the wrong order.
 
     Deb (2000) adds the violation to the worst feasible cost instead: that depends on
-    the units of the cost. `out` is filled; all arrays have the shape (size,).
+    the units of the cost. All arrays have the shape (size,).
     """
     least, largest, worst = ranges(order, cost, violation)
     span = 0.5 * largest - 0.5 * least  # Halves: the difference may overflow.

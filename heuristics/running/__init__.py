@@ -1,6 +1,7 @@
 """Running a search: budgets, the loops that drive its kernels, results, interrupts.
 
-`minimize` is the whole way in one call, `Search` the same step by step (ask and tell).
+`minimize` runs a whole search in one call; `Search` runs it one generation at a time
+(ask and tell).
 """
 
 from swarmstart.heuristics.running.first_use import (

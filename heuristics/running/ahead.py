@@ -1,8 +1,9 @@
 """A second process that compiles a part of the kernels, on two or more processors.
 
 The first use of an algorithm on a machine takes some seconds of compiling. A helper
-process does a part of it at the same time and leaves its machine code in the cache, in
-which this process finds it. If the helper fails, this process does all by itself.
+process compiles a part of the kernels at the same time. It leaves the machine code in
+the cache, in which this process finds it. If the helper fails, this process compiles
+all kernels itself.
 """
 
 import contextlib
@@ -43,7 +44,7 @@ class Helper:
     """A process that compiles a part of the kernels.
 
     Attributes:
-        part: Which of the `preparations` of a search it does.
+        part: Numbers of the `preparations` of a search that the helper does.
         process: The process; None if it could not be started.
     """
 
@@ -51,7 +52,7 @@ class Helper:
     process: subprocess.Popen[bytes] | None
 
     def wait(self) -> None:
-        """Return when it is done, or has taken too long."""
+        """Wait until the helper is done, or has taken too long."""
         if self.process is not None:
             with contextlib.suppress(subprocess.TimeoutExpired):
                 self.process.wait(timeout=PATIENCE_S)
@@ -71,12 +72,13 @@ def compiled_ahead(
     started.
 
     Args:
-        algorithm: The algorithm.
-        compiled: True for the compiled loop, False for a loop in Python.
+        algorithm: Settings of the algorithm.
+        compiled: True if the search runs in the compiled loop, False if it runs in a
+            loop in Python.
         part: Numbers of the `preparations` of a search that the helper does.
 
     Yields:
-        The helper; an idle one if no process could be started.
+        The helper; one without a process if none could be started.
     """
     running = _helper.get()
     if running.process is not None or not _is_possible():

@@ -23,15 +23,15 @@ from swarmstart.machine_code import Count, kernel
 
 
 class Archive(NamedTuple):
-    """Points with their costs and violations; the first `members` are taken.
+    """Points with their costs and violations; only the first `members` are in use.
 
     Attributes:
-        points: Shape (dim, room).
-        cost: Shape (room,).
-        violation: Shape (room,).
-        members: Their number, int64, shape (1,).
+        points: The points as columns, shape (dim, room).
+        cost: Costs of the points, shape (room,).
+        violation: Violations of the points, shape (room,).
+        members: Number of points in use, int64, shape (1,).
         free: Indices of the variables that are not fixed, int64 (`Box.free`).
-        width: Widths of the box, shape (dim,); 1 for what is fixed.
+        width: Widths of the box, shape (dim,); 1 for variables that are fixed.
         radius: Least distance of two members, a fraction of the widths, shape (1,).
     """
 
@@ -50,7 +50,7 @@ def new_archive(box: Box, *, room: int, radius: float) -> Archive:
     Args:
         box: The box.
         room: Largest number of members; with 0 nothing is kept.
-        radius: See the head of this module.
+        radius: Least distance of two members, a fraction of the widths of the box.
     """
     return Archive(
         points=np.zeros((box.dim, room)),
@@ -72,7 +72,7 @@ def collect(
     Args:
         order: The order of points; they are compared at its final tolerance.
         archive: The archive, changed in place.
-        asked: The generation, shape (dim, size).
+        asked: Individuals of the generation as columns, shape (dim, size).
         cost: Costs, shape (size,).
         violation: Violations, shape (size,).
     """

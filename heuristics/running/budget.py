@@ -44,7 +44,8 @@ class Limits(NamedTuple):
     Attributes:
         evaluations: Largest number of individuals.
         target: Cost at which the search ends; minus infinity for none.
-        stagnation: Generations without a better point after which it ends; 0 for none.
+        stagnation: Number of generations without a better point after which the search
+            ends; 0 for none.
     """
 
     evaluations: int
@@ -54,7 +55,7 @@ class Limits(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Budget:
-    """Limits of a search, which stops at whichever comes first.
+    """Limits of a search, which stops at the first limit that it reaches.
 
     Attributes:
         evaluations: Largest number of individuals evaluated, at least 1; None means no
@@ -64,9 +65,10 @@ class Budget:
             it once per machine, does not count.
         target: Cost at which the search stops as soon as a feasible point reaches it;
             None means no target.
-        stagnation: Generations without a better point after which it stops, at least 1;
-            None means never. A constant added to the cost changes nothing. Generations
-            in which the level of the order is above its tolerance do not count.
+        stagnation: Number of generations without a better point after which the search
+            stops, at least 1; None means never. A constant added to the cost changes
+            nothing. Generations in which the level of the order is above its tolerance
+            do not count.
 
     Raises:
         InvalidBudgetError: If there are neither evaluations nor seconds, or one is out
@@ -168,13 +170,13 @@ def progress_of(evaluations: int, size: int, budget: int) -> float:
 
     It is 0 for the initial population and 1 for the last generation that fits; with
     generations of one size it is iter_k / iter_max of (5.19). If sizes change, the
-    remaining generations are assumed to have the present size, so that a growing
-    population may end the search before 1.
+    remaining generations are assumed to have the present size, so that the search of a
+    growing population may end before the fraction is 1.
 
     Args:
-        evaluations: Individuals evaluated so far.
-        size: Individuals of the generation.
-        budget: Individuals that may be evaluated.
+        evaluations: Number of individuals evaluated so far.
+        size: Number of individuals of the generation.
+        budget: Number of individuals that may be evaluated.
     """
     left = (budget - evaluations) // size  # Whole generations, this one included.
     before_last = evaluations + (left - 1) * size

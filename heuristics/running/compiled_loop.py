@@ -38,8 +38,8 @@ def next_chunk(generations: int, seconds: float, *, left: float = np.inf) -> int
 
     Args:
         generations: Number of generations of the last chunk, at least 1.
-        seconds: Time that they took [s].
-        left: Time that is left to the search [s].
+        seconds: Time that these generations took [s].
+        left: Time that is left for the search [s].
     """
     wanted = min(CHUNK_S, max(left, 0.0))
     # The time may be below the clock's resolution.
@@ -55,7 +55,7 @@ class CompiledObjective(Protocol):
         ...
 
     def attach(self, asked: Array, cost: Array, violation: Array) -> Pointers | None:
-        """Bind to buffers that live as long as this object is used.
+        """Bind the objective to buffers, which live as long as the objective is used.
 
         Args:
             asked: Population to read, shape (dim, size), contiguous.
@@ -69,15 +69,15 @@ class CompiledObjective(Protocol):
 
 
 class Work(NamedTuple):
-    """Arrays that the loop writes.
+    """Arrays that the compiled loop fills.
 
     Attributes:
         asked: Memory for the largest population, shape (dim, size). A generation of n
             individuals is stored in its first dim * n numbers, as (dim, n).
-        cost: Its costs, shape (size,).
-        violation: Its violations, shape (size,).
+        cost: Costs of the individuals in `asked`, shape (size,).
+        violation: Violations of the individuals in `asked`, shape (size,).
         best_cost: Best cost after each generation, shape (generations,).
-        best_violation: Its violation, shape (generations,).
+        best_violation: Violation of the best point after each generation, same shape.
         evaluations: Evaluations of the whole search after each generation; int64, same
             shape.
         done: Number of generations run, and the reason to stop, a code of `budget`;
@@ -137,7 +137,7 @@ def calls_of(
     settings: Any,
     searched: tuple[State, Archive],
 ) -> list[Call]:
-    """Return the kernels that a generation calls, each with arguments of its types.
+    """Return the kernels that a generation calls, each with example arguments.
 
     Returns:
         `propose`, `accept` and `collect`, in the order of `Entries`.

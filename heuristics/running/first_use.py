@@ -17,7 +17,7 @@ from swarmstart.heuristics.running.search import Search
 
 
 def smallest_search(algorithm: Algorithm) -> Search:
-    """Return a small search whose arguments have the types of any by the algorithm."""
+    """Return a small search; its kernels have the same types as those of all others."""
     box = Box(lower=np.zeros(2), upper=np.ones(2), per_step=1)
     return Search(algorithm, box, rng=np.random.default_rng(0))
 
@@ -26,7 +26,8 @@ def compile_part(pickled: bytes) -> None:
     """Compile a part of an algorithm's kernels, in a helper process.
 
     Args:
-        pickled: (algorithm, whether for the compiled loop, part), pickled.
+        pickled: A pickle of (settings of the algorithm, True for the compiled loop,
+            numbers of the `preparations`).
     """
     algorithm, compiled, part = pickle.loads(pickled)
     jobs = smallest_search(algorithm).preparations(compiled=compiled)
@@ -39,10 +40,10 @@ def compile_part(pickled: bytes) -> None:
 def kernels_ahead(algorithm: Algorithm) -> Iterator[None]:
     """Have a second process compile an algorithm's kernels, if they are missing.
 
-    A search that begins in this context waits for it.
+    A search that begins in this context waits for the second process.
 
     Args:
-        algorithm: The algorithm.
+        algorithm: Settings of the algorithm.
 
     Yields:
         Nothing.

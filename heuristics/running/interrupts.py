@@ -10,8 +10,9 @@ places do not expect that:
 - CasADi's conversions take it for a wrong type of argument: another exception is
   raised, or another overload is tried.
 
-For the last two, `heeded` notes the signal as well, and raises at its end what was
-swallowed. What was computed meanwhile may be wrong, and does not count.
+For the last two, `heeded` notes the signal as well. If the signal was swallowed, it
+raises KeyboardInterrupt at its end. Results computed meanwhile may be wrong, and are
+not used.
 """
 
 import functools
@@ -147,6 +148,6 @@ def heeded() -> AbstractContextManager[Callable[[], bool], None]:
 
     A request that was swallowed, or became another exception, is raised as
     KeyboardInterrupt at the end. The context yields a function: () -> whether there was
-    a request. In another thread than the main one it always returns False.
+    a request. In another thread than the main one this function always returns False.
     """
     return _Heeded()

@@ -6,7 +6,7 @@ yet (`archive`). Their results replace as many individuals of the next generatio
 evaluated like these, and survive by the same selection. So the population learns of
 local optima, and searches between and beyond them.
 
-Local solves are paid from the budget, in the number of evaluations that each reports.
+The budget also pays for the local solves: each reports its cost in evaluations.
 
 Source: Moscato (1989), On evolution, search, optimization, genetic algorithms and
 martial arts: towards memetic algorithms, Caltech C3P report 826; Hart (1994), Adaptive
@@ -41,7 +41,7 @@ class Improved(NamedTuple):
     """The points that local solves returned.
 
     Attributes:
-        points: In the box, shape (dim, k), with any k.
+        points: Points in the box as columns, shape (dim, k), with any k.
         evaluations: Cost of finding them, in evaluations.
     """
 
@@ -58,10 +58,10 @@ class LocalSolves:
     """Local solves, with limits of their number and cost.
 
     Attributes:
-        improve: The function that solves.
-        each: Expected cost of each of the first ones, in evaluations.
+        improve: Function that improves members: points, shape (dim, k) -> `Improved`.
+        each: Expected cost of a local solve before any has run, in evaluations.
         members: Largest number of members improved at a time.
-        share: Fraction of all evaluations that they may use, in (0, 1).
+        share: Fraction of all evaluations that local solves may use, in (0, 1).
     """
 
     improve: Improve
@@ -84,7 +84,7 @@ def run_memetic(
     Args:
         search: A new search that keeps basins, from which the members are chosen.
         objective: As in `minimize`.
-        local: The local solves.
+        local: The function that improves members, and its limits.
         budget: Budget of both. A local solve that has begun is not cut short.
         on_advance: As in `minimize`.
         on_best: As in `minimize`.
@@ -93,7 +93,7 @@ def run_memetic(
         The best point found; its evaluations count the local solves.
 
     Raises:
-        InvalidBudgetError: If not one generation fits.
+        InvalidBudgetError: If the budget is too small for one generation.
         InvalidPointsError: If an improved point is not in the box.
         SearchInterrupted: On Ctrl-C, once a generation is finished.
     """

@@ -97,18 +97,19 @@ def minimize(  # noqa: PLR0913
             "lshade", "cpso", "pso", "de", "jde", "cma", "ga", "random", for its
             defaults. None means `default_algorithm`.
         budget: Limits of the search; an integer is a number of evaluations.
-        rng: Source of randomness. The same state of it gives the same bits, unless the
-            budget has seconds only, or seconds end the search.
+        rng: Source of randomness. The same state of the generator gives the same result
+            bit for bit, unless the budget has seconds only, or seconds end the search.
         seed: Seed of a new generator; exactly one of rng and seed must be given.
         order: Order of individuals; None means `default_order()`.
-        initial: As in `Search`.
+        initial: Options of the initial population, or its first points; as in `Search`.
         basins: Number of best distinct basins that are kept (`archive`).
         radius: Least distance between two of them, a fraction of the box's widths.
-        on_generation: Called after each generation; may raise StopIteration to stop.
-        on_advance: Called now and then with the number of evaluations so far, seldom
-            enough not to slow down compiled generations.
-        on_best: Called likewise, with the number of evaluations and a function that
-            returns the best point so far.
+        on_generation: Function that is called with a `GenerationEvent` after each
+            generation; it may raise StopIteration to end the search.
+        on_advance: Function that is called now and then with the number of evaluations
+            so far, seldom enough not to slow down compiled generations.
+        on_best: Function that is called as often as `on_advance`, with the number of
+            evaluations so far and a function that returns the best point so far.
 
     Returns:
         The best point found, and how the search went.
@@ -118,7 +119,7 @@ def minimize(  # noqa: PLR0913
         InvalidBudgetError: If the evaluations are too few for one generation.
         InvalidEvaluationError: If the objective is not a function, or returns wrong
             shapes.
-        InvalidPointsError: If initial points do not fit.
+        InvalidPointsError: If initial points do not fit the box or the population.
         InvalidSettingsError: If the settings do not fit the box, or an argument is of
             the wrong type.
         SearchInterrupted: On Ctrl-C, once a generation is finished.
@@ -207,8 +208,9 @@ def until_stopped(
 
     Args:
         search: The search.
-        running: Its history.
-        advance: Stopwatch -> the reason to stop; None to go on.
+        running: The same search with its budget and history.
+        advance: Function that advances the search: stopwatch -> the reason to stop, or
+            None to go on.
         on_advance: As in `minimize`.
         on_best: As in `minimize`.
 
@@ -236,7 +238,7 @@ def until_stopped(
 
 
 class Running:
-    """A running search, which it advances, and its history.
+    """A running search with its budget and its history; a call advances the search.
 
     Attributes:
         spent: Evaluations charged to the budget for other work so far.
@@ -288,7 +290,7 @@ class Running:
         """Advance by one generation, or by a chunk in compiled code.
 
         Args:
-            seconds: Wall time so far.
+            seconds: Wall time so far [s].
             suggested: As in `Search.ask`.
 
         Returns:
@@ -308,7 +310,7 @@ class Running:
         return reached or _used_up(self._search, budget, seconds)
 
     def result(self, stopped: StopReason, watch: Stopwatch) -> SearchResult:
-        """Return what was found.
+        """Return the result of the search.
 
         Args:
             stopped: Reason for the end of the search.
@@ -397,7 +399,7 @@ def values_of(
         Costs and violations; those of a tuple are returned unchecked.
 
     Raises:
-        InvalidEvaluationError: If it is none of these.
+        InvalidEvaluationError: If `returned` is none of these.
     """
     if isinstance(returned, tuple):
         if len(returned) == len(("cost", "violation")):

@@ -31,14 +31,14 @@ class GenerationEvent:
 
     Attributes:
         generation: Number of the generation; the initial population is 0.
-        evaluations: Individuals evaluated so far.
+        evaluations: Number of individuals evaluated so far.
         progress: Fraction of the budget used, in [0, 1].
         best_x: Best point so far, shape (dim,).
-        best_cost: Its cost.
-        best_violation: Its violation.
-        population: The generation, shape (dim, size).
-        cost: Its costs, shape (size,).
-        violation: Its violations, shape (size,).
+        best_cost: Cost of `best_x`.
+        best_violation: Violation of `best_x`.
+        population: Individuals of the generation as columns, shape (dim, size).
+        cost: Costs of these individuals, shape (size,).
+        violation: Violations of these individuals, shape (size,).
     """
 
     generation: int
@@ -58,24 +58,25 @@ class SearchResult:
 
     Attributes:
         x: Best point, shape (dim,), in the units of the variables.
-        cost: Its cost; infinity if no individual was finite.
-        violation: Its violation; 0 = feasible.
-        evaluations: Individuals evaluated, those before a continuation included.
-        generations: Generations evaluated, the initial population included.
+        cost: Cost of `x`; infinity if no individual was finite.
+        violation: Violation of `x`; 0 = feasible.
+        evaluations: Number of individuals evaluated, those before a continuation
+            included.
+        generations: Number of generations evaluated, the initial population included.
         stopped: Reason for the end of the search.
         history_cost: Cost of the best point after each generation of this call, shape
             (generations of this call,). It may rise while the violation falls.
-        history_violation: Violation of that point, same shape.
+        history_violation: Violation of the same points, same shape.
         history_evaluations: Evaluations after each generation, those before a
             continuation included, same shape.
-        nonfinite: Individuals whose cost or violation was not finite.
+        nonfinite: Number of individuals whose cost or violation was not finite.
         basins: The best distinct basins met, the best first; see `archive`.
         seconds: Wall time of this call, without that of loading and compiling machine
             code [s].
         compile_seconds: Wall time of loading and compiling machine code [s].
         snapshot: The whole state of the search at its end; `Search` continues from it.
-            That of an interrupted search has the finished generations only. If a
-            generation was interrupted, a continued search draws another one in its
+            The snapshot of an interrupted search has the finished generations only. If
+            a generation was interrupted, a continued search draws another one in its
             place.
     """
 
@@ -118,7 +119,7 @@ class SearchInterrupted(Sendable, KeyboardInterrupt):
 
 
 def locked(values: ArrayLike) -> Array:
-    """Return a read-only copy."""
+    """Return a read-only copy of an array."""
     array = np.array(values, dtype=np.float64)
     array.setflags(write=False)
     return array

@@ -80,7 +80,8 @@ class InvalidEvaluationError(SwarmstartError, ValueError):
     """The objective did not return a cost and a violation of each individual.
 
     Attributes:
-        name: "cost", "violation", or "objective" if the result is not a pair.
+        name: Name of the wrong value: "cost", "violation", or "objective" if the result
+            is not a pair.
     """
 
     def __init__(self, message: str, *, name: str) -> None:
@@ -164,15 +165,15 @@ class Search:
             order: Order of individuals; None means `default_order()`.
             initial: Options of the initial population, or points that become its first
                 columns, shape (dim, k), in the box; copied. None means `Initial()`.
-            evaluations: The budget, for algorithms whose population depends on it; None
-                if it is not known.
+            evaluations: Budget in evaluations, for algorithms whose population depends
+                on it; None if it is not known.
             basins: Number of best distinct basins that are kept (`archive`).
             radius: Least distance between two of them, a fraction of the box's widths.
-            snapshot: Of a search with the same arguments, to continue from, bit for
-                bit: the state of `rng` is set too. Excludes `initial`.
+            snapshot: Snapshot of a search with the same arguments, which is continued
+                bit for bit: the state of `rng` is set too. It excludes `initial`.
 
         Raises:
-            InvalidPointsError: If initial points do not fit.
+            InvalidPointsError: If initial points do not fit the box or the population.
             InvalidSettingsError: If the settings do not fit the box, an argument is of
                 the wrong type, or both `initial` and `snapshot` are given.
             InvalidSnapshotError: If the snapshot is of another search.
@@ -251,17 +252,17 @@ class Search:
 
     @property
     def generations(self) -> int:
-        """Number of generations told."""
+        """Number of generations whose values were given to `tell`."""
         return int(self._state.generation[0])
 
     @property
     def evaluations(self) -> int:
-        """Number of individuals told."""
+        """Number of individuals whose values were given to `tell`."""
         return int(self._state.evaluations[0])
 
     @property
     def nonfinite(self) -> int:
-        """Number of individuals told whose cost or violation was not finite."""
+        """Number of these individuals whose cost or violation was not finite."""
         return int(self._state.nonfinite[0])
 
     def finished(self, limits: Limits) -> int:
@@ -285,15 +286,15 @@ class Search:
                 shrinking populations depend on it. None leaves it as it was; it starts
                 at 0.
             suggested: Points in the box, shape (dim, k), found by other means, that
-                replace the last individuals. If there are more points than places, the
-                first ones count. None means no points.
+                replace the last individuals. If there are more points than individuals,
+                the first ones are taken. None means no points.
 
         Returns:
             The points as columns, shape (dim, size): a new array, read-only.
             Individuals of the initial population whose costs are known are left out.
 
         Raises:
-            AskTellError: If the generation asked before was not told yet.
+            AskTellError: If `tell` was not called yet for the last generation.
             InvalidPointsError: If suggested points have another shape, or are not in
                 the box.
             InvalidSettingsError: If progress is not in [0, 1], or points are suggested
@@ -393,16 +394,16 @@ class Search:
             objective: A compiled objective.
             generations: Largest number of generations.
             limits: Limits of the search.
-            progress: Fraction of the budget used; with a limit of evaluations it is
-                counted anew for each generation.
+            progress: Fraction of the budget used so far, in [0, 1]; with a limit of
+                evaluations it is computed anew for each generation.
 
         Returns:
-            The history that the loop wrote. None if it did nothing, since the objective
-            cannot be called from compiled code, or costs of the initial population are
-            known.
+            The history that the loop wrote. None if the loop did not run, since the
+            objective cannot be called from compiled code, or costs of the initial
+            population are known.
 
         Raises:
-            AskTellError: If the generation asked before was not told yet.
+            AskTellError: If `tell` was not called yet for the last generation.
         """
         if self._asked is not None:
             raise AskTellError(
@@ -446,7 +447,7 @@ class Search:
         self.compile_seconds += watch.compile_seconds
 
     def preparations(self, *, compiled: bool) -> list[Callable[[], object]]:
-        """Return the parts of `prepare`: of propose, accept, collect and the loop."""
+        """Return the tasks of `prepare`, for propose, accept, collect and the loop."""
         calls = self._calls()
         if not compiled:
             return [partial(prepare, kernel, *given) for kernel, given in calls]

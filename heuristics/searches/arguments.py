@@ -58,10 +58,11 @@ def algorithm_of(
     Args:
         given: Settings; or a class of settings, or a name of a search, for its
             defaults; None or "default" for `default_algorithm`.
-        evaluations: The budget, for the default; None if it is wall time.
+        evaluations: Budget in evaluations, on which the default depends; None if the
+            budget is a time.
 
     Raises:
-        InvalidSettingsError: If it is none of these kinds.
+        InvalidSettingsError: If `given` is none of these.
 
     Example:
         >>> algorithm_of("cma") == algorithm_of(CMAES) == CMAES()
@@ -94,14 +95,14 @@ def _unknown(given: object) -> InvalidSettingsError:
 
 
 def box_of(given: Box | ArrayLike | None, bounds: Box | ArrayLike | None = None) -> Box:
-    """Return the box that is given as one, or as pairs of bounds.
+    """Return the box that is given as a `Box`, or as pairs of bounds.
 
     Args:
         given: A box, or pairs (lower, upper), one for each variable.
-        bounds: Another name for it; exactly one of the two must be given.
+        bounds: Another name for `given`; exactly one of the two must be given.
 
     Raises:
-        InvalidBoxError: If they are not pairs, or no bounds of a box.
+        InvalidBoxError: If the bounds are not pairs, or do not make a box.
         InvalidSettingsError: If both are given, or neither.
 
     Example:
@@ -172,7 +173,7 @@ def default_algorithm(evaluations: int | None) -> Algorithm:
     """Return the default algorithm for a budget.
 
     Args:
-        evaluations: The budget; None if it is wall time.
+        evaluations: Budget in evaluations; None if the budget is a time.
 
     Example:
         >>> import swarmstart as ss

@@ -12,8 +12,8 @@ the worse half is placed anew by the logistic map
 
     Z_{n+1} = mu Z_n (1 - Z_n),    mu = 4                                    (5.17)
 
-Its numbers follow the arcsine law, Beta(1/2, 1/2): they crowd at 0 and 1. The map runs
-in float64; in float32 its orbits soon fall into the fixed point 0.
+The numbers of this map follow the arcsine law, Beta(1/2, 1/2): they crowd at 0 and 1.
+The map runs in float64; in float32 its orbits soon fall into the fixed point 0.
 
 Source: chapter 5, section 5.2.3.3, eq. (5.17)-(5.19), steps 4 to 8; Duan and Liu
 (2010); the map: May (1976), Nature 261. The docstring of `ChaoticPSO` says how gaps of
@@ -116,7 +116,8 @@ def propose(
 ) -> None:
     """Place the worse half anew if the swarm has converged, then move all particles.
 
-    Equations (5.18), (5.17), (5.19), (2.11); steps 6, 7, 5. Not in generation 0.
+    Equations (5.18), (5.17), (5.19), (2.11); steps 6, 7, 5. In generation 0 nothing
+    moves.
     """
     if state.generation[0] > 0:
         if settings.reseed != NONE and has_converged(settings, state):  # step 6
@@ -146,10 +147,10 @@ def mean_distance(position: Array, scale: Array) -> float:
 
     Args:
         position: Positions, shape (dim, size).
-        scale: What each coordinate is multiplied by first, shape (dim,).
+        scale: Factor by which each coordinate is multiplied first, shape (dim,).
 
     Returns:
-        The distance, where scale is 1 in the (raw) units of the variables.
+        The distance; if `scale` is 1, in the units of the variables.
     """
     dim, size = position.shape
     squares = np.zeros(size)
@@ -174,9 +175,9 @@ def place_worse_half(
 ) -> None:
     """Place the worse half anew, over the whole box (step 7).
 
-    Worse by personal best; of two that tie, the later. Only positions change: personal
-    bests and velocities are kept. Every orbit takes one step of (5.17), whether its
-    particle is placed or not.
+    Particles are compared by their personal bests; of two that tie, the later one is
+    the worse. Only positions change: personal bests and velocities are kept. Every
+    orbit takes one step of (5.17), whether its particle is placed or not.
     """
     dim, size = state.position.shape
     if settings.reseed == LOGISTIC:
@@ -239,7 +240,8 @@ class ChaoticPSO(OfFixedSize, BoundHandled):
       last plan) has D = 0 and reseeds at once, which then initialises it.
     - Reseeded particles then move like all others. Personal bests and velocities are
       kept.
-    - Step 7 ends "go to Step 4", which would initialise for ever; read as Step 5.
+    - Step 7 ends "go to Step 4", which would initialise for ever; here it goes to
+      Step 5.
     - The text keeps particles in the box by `clip`, which keeps their velocities.
     - iter_k / iter_max of (5.19) is the fraction of the evaluation budget used.
 
@@ -253,13 +255,14 @@ class ChaoticPSO(OfFixedSize, BoundHandled):
             text; that of `ParticleSwarm` is a fraction of the box): one number, or one
             for each variable, shape (dim,) (kept as a tuple). None means 0.4 of the
             width of the box in each variable, the text's ratio to search_length.
-        initial_velocity: "independent", or "smooth" in time, which needs a box whose
-            variables are a sequence (`Box.per_step`).
+        initial_velocity: First velocities: "independent", or "smooth" in time, which
+            needs a box whose variables are a sequence (`Box.per_step`).
         reseed: Source of the numbers that place particles: "logistic" (5.17),
             "uniform" (uniform random numbers instead), or "none" (no reseeding).
-        diversity_threshold: eps, at least 0; the swarm reseeds when D < eps.
-        search_length: L of (5.18), above 0, in the units of the variables; None means
-            that each variable is measured in widths of the box, and L = 1.
+        diversity_threshold: Threshold eps of (5.18), at least 0; the swarm reseeds when
+            D < eps.
+        search_length: Length L of (5.18), above 0, in the units of the variables; None
+            means that each variable is measured in widths of the box, and L = 1.
         bound_handling: What happens to a particle that would leave the box; see the
             module `box`.
 

@@ -14,16 +14,17 @@ the i-th best individual,
     C       <- (1 + c_1 delta(h_sigma) - c_1 - c_mu sum w) C
                + c_1 p_c p_c' + c_mu sum_i w_i' y_i y_i'                      (47)
 
-The constants are those of `cma_constants`. It begins with the initial population, whose
-best individual is the first mean; after a restart (`cma_restarts`) with a mean that is
-uniform in the box. The best point seen is kept through all restarts.
+The constants are those of `cma_constants`. The search begins with the initial
+population, whose best individual is the first mean; after a restart (`cma_restarts`)
+the mean is drawn uniformly in the box. The best point seen is kept through all
+restarts.
 
 An individual that leaves the box is evaluated where `bound_handling` brings it back,
-and enters the update as it was sampled. So it is CMA-ES without bounds on f(repair(x)),
-which for `reflect` is f continued beyond the box by its mirror images; m may lie in one
-of them.
-The other way, an update with the repaired points, ends far from an optimum on a bound:
-steps near the bound look shorter than they were, and sigma falls too soon.
+and enters the update as it was sampled. So the method is CMA-ES without bounds for the
+function f(repair(x)). For `reflect`, this is f continued beyond the box by its mirror
+images, and m may lie in one of them. An update with the repaired points instead would
+end far from an optimum on a bound: steps near the bound look shorter than they were,
+and sigma falls too soon.
 
 Source: Hansen (2016), The CMA evolution strategy: a tutorial, arXiv:1604.00772v1;
 Auger and Hansen (2005), A restart CMA evolution strategy with increasing population
@@ -93,9 +94,10 @@ class CMAESState(NamedTuple):
     """State of a `CMAES`; first fields as in `State`, others as in `Distribution`.
 
     Attributes:
-        sampled: Individuals in the unit box as they were sampled, in the first n rows
-            of shape (dim, room), n the number of variables that are not fixed; at first
-            the initial population. See `Search` for its growth.
+        sampled: Individuals as they were sampled, in coordinates of the unit box; at
+            first the initial population. Shape (dim, room), of which the first n rows
+            are used, n the number of variables that are not fixed. `Search` enlarges
+            it.
         path_sigma: Path of the step size p_sigma, shape (n,).
         decomposed: Age at which `axes` and `lengths` were computed, int64, shape (1,).
         ended: 1 if a criterion of `cma_restarts` holds, int64, shape (1,).
@@ -306,7 +308,7 @@ def adapt(
     weights: Array,
     y: Array,
 ) -> None:
-    """Update the covariance by (47), with the weights of (46) and their old total."""
+    """Update the covariance by (47), with the weights w' of (46) and the total of w."""
     size, dim = y.shape
     C, p = state.covariance, state.path_c
     c_1, c_mu, c_c = constants.c_1, constants.c_mu, constants.c_c
@@ -352,9 +354,9 @@ class CMAES(BoundHandled):
             means 4 + floor(3 ln n) for n variables that are not fixed.
         sigma: Step size at the beginning, a fraction of the widths of the box, in
             (0, 1].
-        restarts: Whether the search restarts when a criterion of `cma_restarts` holds;
-            if False, its distribution then stays as it is.
-        increase: What the population is multiplied by at each restart, at least 1.
+        restarts: Whether the search restarts when a criterion of `cma_restarts` holds.
+            If False, the distribution stays as it is from then on.
+        increase: Factor by which the population grows at each restart, at least 1.
         bound_handling: What happens to a coordinate that leaves the box; see the
             module `box`.
 

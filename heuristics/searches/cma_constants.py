@@ -65,7 +65,7 @@ def selection_mass(weights: Array) -> float:
 
 @kernel
 def constants_of(dim: int, size: int) -> Constants:
-    """The learning rates for a dimension, and a population of at least 4."""
+    """Learning rates for a dimension and a population size of at least 4."""
     mu_eff = selection_mass(preliminary_weights(size)[: size // 2])
     c_sigma = (mu_eff + 2.0) / (dim + mu_eff + 5.0)  # (55)
     excess = max(0.0, math.sqrt((mu_eff - 1.0) / (dim + 1.0)) - 1.0)

@@ -1,7 +1,7 @@
 """Criteria for restarting a CMA-ES.
 
-With n variables that are not fixed, lambda individuals, and g the generations since it
-last began:
+With n variables that are not fixed, lambda individuals, and g generations since the
+last start:
 
 max iterations  g >= 100 + 50 (n + 3)^2 / sqrt(lambda)
 TolHistFun      the best values of the last 10 + ceil(30 n / lambda) generations lie
@@ -18,9 +18,9 @@ NoEffectAxis    the mean stays the same when 0.1 sigma times an axis is added to
 NoEffectCoord   one entry of it stays the same when 0.2 sigma sqrt(C_dd) is added
 
 A value is a cost with its violation, compared by the order; values lie within a range
-if both do. A constant added to the cost changes nothing but roundings. The unit of the
-cost changes nothing: Hansen's TolHistFun is 1e-12 in that unit, here it is equality up
-to roundings.
+if their costs and their violations do. A constant added to the cost changes nothing but
+roundings. The unit of the cost changes nothing: Hansen's TolHistFun is 1e-12 in that
+unit, here it is equality up to roundings.
 
 Source: Hansen (2009), Benchmarking a BI-population CMA-ES on the BBOB-2009 function
 testbed, GECCO workshop, section 2; TolXUp as in Hansen's pycma, in place of TolUpSigma.
@@ -74,7 +74,7 @@ class Distribution(State, Protocol):
 
     @property
     def lengths(self) -> Array:
-        """Square roots of its eigenvalues D, shape (n,)."""
+        """Square roots D of the eigenvalues of C, shape (n,)."""
 
     @property
     def path_c(self) -> Array:
@@ -82,18 +82,19 @@ class Distribution(State, Protocol):
 
     @property
     def age(self) -> Count:
-        """Generations since it last began, int64, shape (1,)."""
+        """Number of generations since the last start, int64, shape (1,)."""
 
     @property
     def record(self) -> Array:
         """Values of the last generations, a ring buffer of shape (5, length).
 
-        Best cost, its violation, median cost, its violation, whether values were equal.
+        The rows: best cost and its violation, median cost and its violation, whether
+        the two values of EqualFunVals were equal.
         """
 
 
 def record_length(dim: int) -> int:
-    """Return the length of the record: all that any criterion looks back to."""
+    """Return the length of the record: the most generations that a criterion reads."""
     return 600 + 8 * dim
 
 

@@ -142,7 +142,7 @@ def accept(
     cost: Array,
     violation: Array,
 ) -> None:
-    """A trial replaces its parent if it is not worse: selection."""
+    """Replace each parent whose trial is not worse: selection."""
     parents = (state.population, state.cost, state.violation)
     select(settings.order, parents, asked, cost, violation)
     take_generation(settings.order, state, asked, cost, violation)
@@ -165,9 +165,10 @@ class DifferentialEvolution(OfFixedSize, BoundHandled):
         size: Number of individuals NP, at least 4.
         F: Weight of the difference, in (0, 2].
         CR: Probability that a coordinate comes from the mutant (bin), or that the run
-            goes on (exp), in [0, 1].
+            of coordinates from the mutant goes on (exp), in [0, 1].
         strategy: Formula of the mutant: "rand/1", "best/1" or "current-to-best/1".
-        crossover: Coordinates that the trial takes from the mutant: "bin" or "exp".
+        crossover: Rule for the coordinates that the trial takes from the mutant: "bin"
+            or "exp".
         bound_handling: What happens to a coordinate that leaves the box; see the
             module `box`.
 

@@ -158,7 +158,7 @@ def accept(
 def roulette_weights(
     order: RunningOrder, cost: Array, violation: Array, weight: Array
 ) -> None:
-    """Weights J_max - J_i, scaled to at most 1; 0 for what is not finite.
+    """Weights J_max - J_i, scaled to at most 1; 0 for individuals that are not finite.
 
     If all finite merits are equal, they get equal weights; if no merit is finite, all
     individuals do.
@@ -232,8 +232,9 @@ class GeneticAlgorithm(OfFixedSize):
         crossover: Probability p_c that a pair is crossed, in [0, 1].
         mutation: Probability p_m that a coordinate is drawn anew, in [0, 1]; None means
             1 / n for the n variables that are not fixed.
-        elitism: Whether the best parent replaces the worst child if it is better. If
-            False, no parent survives. The best point ever seen is reported either way.
+        elitism: Whether the best parent replaces the worst child if the parent is
+            better. If False, no parent survives. The best point ever seen is reported
+            either way.
 
     Raises:
         InvalidSettingsError: If a value is out of its range.

@@ -11,10 +11,9 @@ Trial of each individual x_i, with h a random slot of the memory:
 
 x_pbest is one of the max(2, round(p N)) best, r1 an individual other than i, r2 one of
 the population or of the archive other than both. A trial that is not worse replaces its
-parent; a parent that lost to a better trial goes to the archive, and with it F_i and
-CR_i of the trial to S_F and S_CR. The archive holds at most round(r_arc N) members;
-surplus ones are deleted at random. After a generation with S_F not empty, with the
-improvements
+parent; a parent that lost to a better trial goes to the archive, and F_i and CR_i of
+that trial go to S_F and S_CR. The archive holds at most round(r_arc N) members; surplus
+ones are deleted at random. After a generation with S_F not empty, with the improvements
 D_k and w_k = D_k / sum D, the next slot h of the memory, in turn, becomes
 
     M_F,h  = sum w_k F_k^2 / sum w_k F_k                      (weighted Lehmer mean)
@@ -107,14 +106,14 @@ class LSHADEState(NamedTuple):
     """State of an `LSHADE`; first fields as in `State`.
 
     Attributes:
-        pool: Individuals in the first columns, as many as `size` says; from column N_0
-            on the archive. Shape (dim, N_0 + room of the archive).
+        pool: The first `size` columns are the individuals; the columns from N_0 on are
+            the archive. Shape (dim, N_0 + room of the archive).
         cost: Costs of the individuals, shape (N_0,).
         violation: Their violations, shape (N_0,).
         archived: Number of columns in the archive, int64, shape (1,).
-        F_memory: M_F, shape (H,).
-        CR_memory: M_CR, shape (H,).
-        slot: The slot of the memory that is next, int64, shape (1,).
+        F_memory: Weights M_F of the memory, shape (H,).
+        CR_memory: Crossover rates M_CR of the memory, shape (H,).
+        slot: Index of the slot of the memory that is updated next, int64, shape (1,).
         F_trial: Weights of the trials asked last, shape (N_0,).
         CR_trial: Their crossover rates, shape (N_0,).
     """
@@ -191,7 +190,7 @@ def find_leaders(order: RunningOrder, state: LSHADEState, leaders: Count) -> Non
 def trim_archive(
     rng: np.random.Generator, settings: LSHADESettings, state: LSHADEState
 ) -> None:
-    """Delete random members until the archive has its size."""
+    """Delete random members until the archive is not above its size."""
     room = rounded(settings.archive * state.size[0])
     first = state.cost.size
     while state.archived[0] > room:
@@ -226,7 +225,7 @@ def accept(
 
 @kernel
 def keep_losers(state: LSHADEState, improvement: Array) -> None:
-    """Append the parents that lost to the archive."""
+    """Append to the archive all parents that lost against their trials."""
     begin = state.cost.size + state.archived[0]
     for d in range(state.pool.shape[0]):
         row, k = state.pool[d], begin
@@ -245,7 +244,7 @@ def fraction_after(progress: float, before: int, size: int) -> float:
     Args:
         progress: Fraction before the generation; 0 if it is not known.
         before: Evaluations before the generation.
-        size: Its size.
+        size: Number of individuals of the generation.
     """
     if progress <= 0.0 or before <= 0:
         return 0.0
@@ -266,7 +265,7 @@ def remove_worst(order: RunningOrder, state: LSHADEState, size: int) -> None:
 
 @kernel
 def rounded(value: float) -> int:
-    """Return the integer nearest to a number above 0; of two, the larger."""
+    """Return the integer nearest to a number above 0; halves are rounded up."""
     return math.floor(value + 0.5)
 
 
@@ -290,7 +289,7 @@ class LSHADE(BoundHandled):
         smallest: Number of individuals N_min at the end, at least 4.
         memory: Number of slots H of the memory, at least 1.
         archive: Size r_arc of the archive relative to the population, at least 0.
-        greediness: Fraction p of the population that leads, in (0, 1].
+        greediness: Fraction p of the population from which x_pbest is drawn, in (0, 1].
         bound_handling: What happens to a coordinate that leaves the box; see the
             module `box`.
 

@@ -1,4 +1,4 @@
-"""Names of the searches on arrays: their only registration.
+"""Names of the searches on arrays. The searches are registered only here.
 
 Nothing is imported here, so that `swarmstart list` and `--help` stay quick.
 """
@@ -12,9 +12,10 @@ class SearchEntry(NamedTuple):
     Attributes:
         title: Description in a few words.
         settings: "module:class" of its settings; empty if it has none.
-        warm_start: Part of the first population that is the last plan, by default.
-        sampling: Method of drawing the rest, by default; None means that of the
-            library.
+        warm_start: Default of the part of the first population that is made from the
+            last plan: "one", "all" or "none".
+        sampling: Default of the method of drawing the rest; None means the default of
+            `Initial`.
     """
 
     title: str
@@ -59,7 +60,7 @@ SEARCHES = {
 
 
 def installed_searches() -> dict[str, SearchEntry]:
-    """Return the searches of other installed packages, none of which is imported."""
+    """Return the searches of other installed packages, without importing these."""
     from importlib.metadata import entry_points  # Loads sockets and e-mail.
 
     return {

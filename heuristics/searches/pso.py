@@ -172,8 +172,8 @@ class ParticleSwarm(OfFixedSize, BoundHandled):
             phi: Sum of the two accelerations before constriction, above 4.
 
         Returns:
-            w = chi, c1 = c2 = chi phi / 2, all else as by default; change that with
-            `dataclasses.replace`.
+            Settings with w = chi and c1 = c2 = chi phi / 2. All others have their
+            defaults, which `dataclasses.replace` can change.
 
         Raises:
             InvalidSettingsError: If phi is not finite and above 4.

@@ -75,7 +75,7 @@ def accept(
     cost: Array,
     violation: Array,
 ) -> None:
-    """Keep the best."""
+    """Keep the best point."""
     take_generation(settings.order, state, asked, cost, violation)
 
 

@@ -44,7 +44,7 @@ class SwarmSettings(Settings, Protocol):
 
     @property
     def velocity_max(self) -> Array:
-        """Largest speed of each coordinate v_max, shape (dim,); may be infinite."""
+        """Largest speed v_max of each coordinate, shape (dim,); may be infinite."""
 
 
 class SwarmState(State, Protocol):
@@ -60,15 +60,15 @@ class SwarmState(State, Protocol):
 
     @property
     def personal(self) -> Array:
-        """Best point of each particle p, shape (dim, size)."""
+        """Best point p of each particle (personal best), shape (dim, size)."""
 
     @property
     def personal_cost(self) -> Array:
-        """Their costs, shape (size,)."""
+        """Costs of the personal bests, shape (size,)."""
 
     @property
     def personal_violation(self) -> Array:
-        """Their violations, shape (size,)."""
+        """Violations of the personal bests, shape (size,)."""
 
 
 @kernel
@@ -88,7 +88,7 @@ def ring_best(order: RunningOrder, state: SwarmState, neighbours: int) -> Array:
     If personal bests tie, the particle's own counts, then that of the lowest index.
 
     Args:
-        order: The order.
+        order: The order of individuals.
         state: State of the swarm.
         neighbours: Number k of neighbours, even, below the number of particles.
 
@@ -121,7 +121,7 @@ def fly(
     Args:
         rng: Source of r1 and r2.
         inertia: Inertia weight w.
-        attractor: The g of each particle, shape (dim, size).
+        attractor: Attractor g of each particle, shape (dim, size).
         settings: Kernel settings of the swarm.
         state: State of the swarm; position and velocity are changed in place.
     """

@@ -10,8 +10,8 @@ The random numbers of a generation are drawn first, individual by individual; th
 trials are computed coordinate by coordinate, along the rows of the arrays.
 
 F and the crossover rate CR may come from a memory of successful ones (SHADE, L-SHADE):
-trial i draws them around a random slot of it; after the generation those of the
-successful trials are averaged into one slot. The equations are in `lshade`.
+trial i draws them around a random slot of this memory; after the generation, the values
+of successful trials are averaged into one slot. The equations are in `lshade`.
 
 Source: Storn and Price (1997), Differential evolution - a simple and efficient
 heuristic for global optimization over continuous spaces, Journal of Global
@@ -90,7 +90,7 @@ def new_plan(dim: int, size: int) -> Plan:
 
 @kernel
 def draw_index(rng: np.random.Generator, number: int) -> int:
-    """Draw an index below a number."""
+    """Draw an index from 0 to `number` - 1."""
     return int(rng.random() * number)
 
 
@@ -142,9 +142,9 @@ def cross_binomially(
 
     Args:
         rng: Source of randomness.
-        CR: The probability.
+        CR: Probability that a coordinate comes from the mutant.
         free: Indices of the variables that are not fixed.
-        mutated: Column i of it is filled, shape (dim, size).
+        mutated: Mask of which column i is filled, shape (dim, size).
         i: Index of the trial.
     """
     dim = mutated.shape[0]
@@ -160,8 +160,8 @@ def cross_exponentially(
 ) -> None:
     """Take a circular run from the mutant, from a random free coordinate on.
 
-    After each coordinate the run goes on with probability CR. The mask must be False;
-    arguments as in `cross_binomially`.
+    After each coordinate the run goes on with probability CR. Column i of `mutated`
+    must be False before; arguments as in `cross_binomially`.
     """
     dim = mutated.shape[0]
     d = free[draw_index(rng, free.size)]
@@ -180,14 +180,14 @@ def fill_trials(
     plan: Plan,
     asked: Array,
 ) -> None:
-    """Compute the trials.
+    """Compute the trials of a generation.
 
     Args:
         rng: Source of randomness of the rule `redraw`.
         settings: Settings of the algorithm.
         x: Individuals as columns, those with a trial first, shape (dim, any).
-        plan: The random choices.
-        asked: Filled, shape (dim, size).
+        plan: The random choices for the trials.
+        asked: Filled with the trials, shape (dim, size).
     """
     dim, size = asked.shape
     base, lead, plus, minus = plan.base, plan.lead, plan.plus, plan.minus
@@ -222,18 +222,19 @@ def select(
 ) -> Mask:
     """Let a trial replace its parent if it is not worse.
 
-    Before generation 0 the costs are infinite, so that its individuals are accepted.
+    Before generation 0 the costs of the parents are infinite, so that all its
+    individuals are accepted.
 
     Args:
-        order: The order.
-        parents: Their points, (dim, at least size), costs and violations, changed in
-            place.
+        order: The order of individuals.
+        parents: Points of the parents, shape (dim, at least size), their costs and
+            their violations, changed in place.
         asked: Trials, shape (dim, size).
         cost: Their costs, shape (size,).
         violation: Their violations, shape (size,).
 
     Returns:
-        Which were replaced, shape (size,).
+        Mask of the parents that were replaced, shape (size,).
     """
     points, parent_cost, parent_violation = parents
     dim, size = asked.shape
@@ -263,19 +264,19 @@ class Remembering(Protocol):
 
     @property
     def violation(self) -> Array:
-        """Their violations, same shape."""
+        """Violations of the parents, shape (at least size,)."""
 
     @property
     def F_memory(self) -> Array:  # noqa: N802 - a field
-        """M_F, shape (H,)."""
+        """Weights M_F of the memory, shape (H,)."""
 
     @property
     def CR_memory(self) -> Array:  # noqa: N802 - a field
-        """M_CR, shape (H,)."""
+        """Crossover rates M_CR of the memory, shape (H,)."""
 
     @property
     def slot(self) -> Count:
-        """The slot of the memory that is next, int64, shape (1,)."""
+        """Index of the slot of the memory that is updated next, int64, shape (1,)."""
 
     @property
     def F_trial(self) -> Array:  # noqa: N802 - a field
@@ -283,7 +284,7 @@ class Remembering(Protocol):
 
     @property
     def CR_trial(self) -> Array:  # noqa: N802 - a field
-        """Their crossover rates, same shape."""
+        """Crossover rates of the trials asked last, shape (at least size,)."""
 
 
 @kernel
@@ -309,7 +310,7 @@ def measure_improvements(
     violation: Array,
     improvement: Array,
 ) -> None:
-    """Fill in the improvement of each trial on its parent, in [0, 1]; 0 if it is worse.
+    """Fill in each trial's improvement on its parent, in [0, 1]; 0 for a worse trial.
 
     Improvements of the cost are divided by the largest of them, and so are those of the
     violation: units do not matter.
