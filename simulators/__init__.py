@@ -1,4 +1,4 @@
-"""Simulators of others as plants of closed loops.
+"""Simulators of other programs as plants of closed loops.
 
     fmu        an FMU for co-simulation, FMI 2.0 or 3.0, called through FMPy
     command    a program in any language that speaks JSON lines
@@ -9,9 +9,9 @@
     planning   plans from roll-outs, by searches and a surrogate (surrogate.py) that
                is fitted to them; they are made in processes (workers.py, worker.py)
 
-Each simulator keeps its state inside, as `swarmstart.Simulator` states, or gets it with
-each step. Code of others runs here: the other rooms import this one only if a user asks
-for a simulator.
+Each simulator keeps its state inside, as `swarmstart.Simulator` describes, or gets the
+state with each step. Foreign code runs here: the other folders of the package import
+this one only if a user asks for a simulator.
 """
 
 # ruff: noqa: I001  (it would write one statement for each name)

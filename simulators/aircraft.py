@@ -1,9 +1,9 @@
 """Aircraft of JSBSim behind an autopilot for speed, heading and height, as a plant.
 
-Each is trimmed in straight flight at its start. North and east are distances on a
-sphere along the meridian and the parallel of the origin [m]: up to 10 km and at heights
-up to 5 km they differ by at most 3e-3 from the distance over ground. The gains are
-those of the F-16 of JSBSim, whose own controls command rates.
+Each aircraft is trimmed in straight flight at its start. North and east are distances
+on a sphere along the meridian and the parallel of the origin [m]: up to 10 km and at
+heights up to 5 km they differ by at most 3e-3 from the distance over ground. The gains
+are those of the F-16 of JSBSim, whose own controls command rates.
 
 Source: JSBSim reference manual, https://jsbsim-team.github.io/jsbsim-reference-manual.
 """
@@ -67,17 +67,18 @@ class Autopilot:
     """Gains of the autopilot; the defaults are those of the F-16.
 
     Attributes:
-        throttle: Throttle by the error of speed [1/(m/s)].
-        throttle_integral: Throttle by its integral [1/m].
-        heading: Turn rate by the error of heading [1/s].
+        throttle: Gain from the error of speed to the throttle [1/(m/s)].
+        throttle_integral: Gain from the integral of that error to the throttle [1/m].
+        heading: Gain from the error of heading to the turn rate [1/s].
         bank_max: Largest bank angle [rad].
-        roll: Aileron by the error of bank [1/rad].
-        roll_rate: Aileron by the roll rate [s/rad].
-        climb: Vertical speed by the error of height [1/s].
+        roll: Gain from the error of bank to the aileron [1/rad].
+        roll_rate: Gain from the roll rate to the aileron [s/rad].
+        climb: Gain from the error of height to the vertical speed [1/s].
         climb_max: Largest vertical speed [m/s].
-        path_integral: Pitch by the integral of the error of the path angle [1/s].
-        pitch: Elevator by the error of pitch [1/rad].
-        pitch_rate: Elevator by the pitch rate [s/rad].
+        path_integral: Gain from the integral of the error of the path angle to the
+            pitch [1/s].
+        pitch: Gain from the error of pitch to the elevator [1/rad].
+        pitch_rate: Gain from the pitch rate to the elevator [s/rad].
 
     Example:
         >>> import swarmstart as ss
@@ -108,14 +109,14 @@ class Autopilot:
 class AircraftPlant(Called):
     """Several aircraft of JSBSim as one plant.
 
-    A state is that of one aircraft after another, each as STATES; controls likewise,
-    as CONTROLS.
+    The state holds one aircraft after another, each in the order of STATES. The
+    controls do so too, in the order of CONTROLS.
 
     Attributes:
         state_names: Names of the states, with the aircraft's number if there are
             several.
         control_names: Names of the set points, likewise.
-        bounds: Least and largest values of the set points, each (nu,): none.
+        bounds: Least and largest values of the set points, each (nu,); infinite.
 
     Example:
         >>> import swarmstart as ss
@@ -139,8 +140,8 @@ class AircraftPlant(Called):
         Args:
             aircraft: Name of one of JSBSim's own aircraft.
             count: Number of aircraft.
-            autopilot: Its gains; None: those of the F-16.
-            rate_hz: Steps of JSBSim in a second.
+            autopilot: Gains of the autopilot; None: those of the F-16.
+            rate_hz: Number of steps of JSBSim in a second.
 
         Raises:
             SimulatorError: If JSBSim has no such aircraft.
@@ -197,7 +198,8 @@ class AircraftPlant(Called):
             dt: Length of the step [s], a whole number of steps of JSBSim.
 
         Raises:
-            SimulatorError: If the state is another one, or dt does not fit.
+            SimulatorError: If `x` is not the state that was returned last, or `dt` is
+                no whole number of steps of JSBSim.
         """
         last = self._last
         require_last(self._name, np.asarray(x, dtype=np.float64), last)

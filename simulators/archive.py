@@ -25,12 +25,12 @@ class Described:
     """Facts that an FMU states of itself.
 
     Attributes:
-        file: The FMU.
+        file: Path of the FMU.
         version: "2.0" or "3.0".
         identifier: Name of its library.
-        token: What its library asks for.
-        can_restore: True if its state can be kept and set again.
-        variables: Name -> number with 64 bits, as FMPy describes it.
+        token: Identifier (GUID) that the library compares when it is loaded.
+        can_restore: True if the FMU's state can be saved and restored.
+        variables: Name of a variable, a number with 64 bits -> its description by FMPy.
     """
 
     file: Path
@@ -73,7 +73,8 @@ def described(file: Path) -> Described:
     """Return what an FMU says of itself.
 
     Raises:
-        SimulatorError: If it is no FMU that this machine can run in co-simulation.
+        SimulatorError: If the file is no FMU that this machine can run in
+            co-simulation.
         MissingPackageError: If FMPy is not installed.
     """
     fmpy = load_optional("fmpy", extra="fmi", need="an FMU")
@@ -122,7 +123,8 @@ def require_variables(
     """Raise if an FMU has not all variables, or one is of another causality.
 
     Raises:
-        SimulatorError: With the nearest name.
+        SimulatorError: If one is missing, with the nearest name, or of another
+            causality.
     """
     if not len(names) and role != "parameters":
         raise SimulatorError(str(found.file), f"expected some {role}, found no name")

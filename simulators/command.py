@@ -63,10 +63,11 @@ class CommandPlant(Called):
     """A program as a plant.
 
     Attributes:
-        state_names: Its names of the states.
-        control_names: Its names of the controls.
-        keeps_state: True if it keeps a state of its own beside x.
-        restarts: How often it was started again, since it had ended or was late.
+        state_names: Names of the states, as the program gives them.
+        control_names: Names of the controls, as the program gives them.
+        keeps_state: True if the program keeps a state of its own beside x.
+        restarts: How often the program was started again, because it had ended or was
+            late.
 
     Example:
         >>> import sys
@@ -93,10 +94,11 @@ class CommandPlant(Called):
 
         Args:
             command: The program and its arguments; no shell reads them.
-            limit_s: Longest time to an answer, wall time [s].
+            limit_s: Longest wall time until an answer [s].
 
         Raises:
-            SimulatorError: If it cannot be started, or answers something else.
+            SimulatorError: If the program cannot be started, or sends an invalid
+                answer.
         """
         if not len(command):
             raise SimulatorError("the command", "expected a program, found no word")
@@ -127,7 +129,8 @@ class CommandPlant(Called):
             x: State, shape (nx,).
 
         Raises:
-            SimulatorError: If the program begins elsewhere, fails, or is late twice.
+            SimulatorError: If the program begins at another state, fails, or is late
+                twice.
         """
         asked = vector(self._name, "the state", x, self.state_names)
         found = self._asked({"start_at": asked.tolist()}, again=True)
@@ -146,7 +149,7 @@ class CommandPlant(Called):
             dt: Length of the step [s].
 
         Raises:
-            SimulatorError: If the program fails, is late, or sends something else.
+            SimulatorError: If the program fails, is late, or sends an invalid answer.
         """
         if self.keeps_state:
             require_last(self._name, np.asarray(x, dtype=np.float64), self._last)
@@ -158,7 +161,7 @@ class CommandPlant(Called):
         return self._last.copy()
 
     def close(self) -> None:
-        """End the program; that happens by itself, too."""
+        """End the program. An unused plant does this by itself, too."""
         self._is_closed = True
         self._process.close()
 

@@ -21,10 +21,10 @@ _SHOWN = 20
 
 
 class SimulatorError(SwarmstartError):
-    """A simulator cannot be loaded, started or stepped as it is asked to be.
+    """A simulator cannot be loaded, started or stepped as requested.
 
     Attributes:
-        simulator: The file, command or aircraft.
+        simulator: Name of the simulator: its file, command or aircraft.
     """
 
     def __init__(self, simulator: str, why: str) -> None:
@@ -36,10 +36,10 @@ class SimulatorError(SwarmstartError):
 def require_known(
     simulator: str, role: str, names: Iterable[str], known: Sequence[str]
 ) -> None:
-    """Raise if a simulator does not have what is asked for, with the nearest name.
+    """Raise if a simulator lacks a name; the message suggests the nearest one.
 
     Raises:
-        SimulatorError: If a name is not known.
+        SimulatorError: If a name is not one of `known`.
     """
     for name in names:
         if name in known:
@@ -56,7 +56,7 @@ def require_last(simulator: str, x: Array, last: ArrayLike | None) -> None:
     """Raise if a state is not the one that a simulator returned last.
 
     Raises:
-        SimulatorError: If it is another one, or no run has begun.
+        SimulatorError: If it is another state, or no run has begun.
     """
     if last is None:
         raise SimulatorError(
@@ -93,7 +93,7 @@ def require_start(
     """Raise if a simulator does not begin at the state that is asked for.
 
     Raises:
-        SimulatorError: With the states that differ.
+        SimulatorError: If a state differs; the message has those that do.
     """
     apart = np.abs(found - asked) > near * np.maximum(1.0, np.abs(asked))
     if apart.any() or not np.isfinite(found).all():
@@ -118,11 +118,11 @@ def require_units(
 
     Args:
         simulator: The simulator, for the message.
-        wanted: Name of a variable -> its unit.
+        wanted: Name of a variable -> the expected unit.
         found: Name of a variable -> the simulator's unit.
 
     Raises:
-        SimulatorError: With the first unit that differs.
+        SimulatorError: If a unit differs; the message has the first one.
     """
     for name, unit in wanted.items():
         theirs = found.get(name, "")

@@ -63,10 +63,10 @@ class FmuPlant(Called):
     Attributes:
         state_names: Names of the variables that are the state.
         control_names: Names of the inputs that are the controls.
-        units: Name of a variable -> its unit, of those that have one.
+        units: Name of a variable -> its unit, for the variables that state one.
         bounds: Least and largest values of the controls, each (nu,).
         start: State at which the FMU begins by itself, shape (nx,).
-        can_restore: True if its state can be kept and set again.
+        can_restore: True if the FMU's state can be saved and restored.
 
     Example:
         >>> import swarmstart as ss
@@ -88,15 +88,15 @@ class FmuPlant(Called):
         """Unpack and load an FMU: its code runs with all rights of this process.
 
         Args:
-            file: The FMU.
+            file: Path of the FMU.
             states: Names of variables that are the state, each a number; outputs are
                 allowed.
             controls: Names of inputs that are the controls; they are held over a step.
             parameters: Name of a parameter -> its value.
 
         Raises:
-            SimulatorError: If it is no FMU that this machine can run, lacks a variable,
-                or fails.
+            SimulatorError: If the file is no FMU that this machine can run, or the FMU
+                lacks a variable or fails.
             MissingPackageError: If FMPy is not installed (`swarmstart[fmi]`).
         """
         self._name = str(file)
@@ -145,7 +145,8 @@ class FmuPlant(Called):
             dt: Length of the step [s].
 
         Raises:
-            SimulatorError: If the state is another one, or the FMU fails.
+            SimulatorError: If `x` is not the state that was returned last, or the FMU
+                fails.
         """
         # As lists: an FMU may take no longer for a step than one call of NumPy.
         state, control = _numbers("x", x), _numbers("u", u)

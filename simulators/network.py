@@ -33,7 +33,7 @@ class OnnxPlant(Called):
     Attributes:
         state_names: Names of the states.
         control_names: Names of the controls.
-        dt: Length of its step [s].
+        dt: Length of the network's step [s].
 
     Example:
         >>> import swarmstart as ss
@@ -56,14 +56,16 @@ class OnnxPlant(Called):
         """Load the network.
 
         Args:
-            file: The network, a file of its own: without data in other files.
+            file: Path of the network, one file without data in other files.
             states: Names of the states, in the order of the input and the output.
             controls: Names of the controls, which follow them in the input.
-            dt: Length of the step that it was trained for [s].
-            gives_change: Whether it gives the change of the state, not the state.
+            dt: Length of the step that the network was trained for [s].
+            gives_change: Whether the output of the network is the change of the state;
+                if False, it is the state after the step.
 
         Raises:
-            SimulatorError: If it is no network, or its sizes are others.
+            SimulatorError: If the file is no network, or its sizes are not those of the
+                names.
             MissingPackageError: If onnxruntime is not installed (`swarmstart[onnx]`).
         """
         self._name, self.dt, self._gives_change = str(file), float(dt), gives_change
@@ -78,10 +80,11 @@ class OnnxPlant(Called):
         Args:
             x: State, shape (nx,).
             u: Controls held over the step, shape (nu,).
-            dt: Length of the step [s], that of the network.
+            dt: Length of the step [s], which must be that of the network.
 
         Raises:
-            SimulatorError: If a size or the step is another one, or the network fails.
+            SimulatorError: If a size or `dt` is not that of the network, or the network
+                fails.
         """
         state = vector(self._name, "the state", x, self.state_names)
         control = vector(self._name, "the controls", u, self.control_names)

@@ -95,10 +95,11 @@ class SurrogateRound:
     Attributes:
         rollouts: Number of roll-outs that the surrogate was fitted to.
         degree: Degree of its polynomials.
-        error: Error of a step that it has not seen, relative to the step.
-        predicted: Cost of the plan by the surrogate.
-        found: Cost of the plan by the simulator.
-        violation: Violation by the simulator.
+        error: Error of the surrogate in steps that it was not fitted to, relative to
+            the change of the state in a step.
+        predicted: Cost of the plan as the surrogate predicts it.
+        found: Cost of the plan as it was simulated.
+        violation: Violation of the plan as it was simulated.
 
     Example:
         >>> import swarmstart as ss
@@ -123,16 +124,16 @@ class SimulatedPlan:
     """The best roll-out of a simulator that was found.
 
     Attributes:
-        times: At the nodes, shape (nodes,) [s].
+        times: Times of the nodes, shape (nodes,) [s].
         states: At the nodes, shape (nx, nodes).
         controls: Held over the intervals, shape (nu, N).
-        cost: Its cost; the larger the better if the problem maximises.
+        cost: Cost of the roll-out; the larger the better if the problem maximises.
         violation: Sum of the scaled excesses over constraints.
         status: FEASIBLE or INFEASIBLE, by the simulator's own steps: there is no finer
             grid that confirms it.
-        reason: Reason, and what the rounds gained, in words.
-        rollouts: Number of roll-outs, also those that failed.
-        failures: How a roll-out failed -> how often.
+        reason: Reason why it ended, and what the rounds gained, in words.
+        rollouts: Number of roll-outs, failed ones included.
+        failures: Kind of failure -> number of roll-outs that failed so.
         rounds: Rounds of the surrogate loop.
 
     Example:
@@ -305,25 +306,26 @@ def solve_simulated(  # noqa: PLR0913 - one call for all of it
     Args:
         problem: Costs, constraints and bounds, with a model of the same states and
             controls, from which the surrogate begins; only the surrogate uses its
-            rates. Further outputs of a simulator that costs need are states of it.
+            rates. Other outputs of the simulator on which costs depend must be among
+            its states.
         simulator: Object with `step(x, u, dt)`, such as an `FmuPlant`; it makes
             `problem.checks` steps in an interval.
         x0: Initial state, shape (nx,).
         known: Parameters and signals of costs and model.
         guess: Controls that are tried first, shape (nu, N); None: none.
         rollouts: Largest number of roll-outs.
-        surrogate: Whether a formula is fitted and planned with. False: the population
-            search makes all roll-outs.
-        search: The population search, as of `minimize`.
-        workers: Number of processes; 0: roll-outs in this process, which a crash of the
-            simulator ends.
+        surrogate: Whether a formula is fitted to the roll-outs, and plans are made with
+            it. False: the population search makes all roll-outs.
+        search: Algorithm of the population search, as in `minimize`.
+        workers: Number of processes; 0: roll-outs are made in this process, and a crash
+            of the simulator ends it.
         limit_s: Longest wall time of a roll-out in a process [s].
         tolerance: Violation up to which a roll-out is feasible: the sum of the excesses
             over constraints, relative to their scales.
-        rng: Source of all randomness; either this or a seed.
+        rng: Source of all randomness; give either `rng` or `seed`.
         seed: Seed of a new generator.
-        progress: As of `solve`; a function is called with (roll-outs, all,
-            "simulating").
+        progress: As in `solve`; a function is called with (roll-outs so far,
+            `rollouts`, "simulating").
 
     Returns:
         The best roll-out, FEASIBLE at best.

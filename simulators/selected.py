@@ -87,15 +87,16 @@ class SelectedPlant(Called):
         """Keep the simulator and the choice.
 
         Args:
-            simulator: The simulator.
+            simulator: The simulator, with names of its states and controls.
             states: Names of its states, in the new order.
             controls: Names of its controls, in the new order.
-            start: Name of another state -> its value where a run begins; 0 if it is not
+            start: Name of a state that is not chosen -> its value at the start of a
+                run; 0 if it is not given.
+            held: Name of a control that is not chosen -> its value; 0 if it is not
                 given.
-            held: Name of another control -> its value; 0 if it is not given.
 
         Raises:
-            SimulatorError: If it has no state or control of a name.
+            SimulatorError: If the simulator has no state or control of a given name.
         """
         self._name, self._simulator = type(simulator).__name__, simulator
         known = tuple(simulator.state_names), tuple(simulator.control_names)
@@ -135,7 +136,8 @@ class SelectedPlant(Called):
             dt: Length of the step [s].
 
         Raises:
-            SimulatorError: If the state is another one, or as the simulator raises it.
+            SimulatorError: If `x` is not what was returned last, or as the simulator
+                raises it.
         """
         last = self._last
         chosen = None if last is None else last[self._states]

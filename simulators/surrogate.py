@@ -13,9 +13,9 @@ roll-outs, with r = 0:
 F is one step of the classical Runge-Kutta method of the simulator's length h, and w the
 weight of a roll-out. A few rounds solve it with F linear in W: its slope is h times the
 mean of m over the step, by Simpson's rule, so that the rows of W are independent. The
-degree is the one that predicts a quarter of the roll-outs best, which the fit has not
-seen; then all are used. At last r takes what W misses along the roll-out of the largest
-weight, so that the formula repeats that one.
+degree is the one whose fit best predicts a quarter of the roll-outs that it has not
+seen; the last fit uses all roll-outs. At last r takes what W misses along the roll-out
+of the largest weight, so that the formula repeats that roll-out.
 """
 
 from __future__ import annotations
@@ -51,8 +51,8 @@ class RollOut(NamedTuple):
     """A roll-out of a simulator.
 
     Attributes:
-        states: After each step, shape (nx, n + 1).
-        controls: Of each step, shape (nu, n).
+        states: States at the start and after each step, shape (nx, n + 1).
+        controls: Controls of each step, shape (nu, n).
         weight: Weight of its steps in a fit.
     """
 
@@ -66,7 +66,7 @@ class Fit(NamedTuple):
 
     Attributes:
         parameters: W, centre and size, after the model's own parameters.
-        rest: r after each step, and at the start, shape (nx, steps + 1).
+        rest: r at the start and after each step, shape (nx, steps + 1).
         degree: Degree of the polynomials.
         error: Root mean square of the errors of a step that the fit has not seen,
             relative to the change of the state in it.
@@ -93,7 +93,7 @@ class Correction:
             step: Length of the simulator's steps [s].
 
         Raises:
-            InvalidProblemError: If its rates depend on time or signals, or have
+            InvalidProblemError: If the model's rates depend on time or signals, it has
                 algebraic equations, or it is in discrete time.
         """
         model = problem.model
@@ -154,7 +154,7 @@ class Correction:
         return np.array(self._after(x, u, np.concatenate([parameters, own]), rest))
 
     def known(self, known: Known, fit: Fit) -> Known:
-        """Return the known data of a problem with those of a fit."""
+        """Return the known data of a problem, with the data of a fit added."""
         own = np.asarray(known.parameters, dtype=np.float64).ravel()
         return known._replace(
             parameters=np.concatenate([own, fit.parameters]), signals=fit.rest
@@ -164,8 +164,8 @@ class Correction:
         """Return the correction that fits roll-outs.
 
         Args:
-            rollouts: At least two.
-            parameters: Of the model, shape (np,).
+            rollouts: Roll-outs to fit, at least two.
+            parameters: Parameters of the model, shape (np,).
         """
         seen = [one for i, one in enumerate(rollouts) if i % _PART != _PART - 1]
         unseen = [one for i, one in enumerate(rollouts) if i % _PART == _PART - 1]

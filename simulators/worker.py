@@ -45,10 +45,10 @@ def rolled_out(simulator: Steps, x0: Array, controls: Array, h: float) -> Array:
 
 
 def received(stream: IO[bytes]) -> Any:
-    """Return the next frame.
+    """Return the content of the next frame.
 
     Raises:
-        EOFError: If there is none.
+        EOFError: If there is no frame.
     """
     head = stream.read(LENGTH.size)
     if len(head) < LENGTH.size:
@@ -58,13 +58,13 @@ def received(stream: IO[bytes]) -> Any:
 
 
 def frame(content: object) -> bytes:
-    """Return a frame."""
+    """Return a frame with a content, as bytes."""
     pickled = pickle.dumps(content)
     return LENGTH.pack(len(pickled)) + pickled
 
 
 def answered(call: Callable[[], Any]) -> tuple[bool, Any]:
-    """Return whether a call returns, and its result or words on its error."""
+    """Make a call; return True and its result, or False and its error in words."""
     try:
         return True, call()
     except Exception as error:  # noqa: BLE001 - a simulator raises what it likes

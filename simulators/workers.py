@@ -1,7 +1,7 @@
-"""Roll-outs of a simulator in processes, which a crash or a hang costs one roll-out.
+"""Roll-outs of a simulator in processes, so that a crash costs one roll-out only.
 
-A process that ends, or is late, is replaced. The results do not depend on the number of
-processes, since each roll-out begins the simulator anew.
+A process that ends, or hangs and so is late, is replaced. The results do not depend on
+the number of processes, since each roll-out begins the simulator anew.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _LOADING_S = 120.0
 
 
 class Order(NamedTuple):
-    """A roll-out that is asked for.
+    """A roll-out to be made.
 
     Attributes:
         x0: State at the start, shape (nx,).
@@ -56,7 +56,7 @@ class Failure:
 
     Attributes:
         kind: "ended", "late", "not finite" or the name of an error.
-        words: What is known of it.
+        words: What is known of the failure, in words.
     """
 
     kind: str
