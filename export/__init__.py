@@ -1,4 +1,4 @@
-"""Flights and controllers as files of others: text and bytes.
+"""Flights and controllers in file formats of other programs, as text and bytes.
 
     paths          positions of a vehicle over time, and an origin on the earth
     pieces         polynomials over windows of time, with their largest error
@@ -9,7 +9,7 @@
     tables         CSV with units
     controller     a receding-horizon controller in C99
 
-Nothing of a user's is read or written here.
+No file of a user is read or written here.
 """
 
 # ruff: noqa: I001  (it would write one statement for each name)

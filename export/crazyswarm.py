@@ -23,7 +23,7 @@ def crazyswarm_text(path: VehiclePath, *, error: float = 0.005, **limits: float)
     """Return the trajectory of a vehicle as CSV.
 
     Args:
-        path: The path.
+        path: Path of the vehicle.
         error: Largest distance of the polynomials from the path's samples [m].
         **limits: Largest speed [m/s] and acceleration [m/s^2] of the polynomials.
 

@@ -26,10 +26,11 @@ def plan_text(
     """Return a mission as JSON of QGroundControl.
 
     Args:
-        path: The path.
-        origin: Place of its frame.
-        error: Largest distance of the path from the straight ways [m].
-        speed: Speed that the autopilot is to have [m/s].
+        path: Path of the vehicle.
+        origin: Place of the path's frame on the earth.
+        error: Largest distance of a sample of the path from the straight lines between
+            waypoints [m].
+        speed: Speed that the mission sets for the autopilot [m/s].
     """
     items = [
         {
@@ -90,9 +91,10 @@ def waypoints(
     """Return latitudes, longitudes [deg] and heights above the origin [m].
 
     Args:
-        path: The path.
-        origin: Place of its frame.
-        error: Largest distance of a sample of the path from the straight ways [m].
+        path: Path of the vehicle.
+        origin: Place of the path's frame on the earth.
+        error: Largest distance of a sample of the path from the straight lines between
+            waypoints [m].
     """
     places = path.positions[_corners(path.positions, error)]
     on_earth = origin.geodetic(places)

@@ -22,7 +22,7 @@ ROUNDS = 6
 
 
 class ExportError(SwarmstartError):
-    """A path cannot be written in a format, or not as exactly as asked."""
+    """A path or a controller cannot be written in a format, or not exactly enough."""
 
 
 @dataclass(frozen=True, init=False, slots=True, eq=False)
@@ -36,7 +36,7 @@ class VehiclePath:
 
     Raises:
         ExportError: If shapes do not fit, a number is not finite or larger than
-            FARTHEST, there are fewer than two times, or they do not rise.
+            FARTHEST, there are fewer than two times, or times do not rise.
     """
 
     name: str

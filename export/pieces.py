@@ -1,11 +1,12 @@
 """Polynomials over windows of time that follow a path, with their error.
 
 The path between its samples is a cubic spline. Over n windows, a spline of the wanted
-degree is fitted to it by least squares, with the ends pinned; n is doubled until it is
-near enough to every sample. It has one continuous derivative less than its degree.
+degree is fitted to it by least squares, with the ends pinned; n is doubled until the
+fitted spline is near enough to every sample. Of degree k, it has k - 1 continuous
+derivatives.
 
-Windows have equal lengths, or are shorter the larger the path's third derivative is, by
-its cube root; what is nearer is kept.
+Two divisions into windows are tried: equal lengths, and lengths that fall with the cube
+root of the path's third derivative. The nearer fit is kept.
 """
 
 from __future__ import annotations
@@ -33,9 +34,9 @@ class Pieces:
     """Polynomials one after another.
 
     Attributes:
-        knots: Times at which they begin, and the end, shape (n + 1,) [s].
-        coefficients: Of each piece, power and axis, the constant first and the time
-            from the piece's begin, shape (n, degree + 1, 3).
+        knots: Times at which the pieces begin, and the end, shape (n + 1,) [s].
+        coefficients: Coefficients of each piece, power and axis, shape (n, degree + 1,
+            3). The constant comes first; time counts from the beginning of the piece.
         error: Largest distance from a sample of the path [m].
     """
 
@@ -45,7 +46,7 @@ class Pieces:
 
     @property
     def lengths(self) -> Array:
-        """Time of each piece, shape (n,) [s]."""
+        """Duration of each piece, shape (n,) [s]."""
         return np.diff(self.knots)
 
     def at(self, times: Array, derivative: int = 0) -> Array:
@@ -84,13 +85,13 @@ def fitted(path: VehiclePath, degree: int, error: float, most: int) -> Pieces:
     """Return the fewest pieces, 1, 2, 4 and so on, that are near enough to a path.
 
     Args:
-        path: The path.
+        path: Path of the vehicle.
         degree: Degree of the polynomials.
-        error: Largest distance from its samples [m].
+        error: Largest distance from the path's samples [m].
         most: Largest number of pieces.
 
     Raises:
-        ExportError: If so many pieces are farther away.
+        ExportError: If `most` pieces are still farther away than `error`.
     """
     through = CubicSpline(path.times, path.positions)
     count, found = 1, _nearest(path, through, degree, 1)

@@ -53,10 +53,10 @@ DEFINITIONS = {
 
 
 def mcap_bytes(paths: Sequence[VehiclePath]) -> bytes:
-    """Return a bag of vehicles.
+    """Return a bag with the poses of vehicles.
 
     Args:
-        paths: Their paths.
+        paths: Paths of the vehicles.
 
     Raises:
         MissingPackageError: If mcap-ros2-support is not installed.

@@ -28,11 +28,11 @@ def skybrush_bytes(paths: Sequence[VehiclePath], *, error: float = 0.001) -> byt
     """Return a show of vehicles.
 
     Args:
-        paths: Their paths.
+        paths: Paths of the vehicles.
         error: Largest distance of the curves from a path's samples [m].
 
     Raises:
-        ExportError: If the curves are farther away.
+        ExportError: If the curves are farther away than `error`.
     """
     drones = [
         {
@@ -72,8 +72,8 @@ def bezier(piece: Array, length: float) -> Array:
     """Return the control points of a cubic polynomial, shape (4, 3).
 
     Args:
-        piece: Its coefficients, the constant first, shape (4, 3).
-        length: Its time [s].
+        piece: Coefficients of the polynomial, the constant first, shape (4, 3).
+        length: Duration of the piece [s].
     """
     a, b, c, d = piece * length ** np.arange(4.0)[:, None]
     return np.array([a, a + b / 3.0, a + 2.0 * b / 3.0 + c / 3.0, a + b + c + d])

@@ -2,11 +2,11 @@
 
 c_writer     lines of C by the verbs of vector code
 c_functions  kernels and functions of a problem as C functions
-numbers      numbers that the C file and its twin share
-posed        a controller as numbers and functions
-source       the text of its files, from controller.c
+numbers      constants that the C file and its twin share
+posed        a controller as the numbers and functions that a C file needs
+source       the text of the C files, from controller.c
 twin         the same controller by the library's own code
-exported     its text, compiled here and called
-files        the files
+exported     the C file, compiled on this machine and called
+files        `export_c`, which writes all of it
 fmu          the same as an FMU
 """

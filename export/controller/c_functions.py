@@ -24,11 +24,11 @@ class CFile:
     """The functions of one C file so far.
 
     Attributes:
-        form: Format of its numbers.
-        places: Name of a number of the problem -> C expression of its array.
-        common: Elementary functions.
-        functions: Text of each function by its name.
-        operations: Number of operations of each.
+        form: Floating-point format of its numbers.
+        places: Name of an array of the problem -> C expression for it.
+        common: Name of an elementary function that the file uses -> the function.
+        functions: Name of a function -> its text.
+        operations: Name of a function -> its number of operations.
     """
 
     form: Format
@@ -41,7 +41,7 @@ class CFile:
         """Add a kernel as `static void NAME(memory_t *m)`.
 
         Raises:
-            UnknownOperationError: If it has an operation that cannot be written.
+            UnknownOperationError: If it has an operation that cannot be written in C.
         """
         if kernel.turns:
             self._add_scan(name, kernel)
@@ -121,7 +121,7 @@ class CFile:
             name: Name of the C function.
 
         Raises:
-            UnknownOperationError: If it has an operation that cannot be written.
+            UnknownOperationError: If it has an operation that cannot be written in C.
         """
         tape = simplified(read_tape(without_interpolants(function)))
         writer = CWriter(self.form, common=self.common)

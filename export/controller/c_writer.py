@@ -38,9 +38,9 @@ class CFunction(NamedTuple):
     """A function of a C file.
 
     Attributes:
-        text: Its text.
-        operations: Number of operations in it.
-        values: Number of values that it returns.
+        text: Text of the function in C.
+        operations: Number of operations in the function.
+        values: Number of values that the function returns.
     """
 
     text: str
@@ -56,18 +56,18 @@ class CWriter(VectorIR):
     """
 
     def __init__(self, form: Format, *, common: dict[str, CFunction]) -> None:
-        """Begin a function.
+        """Begin the body of a function.
 
         Args:
-            form: Format of its numbers.
-            common: Elementary functions of the file by their names; added to.
+            form: Floating-point format of its numbers.
+            common: Elementary functions of the file by their names; new ones are added.
         """
         super().__init__(1, replace(form, is_fused=False))
         self.common, self.operations = common, 0
         self._is_own = form.bits == DOUBLE.bits
 
     def in_format(self, form: Format) -> "CWriter":
-        """Return this writer: powers are computed in the file's own precision."""
+        """Return this writer: a file has one precision, for powers too."""
         del form
         return self
 
@@ -76,26 +76,26 @@ class CWriter(VectorIR):
         return self.body.name(stem).removeprefix("%")
 
     def declared(self, kind: str, stem: str, expression: str) -> str:
-        """Add a constant of a type and return its name; an operation."""
+        """Declare a constant of a C type, as one operation; return its name."""
         name = self.name(stem)
         self.line(f"const {kind} {name} = {expression};")
         self.operations += 1
         return name
 
     def real(self, expression: str) -> str:
-        """Add a number and return its name."""
+        """Declare a number, as one operation; return its name."""
         return self.declared("real", "v", expression)
 
     def constant(self, value: float) -> str:
-        """Return a constant."""
+        """Return a number as a C constant."""
         return c_number(value, self.form)
 
     def integer(self, value: int) -> str:
-        """Return a constant of bits."""
+        """Return an integer as a C constant of the type `bits_t`."""
         return f"((bits_t)0x{value % 2**self.form.bits:X}u{'ll' * self._is_own})"
 
     def binary(self, instruction: str, a: str, b: str) -> str:
-        """Return fadd, fsub, fmul or fdiv of two numbers."""
+        """Return the result of fadd, fsub, fmul or fdiv of two numbers."""
         return self.real(f"{a} {_BINARY[instruction]} {b}")
 
     def neg(self, a: str) -> str:
@@ -107,15 +107,15 @@ class CWriter(VectorIR):
         return self.real(f"{a} * {b} + {c}")
 
     def intrinsic(self, name: str, *arguments: str) -> str:
-        """Return a function of the preamble, such as sqrt, minnum."""
+        """Return the value of a function of the preamble, such as sqrt or minnum."""
         return self.real(f"{_FUNCTIONS[name]}({', '.join(arguments)})")
 
     def compare(self, condition: str, a: str, b: str) -> str:
-        """Return the mask of a comparison, such as olt, oeq, une."""
+        """Return the mask of a comparison of two numbers, such as olt, oeq, une."""
         return self.declared("int", "m", _COMPARED[condition].format(a=a, b=b))
 
     def compare_integers(self, condition: str, a: str, b: str) -> str:
-        """Return the mask of eq, ne, or of slt with 0."""
+        """Return the mask of eq or ne of two integers, or of slt of one with 0."""
         if condition == "slt":
             return self.declared("int", "m", f"({a} >> {self.form.bits - 1}) != 0u")
         sign = {"eq": "==", "ne": "!="}[condition]
@@ -126,7 +126,7 @@ class CWriter(VectorIR):
         return self.real(f"{mask} ? {yes} : {no}")
 
     def mask_op(self, instruction: str, a: str, b: str) -> str:
-        """Return and, or, xor of two masks."""
+        """Return the result of and, or, xor of two masks."""
         return self.declared("int", "m", f"{a} {_OF_MASKS[instruction]} {b}")
 
     def bits(self, a: str) -> str:
@@ -134,11 +134,11 @@ class CWriter(VectorIR):
         return self.declared("bits_t", "i", f"bits_of({a})")
 
     def from_bits(self, a: str) -> str:
-        """Return bits as the number."""
+        """Return the number that has the given bits."""
         return self.real(f"number_of({a})")
 
     def integer_op(self, instruction: str, a: str, b: str) -> str:
-        """Return and, or, xor, add, sub, shl, ashr of two numbers of bits."""
+        """Return the result of and, or, xor, add, sub, shl, ashr of two integers."""
         if instruction == "ashr":
             return self.declared("bits_t", "i", f"shifted_right({a}, {b})")
         return self.declared("bits_t", "i", f"{a} {_OF_INTEGERS[instruction]} {b}")
@@ -151,7 +151,7 @@ class CWriter(VectorIR):
     def beside(
         self, name: str, make: Callable[..., Sequence[str]], *arguments: str
     ) -> list[str]:
-        """Return a call of a function that is written once, beside this one."""
+        """Call a function that is written once, beside this one; return its values."""
         own = name.removeprefix("vector_")
         if own not in self.common:
             inner = CWriter(self.form, common=self.common)
@@ -171,12 +171,15 @@ class CWriter(VectorIR):
     def corrected(
         self, values: Sequence[str], right: str, make: Callable[[], Sequence[str]]
     ) -> list[str]:
-        """Return values if they are right, else those that `make` writes."""
+        """Return `values` if the mask `right` is set, else those that `make` writes."""
         others = make()
         return [self.select(right, a, b) for a, b in zip(values, others, strict=True)]
 
     def lane_by_lane(self, function: str, *arguments: str) -> str:
-        """Return what machine code calls in the C library: NaN, or a few operations."""
+        """Return the value of a function that machine code takes from the C library.
+
+        It is NaN except for hypot, remainder and pow, which are a few operations.
+        """
         if function == "hypot":
             a, b = arguments
             return self.intrinsic("sqrt", self.fma(a, a, self.mul(b, b)))
@@ -225,7 +228,7 @@ def _function_text(name: str, count: int, inner: CWriter, values: Sequence[str])
 
 
 def c_number(value: float, form: Format) -> str:
-    """Return a number as C99 writes it, without losing a digit."""
+    """Return a number as a constant of C99, without losing a digit."""
     if math.isnan(value):
         return "NOT_A_NUMBER"
     if form.bits < DOUBLE.bits:
@@ -239,7 +242,7 @@ def c_number(value: float, form: Format) -> str:
 
 
 def c_table(name: str, values: ArrayLike, form: Format) -> str:
-    """Return a constant array, row after row; empty without entries."""
+    """Return a constant array in C, row after row; no text if it has no entries."""
     rows = [c_number(float(v), form) for v in np.ravel(values)]
     if not rows:
         return ""

@@ -1,4 +1,4 @@
-"""A controller in C: its text, and the same compiled here and called."""
+"""A controller in C: its text, and a controller that calls the compiled C file."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _SECONDS = 600.0
 
 
 class NoCCompilerError(ExportError):
-    """No C compiler is found here."""
+    """No C compiler was found on this machine."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -38,7 +38,7 @@ class CExport:
         files: Name of a file -> its text.
         precision: "double" or "single".
         most_operations: Largest number of operations of a step.
-        posed: What the files are made of.
+        posed: The numbers and functions that the files are made of.
         iterations: Largest number of steps of a local solve.
 
     Example:
@@ -75,8 +75,8 @@ class CExport:
         """Compile the C file, and return it as a controller of a closed loop.
 
         Args:
-            flags: Flags of the compiler; none: `FLAGS`.
-            compiler: Command of the compiler; empty: the first of cc, gcc, clang.
+            flags: Flags of the compiler; if empty, `FLAGS`.
+            compiler: Command of the compiler; if empty, the first of cc, gcc, clang.
 
         Raises:
             NoCCompilerError: If there is no compiler.
@@ -88,25 +88,26 @@ class CExport:
 class CompiledController:
     """A controller that calls the compiled C file; its memory is the C file's own.
 
-    A decision without a decision before it begins anew. Known data are those of the
-    export.
+    `decide` begins anew if there is no previous decision, and uses the known data of
+    the export.
 
     Attributes:
         dt: Length of a control interval [s].
-        status: What the last control was.
+        status: Origin of the last control.
     """
 
     def __init__(self, made: CExport, flags: Sequence[str], compiler: str = "") -> None:
-        """Compile the file in a folder that is removed.
+        """Compile the C file in a temporary folder, and load it.
 
         Args:
-            made: The export.
+            made: The exported controller.
             flags: Flags of the compiler.
-            compiler: Its command; empty: the first of COMPILERS that is found.
+            compiler: Command of the compiler; if empty, the first of COMPILERS that is
+                found.
 
         Raises:
-            NoCCompilerError: If there is none.
-            ExportError: If it fails.
+            NoCCompilerError: If there is no compiler.
+            ExportError: If the compiler fails.
         """
         self.dt, self.status = made.posed.problem.dt, Status.SHIFTED
         self._made, name = made, made.name
@@ -131,7 +132,7 @@ class CompiledController:
         self.reset()
 
     def reset(self) -> None:
-        """Begin anew."""
+        """Forget the last plan, and begin anew."""
         getattr(self._library, f"{self._made.name}_reset")(self._memory)
 
     def step(self, x: Array, known: Known | None = None) -> Array:
@@ -178,7 +179,7 @@ class CompiledController:
 
     @property
     def iterations(self) -> int:
-        """Number of trials of the last step."""
+        """Number of trials of local solves in the last step."""
         return self._read()[0][1]
 
     @property
@@ -214,7 +215,7 @@ def compiler_command(asked: str = "") -> str:
     """Return the command of a C compiler.
 
     Raises:
-        NoCCompilerError: If it is not found.
+        NoCCompilerError: If no compiler is found.
     """
     for command in (asked,) if asked else COMPILERS:
         found = shutil.which(command)
@@ -239,9 +240,9 @@ def compiled_library(
     Args:
         sources: Name of a file -> its text.
         name: Name of the library's file.
-        folder: The folder.
+        folder: Folder for the sources and the library.
         command: Command of the compiler.
-        flags: Its flags.
+        flags: Flags of the compiler.
 
     Raises:
         ExportError: If the compiler fails; with the first lines that it wrote.

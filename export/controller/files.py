@@ -90,21 +90,21 @@ def export_c(  # noqa: PLR0913 - what a file is made of, by name
     Args:
         controller: The controller of one vehicle. Its search makes the first plan, and
             is replaced by the seeded starts afterwards.
-        x0: Initial state, shape (nx,), SI units: numbers are divided by its sizes, and
-            the first plan begins there.
+        x0: Initial state, shape (nx,), SI units. The first plan begins there, and all
+            numbers are divided by sizes that belong to it.
         name: Name of the files and prefix of all public names in C.
-        starts: Number of seeded starts; 0: none, and the header says so.
+        starts: Number of seeded starts; if 0, the header says that there are none.
         iterations: Largest number of steps of a local solve.
         precision: Precision of all numbers in C.
         main: Whether to write a program that simulates 10 s, prints CSV and compares
             its controls with those of the library.
-        seen: Rows of the first plan's signals that follow those of the reference: plans
-            of others, each (k, nodes).
+        seen: Signals of the first plan that come after those of the reference, such as
+            plans of other vehicles: rows, each of shape (k, nodes).
         seed: Seed of the starts and of the first plan.
 
     Returns:
-        The text of NAME.c, NAME.h, CMakeLists.txt, with `main` of NAME_main.c, and with
-        a proven terminal set of NAME.certificate.json.
+        The text of NAME.c, NAME.h and CMakeLists.txt; if `main` is True, of
+        NAME_main.c; and if there is a proven terminal set, of NAME.certificate.json.
 
     Raises:
         ExportError: If the controller cannot be written as C, or the name is not one
@@ -165,10 +165,10 @@ def export_c(  # noqa: PLR0913 - what a file is made of, by name
 
 
 def require_name(name: str) -> None:
-    """Raise unless a name is a C identifier that is free.
+    """Raise unless a name is a C identifier that is no word of C.
 
     Raises:
-        ExportError: If it is not, or too long.
+        ExportError: If the name is not one, or is too long.
     """
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name) or name in _WORDS:
         raise ExportError(

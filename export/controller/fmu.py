@@ -57,10 +57,10 @@ def export_fmu(
     the outputs are the controls for the interval that begins at t.
 
     Args:
-        made: The controller.
-        version: Version of FMI.
-        compiled: Whether to add a library for this machine, if a compiler is there;
-            without one it is a source FMU.
+        made: The controller in C, from `export_c`.
+        version: Version of FMI, "2.0" or "3.0".
+        compiled: Whether to add a library for this machine, if a compiler is there.
+            Without a library, the result is a source FMU.
 
     Returns:
         The archive, the content of NAME.fmu.
@@ -105,7 +105,7 @@ def export_fmu(
 
 
 def is_compiled(fmu: bytes) -> bool:
-    """Return whether an archive has a library."""
+    """Return whether an FMU has a compiled library."""
     with zipfile.ZipFile(io.BytesIO(fmu)) as archive:
         return any(name.startswith("binaries/") for name in archive.namelist())
 

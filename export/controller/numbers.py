@@ -1,4 +1,4 @@
-"""Numbers that the C file and its twin of the library share."""
+"""Constants that the C file and its twin in the library (`twin.py`) share."""
 
 from enum import IntEnum
 

@@ -33,20 +33,22 @@ _SAME = 1e-9
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class PosedController:
-    """Content of a C file.
+    """The numbers and functions that a C file is made of.
 
     Attributes:
         shooting: Functions of the problem.
-        x0: Initial state of the core, whose sizes numbers are divided by.
-        known: Known data of the core then.
-        stated: Number of states of the stated problem; further ones remember controls.
-        lane: Its lane.
-        remembered: First values of these further states.
+        x0: Initial state of the core of the problem. All numbers are divided by sizes
+            that belong to it.
+        known: Known data of the core at the start.
+        stated: Number of states of the stated problem; further states of the core
+            remember controls.
+        lane: The kernels and arrays of a local solve, for one lane.
+        remembered: Initial values of the further states.
         first: Controls of the first plan, shape (nu, N).
         starts: Knots of the seeded starts, shape (starts, nu, knots).
-        append: The controls that a shifted plan ends with.
+        append: Name of the rule for the controls that a shifted plan ends with.
         terminal_set: The set in which the linear law acts; None: there is none.
-        noise: Rise of the cost that counts as noise.
+        noise: Largest rise of the cost that counts as noise.
     """
 
     shooting: Shooting
@@ -68,17 +70,17 @@ class PosedController:
 
     @property
     def interval(self) -> ca.Function:
-        """(x, u, p, S) -> (x after, cost, violation)."""
+        """Function of an interval: (x, u, p, S) -> (x after it, cost, violation)."""
         return self.shooting.stage_without_path
 
     @property
     def end(self) -> ca.Function:
-        """(x, p, s) -> (cost, violation)."""
+        """Function at the end of the horizon: (x, p, s) -> (cost, violation)."""
         return self.shooting.terminal
 
     @property
     def begin(self) -> ca.Function | None:
-        """The same at the start; None if nothing is added there."""
+        """The same function at the start; None if it would add nothing."""
         return self.shooting.begin if self.shooting.has_begin else None
 
 
@@ -105,8 +107,8 @@ def posed_controller(  # noqa: PLR0913 - what a file is made of, by name
         rng: Source of the starts, and of the first plan's search.
 
     Raises:
-        ExportError: If it cannot be written as C; the message names what would make it
-            possible.
+        ExportError: If the controller cannot be written as C; the message names what
+            would make it possible.
         InvalidProblemError: If a shape is not the problem's, or a value not finite.
     """
     loop, terminal_set = _parts(controller)
@@ -254,7 +256,7 @@ def start_controls(knots: Array, intervals: int) -> Array:
     """Return the controls of a seeded start, shape (nu, N).
 
     Args:
-        knots: Its values, shape (nu, knots).
+        knots: Values of the start at its knots, shape (nu, knots).
         intervals: Number N of intervals, at least 2.
     """
     count = knots.shape[1]

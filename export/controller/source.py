@@ -189,8 +189,8 @@ def preamble(precision: str, body: str, *, real: str = "") -> str:
 
     Args:
         precision: "double" or "single".
-        body: Text of the functions, which tells what they use.
-        real: Type of the numbers; empty: that of the precision.
+        body: Text of the functions; only helpers that it uses are returned.
+        real: C type of the numbers; if empty, that of the precision.
     """
     bits = FORMATS[precision].bits
     suffix = {"double": "", "single": "f"}[precision]
@@ -231,14 +231,14 @@ def controller_text(
     """Return the text of a controller.
 
     Args:
-        name: Its name, a C identifier.
-        one: What it is made of.
+        name: Name of the controller, a C identifier.
+        one: The numbers and functions that the text is made of.
         precision: "double" or "single".
         iterations: Largest number of steps of a local solve.
         remark: Comment for the head of both files.
 
     Raises:
-        UnknownOperationError: If an operation cannot be written.
+        UnknownOperationError: If an operation cannot be written in C.
     """
     return _Maker(name, one, precision, iterations, remark).text()
 

@@ -1,7 +1,7 @@
-"""The controller of a C file by the library's own code: lanes in machine code.
+"""The same controller as a C file, in the library's own code: lanes in machine code.
 
-It decides as controller.c does, plan by plan, so that a C file can be compared with
-what was not written by the same generator.
+It makes the same decisions as controller.c, plan by plan. So a C file can be compared
+with code that the generator of C has not written.
 """
 
 from typing import NamedTuple
@@ -41,7 +41,7 @@ class _Answer(NamedTuple):
 class Twin:
     """A controller that decides as a C file does.
 
-    Its memory is its own: `reset` begins anew.
+    It remembers its last plan; `reset` begins anew.
 
     Attributes:
         size: Sum of the sizes of the parts of the last plan's cost.
@@ -51,7 +51,7 @@ class Twin:
         """Compile the lanes.
 
         Args:
-            one: What the C file is made of.
+            one: The numbers and functions that the C file is made of.
             iterations: Largest number of steps of a local solve.
         """
         self._one, self._problem = one, one.problem
@@ -60,13 +60,13 @@ class Twin:
         self.reset()
 
     def reset(self) -> None:
-        """Begin anew."""
+        """Forget the last plan, and begin anew."""
         self._plan, self._path = self._one.first, np.empty(0)
         self._cost, self.size, self._begun = 0.0, 0.0, False
         self._remembered = self._one.remembered
 
     def step(self, x: Array, known: Known | None = None) -> tuple[Array, Status]:
-        """Return the control of a step, shape (nu,), and what it is.
+        """Return the control of a step, shape (nu,), and its origin.
 
         Args:
             x: State of the stated problem, finite.
