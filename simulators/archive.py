@@ -55,7 +55,7 @@ class Described:
         return found
 
     def bounds(self, names: Sequence[str]) -> tuple[Array, Array]:
-        """Return the least and the largest value of variables, infinite without."""
+        """Return the least and the largest values of variables; infinite if missing."""
         chosen = [self.variables[name] for name in names]
         least = [float(-np.inf if one.min is None else one.min) for one in chosen]
         most = [float(np.inf if one.max is None else one.max) for one in chosen]

@@ -161,7 +161,7 @@ class CommandPlant(Called):
         return self._last.copy()
 
     def close(self) -> None:
-        """End the program. An unused plant does this by itself, too."""
+        """End the program. An unused plant does so by itself."""
         self._is_closed = True
         self._process.close()
 

@@ -164,7 +164,7 @@ class FmuPlant(Called):
         return np.array(after)
 
     def close(self) -> None:
-        """Unload the FMU, and remove its folder; that happens by itself, too."""
+        """Unload the FMU and remove its folder. An unused plant does so by itself."""
         self._last, self._is_broken = None, False
         self._library.close()
 

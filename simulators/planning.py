@@ -125,8 +125,8 @@ class SimulatedPlan:
 
     Attributes:
         times: Times of the nodes, shape (nodes,) [s].
-        states: At the nodes, shape (nx, nodes).
-        controls: Held over the intervals, shape (nu, N).
+        states: States at the nodes, shape (nx, nodes).
+        controls: Controls held over the intervals, shape (nu, N).
         cost: Cost of the roll-out; the larger the better if the problem maximises.
         violation: Sum of the scaled excesses over constraints.
         status: FEASIBLE or INFEASIBLE, by the simulator's own steps: there is no finer
@@ -194,8 +194,8 @@ class _Tried(NamedTuple):
     """A roll-out with its value.
 
     Attributes:
-        controls: Held over the intervals, shape (nu, N).
-        states: At the nodes, shape (nx, nodes).
+        controls: Controls held over the intervals, shape (nu, N).
+        states: States at the nodes, shape (nx, nodes).
         cost: The minimised cost.
         violation: The violation.
     """

@@ -1,7 +1,7 @@
 """Roll-outs of a simulator in processes, so that a crash costs one roll-out only.
 
-A process that ends, or hangs and so is late, is replaced. The results do not depend on
-the number of processes, since each roll-out begins the simulator anew.
+A process that ends or is late, because it hangs, is replaced. The results do not depend
+on the number of processes, since each roll-out begins the simulator anew.
 """
 
 from __future__ import annotations

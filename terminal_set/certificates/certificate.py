@@ -39,8 +39,9 @@ class Proof:
     """The outcome of a proof.
 
     Attributes:
-        proven: Whether c < 0 everywhere in the ellipsoid except at its centre.
-        alpha: The level.
+        proven: Whether the change c(e) of e'Pe is negative everywhere in the ellipsoid
+            except at its centre.
+        alpha: Level of the ellipsoid, e'Pe <= alpha.
         boxes: Number of boxes examined.
         seconds: Wall time [s].
         counterexample: A deviation at which c >= 0 or c is not a number, shape (nx,);
@@ -159,10 +160,11 @@ class HeldMargins:
         substeps: Number of Runge-Kutta steps in a hold.
         integrator_error: c with |flow - map|_P <= c |e|_P at all times of a hold, for
             every e of the set; proven.
-        boxes: Number of boxes of its proof.
+        boxes: Number of boxes in the proof of that error.
         growth: g with e'Pe <= g (e'Pe at the last sample) at all times, for the map;
             for the flow it is (sqrt(g) + c)^2.
-        growth_is_proven: Whether that is proven; if not, it is measured, with a margin.
+        growth_is_proven: Whether `growth` is proven; if not, it is measured, with a
+            margin.
     """
 
     substeps: int
@@ -187,7 +189,8 @@ class Certificate:
         drift: That drift, relative to the core's radius; in 1/s, or a fraction per hold
             for a held input.
         dt: Time for which the input is held [s]; None for a continuous input.
-        Q_m: Margin: e'Pe decreases by e'Q_m e, per second or per hold, shape (nx, nx).
+        Q_m: Margin: e'Pe decreases by at least e'Q_m e, per second or per hold, shape
+            (nx, nx).
         held: Margins of a held input; None for a continuous one.
         proof: Proof of the decrease.
         refutation: The nearest known counterexample; None if none was found.
@@ -220,7 +223,7 @@ class Certificate:
 
     @property
     def gap(self) -> float | None:
-        """Refuted level over proven level, less 1; None if none is refuted."""
+        """Ratio of refuted to proven level, less 1; None if no level is refuted."""
         if self.refutation is None:
             return None
         return self.refutation.alpha / self.alpha - 1

@@ -231,13 +231,16 @@ class TerminalSet:
     ) -> control.StateSpace:
         """Return the law du = -K e as a system of python-control without states.
 
-        Put behind the plant in deviations from the reference, it closes the loop with
-        the sign it has: `control.feedback(plant, law, sign=1)`. The loop transfer
-        function, of which `control.margin` wants the opposite sign, is -law * plant.
+        For a plant in deviations from the reference, the closed loop is
+        `control.feedback(plant, law, sign=1)`: the law contains its minus sign. The
+        loop transfer function, of which `control.margin` wants the opposite sign, is
+        -law * plant.
 
         Args:
-            states: Names of the states, which are its inputs; empty: numbered.
-            controls: Names of the controls, which are its outputs; empty: numbered.
+            states: Names of the states, which are the inputs of the law; if empty, they
+                are numbered.
+            controls: Names of the controls, which are the outputs of the law; if empty,
+                they are numbered.
 
         Returns:
             The law, sampled with dt if its input is held.

@@ -77,7 +77,9 @@ _INFINITE = {"INFINITE": float("inf"), "(-INFINITE)": float("-inf")}
 
 
 def compared(certificate: Certificate, path: Path) -> Iterator[Finding]:
-    """Compare a certificate with a C file; a finding for each constant that differs.
+    """Compare a certificate with a C file.
+
+    There is a finding for each difference, or one that says that there is none.
 
     Args:
         certificate: The statements of the certificate.

@@ -60,7 +60,8 @@ class Certificate:
         x_ref: Reference state, shape (nx,).
         u_ref: Reference input, shape (nu,).
         velocity: Velocity of the reference, shape (nx,); 0 in states that rest.
-        bounds: "u_lower", "u_upper", "x_lower", "x_upper"; None if missing.
+        bounds: "u_lower", "u_upper", "x_lower" or "x_upper" -> the bounds; None for a
+            missing one.
         K: Gain of u = u_ref - K e, shape (nu, nx).
         P: Matrix of V(e) = e'Pe, shape (nx, nx).
         alpha: Level: the set is V(e) <= alpha.
@@ -70,10 +71,10 @@ class Certificate:
             for a held input.
         dt: Time for which an input is held [s]; None if it is continuous.
         substeps: Number of Runge-Kutta steps in a hold; None for a continuous input.
-        Q_m: Reserve e'Q_m e of the decrease, shape (nx, nx).
+        Q_m: Matrix of the margin: V decreases by at least e'Q_m e, shape (nx, nx).
         integrator: Relative error of the Runge-Kutta map; None if not stated.
-        integrator_proven: Whether it is labelled proven by the library, whose proof is
-            not repeated here.
+        integrator_proven: Whether that error is labelled proven by the library. The
+            checker does not repeat this proof.
         growth: Bound of V between samples, relative to V; None if not stated.
         growth_proven: Whether `growth` is labelled proven.
         refuted: Level and point of a counterexample; None if none is known.

@@ -17,13 +17,13 @@ _SWEEPS = 60
 
 
 def square(a: arb) -> arb:
-    """The square by its ends: in ball arithmetic [-1, 1] times itself is [-1, 1]."""
+    """Square of a ball from its ends: the product a * a of [-1, 1] is [-1, 1]."""
     low, high = a.abs_lower(), a.abs_upper()
     return (low * low).union(high * high)
 
 
 def absolute(a: arb) -> arb:
-    """The absolute value by its ends."""
+    """Absolute value of a ball, from its ends."""
     return a.abs_lower().union(a.abs_upper())
 
 
@@ -40,7 +40,7 @@ def symmetric(rows: Sequence[Sequence[float]]) -> arb_mat:
 
 
 def identity(n: int) -> arb_mat:
-    """The identity, shape (n, n)."""
+    """The identity matrix, shape (n, n)."""
     return arb_mat(n, n, [int(i == j) for i in range(n) for j in range(n)])
 
 

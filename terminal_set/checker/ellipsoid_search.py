@@ -45,12 +45,12 @@ Vector = tuple[float, ...]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Change:
-    """c, the form whose sign is claimed.
+    """The form c(e), which is claimed to be negative.
 
     Attributes:
         motion: The motion relative to the reference.
-        P: Symmetric, exact, shape (nx, nx).
-        M: Symmetric, exact, shape (nx, nx).
+        P: Matrix of V, symmetric, exact, shape (nx, nx).
+        M: Matrix of the second term of c, symmetric, exact, shape (nx, nx).
         time: Time for which inputs are held [s]; None for a continuous input or if it
             is a coordinate.
     """
@@ -115,15 +115,15 @@ def _added(terms: Sequence[Model]) -> Model:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DecreaseTask:
-    """c(e) < 0 for 0 < V(e) <= alpha, and for all of some times if they are given.
+    """c(e) < 0 for 0 < V(e) <= alpha, and for all times in an interval if one is given.
 
     The coordinates are s, the entries of w but that of its face, and the time if it is
     one; the number of a box's slab is 2 nx times the number of its piece of time, plus
     the number of its face.
 
     Attributes:
-        change: c, whose reserve may be raised by its rounding.
-        stated: c as it is stated, for counterexamples.
+        change: c to be proven, whose margin may be raised by its rounding.
+        stated: c as the file states it, which counterexamples must refute.
         alpha: The level.
         T: Coordinates of each piece of time, shape (pieces, nx, nx).
         delta: Upper bounds of |T'PT - I|, below 1, shape (pieces,).
@@ -173,7 +173,7 @@ class DecreaseTask:
         return Boxes(boxes.lower, upper, boxes.slab), boxes.lower[0] > most
 
     def cut_more(self, boxes: Boxes) -> tuple[Boxes, Flags]:
-        """Drop nothing more."""
+        """Return the boxes as they are: there is no further test."""
         return boxes, np.zeros(boxes.count, dtype=np.bool_)
 
     def _directions(self, boxes: Boxes) -> list[Model]:
@@ -220,7 +220,7 @@ class DecreaseTask:
         return Judgement(proven, suspect, pull)
 
     def refuted(self, points: Boxes) -> Flags:
-        """Say at which points of the ellipsoid c >= 0 for certain."""
+        """Return the points of the ellipsoid at which c >= 0 for certain, as a mask."""
         variables, v = points.variables(), self._directions(points)
         s = variables[0]
         e = [s * entry for entry in v]
@@ -232,7 +232,7 @@ class DecreaseTask:
         return inside
 
     def shown(self, points: Boxes) -> Vector:
-        """Return the first point, e."""
+        """Return the state e of the first point."""
         e = [points.lower[0, 0] * entry.middle[0] for entry in self._directions(points)]
         return tuple(map(float, e))
 

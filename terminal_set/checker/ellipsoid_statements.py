@@ -55,7 +55,7 @@ def change_of(
     Args:
         certificate: The statements of the file.
         deadline: Time at which every evaluation of the motion stops.
-        is_raised: Whether the reserve is raised by its rounding, for proofs.
+        is_raised: Whether the margin is raised by its rounding, as proofs need it.
     """
     P = exact(certificate.P)
     Q_m = reserve(certificate) if is_raised else exact(certificate.Q_m)
@@ -245,7 +245,7 @@ def reserve(certificate: Certificate) -> Rows:
 
 
 def relative_error(certificate: Certificate) -> Fraction:
-    """Return the distance of a hold's end from the Runge-Kutta map's, over |e|_P.
+    """Return a bound of |motion - Runge-Kutta map|_P over a hold, relative to |e|_P.
 
     Args:
         certificate: The statements of the file; held.

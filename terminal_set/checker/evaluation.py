@@ -197,8 +197,8 @@ class Node:
 
     Attributes:
         operation: "const", "point" or a tape's operation.
-        operands: Numbers of earlier values; for "point" the number of the variable.
-        value: The number of a constant.
+        operands: Indices of earlier values; for "point" the index of the variable.
+        value: Value of a constant.
     """
 
     operation: str
@@ -210,9 +210,9 @@ class Program:
     """The instructions that some wanted values need, in order.
 
     Attributes:
-        outputs: Numbers of the wanted values, in the order given, with repetitions.
-        wanted: The same numbers, each once.
-        points: Numbers of the variables on which the wanted values depend.
+        outputs: Indices of the wanted values, in the order given, with repetitions.
+        wanted: The same indices, each once.
+        points: Indices of the variables on which the wanted values depend.
     """
 
     def __init__(
@@ -251,11 +251,11 @@ class Program:
 
         Args:
             variables: The variables, models or values of other kinds.
-            applied: (operation, its operands) -> the result, fractions included; None
-                for models.
+            applied: Function (operation, its operands) -> the result, where operands
+                may be fractions; None for models.
 
         Returns:
-            Number of a wanted value -> the value.
+            Index of a wanted value -> the value.
 
         Raises:
             TimeIsUpError: If the deadline has passed.

@@ -100,7 +100,7 @@ def find_counterexample(certificate: Certificate, deadline: Deadline) -> Finding
 
 
 def fails(change: Change, e: Sequence[Model], alpha: float) -> np.ndarray:
-    """Return at which points of the set without 0 c(e) >= 0 for certain."""
+    """Return a mask of the points e != 0 of the set with c(e) >= 0 for certain."""
     level = change.level(e)
     inside = (level.lower > 0.0) & (level.upper <= alpha)
     return np.asarray(inside & (change.of(e).lower >= 0.0))

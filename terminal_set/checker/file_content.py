@@ -150,7 +150,7 @@ def _compare_digest(content: dict[str, object]) -> None:
 
 
 def mapping(value: object, where: str, names: str) -> dict[str, object]:
-    """Return an object with exactly these keys, which are separated by spaces."""
+    """Return a JSON object that has exactly the keys `names`, separated by spaces."""
     keys = set(names.split())
     if not isinstance(value, dict):
         raise unusable(where, "an object", value)
@@ -194,9 +194,9 @@ class Entries:
     """Readers of numbers and lists, with the limits of a kind of file.
 
     Attributes:
-        largest: Largest size of a number.
-        longest: Most entries of a list.
-        longest_tape: Most instructions of a tape.
+        largest: Largest absolute value of a number.
+        longest: Largest number of entries of a list.
+        longest_tape: Largest number of instructions of a tape.
     """
 
     largest: float = math.inf
@@ -246,7 +246,7 @@ class Entries:
             value: The list.
             where: Its place in the file.
             length: Number of its entries; None means any.
-            read: (entry, its place) -> what is returned of it.
+            read: Reader of an entry: (entry, its place) -> the value to return.
         """
         if not isinstance(value, list):
             raise unusable(where, "a list", value)
@@ -269,7 +269,7 @@ class Entries:
         )
 
     def limits(self, value: object, where: str, length: int) -> Limits:
-        """Return a list of numbers, each of which may be missing."""
+        """Return a list of numbers, each of which may be None."""
         return self.list_of(
             value, where, length, lambda entry, at: optional(entry, at, self.number)
         )
@@ -277,7 +277,7 @@ class Entries:
     def numbers(
         self, value: object, where: str, count: int, length: int | None
     ) -> tuple[int, ...]:
-        """Return a list of numbers of `count` instructions."""
+        """Return a list of indices of instructions, each below `count`."""
         return self.list_of(
             value, where, length, lambda entry, at: integer(entry, at, 0, count - 1)
         )
@@ -288,7 +288,7 @@ class Entries:
         """Return the instructions of a tape.
 
         Args:
-            value: The list of them.
+            value: The list of instructions.
             where: Its place in the file.
             inputs: Kind of an input -> number of its entries.
         """

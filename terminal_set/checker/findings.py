@@ -59,7 +59,7 @@ class Deadline:
         return time.monotonic() > self.at
 
     def check(self) -> None:
-        """Check the clock.
+        """Raise an error if the time has passed.
 
         Raises:
             TimeIsUpError: If the time has passed.

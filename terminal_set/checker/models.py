@@ -44,12 +44,13 @@ ELEMENTARY = 2.0**-44
 
 
 class Series(NamedTuple):
-    """A function about a number a_0, of each box.
+    """Taylor series of a function g about a number a_0, one for each box.
 
     Attributes:
         factors: g_0, ..., g_ORDER at a_0, each (N,).
         last: Upper bound of |g^(ORDER+1)| / (ORDER+1)! over the box.
-        sizes: For each factor a size, (N,); its error is at most ELEMENTARY times that.
+        sizes: For each factor a size, (N,): the error of the factor is at most
+            ELEMENTARY times this size.
     """
 
     factors: list[Array]
@@ -93,7 +94,7 @@ class Algebra:
 
     @cached_property
     def products(self) -> list[NDArray[np.int64]]:
-        """For monomial i the indices of its products with 0, 1, ..., to ORDER."""
+        """Indices of the products of monomial i with monomials 0, 1, ..., to ORDER."""
         table = []
         for i, e in enumerate(self.monomials):
             most = ORDER - self.degrees[i]
@@ -125,9 +126,9 @@ class Model:
     """A batch of enclosures, which must not be changed after use.
 
     Attributes:
-        algebra: The monomials.
-        coefficients: Shape (M, N).
-        error: Shape (N,), >= 0; NaN if nothing is known.
+        algebra: The algebra of the monomials s^m.
+        coefficients: Coefficients c_m, shape (M, N).
+        error: Bound of the error, shape (N,), >= 0; NaN if nothing is known.
     """
 
     __slots__ = ("_sums", "algebra", "coefficients", "error")

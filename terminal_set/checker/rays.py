@@ -34,8 +34,8 @@ class Along:
     """A batch of functions along rays.
 
     Attributes:
-        at: a(0).
-        slope: b.
+        at: Models of a(0).
+        slope: Models of b.
         rho: The variable rho >= 0.
     """
 

@@ -38,8 +38,8 @@ class Boxes:
     """A batch of boxes.
 
     Attributes:
-        lower: Shape (d, N).
-        upper: Shape (d, N).
+        lower: Lower corners, shape (d, N).
+        upper: Upper corners, shape (d, N).
         slab: Number of a slab of the tube for each box, (N,); used for the tube's faces
             only.
     """
@@ -153,7 +153,7 @@ class Judgement:
     Attributes:
         proven: Mask of boxes over which the inequality holds, (N,).
         suspect: Mask of boxes whose middle may be a counterexample, (N,).
-        pull: Loss of the bound by variable, shape (d, N).
+        pull: How much the bound loses by the width of each variable, shape (d, N).
     """
 
     proven: Flags
@@ -162,7 +162,7 @@ class Judgement:
 
 
 def lowest(model: Model) -> Array:
-    """Return lower bounds over the boxes, square and slope of a variable combined.
+    """Return lower bounds over boxes; terms in s_a and s_a^2 are bounded together.
 
     Returns:
         Shape (N,); NaN if nothing is known.
@@ -204,14 +204,14 @@ def judgement(
     suspect: Flags,
     extra: Array | float = 0.0,
 ) -> Judgement:
-    """Return a judgement; loss of unknown origin counts for the wide variables.
+    """Return a judgement; a loss of unknown origin is divided by the variables' widths.
 
     Args:
         below: The function that is bounded from below.
         boxes: The boxes.
         proven: Boxes over which the inequality holds.
         suspect: Boxes whose middle may be a counterexample.
-        extra: Further losses by variable, shape (d, N).
+        extra: Further losses of the bound by variable, shape (d, N).
     """
     width = boxes.upper - boxes.lower
     shares = width / np.maximum(width.sum(axis=0), 1e-300)  # A point has no width.
@@ -333,8 +333,8 @@ def finding_of(outcome: Outcome, text: str, start: float, point: str) -> Finding
     Args:
         outcome: The outcome of the search.
         text: The statement.
-        start: When it began, of `time.monotonic` [s].
-        point: What a counterexample is, such as "e".
+        start: Time at which the search began, of `time.monotonic` [s].
+        point: Name of a counterexample in the text, such as "e".
     """
     effort = f"{outcome.boxes} boxes, {time.monotonic() - start:.2f} s"
     if outcome.proven:

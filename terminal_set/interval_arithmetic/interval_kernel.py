@@ -271,9 +271,10 @@ def interpret(
     """Evaluate all boxes, a block at a time.
 
     Args:
-        instructions: See `intervals._Program`, like the two after it.
-        inputs: Registers and entries.
-        outputs: Registers.
+        instructions: Instructions of the program; see `intervals._Program`, also for
+            `inputs` and `outputs`.
+        inputs: Registers of the inputs, and the entries that they take.
+        outputs: Registers of the outputs.
         boxes: Lower and upper corners, shape (2, inputs, m).
         work: The registers, shape (registers, 2, BLOCK), constants in place.
         values: Filled with the enclosures, shape (2, outputs, m).

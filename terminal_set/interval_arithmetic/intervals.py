@@ -56,7 +56,7 @@ _LOADED = ("constant", "input")
 
 
 class IntervalEvaluation(Protocol):
-    """A function of boxes."""
+    """A function of boxes, which encloses the values of a function of points."""
 
     def __call__(self, lower: Array, upper: Array) -> tuple[Array, Array]:
         """Return enclosures of the values, each (outputs, m).
@@ -138,7 +138,8 @@ def expanded_tape(function: ca.Function) -> Tape:
         function: The function.
 
     Raises:
-        UnknownIntervalOperationError: If an operation is unknown, or it has no tape.
+        UnknownIntervalOperationError: If an operation is unknown, or the function has
+            no tape.
     """
     try:
         return read_tape(expanded(function))

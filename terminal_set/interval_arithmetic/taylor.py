@@ -49,8 +49,9 @@ class Derivatives:
     """Derivatives of functions up to the third order, in interval arithmetic.
 
     Attributes:
-        pairs: Coordinates (i, j), i <= j, of each second derivative.
-        triples: Coordinates (i, j, k), i <= j <= k, of each third derivative.
+        pairs: Numbers (i, j), i <= j, of the coordinates of each second derivative.
+        triples: Numbers (i, j, k), i <= j <= k, of the coordinates of each third
+            derivative.
     """
 
     def __init__(
@@ -59,9 +60,10 @@ class Derivatives:
         """Form the derivatives.
 
         Args:
-            functions: Scalars in the point and the parameters.
-            point: Coordinates, shape (d, 1).
-            parameters: Further inputs, shape (p, 1); None means that there are none.
+            functions: Scalar expressions of the point and the parameters.
+            point: Symbols of the coordinates, shape (d, 1).
+            parameters: Symbols of further inputs, shape (p, 1); None means that there
+                are none.
         """
         d = range(point.numel())
         self.pairs = [(i, j) for i in d for j in d if i <= j]
@@ -77,7 +79,7 @@ class Derivatives:
             self._orders.append((function, slope, bends, ca.vertcat(*third)))
 
     def of(self, *orders: int, takes_jumps: bool = False) -> IntervalEvaluation:
-        """Return the evaluation of derivatives, one function after another.
+        """Return the interval evaluation of derivatives, one function after another.
 
         Args:
             orders: 0 for the value, 1 for slopes, and so on to 3.
@@ -94,8 +96,8 @@ class TaylorForm:
         """Build the functions that are evaluated.
 
         Args:
-            c: e (n, 1) -> a number.
-            T: e = T z, shape (n, n).
+            c: Function e (n, 1) -> a number.
+            T: Matrix T of e = T z, shape (n, n).
 
         Raises:
             UnknownIntervalOperationError: If c has an operation without interval form.
@@ -114,7 +116,7 @@ class TaylorForm:
         """Return the same form in other coordinates.
 
         Args:
-            T: e = T z, shape (n, n).
+            T: Matrix T of e = T z, shape (n, n).
         """
         other = copy(self)
         other._T, other._size = T, np.abs(T)
@@ -271,7 +273,7 @@ def evaluated(
 
 
 def middle_and_radius(low: Array, high: Array) -> tuple[Array, Array]:
-    """Return middles and radii, these with room for the rounding of products."""
+    """Return middles and radii of intervals, with room in the radii for rounding."""
     size = np.maximum(np.abs(low), np.abs(high))
     with np.errstate(invalid="ignore", over="ignore"):
         return (low + high) / 2, (high - low) / 2 + PADDING * size
@@ -376,7 +378,7 @@ class Cells:
         """Return the variation of a function along rho and each w, (1 + nx, m).
 
         Args:
-            along: Slopes along them in the middle, (1 + nx, m).
+            along: Slopes along rho and each w in the middle, (1 + nx, m).
             pull: Bounds of the slopes' deviations from the middle, along z, (nx, m).
         """
         radial = (pull * np.abs(self._u)).sum(axis=0)

@@ -233,12 +233,12 @@ def smaller_side(
 
 @dataclass(eq=False)
 class MovingReferenceError(SwarmstartError, ValueError):
-    """A reference cannot move as it says.
+    """A reference cannot move with the velocity that it states.
 
     Attributes:
         entry: Number of the state.
         velocity: Its stated velocity.
-        found: What stands against it.
+        found: Reason why it cannot, in words.
     """
 
     entry: int

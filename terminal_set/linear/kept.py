@@ -30,7 +30,7 @@ _stored = count()
 
 
 def key_of(*parts: object) -> str:
-    """Return the key of what is computed from these parts and the present versions.
+    """Return the key of a result computed from these parts by the present versions.
 
     Args:
         parts: Values whose `repr` is exact: numbers, texts, lists of them.
@@ -53,9 +53,10 @@ def kept(
 
     Args:
         name: Name of the equation.
-        inputs: Its matrices.
-        solve: Computes the solution.
-        solves: Whether matrices are a solution, whatever they hold.
+        inputs: Matrices of the equation.
+        solve: Function that computes the solution.
+        solves: Function of matrices, of any shapes and values: whether they are a
+            solution.
     """
     key = key_of(name, [(np.shape(one), np.asarray(one).tolist()) for one in inputs])
     found = _read(load_code(key))

@@ -35,7 +35,7 @@ class TimeDomain:
     Attributes:
         name: "continuous" or "sampled".
         measure: Name of the growth of a loop.
-        growth: Growth of each eigenvalue.
+        growth: Function: eigenvalues -> growth of each.
         boundary: Growth of a mode that neither decays nor grows.
         limit: Growth below which a loop counts as stable.
     """
@@ -70,8 +70,8 @@ class UnstableLoopError(SwarmstartError, ValueError):
     Attributes:
         eigenvalues: Eigenvalues of the loop, shape (nx,).
         measure: "largest real part" or "spectral radius".
-        value: Its value.
-        limit: Its upper limit.
+        value: Value of the measure.
+        limit: Upper limit of the measure.
     """
 
     eigenvalues: ComplexArray
@@ -92,8 +92,8 @@ class NotStabilisableError(SwarmstartError, ValueError):
     """Some modes do not decay by themselves and no input reaches them.
 
     Attributes:
-        modes: The eigenvalues of these modes, shape (number,); one that lacks several
-            directions is listed with each.
+        modes: The eigenvalues of these modes, shape (number,). An eigenvalue that lacks
+            several directions is listed once for each of them.
         directions: For each mode the combination of states that no input moves, a
             column of unit length, shape (nx, number).
     """
@@ -114,8 +114,8 @@ class UnweightedModeError(SwarmstartError, ValueError):
     """Q gives no cost to a mode on the boundary of stability: no optimum decays.
 
     Attributes:
-        modes: The eigenvalues of these modes, shape (number,); one that lacks several
-            directions is listed with each.
+        modes: The eigenvalues of these modes, shape (number,). An eigenvalue that lacks
+            several directions is listed once for each of them.
         directions: For each mode the state along which it moves unseen, a column of
             unit length, shape (nx, number).
     """
@@ -172,7 +172,7 @@ def require_stabilisable(A: Array, B: Array, domain: TimeDomain) -> None:
         domain: CONTINUOUS or SAMPLED.
 
     Raises:
-        NotStabilisableError: If an input reaches no such mode.
+        NotStabilisableError: If no input reaches one of these modes.
     """
     eigenvalues = _eigenvalues(A)
     lasting = eigenvalues[domain.growth(eigenvalues) >= domain.limit]
@@ -190,7 +190,7 @@ def require_weighted(A: Array, Q: Array, domain: TimeDomain) -> None:
         domain: CONTINUOUS or SAMPLED.
 
     Raises:
-        UnweightedModeError: If there is a mode that it does not see.
+        UnweightedModeError: If there is a mode that the weight does not see.
     """
     eigenvalues = _eigenvalues(A)
     distance = np.abs(domain.growth(eigenvalues) - domain.boundary)

@@ -106,9 +106,9 @@ class ProofOptions:
             measured, which takes less time.
         work: Budget of work for the proofs of the decrease, in units of about a second,
             and the same again for the proof of the integrator's error and for that of
-            the growth. It proves the same on every machine.
+            the growth. The same budget proves the same on every machine.
         max_seconds: Wall time for all proofs together [s], on top of the budget; a
-            proof that it ended says so (`Proof.was_late`). None: no limit.
+            proof that this limit ended says so (`Proof.was_late`). None: no limit.
 
     Raises:
         NotPositiveError: If substeps is below 1, or work or max_seconds not above 0.
@@ -200,7 +200,7 @@ def certify(
     dt: float | None,
     options: ProofOptions | None = None,
 ) -> TerminalSet:
-    """Certify a law and a P: find the largest level that can be proven.
+    """Certify a law and a matrix P: find the largest level that can be proven.
 
     Args:
         dynamics: f(x, u) -> xdot, SI units.

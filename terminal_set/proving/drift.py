@@ -108,7 +108,7 @@ class Drift:
     """The motion of a reference that the proof of its set allows for.
 
     Attributes:
-        entries: States that it moves.
+        entries: Numbers of the states that the drift moves.
         rates: f(x_ref, u_ref) of these.
         size: D, an upper bound of |r|_P [1/s] or of |d|_P.
         relative: a, the relative drift of the proof; in 1/s, or a fraction per hold for
@@ -208,7 +208,7 @@ class ReferenceMotion:
 
 
 def exact_rates(dynamics: ca.Function, reference: Reference) -> list[Fraction | None]:
-    """Return f(x_ref, u_ref), None for a rate that is no fraction or takes long.
+    """Return f(x_ref, u_ref) in fractions; None for a rate that has none or takes long.
 
     Intervals widen each result, and so cannot show that a reference is exactly at rest.
 

@@ -67,7 +67,7 @@ class DecreaseBounds:
     """Proofs that c < 0 on boxes of (rho, w).
 
     Attributes:
-        T: e = T z, shape (nx, nx).
+        T: Matrix T of e = T z, shape (nx, nx).
         defect: A bound of |T'PT - I|.
     """
 
@@ -170,7 +170,7 @@ def beside_diagonal(middle: Array, radius: Array) -> tuple[Array, float]:
 
     Args:
         middle: Middle of H, shape (nx, nx).
-        radius: Its radius.
+        radius: Radius of H, shape (nx, nx).
     """
     M = middle / 2
     beside = radius / 2 + np.abs(M - np.diag(np.diag(M)))

@@ -86,7 +86,7 @@ def prove_flow_error(
         residual: Residual of the curve.
         alpha: Level of the ellipsoid, > 0.
         enough: A bound c that is tight enough, > 0.
-        useless: A bound that is too large to be useful: the proof then stops.
+        useless: A bound that is too large to be useful: above it, the proof stops.
         until: Reading of the clock of work at which the proof stops.
     """
     search = ErrorSearch(residual, alpha, until)
@@ -113,7 +113,7 @@ class Piece:
 
     @property
     def length(self) -> float:
-        """Its length [s]."""
+        """Length of the piece [s]."""
         return self.times[1] - self.times[0]
 
     def weight(self, earlier: Piece) -> float:

@@ -116,12 +116,12 @@ class HeldMotion:
     """The motion over one hold, by the Runge-Kutta map.
 
     Attributes:
-        law: The design.
+        law: The design, with the law and P.
         dt: Time for which the input is held [s].
         step: F(x, u) -> x after dt.
-        holds: A function for each step: (e, t) -> the deviation at t after its
-            beginning.
-        residual: Residual of the curve.
+        holds: A `Hold` for each step; its motion is (e, t) -> the deviation at t after
+            the beginning of the step.
+        residual: Residual of the map's curve.
     """
 
     def __init__(
@@ -174,7 +174,7 @@ class HoldBounds:
     Attributes:
         inputs: The level of the bounds of the inputs.
         states: The level of the bounds of the states, at all times.
-        drift: Motion of the reference relative to e, a fraction (`drift.py`).
+        drift: Relative drift of the reference, a fraction of |e|_P (`drift.py`).
     """
 
     inputs: float

@@ -18,7 +18,7 @@ When an entry is used, the proof is not done again. The entry is believed only i
 These are necessary, not sufficient: an entry of a program that can write the user's
 files and lies by little is not found out, as such a program could change the code as
 well. `python -m swarmstart.terminal_set.check` proves a certificate again, from its
-file alone. Entries of which a reference drifts by rounding are not kept.
+file alone. Sets whose reference drifts by rounding are not kept.
 """
 
 from __future__ import annotations
@@ -99,7 +99,7 @@ def _code() -> tuple[str, ...]:
 
 
 def keep(key: str, proven: TerminalSet, rng: np.random.Generator) -> None:
-    """Keep the outcome of a proof, unless it depends on time or drifts.
+    """Keep the outcome of a proof, unless time ended it or the reference drifts.
 
     Args:
         key: From `key_of_set`, before the proof.

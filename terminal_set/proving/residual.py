@@ -65,7 +65,7 @@ class Residual:
         nx: Number of states.
         substeps: Number of steps n.
         h: Length of a step [s].
-        T: e = T z, shape (nx, nx).
+        T: Matrix T of e = T z, shape (nx, nx).
         off: A bound of |T'PT - I| and |S T - I|, with S the inverse of T, by rounding.
     """
 

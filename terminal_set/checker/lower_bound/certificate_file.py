@@ -46,17 +46,17 @@ class Problem:
         n: Number of states.
         m: Number of controls.
         tape: Instructions (operation, operands, constant).
-        rate: Numbers of the n instructions of f.
-        stage: Number of the instruction of L.
-        end: Number of the instruction of phi.
-        path: Numbers of the instructions of g <= 0.
-        ends: Numbers of the instructions of e <= 0.
+        rate: Indices of the n instructions for f, the rates of the states.
+        stage: Index of the instruction for L, the stage cost.
+        end: Index of the instruction for phi, the terminal cost.
+        path: Indices of the instructions for the path constraints g <= 0.
+        ends: Indices of the instructions for the constraints e <= 0 at the end.
         x0: Initial state.
-        horizon: Earliest and latest end.
+        horizon: Earliest and latest end time.
         control_box: Lower and upper bounds of the controls.
         state_box: Lower and upper bounds of the states; None for an unbounded one.
         offset: Number added to the cost.
-        sense: 1 or -1.
+        sense: 1 if the cost is minimised, -1 if it is maximised.
     """
 
     n: int
@@ -105,9 +105,10 @@ class Certificate:
         directions: Directions of the tube's faces; the first 2n are the axes.
         times: Times of the tube, from 0 to the latest end.
         levels: A row of levels for each time.
-        prunings: The steps (come, go), in order.
+        prunings: Pairs of steps (come, go), for the costs to come and to go, in order.
         final: The step that gives the bound.
-        known: The cost that is compared with; None if there is none.
+        known: Cost of a known solution, which prunings compare with; None if there is
+            none.
         bound: Lower bound of the cost, offset included.
     """
 

@@ -43,16 +43,16 @@ class Split:
 
     Attributes:
         nodes: The new tape.
-        boxed: Numbers of the controls that are coordinates.
-        free: Numbers of the other controls, u_k above.
-        drift: Numbers of the n values of the drift.
-        columns: For each free control the numbers of n values; None stands for 0.
-        stage: Number of the value of the stage cost without free controls.
-        linear: Number of the value of each free control's factor; None stands for 0.
+        boxed: Indices of the controls that are coordinates.
+        free: Indices of the other controls, u_k above.
+        drift: Indices of the n values of the drift.
+        columns: For each free control the indices of n values; None stands for 0.
+        stage: Index of the value of the stage cost without free controls.
+        linear: Index of the value of each free control's factor; None stands for 0.
         quadratic: q_k >= 0 for each free control.
-        end: Number of the value of phi.
-        path: Numbers of the values of the path constraints.
-        ends: Numbers of the values of the end constraints.
+        end: Index of the value of phi.
+        path: Indices of the values of the path constraints.
+        ends: Indices of the values of the end constraints.
         deadline: Time at which every evaluation of the tape stops.
     """
 

@@ -35,11 +35,11 @@ from swarmstart.terminal_set.checker.search import pulls
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Term:
-    """b u + q u^2 of one control.
+    """The term b u + q u^2 of one control u.
 
     Attributes:
-        factor: b.
-        q: At least 0.
+        factor: b, over boxes.
+        q: The factor q of the square, at least 0.
         lower: Lower bound of u.
         upper: Upper bound of u.
     """
@@ -52,12 +52,14 @@ class Term:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Least:
-    """The least of a function over the controls, a function of (t, x).
+    """Bounds of the least value over the controls, as functions of (t, x).
 
     Attributes:
-        below: Models whose lower bounds bound it from below.
-        at: Models of the values at some admissible controls, which are not below it.
-        pull: Further losses by variable, for the choice of cuts, shape (d, N).
+        below: Models whose lower bounds are lower bounds of the least value.
+        at: Models of the values at some admissible controls, which are not below the
+            least value.
+        pull: How much the bound loses by the width of each variable, beyond the loss in
+            `below`, shape (d, N); cuts are chosen by it.
     """
 
     below: Model
@@ -66,7 +68,7 @@ class Least:
 
 
 def least_over_controls(fixed: Model, terms: list[Term]) -> Least:
-    """Return fixed + the sum of the least of each term.
+    """Return bounds of `fixed` plus the least values of all terms.
 
     Args:
         fixed: Part that no control changes.

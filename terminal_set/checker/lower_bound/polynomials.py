@@ -39,8 +39,8 @@ def exact_value(step: Step, point: Vector) -> Fraction:
     """Return the polynomial at a point (t, x), without any rounding.
 
     Args:
-        step: With the polynomial.
-        point: Shape (1 + n,).
+        step: Step with the polynomial.
+        point: The point, shape (1 + n,).
     """
     rows = []
     for a, value in enumerate(point):

@@ -44,12 +44,12 @@ from swarmstart.terminal_set.checker.search import Boxes, Flags, cut_by, is_empt
 
 @dataclass(frozen=True, eq=False)
 class Tube:
-    """A polytope that moves.
+    """A polytope that moves: d_k x <= s_k(t) for each of its faces k.
 
     Attributes:
-        directions: Shape (K, n).
-        times: Shape (M + 1,).
-        levels: Shape (M + 1, K).
+        directions: Directions d_k of the faces, shape (K, n).
+        times: Times at which the levels are given, shape (M + 1,).
+        levels: Levels s_k at these times, shape (M + 1, K).
     """
 
     directions: Array
@@ -99,7 +99,7 @@ class Tube:
         """Drop what is outside of the tube.
 
         Returns:
-            Smaller boxes; which boxes lie outside altogether.
+            Smaller boxes; a mask of the boxes that lie outside altogether.
         """
         n = self.n
         most = self.highest(boxes.lower[0], boxes.upper[0])
@@ -122,7 +122,7 @@ class Tube:
         return Boxes(lower, upper, boxes.slab), outside
 
     def holds(self, boxes: Boxes, *, but: int | None = None) -> Flags:
-        """Return which points are certainly inside.
+        """Return which points are certainly inside the tube.
 
         Args:
             boxes: Boxes without width.
@@ -180,11 +180,13 @@ def is_cut_off(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pruned:
-    """C(0, x0) - C + G - slack_C t - slack_G (latest - t) - end slack - known <= 0.
+    """The condition of a pruning on (t, x), with costs C to come and G to go.
+
+    C(0, x0) - C + G - slack_C t - slack_G (latest - t) - end slack - known <= 0.
 
     Attributes:
-        come: C.
-        go: G.
+        come: Step with C.
+        go: Step with G.
         constant: All terms that depend on neither t nor x.
         slope: slack_G - slack_C.
     """
@@ -195,7 +197,7 @@ class Pruned:
     slope: Fraction
 
     def excess(self, variables: Sequence[Model], boxes: Boxes) -> Model:
-        """Return the left side over boxes."""
+        """Return the left side of the condition over boxes."""
         middle, radius = boxes.middle, boxes.radius
         algebra = variables[0].algebra
         come = Expansion(self.come, algebra, middle, radius).value()
@@ -209,8 +211,8 @@ def pruned_by(certificate: Certificate, come: Step, go: Step) -> Pruned:
 
     Args:
         certificate: Certificate with x0, the horizon and the known cost.
-        come: C.
-        go: G, with an end slack.
+        come: Step with C.
+        go: Step with G, which has an end slack.
     """
     problem = certificate.problem
     start = exact_value(come, (0.0, *problem.x0))
@@ -229,7 +231,7 @@ class Region:
 
     Attributes:
         certificate: Certificate with the bounds and the horizon.
-        split: The problem.
+        split: The problem as polynomials in the controls.
         tube: Tube of the file, which is proven to hold admissible trajectories.
         stated: Tube in which counterexamples must lie: the same one.
         prunings: The proven prunings.
@@ -269,9 +271,9 @@ class Region:
         """Drop points that violate a constraint or cost more than the known cost.
 
         Args:
-            boxes: Boxes.
+            boxes: Boxes of the coordinates.
             variables: The coordinates over them; None means those of the boxes.
-            constraints: Numbers of further values that are at most 0.
+            constraints: Indices of further values that must be at most 0.
         """
         used = boxes.variables() if variables is None else variables
         numbers = (*self.split.path, *constraints)
@@ -305,7 +307,7 @@ class Region:
         Args:
             points: Boxes without width, within the bounds of the states.
             variables: The coordinates; None means those of the boxes.
-            constraints: Numbers of further values that must be at most 0.
+            constraints: Indices of further values that must be at most 0.
             but: Number of a face of the tube that is ignored.
         """
         used = points.variables() if variables is None else variables

@@ -90,8 +90,8 @@ class StepTask:
     """V_t + L + V_x f >= -slack over a region, for all controls.
 
     Attributes:
-        step: V and its slack.
-        region: The region.
+        step: Step with V and its slack.
+        region: The region over which the inequality must hold.
     """
 
     step: Step
@@ -128,7 +128,7 @@ class StepTask:
         )
 
     def refuted(self, points: Boxes) -> Flags:
-        """Say which points violate it."""
+        """Return a mask of the points that violate the inequality."""
         found = self._least(points).at.upper < -self.step.slack
         if found.any():
             found &= self.region.holds(points)
@@ -144,7 +144,7 @@ class EndTask:
     """V <= phi + end slack over the admissible ends in a region.
 
     Attributes:
-        step: V and its end slack.
+        step: Step with V and its end slack.
         region: The region; the caller cuts its roots to the times of ends.
     """
 
@@ -174,7 +174,7 @@ class EndTask:
         return judgement(excess, boxes, proven=proven, suspect=suspect)
 
     def refuted(self, points: Boxes) -> Flags:
-        """Say which points violate it."""
+        """Return a mask of the points that violate the inequality."""
         found = self._excess(points).upper < -(self.step.end_slack or 0.0)
         if found.any():
             found &= self.region.holds(points, constraints=self.region.split.ends)
@@ -193,7 +193,7 @@ class FaceTask:
     the boxes have 0 in its place.
 
     Attributes:
-        face: k.
+        face: Number k of the face.
         region: The tube, the bounds of the states, the path constraints.
     """
 
@@ -318,7 +318,7 @@ class FaceTask:
         )
 
     def refuted(self, points: Boxes) -> Flags:
-        """Say which points of the file's own tube violate it."""
+        """Return a mask of the points of the file's own tube that violate it."""
         stated = self.region.stated
         found = self._least(points, stated).at.upper < 0.0
         if not found.any():

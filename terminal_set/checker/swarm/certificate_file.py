@@ -45,12 +45,13 @@ STATEMENTS = (
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Tube:
-    """A path with what it may be off.
+    """A path, and how far the vehicle may be away from it.
 
     Attributes:
         first: Step of the first sample.
         samples: Positions, shape (k, 3).
-        bulges: Of each piece and of the rest, shape (k,).
+        bulges: Bulge of each piece between samples, and of the stay at the last one,
+            shape (k,).
     """
 
     first: int
@@ -59,7 +60,7 @@ class Tube:
 
     @property
     def last(self) -> int:
-        """Step from which on it stays."""
+        """Step of the last sample, at which the vehicle then stays."""
         return self.first + len(self.samples) - 1
 
     def at(self, steps: NDArray[np.int64]) -> tuple[Array, Array]:
@@ -75,7 +76,7 @@ class Plan:
     Attributes:
         vehicle: Number of the vehicle.
         tube: Its path.
-        parting: Last step at which it is as the plan that it replaces.
+        parting: Last step at which the plan is equal to the one that it replaces.
         proposed: Tick at which it was proposed; -1 at the start.
         ended: Tick at which it was committed to or withdrawn; -1 at the start; OPEN if
             neither has happened.

@@ -22,9 +22,9 @@ def separated(start: Array, end: Array, least: Array) -> NDArray[np.bool_]:
     """Return whether segments are proven to stay a distance away from the origin.
 
     Args:
-        start: Their beginnings, shape (..., 3); differences of numbers.
-        end: Their ends, shape (..., 3).
-        least: The distances, shape (...).
+        start: Beginnings of the segments, shape (..., 3); differences of numbers.
+        end: Ends of the segments, shape (..., 3).
+        least: The distances to be kept, shape (...).
     """
     way = end - start
     length = (way**2).sum(axis=-1)

@@ -1,7 +1,7 @@
 """The statements of a certificate of a swarm's flight, proven again one by one.
 
-Nothing here is shared with the program that made it: neither the rule nor the test of
-distances. A refusal names vehicles and steps.
+No code is shared with the program that made the certificate: neither the rule nor the
+test of distances. A refusal names vehicles and steps.
 """
 
 from __future__ import annotations
