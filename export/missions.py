@@ -103,7 +103,7 @@ def waypoints(
 
 
 def _corners(places: Array, error: float) -> list[int]:
-    """Return the samples between which the straight ways are near enough.
+    """Return the samples between which straight lines are near enough to the path.
 
     Source: Douglas and Peucker (1973), Cartographica 10.
     """

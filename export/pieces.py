@@ -24,7 +24,7 @@ from swarmstart.export.paths import AXES, ExportError, VehiclePath
 POINTS = 24
 """Points for the fit in each window, more than a piece has coefficients."""
 FINE, FLOOR = 20, 0.3
-"""Points for the jerk in each window, and what is added, as a part of its mean."""
+"""Points for the jerk in each window; part of its mean density that is added to it."""
 PINNED = 1e6
 """Weight of both ends of the path."""
 

@@ -48,7 +48,7 @@ CONTROLS = ("speed_m_s_set", "heading_rad_set", "height_m_set")
 _FEET, _EARTH, _GRAVITY = 0.3048, 6378137.0, 9.81
 _LATITUDE, _LONGITUDE = 47.0, 8.0
 _BANK_RATE = 0.7
-"""Largest rate of the bank angle that is commanded [rad/s]."""
+"""Largest rate at which the commanded bank angle changes [rad/s]."""
 _BANK_LIFT = 0.05
 """Pitch that makes up for the lift lost in a turn, by 1 / cos(bank) - 1 [rad]."""
 _STEPS_PER_COMMAND = 4

@@ -174,8 +174,9 @@ class CommandPlant(Called):
         """Return the state of an answer, shape (nx,).
 
         Args:
-            question: What is sent.
-            again: Whether it is sent once more if the program is lost.
+            question: Line that is sent.
+            again: Whether the line is sent once more if the program has ended or is
+                late.
         """
         if self._is_closed:
             raise SimulatorError(
@@ -221,7 +222,7 @@ class CommandPlant(Called):
         return answer
 
     def _names(self, hello: Mapping[str, Any], role: str) -> tuple[str, ...]:
-        """Return names that the program says."""
+        """Return names that the program has sent."""
         names = hello.get(role)
         if (
             not isinstance(names, list)
@@ -312,7 +313,7 @@ class _Process:
 
 
 def _left(end: float) -> float:
-    """Return the time to an end [s], at least 0."""
+    """Return the time until an end [s], at least 0."""
     return max(0.0, end - time.monotonic())
 
 

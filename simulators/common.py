@@ -12,7 +12,7 @@ from swarmstart.errors import SwarmstartError, brief
 from swarmstart.ocp.system import read_unit
 
 NEAR = 1e-9
-"""Largest difference of a start from the one that is asked for, relative to 1 or it."""
+"""Largest difference of a start from the requested one, relative to it or to 1."""
 LONGEST_STEP = 3600.0
 """Longest step [s]."""
 STEP = a_number(above=0, most=LONGEST_STEP)

@@ -47,7 +47,7 @@ from swarmstart.simulators.common import (
 
 _NOTHING: Mapping[str, float] = MappingProxyType({})
 _KEPT_WORDS = 5
-"""Number of the FMU's own messages that are kept, the last ones."""
+"""Number of the FMU's last messages that are kept."""
 
 
 @checked(
@@ -260,7 +260,7 @@ class _Library:
         return found
 
     def _found(self) -> list[float]:
-        """Return what is read."""
+        """Return the values that are read after a step."""
         slave, one, count = self._slave, self._slave.component, len(self._values)
         if self._is_3:
             slave.fmi3GetFloat64(one, self._read, count, self._values, count)

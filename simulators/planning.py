@@ -71,7 +71,7 @@ _FIRST = 12
 _NEAR = 3
 """Number of roll-outs near each plan, for the next fit."""
 _SPREAD = 0.05
-"""Their distance from the plan, a fraction of the ranges of the controls."""
+"""Distance of these from the plan, a fraction of the ranges of the controls."""
 _REACH = 0.1
 """Distance from the path that a fit repeats, in the ranges of its states, at which a
 roll-out counts half in it."""
@@ -443,7 +443,7 @@ def _beside(
     spread: float,
     rng: np.random.Generator,
 ) -> list[Array]:
-    """Return controls near a plan; if it is not the best, between both and near it."""
+    """Return controls near a plan, and between it and the best one if they differ."""
     count = min(_NEAR, made.left)
     if not count:
         return []
@@ -454,7 +454,7 @@ def _beside(
 
 
 def _weighted(made: _RollOuts, near: _Tried | None, reach: float) -> list[RollOut]:
-    """Return all roll-outs, with more weight the nearer they are to one of them."""
+    """Return all roll-outs, with the more weight the nearer they are to a given one."""
     if near is None:
         return []
     ranges = np.ptp(near.states, axis=1, keepdims=True)

@@ -40,11 +40,11 @@ _MOST = 100
 """Number of monomials, such powers included, above which the degree is not raised."""
 DEGREES = (1, 2, 3, 4, 5)
 _MOST_STEPS = 4000
-"""Number of steps that are fitted; of more a part is used, evenly."""
+"""Largest number of steps to fit; of more, evenly spaced ones are used."""
 _ROUNDS = 8
 _RIDGE = 1e-9
 _PART = 4
-"""One of so many roll-outs is predicted instead of fitted, to find the degree."""
+"""One in this many roll-outs is predicted instead of fitted, to find the degree."""
 
 
 class RollOut(NamedTuple):
@@ -183,7 +183,7 @@ class Correction:
     def _rest(
         self, rollouts: Sequence[RollOut], parameters: Array, own: Array
     ) -> Array:
-        """Return r, the mean of what is missed before and after each node."""
+        """Return r, the mean of the errors of W before and after each node."""
         nearest = max(rollouts, key=lambda one: one.weight)
         x, after = nearest.states[:, :-1], nearest.states[:, 1:]
         missed = after - self._predict(x, nearest.controls, parameters, own)

@@ -127,7 +127,7 @@ class Workers:
         """Return a process that has loaded the simulator.
 
         Raises:
-            SimulatorError: If it cannot load it.
+            SimulatorError: If the process cannot load the simulator.
         """
         worker = self._all[place]
         if worker is not None:
@@ -176,7 +176,7 @@ def _outcome(is_made: bool, content: Any) -> Array | Failure:
     """Return the states of a roll-out, or its failure.
 
     Args:
-        is_made: Whether it was made.
+        is_made: Whether the roll-out was made.
         content: The states, or the name of an error and its words.
     """
     if not is_made:
@@ -247,7 +247,7 @@ class _Worker:
 
 
 def _how(process: subprocess.Popen[bytes]) -> str:
-    """Return in words how a process has ended."""
+    """Return how a process has ended, in words."""
     with suppress(subprocess.TimeoutExpired):
         code = process.wait(_PATIENCE_S)
         if code < 0:

@@ -105,7 +105,7 @@ def _judged(file: Path, seconds: float, against: Path | None) -> Judged:
 
 
 def _both(first: list[Finding], rest: Iterator[Finding]) -> Iterator[Finding]:
-    """Yield the comparison with a C file, and the rest if it has what is proven."""
+    """Yield the comparison with a C file, and all other findings if that succeeds."""
     yield from first
     if all(one.verdict is Verdict.PROVED for one in first):
         yield from rest

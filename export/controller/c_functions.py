@@ -88,7 +88,7 @@ class CFile:
         self._add(name, "memory_t *m", lines, turns * writer.operations)
 
     def _reader(self, kernel: Written, tape: Tape) -> Callable[[int, int], str]:
-        """Return what gives the C expression of an argument's entry in interval k."""
+        """Return a function: argument, entry -> its C expression in interval k."""
 
         def read(argument: int, entry: int) -> str:
             role, own = kernel.roles[argument], kernel.reads[argument]
@@ -164,7 +164,7 @@ class CFile:
 def _loaded(
     writer: CWriter, read: Callable[[int, int], str]
 ) -> Callable[[int, int], str]:
-    """Return a reader that loads an input once, before what it is written over by."""
+    """Return a reader that loads each input once, before its memory is overwritten."""
 
     def loaded(argument: int, entry: int) -> str:
         name = writer.name("x")

@@ -20,7 +20,7 @@ from swarmstart.ocp.loop.controller import Decision, Mode
 from swarmstart.ocp.rollout.fitness import Known, flatten
 
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fno-tree-vectorize")
-"""Flags for which all optimisations give the same bits."""
+"""Flags with which every level of optimisation gives the same bits."""
 COMPILERS = ("cc", "gcc", "clang")
 _SECONDS = 600.0
 

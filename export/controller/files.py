@@ -39,14 +39,14 @@ MOST_STARTS, MOST_ITERATIONS = 256, 1000
 LONGEST_NAME, LONGEST_SOURCE = 40, 8_000_000
 """Largest number of characters of a name, and of the source."""
 FLOWN = 10.0
-"""Time that the test main simulates [s]."""
+"""Time that the test program simulates [s]."""
 MOST_STEPS = 2000
 _LEAST_RANGE = 1e-9
 """Least range of a control that a difference is divided by."""
 _SAYING = 1e-3
 """Part of the noise of a cost above which a status does not depend on rounding."""
 APART = {"double": 1e-6, "single": 5e-3}
-"""Largest difference of a control in the test main, relative to its range."""
+"""Largest difference of a control in the test program, relative to its range."""
 EXACTNESS = {"double": (1e-8, 2e-15), "single": (1e-6, 1e-6)}
 """Largest scaled error at which a local solve ends, and rounding error of its cost."""
 _WORDS = frozenset(
@@ -277,7 +277,7 @@ def _main_text(name: str, one: PosedController, precision: str, iterations: int)
 def _flight(
     one: PosedController, iterations: int, steps: int
 ) -> tuple[np.ndarray, list[int]]:
-    """Return controls (steps, nu) and statuses of a flight by the library's code.
+    """Return controls (steps, nu) and statuses of a simulation by the library's code.
 
     A status is -1 if rounding decides it.
     """

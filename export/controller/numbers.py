@@ -17,12 +17,12 @@ class Status(IntEnum):
     """Origin of the control of a step."""
 
     PLANNED = 0
-    """The first of a local optimum, found from the shifted last plan."""
+    """The first control of a local optimum, found from the shifted last plan."""
     LINEAR = 1
     """The linear law, inside the terminal set."""
     SEARCHED = 2
-    """The first of the best answer from a seeded start."""
+    """The first control of the best answer from a seeded start."""
     SHIFTED = 3
-    """The first of the shifted last plan: nothing better was found."""
+    """The first control of the shifted last plan: nothing better was found."""
     INVALID = 4
-    """The same, since a number given was not finite."""
+    """The first control of the shifted last plan: an input was not finite."""

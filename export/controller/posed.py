@@ -160,7 +160,7 @@ def posed_controller(  # noqa: PLR0913 - what a file is made of, by name
 def _parts(
     controller: RecedingHorizon | DualMode,
 ) -> tuple[RecedingHorizon, TerminalSet | None]:
-    """Return the controller that plans, and the set in which it does not."""
+    """Return the controller that plans, and the set in which the linear law acts."""
     if isinstance(controller, RecedingHorizon):
         return controller, None
     if len(controller.sets) != 1:
@@ -185,7 +185,7 @@ def _parts(
 
 
 def _require_plain(loop: RecedingHorizon) -> None:
-    """Raise unless a loop has only what a C file has."""
+    """Raise unless a loop has only features that a C file has."""
     planner = loop.planner
     stated, search = planner.stated, planner.search
     beyond = [

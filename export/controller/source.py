@@ -450,7 +450,7 @@ class _Maker:
         return own + self._follow_operations()
 
     def _pulled(self) -> int:
-        """Return the operations of what rows pull in one interval."""
+        """Return the operations of `f_pull` in one interval."""
         if self._one.lane.pull is None:
             return 0
         return self._file.operations["f_pull"] + 2 * self._rows

@@ -37,7 +37,7 @@ from swarmstart.heuristics.laws.order import (
 from swarmstart.machine_code import Count, kernel
 
 MOST_NUMBERS = 20_000_000
-"""Of a population: 160 MB, and a search holds several of that size."""
+"""Largest population, in numbers: 160 MB; a search holds several arrays so large."""
 
 
 class InvalidSettingsError(InvalidArgumentError):

@@ -51,8 +51,8 @@ class Initial:
         sampling: Method of drawing points: "uniform", "latin_hypercube", "smooth" in
             time or "half_smooth". None means "half_smooth" if the variables are a
             sequence (`Box.per_step`), else "uniform".
-        points: First columns of the population, shape (dim, k), in the box; None means
-            that all points are drawn.
+        points: Points in the box that become the first columns of the population, shape
+            (dim, k); None means that all points are drawn.
         cost: Known costs of these points, shape (k,), which are then not evaluated
             again. None means that they are not known.
         violation: Known violations of these points, shape (k,). None means that all are

@@ -23,9 +23,9 @@ log = logging.getLogger(__name__)
 
 Part = tuple[int, ...]
 SMALLER_PART: Part = (1, 2, 3)
-"""All but `propose`: for a helper that is started when the kernels are needed."""
+"""All but `propose`, for a helper that is started when the kernels are needed."""
 LARGER_PART: Part = (0, 1)
-"""`propose` and `accept`: for one that is started while there is other work."""
+"""`propose` and `accept`, for a helper that is started during other work."""
 
 PATIENCE_S = 120.0
 """Longest time to wait for a helper; then this process does its part too [s]."""

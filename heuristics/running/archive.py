@@ -116,7 +116,7 @@ def offer(
 
 @kernel
 def distance(archive: Archive, point: Array, k: int) -> float:
-    """The distance of a point from member k, a fraction of the widths."""
+    """Distance of a point from member k, a fraction of the widths of the box."""
     total = 0.0
     for d in archive.free:
         part = (point[d] - archive.points[d, k]) / archive.width[d]

@@ -29,7 +29,7 @@ from swarmstart.machine_code import Pointers as Pointers  # noqa: PLC0414 - publ
 CHUNK = 1
 """Generations before the first look at the clock."""
 CHUNK_S = 0.02
-"""Wall time between two looks at the clock, about [s]."""
+"""Approximate wall time between two looks at the clock [s]."""
 LARGEST_CHUNK = 4096
 
 

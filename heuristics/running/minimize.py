@@ -1,4 +1,4 @@
-"""The loop: ask, evaluate, tell, until the budget is used up."""
+"""The loop of a search: ask, evaluate, tell, until the budget is used up."""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ TOL_X = 1e-12
 TOL_X_UP = 1e4
 CONDITION_MAX = 1e14
 STAGNATION_LOOKS = 16
-"""Generations between two checks for Stagnation, which has to sort."""
+"""Number of generations between two checks for Stagnation, which need sorting."""
 
 BEST, MEDIAN = 0, 2
 """Rows of the record: a cost, below it the violation."""

@@ -24,7 +24,7 @@ from swarmstart.terminal_set.checker.findings import Finding, Verdict
 PROVED, UNUSABLE, REFUSED, UNDECIDED, UNREADABLE, INTERRUPTED = 0, 2, 3, 4, 5, 130
 
 Judged = tuple[Iterable[Finding], Callable[[Sequence[str]], str]]
-"""Findings of a file; subjects that were only sampled -> the verdict, if all hold."""
+"""Findings of a file; function: subjects only sampled -> verdict if all hold."""
 
 
 def parsed(arguments: Sequence[str] | None, *, program: str) -> argparse.Namespace:

@@ -204,7 +204,7 @@ def judgement(
     suspect: Flags,
     extra: Array | float = 0.0,
 ) -> Judgement:
-    """Return a judgement; a loss of unknown origin is divided by the variables' widths.
+    """Return a judgement; variables share a loss of unknown origin by their widths.
 
     Args:
         below: The function that is bounded from below.
@@ -222,7 +222,7 @@ class Task(Protocol):
     """An inequality over a set."""
 
     def cut(self, boxes: Boxes) -> tuple[Boxes, Flags]:
-        """Drop points outside of the set by a cheap test; return which boxes are."""
+        """Drop points outside of the set by a cheap test; say which boxes are empty."""
         ...
 
     def cut_more(self, boxes: Boxes) -> tuple[Boxes, Flags]:

@@ -42,7 +42,7 @@ from swarmstart.terminal_set.interval_arithmetic.smoothness import Kinks
 from swarmstart.terminal_set.linear.arrays import Mask
 
 PADDING = 1e-12
-"""Padding of sums of products, relative to the sum of their sizes; above rounding."""
+"""Padding of sums of products, relative to the sum of sizes; it exceeds rounding."""
 
 
 class Derivatives:
@@ -424,7 +424,7 @@ def _directions(w: Array, most: Array, least: Array, *, sign: float) -> Array:
     Args:
         w: The ends to take, (nx, m).
         most: The largest squares of the entries.
-        least: The least.
+        least: The least squares of the entries.
         sign: 1 for the largest entries, -1 for the smallest.
     """
     outwards = sign * w >= 0

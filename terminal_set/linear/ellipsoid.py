@@ -38,7 +38,7 @@ from swarmstart.terminal_set.linear.arrays import (
 )
 
 _AXIS = a_count(least=-MOST)
-"""Any integer: an axis that there is not has an error of its own."""
+"""Any integer: an axis that does not exist has an error of its own."""
 
 
 @dataclass(eq=False)
@@ -246,7 +246,7 @@ class MovingReferenceError(SwarmstartError, ValueError):
     found: str
 
     def __str__(self) -> str:
-        """Return a message with the state and what stands against its motion."""
+        """Return a message with the state and the reason why it cannot move so."""
         return (
             "expected a reference to move with its rate at x_ref and u_ref, in states "
             "without bounds on which the dynamics do not depend; found the velocity "

@@ -267,7 +267,7 @@ _EXACT_AT = {
 
 
 def _require_velocity(dynamics: ca.Function, reference: Reference, xdot: Array) -> None:
-    """Validate that a reference can move as it says."""
+    """Validate that a reference can move with its stated velocity."""
     felt = set(dynamics.jac_sparsity(0, 0).T.get_triplet()[0])
     for entry in np.flatnonzero(reference.rates).tolist():
         velocity, rate = float(reference.rates[entry]), float(xdot[entry])

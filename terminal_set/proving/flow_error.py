@@ -117,7 +117,7 @@ class Piece:
         return self.times[1] - self.times[0]
 
     def weight(self, earlier: Piece) -> float:
-        """Return the integral of (s - q)^3 / 6 over s in it, q < s in another piece."""
+        """Return the integral of (s - q)^3 / 6, s in this piece, q < s in the other."""
         if self.step != earlier.step:
             return 0.0
         (low, high), (first, last) = self.times, earlier.times

@@ -71,13 +71,13 @@ HALVINGS = 40
 """Largest number of halvings of a level at which the model is undefined, e'Pe does not
 decrease, or no affordable margin is proven."""
 CLOSE = 1.05
-"""Ratio of a level without an affordable margin and one with it at which to stop."""
+"""The search stops at this ratio of levels without and with an affordable margin."""
 SHARE = 0.25
 """Fraction of the remaining time for each attempt at a margin."""
 GROWTH_RESERVE = 1.1
 LEAST_GROWTH = 1.05
 ROOMIER = 2.0
-"""Factor by which the stated growth is larger, if bounds allow it: faster to prove."""
+"""Factor by which the growth is stated larger, if bounds allow, to ease its proof."""
 SHRUNK = 1 - 1e-9
 """Factor for the growth that the states' bounds allow, for its rounding."""
 

@@ -55,10 +55,10 @@ from swarmstart.terminal_set.proving.decrease import (
 
 SAMPLES = 500
 RADII = (0.01, 0.3, 0.6, 0.8, 0.9, 0.97, 1.0)
-"""Radii at which each direction is looked at, relative to the set's radius."""
+"""Radii at which each direction is sampled, relative to the set's radius."""
 STEPS = 8
 SEED = 20_260_000
-"""Of the directions: fixed, so that the caller's generator is not used."""
+"""Seed of the directions, fixed, so that the caller's generator is not used."""
 ROUNDED = 1e-9
 """Relative rounding of the numbers that are compared."""
 
@@ -253,7 +253,7 @@ def _is_credible(certificate: Certificate, design: TerminalSet) -> bool:
 
 
 def _is_refuted(certificate: Certificate, change: ca.Function) -> bool:
-    """Return whether the counterexample, if there is one, is one above the level."""
+    """Return whether the counterexample, if any, is valid and lies above the level."""
     refutation = certificate.refutation
     if refutation is None:
         return True

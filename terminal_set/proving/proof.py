@@ -53,7 +53,7 @@ STARTS = 6
 MOST_ROUNDS = 4
 """Largest number of repetitions; each looks up to 500 times nearer."""
 INSIDE = 1e-9
-"""Relative move outwards of the NLP's answer if c is below 0 there."""
+"""Relative distance by which an answer of the NLP is moved outwards if c < 0 there."""
 
 Boxes = tuple[Array, Array]
 """Lower and upper corners of boxes of (rho, w), each (1 + nx, m)."""

@@ -40,7 +40,7 @@ Times = tuple[float, float]
 """First and last time of an interval [s]."""
 
 ULPS = 4 * float(np.finfo(np.float64).eps)
-"""Padding of sums of two numbers, relative to their sizes; above rounding."""
+"""Padding of sums of two numbers, relative to their sizes; it exceeds rounding."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -21,7 +21,7 @@ from swarmstart.terminal_set.checker.lower_bound.certificate_file import Problem
 
 Powers = tuple[int, ...]
 Terms = dict[Powers, int]
-"""Product of controls, their numbers in order -> number of its factor's value."""
+"""Product of controls, as their indices in order -> index of its factor's value."""
 
 _LONGEST_FRACTION = 4000  # bits; constants beyond are computed in models
 _SECOND = 2

@@ -71,7 +71,7 @@ def verdict(certificate: Certificate) -> str:
 
 
 Held = list[list[Plan]]
-"""Of each vehicle the plans that it was committed to, in order."""
+"""For each vehicle the plans that it was committed to, in order."""
 
 
 def _held(certificate: Certificate) -> Held:
@@ -214,7 +214,7 @@ def _check_acceptances(
 def _known(
     plan: Plan, tick: int | None, proposed: list[Plan], held: list[Plan]
 ) -> tuple[list[Plan], int] | None:
-    """Return the plans of another vehicle that one must be clear of, from which tick.
+    """Return another vehicle's plans of which a plan must be clear, and from when.
 
     None if that vehicle has not accepted it in time, and may have proposed later.
 
@@ -222,7 +222,7 @@ def _known(
         plan: The plan, which is committed to.
         tick: Tick of the acceptance, if there was one.
         proposed: All plans of the other vehicle.
-        held: Those that it was committed to.
+        held: Plans that the other vehicle was committed to.
     """
     # A message takes a tick at least, there and back.
     if tick is not None and plan.proposed < tick < plan.ended:
