@@ -443,7 +443,7 @@ def _beside(
     spread: float,
     rng: np.random.Generator,
 ) -> list[Array]:
-    """Return controls near a plan, and between it and the best one if they differ."""
+    """Return controls near the best plan; also its mean with a plan that is worse."""
     count = min(_NEAR, made.left)
     if not count:
         return []

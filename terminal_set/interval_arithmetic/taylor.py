@@ -62,8 +62,8 @@ class Derivatives:
         Args:
             functions: Scalar expressions of the point and the parameters.
             point: Symbols of the coordinates, shape (d, 1).
-            parameters: Symbols of further inputs, shape (p, 1); None means that there
-                are none.
+            parameters: Symbols of further inputs, shape (p, 1); None means no further
+                inputs.
         """
         d = range(point.numel())
         self.pairs = [(i, j) for i in d for j in d if i <= j]
