@@ -215,8 +215,8 @@ class ControllerText:
     """The text of a controller.
 
     Attributes:
-        source: NAME.c.
-        header: NAME.h.
+        source: Text of NAME.c.
+        header: Text of NAME.h.
         most_operations: Largest number of operations of a step.
     """
 

@@ -203,8 +203,8 @@ def take_generation(
         order: The order of individuals.
         state: State of the algorithm, changed in place.
         asked: Points that were evaluated, shape (dim, size).
-        cost: Their costs, shape (size,).
-        violation: Their violations, shape (size,).
+        cost: Costs of these points, shape (size,).
+        violation: Violations of these points, shape (size,).
     """
     # As numbers: `precedes` says why.
     rule, weight, level = order.rule, order.weight, order.tolerance

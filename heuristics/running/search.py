@@ -99,8 +99,8 @@ class Individual(NamedTuple):
 
     Attributes:
         x: The point, shape (dim,).
-        cost: Its cost.
-        violation: Its violation, at least 0; 0 = feasible.
+        cost: Cost of the point.
+        violation: Violation of the point, at least 0; 0 = feasible.
     """
 
     x: Array

@@ -194,7 +194,7 @@ def place_worse_half(
 
 @kernel
 def number_ahead(order: RunningOrder, state: ChaoticPSOState, i: int) -> int:
-    """Count the personal bests better than that of i, or equal and of a lower index."""
+    """Count personal bests better than that of i, or as good and of a lower index."""
     cost, violation = state.personal_cost, state.personal_violation
     ahead = 0
     for j in range(cost.size):

@@ -83,8 +83,8 @@ class DifferentialEvolutionState(NamedTuple):
 
     Attributes:
         population: Individuals, shape (dim, size).
-        cost: Their costs, shape (size,).
-        violation: Their violations, shape (size,).
+        cost: Costs of the individuals, shape (size,).
+        violation: Violations of the individuals, shape (size,).
     """
 
     generation: Count

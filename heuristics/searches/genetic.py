@@ -58,8 +58,8 @@ class GeneticAlgorithmState(NamedTuple):
 
     Attributes:
         population: Parents of the next generation, shape (dim, size).
-        cost: Their costs, shape (size,).
-        violation: Their violations, shape (size,).
+        cost: Costs of the parents, shape (size,).
+        violation: Violations of the parents, shape (size,).
     """
 
     generation: Count
@@ -135,7 +135,8 @@ def accept(
 ) -> None:
     """Replace the parents by the children; the best parent may replace the worst child.
 
-    Before generation 0 the costs of the parents are infinite, so no parent is kept.
+    Before generation 0 the costs of the parents are infinite, so that none of these
+    parents is kept.
     """
     elite = best_index(settings.order, state.cost, state.violation)
     elite_point = np.empty(asked.shape[0])  # A copy: its column is overwritten.

@@ -66,12 +66,12 @@ class SelfAdaptiveDEState(NamedTuple):
 
     Attributes:
         population: Individuals, shape (dim, size).
-        cost: Their costs, shape (size,).
-        violation: Their violations, shape (size,).
-        F: Their weights, shape (size,).
-        CR: Their crossover rates, shape (size,).
+        cost: Costs of the individuals, shape (size,).
+        violation: Violations of the individuals, shape (size,).
+        F: Weights of the individuals, shape (size,).
+        CR: Crossover rates of the individuals, shape (size,).
         F_trial: Weights of the trials asked last, shape (size,).
-        CR_trial: Their crossover rates, shape (size,).
+        CR_trial: Crossover rates of the trials asked last, shape (size,).
     """
 
     generation: Count

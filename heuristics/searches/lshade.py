@@ -109,13 +109,13 @@ class LSHADEState(NamedTuple):
         pool: The first `size` columns are the individuals; the columns from N_0 on are
             the archive. Shape (dim, N_0 + room of the archive).
         cost: Costs of the individuals, shape (N_0,).
-        violation: Their violations, shape (N_0,).
+        violation: Violations of the individuals, shape (N_0,).
         archived: Number of columns in the archive, int64, shape (1,).
         F_memory: Weights M_F of the memory, shape (H,).
         CR_memory: Crossover rates M_CR of the memory, shape (H,).
         slot: Index of the slot of the memory that is updated next, int64, shape (1,).
         F_trial: Weights of the trials asked last, shape (N_0,).
-        CR_trial: Their crossover rates, shape (N_0,).
+        CR_trial: Crossover rates of the trials asked last, shape (N_0,).
     """
 
     generation: Count

@@ -166,7 +166,7 @@ class ParticleSwarm(OfFixedSize, BoundHandled):
     @classmethod
     @checked(InvalidSettingsError, phi=a_number(above=PHI_LEAST))
     def constricted(cls, phi: float = 4.1) -> "ParticleSwarm":
-        """The settings whose coefficients are those of constriction.
+        """The settings with the coefficients that constriction gives.
 
         Args:
             phi: Sum of the two accelerations before constriction, above 4.

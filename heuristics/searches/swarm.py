@@ -161,8 +161,8 @@ def remember(
         settings: Kernel settings of the swarm.
         state: State of the swarm, changed in place.
         asked: Positions that were evaluated, shape (dim, size).
-        cost: Their costs, shape (size,).
-        violation: Their violations, shape (size,).
+        cost: Costs at these positions, shape (size,).
+        violation: Violations at these positions, shape (size,).
     """
     order = settings.order
     rule, weight, level = order.rule, order.weight, order.level[0]

@@ -230,8 +230,8 @@ def select(
         parents: Points of the parents, shape (dim, at least size), their costs and
             their violations, changed in place.
         asked: Trials, shape (dim, size).
-        cost: Their costs, shape (size,).
-        violation: Their violations, shape (size,).
+        cost: Costs of the trials, shape (size,).
+        violation: Violations of the trials, shape (size,).
 
     Returns:
         Mask of the parents that were replaced, shape (size,).

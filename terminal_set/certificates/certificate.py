@@ -162,7 +162,7 @@ class HeldMargins:
             every e of the set; proven.
         boxes: Number of boxes in the proof of that error.
         growth: g with e'Pe <= g (e'Pe at the last sample) at all times, for the map;
-            for the flow it is (sqrt(g) + c)^2.
+            for the flow the factor is (sqrt(g) + c)^2, with c the integrator's error.
         growth_is_proven: Whether `growth` is proven; if not, it is measured, with a
             margin.
     """
@@ -232,7 +232,8 @@ class Certificate:
     def growth(self) -> float:
         """Factor g with e'Pe <= g (e'Pe at the last sample) at all times.
 
-        It contains the errors of the integrator; 1 for a continuous input.
+        The factor contains the errors of the integrator. It is 1 for a continuous
+        input.
         """
         if self.held is None:
             return 1.0

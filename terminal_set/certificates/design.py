@@ -122,7 +122,8 @@ class TerminalSet:
         x_ref: Reference state of the design, shape (nx,), SI units.
         u_ref: Reference input, shape (nu,).
         dt: Time for which the input is held [s]; None for a continuous input.
-        design: Name of the design: "sampled", "continuous", "literal" or the user's.
+        design: Name of the design: "sampled", "continuous", "literal" or one of the
+            user.
         certificate: Proof of the set; None if there is only its design.
         ellipsoid: {e : e'Pe <= alpha}; made from P and alpha.
 
@@ -362,8 +363,9 @@ def continuous_terminal_set(
         Q: State weight, shape (nx, nx), symmetric positive semidefinite.
         R: Input weight, shape (nu, nu), symmetric positive definite.
         kappa: Decay [1/s] kept in reserve for the nonlinear part, at least 0 and below
-            that of the slowest mode of F. It must be positive if e'Pe is to bound the
-            cost to go of the nonlinear system: with 0 the linear part has no margin.
+            the decay of the slowest mode of F. It must be positive if e'Pe is to bound
+            the cost to go of the nonlinear system: with 0 the linear part has no
+            margin.
 
     Returns:
         K of the continuous Riccati equation, P as above, alpha from the bounds.

@@ -124,7 +124,7 @@ class DecreaseTask:
     Attributes:
         change: c to be proven, whose margin may be raised by its rounding.
         stated: c as the file states it, which counterexamples must refute.
-        alpha: The level.
+        alpha: Level of the ellipsoid.
         T: Coordinates of each piece of time, shape (pieces, nx, nx).
         delta: Upper bounds of |T'PT - I|, below 1, shape (pieces,).
         times: Ends of the pieces of time, shape (pieces + 1,); None if it is fixed.

@@ -299,7 +299,7 @@ def as_model(value: Value, like: Enclosure) -> Enclosure:
 
 
 def times(a: Value, b: Value) -> Value:
-    """Return a product."""
+    """Return the product of two values."""
     if isinstance(a, Fraction):
         a, b = b, a
     if isinstance(b, Fraction):
@@ -308,7 +308,7 @@ def times(a: Value, b: Value) -> Value:
 
 
 def plus(a: Value, b: Value) -> Value:
-    """Return a sum."""
+    """Return the sum of two values."""
     if isinstance(a, Fraction):
         a, b = b, a
     if isinstance(b, Fraction):

@@ -41,8 +41,8 @@ def check_refuted(certificate: Certificate, deadline: Deadline) -> Finding:
     """Check that V does not decrease at the refuted point, which lies on its level.
 
     Args:
-        certificate: What the file states; P positive definite.
-        deadline: When to stop.
+        certificate: The statements of the file; P positive definite.
+        deadline: Time at which to stop.
 
     Returns:
         The finding.
@@ -76,8 +76,8 @@ def find_counterexample(certificate: Certificate, deadline: Deadline) -> Finding
     """Test the axes of small and large ellipsoids, and random boundary points.
 
     Args:
-        certificate: What the file states; P positive definite.
-        deadline: When to stop.
+        certificate: The statements of the file; P positive definite.
+        deadline: Time at which to stop.
 
     Returns:
         The refusal, or None if no point fails.
@@ -111,8 +111,8 @@ def check_integrator(certificate: Certificate, deadline: Deadline) -> Finding:
     """Check at random points that the flow is near the Runge-Kutta map, and V falls.
 
     Args:
-        certificate: What the file states; held, P positive definite.
-        deadline: When to stop.
+        certificate: The statements of the file; held, P positive definite.
+        deadline: Time at which to stop.
 
     Returns:
         The finding.
@@ -162,8 +162,9 @@ def check_growth_by_samples(certificate: Certificate, deadline: Deadline) -> Fin
     """Check at random points and times that V stays below its bound between samples.
 
     Args:
-        certificate: What the file states; held, P positive definite, growth given.
-        deadline: When to stop.
+        certificate: The statements of the file; held, P positive definite, growth
+            given.
+        deadline: Time at which to stop.
 
     Returns:
         The finding.

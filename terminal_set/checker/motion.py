@@ -66,7 +66,7 @@ class RelativeMotion:
     """The motion relative to the reference, for one certificate.
 
     Attributes:
-        certificate: What the file states.
+        certificate: The statements of the file.
         held: Whether inputs are held.
     """
 
@@ -201,7 +201,7 @@ def rate_in_balls(program: Program, x: Sequence[arb], u: Sequence[arb]) -> Balls
     """Return f(x, u) in balls.
 
     Args:
-        program: The dynamics.
+        program: Program of the dynamics f.
         x: State, shape (nx,).
         u: Input, shape (nu,).
 

@@ -122,7 +122,7 @@ def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> 
     """Copy a value into a read-only float array of the shape given.
 
     Args:
-        name: What an error calls it.
+        name: Name of the array in errors.
         value: Anything NumPy makes a real array of.
         shape: Required shape; None stands for any size of at least 1.
 
@@ -143,7 +143,7 @@ def bound_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> A
     """Copy bounds into a read-only float array; an infinite one means "no bound".
 
     Args:
-        name: What an error calls it.
+        name: Name of the array in errors.
         value: Anything NumPy makes a real array of.
         shape: Required shape; None stands for any size of at least 1.
 
@@ -169,7 +169,7 @@ def columns_of(name: str, value: ArrayLike, size: int) -> Array:
     """Return a point, or many as columns, without a copy; NaN is allowed.
 
     Args:
-        name: What an error calls it.
+        name: Name of the array in errors.
         value: One point, shape (size,), or many, shape (size, n).
         size: Required number of rows.
 
@@ -205,9 +205,9 @@ def square_matrix(name: str, value: ArrayLike, size: int | None = None) -> Array
     """Copy a finite square matrix.
 
     Args:
-        name: What an error calls it.
+        name: Name of the array in errors.
         value: The matrix, shape (size, size).
-        size: Required number of rows; None takes any.
+        size: Required number of rows; None means any number.
 
     Returns:
         A read-only copy.
@@ -226,9 +226,9 @@ def positive_definite(name: str, value: ArrayLike, size: int | None = None) -> A
     """Copy a symmetric positive definite matrix.
 
     Args:
-        name: What an error calls it.
+        name: Name of the array in errors.
         value: The matrix, shape (size, size).
-        size: Required number of rows; None takes any.
+        size: Required number of rows; None means any number.
 
     Returns:
         A read-only copy, made symmetric to the last bit.
@@ -251,9 +251,9 @@ def positive_semidefinite(
     """Copy a symmetric positive semidefinite matrix.
 
     Args:
-        name: What an error calls it.
+        name: Name of the array in errors.
         value: The matrix, shape (size, size).
-        size: Required number of rows; None takes any.
+        size: Required number of rows; None means any number.
 
     Returns:
         A read-only copy, made symmetric to the last bit.

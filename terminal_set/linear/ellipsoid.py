@@ -178,9 +178,9 @@ class SaturatedReferenceError(SwarmstartError, ValueError):
     Attributes:
         name: Name of the reference.
         index: Index of the entry (the first, if several).
-        value: That entry.
-        lower: Its lower bound.
-        upper: Its upper bound.
+        value: Value of the entry.
+        lower: Lower bound of the entry.
+        upper: Upper bound of the entry.
     """
 
     name: str
@@ -237,7 +237,7 @@ class MovingReferenceError(SwarmstartError, ValueError):
 
     Attributes:
         entry: Number of the state.
-        velocity: Its stated velocity.
+        velocity: Velocity that is stated for this state.
         found: Reason why it cannot, in words.
     """
 

@@ -65,8 +65,9 @@ class UnreliableSolutionError(SwarmstartError, ArithmeticError):
     Attributes:
         equation: Name of the equation.
         quantity: Name of the checked quantity.
-        value: Its value; infinite if the solver failed.
-        limit: Its upper limit (for the smallest eigenvalue, its lower limit).
+        value: Value of the checked quantity; infinite if the solver failed.
+        limit: Upper limit of the quantity; for the smallest eigenvalue, its lower
+            limit.
     """
 
     equation: str

@@ -111,7 +111,7 @@ class NotStabilisableError(SwarmstartError, ValueError):
 
 @dataclass(eq=False)
 class UnweightedModeError(SwarmstartError, ValueError):
-    """Q gives no cost to a mode on the boundary of stability: no optimum decays.
+    """Q gives no cost to a mode on the boundary of stability: no optimal loop decays.
 
     Attributes:
         modes: The eigenvalues of these modes, shape (number,). An eigenvalue that lacks

@@ -79,7 +79,7 @@ class NotAnEquilibriumError(SwarmstartError, ValueError):
 
     Attributes:
         entries: Entries of x_ref that move although no velocity is stated for them.
-        rates: Their rates, of f(x_ref, u_ref).
+        rates: Rates of these entries, from f(x_ref, u_ref).
         core: Level of the core that this motion leaves undecided.
         level: Level of the set.
     """

@@ -187,7 +187,7 @@ def quadratic_bound(
 
     Args:
         diagonal: Diagonal of M, shape (nx,).
-        beside: A bound of its off-diagonal part.
+        beside: A bound of the off-diagonal part of M.
         lower: Lower corners, shape (nx, m).
         upper: Upper corners.
     """

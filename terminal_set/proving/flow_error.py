@@ -411,7 +411,7 @@ def _norms(middle: Array, radius: Array) -> Array:
 def logarithmic_norms(middle: Array, radius: Array) -> Array:
     """Return upper bounds of the logarithmic norms of matrices, (m,).
 
-    That of A is the largest eigenvalue of (A + A') / 2.
+    The logarithmic norm of A is the largest eigenvalue of (A + A') / 2.
 
     Args:
         middle: Middles, shape (m, n, n).

@@ -329,7 +329,7 @@ def prove_growth(
     """Try to prove that e'Pe stays below g times itself during a hold.
 
     Args:
-        hold: The motion.
+        hold: The motion over a hold, and P.
         alpha: Level of the ellipsoid, > 0.
         growth: g, above 1.
         work: Budget, in units of the clock of work; outside of `working`, in seconds.

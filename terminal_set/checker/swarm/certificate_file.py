@@ -75,7 +75,7 @@ class Plan:
 
     Attributes:
         vehicle: Number of the vehicle.
-        tube: Its path.
+        tube: Path of the plan, and how far the vehicle may be away from it.
         parting: Last step at which the plan is equal to the one that it replaces.
         proposed: Tick at which it was proposed; -1 at the start.
         ended: Tick at which it was committed to or withdrawn; -1 at the start; OPEN if
