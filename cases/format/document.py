@@ -41,7 +41,7 @@ class YamlError(SwarmstartError):
     """A text can be read, but this format does not allow it.
 
     Attributes:
-        what: What was expected and what was found, without the place.
+        what: Description of what was expected and what was found, without the place.
         places: Places of the error, the most important first; a repeated key has two.
         frame: The line of the error with a caret below; "" if there is no line.
     """
@@ -63,7 +63,7 @@ class UnreadableFileError(SwarmstartError):
 
     Attributes:
         path: The path as given.
-        reason: What was found instead.
+        reason: Description of what was found instead.
     """
 
     def __init__(self, path: str, reason: str) -> None:
@@ -102,8 +102,10 @@ class Document:
         root: The tree that the other attributes are computed from; a mapping.
         name: The file's name as it appears in messages.
         sources: Text by name, for `frame`: the file's, and one for each `assign`.
-        folder: Folder of the files that it names; None means the folder of `name`.
-        data: Nested dict, list, str, int, float, bool and None; this object's own.
+        folder: Folder of the files that the document names; None means the folder of
+            `name`.
+        data: Content as nested dict, list, str, int, float, bool and None; not shared
+            with another object.
         places: The place of every value, by path.
         key_places: The place of every key of a mapping, by the path of its value.
     """
@@ -118,7 +120,7 @@ class Document:
 
     @property
     def beside(self) -> FilePath:
-        """The folder of the files that it names."""
+        """The folder of the files that the document names."""
         folder = self.folder
         return FilePath(self.name).parent if folder is None else FilePath(folder)
 
@@ -137,7 +139,7 @@ def frame(text: str, place: Place) -> str:
 
     Args:
         text: The source the place refers to, `document.sources[place.name]`.
-        place: Where to put the caret.
+        place: Place under which the caret is put.
 
     Returns:
         Two lines, cut around the caret if they are long; "" for a place outside the
@@ -188,7 +190,7 @@ def shown(text: str) -> str:
 
 
 def counted(count: int, thing: str) -> str:
-    """Return a number of things.
+    """Return a number with its noun, in the plural if needed.
 
     Example:
         >>> counted(1, "seed"), counted(3, "seed")
@@ -201,8 +203,8 @@ def meant(name: str, known: Iterable[str], *, otherwise: str) -> str:
     """Return a question about the most similar known name, or another text.
 
     Args:
-        name: A name that is not known.
-        known: The names that are.
+        name: Name that is not among `known`.
+        known: Names that are allowed.
         otherwise: Text that is returned if no known name is similar.
     """
     near = difflib.get_close_matches(name, known, n=1)
@@ -218,7 +220,7 @@ def printable(text: str) -> str:
 
 
 def kind_of(node: Node) -> str:
-    """Return a user's word for a node that is not a mapping."""
+    """Return a word for users for what a node is, if it is not a mapping."""
     content = node.content
     if content is None:
         return "null"

@@ -2,9 +2,9 @@
 
     text -> tokens -> ast of Python -> tree of Number, Name, Operation -> interpret
 
-The tree knows no arithmetic: `interpret` walks it with a table of operations, floats
-here (`FLOAT_OPERATIONS`), symbols elsewhere. Allowed: decimal numbers, names, pi,
-+ - * / **, parentheses and `FUNCTIONS`; an exponent without names is at most
+The tree contains no arithmetic: `interpret` walks it with a table of operations, on
+floats here (`FLOAT_OPERATIONS`), on symbols elsewhere. Allowed: decimal numbers, names,
+pi, + - * / **, parentheses and `FUNCTIONS`; an exponent without names is at most
 `MAX_EXPONENT` in magnitude. Everything else Python's grammar knows is refused, from
 attributes to 1_000, 0x10, 1j and line breaks.
 
@@ -100,9 +100,9 @@ class ExpressionError(SwarmstartError, ValueError):
     """An expression that is refused, or has no finite real value.
 
     Attributes:
-        what: What was expected and what was found.
+        what: Description of what was expected and what was found.
         expression: The text, in full.
-        column: Column of the error in it, from 1.
+        column: Column of the error in `expression`, from 1.
     """
 
     def __init__(self, what: str, expression: str, column: int) -> None:
@@ -151,8 +151,8 @@ class Expression:
     """A checked expression.
 
     Attributes:
-        text: As written, for messages.
-        tree: Operations to compute.
+        text: Text as written, for messages.
+        tree: Operations of the expression, as nested objects.
     """
 
     text: str
@@ -205,7 +205,7 @@ def parse(
         text: At most `MAX_CHARACTERS` long.
         of_paths: Whether `REDUCTIONS`, `ENDS`, and min and max of one path are allowed.
         functions: More functions, name -> number of arguments; None allows any name as
-            a function, and the text is parsed again when they are known.
+            a function, until the text is parsed again with the functions known.
 
     Returns:
         The tree; its names are not looked up yet.

@@ -98,7 +98,7 @@ class Flaw:
 
     Attributes:
         place: Place of the error.
-        what: What was expected and what was found.
+        what: Description of what was expected and what was found.
         frame: The line with a caret; empty if there is no line.
     """
 
@@ -112,7 +112,7 @@ class Flaw:
 
 
 class InvalidScenarioError(SwarmstartError, ValueError):
-    """A scenario that can be read but not run.
+    """A scenario can be read but not run.
 
     Attributes:
         flaws: All errors, in the order of the file.
@@ -155,7 +155,7 @@ def checked(document: Document, model: type[M]) -> M:
 def located_flaw(
     document: Document, path: tuple[str | int, ...], what: str | SwarmstartError
 ) -> Flaw:
-    """Return an error that concerns several parts; expressions have a column."""
+    """Return an error that concerns several parts, with the column in an expression."""
     if isinstance(what, str):
         return flaw_at(document, path, what)
     return _refused(document, path, what)

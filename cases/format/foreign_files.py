@@ -40,7 +40,7 @@ def file_below(given: object, folder: Path, suffix: str = "") -> Path | None:
     Args:
         given: Text of a scenario.
         folder: The scenario's folder.
-        suffix: End that its name must have; empty: any.
+        suffix: End that the file's name must have; empty allows any name.
     """
     if not (isinstance(given, str) and 0 < len(given) <= LONGEST):
         return None
@@ -57,8 +57,8 @@ def foreign_file(given: object, folder: Path, *, key: str, suffix: str) -> Forei
     Args:
         given: Text of the scenario.
         folder: The scenario's folder.
-        key: Key of the scenario, for messages.
-        suffix: End of its name.
+        key: Key of the scenario that names the file, for messages.
+        suffix: End that the file's name must have.
 
     Raises:
         ValueError: If there is no such file in the folder or below, or it is too large.

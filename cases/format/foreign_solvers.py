@@ -1,4 +1,4 @@
-"""NLP solvers of other packages: the options that a file may set.
+"""Options of NLP solvers of other packages that a scenario file may set.
 
 A file is data. An option of a solver could name a library to load (hsllib), a file to
 write (output_file) or a compiler to run (jit), so those are refused, and so is text

@@ -45,7 +45,7 @@ NEVER = "never"
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class PosedAgent:
-    """An agent that plans, or follows a given plan.
+    """An agent that plans, or that follows a given plan.
 
     Attributes:
         problem: Its planning problem.
@@ -57,7 +57,7 @@ class PosedAgent:
             none.
         candidates: Time [s] -> controls (nu, N, k) that a search tries besides the last
             plan; None means none.
-        append: End of the shifted last plan.
+        append: Way in which a last plan that is shifted is continued at its end.
         shift: Whether planning starts at the last plan shifted by one interval; else at
             the last plan as it is, one interval late.
         first: Controls (nu, N), or a Start with states, from which the first plan
@@ -66,12 +66,12 @@ class PosedAgent:
             polished; None means that the agent plans.
         watches: Numbers of the agents whose plans it uses; each of them plans before
             it.
-        hears: Numbers of the agents whose committed plans and candidates it uses, after
-            which comes a reserve; see CommittedTeam.
+        hears: Numbers of the agents whose committed plans and candidates are signals of
+            it, followed by the signal of a reserve; see `CommittedTeam`.
         shows: Rows of its states that other agents use: its position.
         previous: Control of the interval before the first, shape (nu,); None means the
             allowed one nearest to zero.
-        within: Wall time for one plan in closed loop [s]; None means no limit.
+        within: Largest wall time for one plan in closed loop [s]; None means no limit.
     """
 
     problem: OptimalControlProblem
@@ -90,10 +90,11 @@ class PosedAgent:
     within: float | None = None
 
     def seen(self, shown: Callable[[int], Array]) -> tuple[Array, ...]:
-        """Return its signals of other agents.
+        """Return the signals that the agent has of other agents.
 
         Args:
-            shown: Number of an agent -> what it shows at the nodes, (k, nodes).
+            shown: Function from the number of an agent to the rows of its states in
+                `shows` at the nodes, shape (k, nodes).
         """
         plans = tuple(shown(number) for number in (*self.watches, *self.hears))
         if not self.hears:
@@ -101,19 +102,20 @@ class PosedAgent:
         return (*plans, *plans, np.zeros((1, self.problem.nodes)))
 
     def unseen(self) -> tuple[Array, ...]:
-        """Return zeros in place of these signals, of the same shapes."""
+        """Return zeros in place of the signals of other agents, in the same shapes."""
         nothing = np.zeros((len(self.shows), self.problem.nodes))
         return self.seen(lambda _: nothing)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class PosedSimulator:
-    """A simulator of others that is not loaded yet.
+    """An external simulator that is not loaded yet.
 
     Attributes:
-        load: Function that returns it, to be called once.
-        code: The file that it runs, or the program; None: no code of others.
-        is_allowed: Whether that may be run.
+        load: Function that returns the loaded simulator, to be called once.
+        code: File or program of the user's that the simulator runs; None if it runs
+            none.
+        is_allowed: Whether `code` may be run.
     """
 
     load: Callable[[], Steps]
@@ -121,9 +123,10 @@ class PosedSimulator:
     is_allowed: bool = False
 
     def loading(self) -> Callable[[], Steps]:
-        """Return a function that loads it at its first call.
+        """Return a function that loads the simulator at its first call.
 
-        The function raises a CodeNotAllowedError if its code may not be run.
+        The function raises a CodeNotAllowedError if the simulator's code may not be
+        run.
         """
 
         @cache
@@ -147,8 +150,9 @@ class PosedPlant:
         signals: Times (n,) [s] -> the model's signals (ns, n); None if it has none.
         decided: Name of a parameter that plans decide -> its value before the first
             plan.
-        differs: Whether it differs from the model of the planning problems on purpose.
-        simulator: The simulator of others that makes its steps; None: the model does.
+        differs: Whether the plant differs from the model of the planning problems on
+            purpose.
+        simulator: The external simulator that makes the steps; None if the model does.
     """
 
     model: Model
@@ -181,8 +185,8 @@ class CommittedPlans:
 
     Attributes:
         distance: Least distance of two agents.
-        tracking_error: Largest distance of an agent from its plan.
-        links: The links between them.
+        tracking_error: Largest distance of an agent from its committed plan.
+        links: The links between the agents.
     """
 
     distance: float
@@ -202,7 +206,7 @@ class Nearby:
         range: Distance within which an agent uses the plans of others [m].
         position: Rows of an agent's states that are its position.
         links: Largest number of agents that an agent watches at any distance; the
-            problems have signals for them.
+            problems have signals for so many.
     """
 
     problems: Mapping[int, OptimalControlProblem]
@@ -223,21 +227,23 @@ class Posed:
         plant: The simulated system.
         order: Numbers of the agents in the order in which they plan; None for one
             agent.
-        nearby: Given if agents use only plans within a range; None means that each uses
-            the plans of all agents that it watches.
+        nearby: Data of agents that use only plans within a range; None means that each
+            agent uses the plans of all agents that it watches.
         open_loop: Whether the one plan is followed to its end without feedback.
         repair: Whether an open-loop plan that breaks a constraint between its checks is
             solved again with a margin.
         dual_mode: Linear laws that take over inside the terminal sets; None means none.
-        committed: Given if agents agree on committed plans, which end in these sets.
+        committed: Data of agents that agree on committed plans, which end in the
+            terminal sets of `dual_mode`; None if they do not.
         period: Time from one plan to the next [s] if the end time is decided and the
             loop is closed; else None.
-        until: Time at which the closed loop ends, and its plans with it [s]; else None.
-        controller: Controller of the kind's own, which has no agents; None: agents
-            plan.
-        ended: Words on a run that this controller has ended.
+        until: Time at which the closed loop and all of its plans end [s]; None if plans
+            keep their length.
+        controller: Controller that the kind itself supplies, without agents; None if
+            agents plan.
+        ended: Words on a run that `controller` has ended.
         documents: Further files of a run's folder: name -> text.
-        files: Files that are copied to it: name -> file.
+        files: Files that are copied into a run's folder: name -> file.
     """
 
     agents: tuple[PosedAgent, ...]
@@ -263,7 +269,7 @@ class Posed:
 
     @property
     def begins_anew(self) -> bool:
-        """True if its controller remembers what no record keeps."""
+        """True if an interrupted run begins again: records keep no controller's state."""
         return self.controller is not None or self.committed is not None
 
 
@@ -314,7 +320,7 @@ class Flight(Generic[P_co]):
 
     @property
     def agents(self) -> int:
-        """Number of agents, with as many plans in a decision."""
+        """Number of agents; each decision has a plan for each of them."""
         return len(self.posed.agents)
 
     @property
@@ -333,7 +339,7 @@ class Flight(Generic[P_co]):
         """The loop that makes the plans, if one agent does.
 
         Raises:
-            SeveralPlansError: If several do.
+            SeveralPlansError: If several agents plan.
         """
         made = self.controller
         loop = made.loop if isinstance(made, OpenLoop) else made
@@ -366,13 +372,14 @@ class PlanningProblem:
 
     Attributes:
         problem: The problem.
-        x0: The state, shape (nx,).
-        known: Its parameters and signals.
+        x0: Initial state, shape (nx,).
+        known: Parameters and signals of the problem.
         family: Family of trajectories that a search looks in; None means control
             sequences.
-        guess: Controls (nu, N), or a Start, from which a run plans; None: unknown.
-        candidates: Controls (nu, N, k) that the search of a run tries besides; None:
+        guess: Controls (nu, N), or a Start, from which a run plans; None if there is
             none.
+        candidates: Controls (nu, N, k) that the search of a run tries, too; None if
+            there are none.
     """
 
     problem: OptimalControlProblem
@@ -409,7 +416,7 @@ class GivenInstances(NamedTuple):
 
     Attributes:
         columns: Starts of states and values of parameters by name, each (M,).
-        starts: Number of starts of each; None: as many as it takes.
+        starts: Number of starts of each instance; None means as in `solve_many`.
         place: Number of an instance -> its line in a file, in words; empty without a
             file.
     """
@@ -422,7 +429,7 @@ class GivenInstances(NamedTuple):
 def unknown_instances(
     names: Iterable[str], problem: OptimalControlProblem
 ) -> Iterator[tuple[str, str]]:
-    """Yield each name of instances that a problem cannot give them, with the reason.
+    """Yield each name that is no data of instances of a problem, with the reason.
 
     Args:
         names: Names of states and parameters.
@@ -478,7 +485,8 @@ class Kind:
 
     Attributes:
         scenario: The pydantic model of its scenarios.
-        poses: Scenario -> its agents and plant, not compiled; to be called by `pose`.
+        poses: Scenario -> its agents and plant, not compiled; use the method `pose`
+            instead.
         measure: (scenario, flight, trajectory) -> values of the measures, by name.
         whole_run: (scenario, flight, trajectory, measures) -> values by which whole
             runs are compared.
@@ -518,7 +526,7 @@ class Kind:
     posed_by_code: bool = False
 
     def pose(self, scenario: Scenario, *, allow_code: bool = False) -> Posed:
-        """Return agents and plant, of which `kinds/flight.py` builds a closed loop.
+        """Return agents and plant, from which `kinds/flight.py` builds a closed loop.
 
         Args:
             scenario: The scenario, checked.
@@ -586,10 +594,11 @@ class Kind:
             flight: The flight.
             trajectory: Its path.
             file: A name that ends in .gif or .mp4.
-            options: `progress`, told (frames finished, all frames, "animating").
+            options: `progress`, a callback with (frames finished, all frames,
+                "animating").
 
         Raises:
-            NoAnimationError: If the kind has none.
+            NoAnimationError: If the kind has no animation.
         """
         self.check_animation(file.suffix.removeprefix("."))
         animate = resolve_name(f"{self.animated_by}:animate")
@@ -599,7 +608,7 @@ class Kind:
         """Raise if an animation, "gif" or "mp4", cannot be written on this machine.
 
         Raises:
-            NoAnimationError: If the kind has none.
+            NoAnimationError: If the kind has no animation.
         """
         if not self.animated_by:
             raise NoAnimationError(

@@ -30,9 +30,9 @@ def overlay(document: Document, path: Path) -> Document:
     point at the override.
 
     Args:
-        document: Left as it is.
-        path: Where the override stands, such as ("variants", "literal"); it is not
-            removed.
+        document: The document; it is not changed.
+        path: Path of the override in the document, such as ("variants", "literal"); the
+            override is not removed from there.
 
     Returns:
         The merged document.
@@ -76,9 +76,10 @@ def assign(
     """Set one value by its dotted path; missing mappings on the way are created.
 
     Args:
-        document: Left as it is.
-        dotted_key: Such as "controller.search.size" or "vehicles.0.start.x_m"; in a
-            list, a number from 0 stands for an item that exists.
+        document: The document; it is not changed.
+        dotted_key: Keys joined by dots, such as "controller.search.size" or
+            "vehicles.0.start.x_m"; a number from 0 names an item of a list, which must
+            exist.
         text_value: A YAML scalar, or a list or mapping in brackets; "" is null.
         name: Name of the origin in messages, before the key.
 

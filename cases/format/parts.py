@@ -3,8 +3,8 @@
 All parts are pydantic models, strict and frozen, and refuse unknown keys. A number can
 be written as an expression, such as `pi/18`.
 
-Editors read draft 7 of the JSON Schema at most, and pydantic writes 2020-12: so
-definitions are renamed. `variants`, overrides of any part of the format, is added.
+Editors read JSON Schema up to draft 7, and pydantic writes 2020-12: so the keys of
+definitions are renamed. The key `variants`, which can override any part, is added.
 
 The descriptions of keys are taken from the docstrings of their classes. A class says
 under "Attributes:" what each of its keys means, once for readers of the code and of the
@@ -233,7 +233,8 @@ class OrderPart(Part):
 
     Attributes:
         name: Rule for comparing two individuals: cost plus weighted violation, feasible
-            ones first, or the latter with a tolerance that shrinks.
+            ones first, or feasible ones first with a tolerance of violations that
+            shrinks.
         weight: Factor of the constraint violation in the cost, used by static_penalty
             only.
     """
@@ -287,12 +288,12 @@ def attributes_of(given: type) -> dict[str, str]:
 
 
 def summary_of(docstring: str) -> str:
-    """Return a docstring without its sections."""
+    """Return the text of a docstring that comes before its sections."""
     return inspect.cleandoc(docstring).partition(f"\n\n{_HEADING}")[0]
 
 
 def draft7(node: Any) -> Any:
-    """Return a schema in the words of draft 7."""
+    """Return a schema with the keywords of draft 7."""
     if isinstance(node, list):
         return [draft7(item) for item in node]
     if not isinstance(node, dict):

@@ -1,7 +1,7 @@
 """Registries of names in scenarios: "module:attribute" strings, imported when used.
 
-The words of a kind of scenario are all that is said of it, and known of its rows, as
-text. Nothing heavy is imported here, so that `swarmstart list` and `--help` stay quick.
+`KindWords` has all texts about a kind of scenario, and the names of its rows. Nothing
+heavy is imported here, so that `swarmstart list` and `--help` stay quick.
 """
 
 from collections.abc import Mapping
@@ -21,31 +21,37 @@ class KindWords:
         kind: "module:attribute" of its Kind.
         title: Description in a few words, for the list of kinds.
         measures: Name of a measure -> meaning, with its unit in brackets at the end.
-        of_closed_loops: Measures that say nothing of a single plan.
+        of_closed_loops: Measures that have a meaning for closed loops only, not for a
+            single plan.
         templates: Commented files that `swarmstart new` copies, in the folder
-            `templates` beside this module: name -> ending of the new file; empty: that
-            of the scenario. Without any there is no template.
+            `templates` beside this module: name -> ending of the new file; an empty
+            ending is that of the scenario. No entry means that the kind has no
+            template.
         example: Shipped scenario to start from if there is no template; may be empty.
         runs_code: Whether scenarios run a file of the user's.
-        flown_by: Aircraft of a flight: one word that is counted ("UAV"), or a phrase;
-            empty: no flight of aircraft, so that constraints are told, not distances.
+        flown_by: Aircraft of a flight: one word that is used with a number ("UAV"), or
+            a phrase. It is empty if the kind is no flight; texts then mention
+            constraints instead of distances.
         outcome: "module:function" that returns the result of a run in a sentence:
-            (trajectory, measures) -> text; empty: the cost, as of any problem.
+            (trajectory, measures) -> text; empty means a sentence on the cost.
         ending: "module:function" that returns a further sentence on the end of a run:
-            (measures) -> text, which may be empty; empty: there is none.
+            (measures) -> text, which may be empty; an empty name means no sentence.
         kept: "module:function" that returns a sentence on the constraints, and whether
-            they are kept: (measures) -> (text, bool); empty: those of a problem.
+            they are kept: (measures) -> (text, bool); empty means the function for
+            problems.
         captions: Stem of a figure's file -> caption.
-        costs: Measures that are the cost of a run: the first that is defined counts.
+        costs: Names of measures that can be the cost of a run; the first defined one
+            counts.
         numbered_rows: Whether names of states and controls end in the number of the
-            vehicle, which moves in the plane; else vehicles follow one another.
-        vehicles: Names of the vehicles; empty: those of the scenario.
-        called: Name of a vehicle with numbered rows, before its number.
-        first_number: Number of the first of them, if the scenario numbers none.
+            vehicle, which moves in the plane; else the rows of one vehicle follow those
+            of another.
+        vehicles: Names of the vehicles; empty means those of the scenario.
+        called: Word before the number of a vehicle with numbered rows.
+        first_number: Number of the first vehicle, if the scenario gives no numbers.
         relative: Whether the positions are those of a leader seen from its wingman.
         surroundings: "module:function" that returns what is around the vehicles:
-            (scenario as recorded, times, positions, headings) -> Surroundings; empty:
-            nothing.
+            (scenario as recorded, times, positions, headings) -> Surroundings; empty
+            means that nothing is.
         for_pages: Settings of a scenario that is posed again to draw a page.
     """
 
@@ -138,7 +144,7 @@ def words_of(kind: object) -> KindWords:
     """Return the words of a kind; those of an unknown kind, as in a record, are empty.
 
     Args:
-        kind: A key of KINDS, or what a file has in its place.
+        kind: A key of KINDS, or any other value that a file has in its place.
     """
     if not isinstance(kind, str) or kind not in KINDS:
         return KindWords()

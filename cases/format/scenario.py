@@ -61,9 +61,9 @@ class Resolved:
         kind: Its kind, which builds, measures and draws it.
         variant: The variant's name; empty if the scenario has no variants.
         settings: The resolved scenario as plain data, complete with defaults.
-        folder: Folder of the files that it names.
-        allow_code: Whether code of the user's may be run, if it runs any; only the
-            current command or call can set this, never a file.
+        folder: Folder of the files that the scenario names.
+        allow_code: Whether the user's code may be run, if the scenario runs any; only
+            the current command or call can set this, never a file.
     """
 
     scenario: Scenario
@@ -81,23 +81,23 @@ class Resolved:
 
     @property
     def code(self) -> str | None:
-        """The file or the command of the user's that it runs; None if it runs none."""
+        """The user's file or command that the scenario runs; None if it runs none."""
         return self.kind.code(self.scenario)
 
     def posed(self) -> Posed:
-        """Return agents and plant, posed by its kind.
+        """Return agents and plant, as the kind of the scenario poses them.
 
         Raises:
-            CodeNotAllowedError: If that runs a file and `allow_code` is false.
+            CodeNotAllowedError: If posing runs a file and `allow_code` is false.
             SwarmstartError: If it cannot be posed.
         """
         return self.kind.pose(self.scenario, allow_code=self.allow_code)
 
     def require_allowed(self) -> None:
-        """Raise if it runs code of the user's that may not be run.
+        """Raise if the scenario runs code of the user's that may not be run.
 
         Raises:
-            CodeNotAllowedError: With the file or the program.
+            CodeNotAllowedError: If so; the error names the file or the program.
         """
         self.kind.require_allowed(self.scenario, allow_code=self.allow_code)
 
@@ -110,7 +110,7 @@ class Resolved:
     def anonymous_settings(self) -> dict[str, Any]:
         """Return the settings without title, name, source, claims and instances.
 
-        These do not affect the result.
+        These keys do not affect the result.
         """
         told = {"claims": [], "title": "", "source": "", "name": "cell"}
         settings = {**self.settings, **told}
@@ -118,7 +118,7 @@ class Resolved:
         return settings
 
     def planning_settings(self) -> dict[str, Any]:
-        """Return the same without code that only simulations run: for plans alone."""
+        """Return `anonymous_settings` without code that only simulations run."""
         settings = self.anonymous_settings()
         if self.code is not None and not self.kind.posed_by_code:
             settings.pop("plant")
@@ -233,8 +233,8 @@ def resolve(
             search.
         polish: The polish's name; None means that of the scenario.
         assignments: "key.path=value", applied in order.
-        valid: Callback with a scenario of the right form, before the slow check that
-            its terminal set can be certified.
+        valid: Function that is called with each scenario whose form is right, before
+            the slow check whether its terminal set can be certified.
 
     Raises:
         YamlError: If an assignment does not fit.
@@ -277,13 +277,15 @@ def resolved_again(
     code_in: str | None = None,
     allow_code: bool = True,
 ) -> Resolved:
-    """Return the result of an earlier `resolve`, from its settings.
+    """Return a scenario from the settings of an earlier `resolve`.
 
     Args:
-        settings: As in Resolved: plain data, complete and checked.
-        variant: As in Resolved.
+        settings: Attribute `settings` of the earlier result: plain data, complete and
+            checked.
+        variant: Attribute `variant` of the earlier result.
         code_in: The folder of code that may be run; None if none may be run.
-        allow_code: Whether it may; if not, its files are only looked for there.
+        allow_code: Whether the code in that folder may be run; if not, files are only
+            looked for there.
 
     Raises:
         InvalidScenarioError: If the settings are not those of a resolved scenario.
@@ -298,12 +300,12 @@ def resolved_again(
 def search_of(
     name: str, options: Mapping[str, str], *, told: str = "--search"
 ) -> dict[str, Any]:
-    """Return the `search:` section of a scenario with some settings, complete.
+    """Return the complete `search:` section of a scenario from some of its settings.
 
     Args:
         name: The search.
         options: Its settings -> their values as YAML text.
-        told: Name of the place of the settings in messages.
+        told: Name of the origin of the settings, for messages.
 
     Raises:
         YamlError: If a value cannot be read.

@@ -92,7 +92,7 @@ class IpoptPart(Part):
     options: dict[str, bool | int | float | str] = Field(default_factory=dict)
 
     def told(self) -> IpoptOptions:
-        """Return the options for the polish."""
+        """Return the options in the form that the polish takes."""
         return IpoptOptions(
             max_iterations=self.max_iterations,
             tolerance=self.tolerance,
@@ -112,7 +112,7 @@ class PolishPart(Part):
     options: dict[str, bool | int | float | str] = Field(default_factory=dict)
 
     def told(self) -> NlpOptions:
-        """Return the solver with its options."""
+        """Return the solver and its options in the form that the polish takes."""
         return NlpOptions(plugin=self.solver, options=self.options)
 
     def flaws(self) -> Iterator[LocatedFlaw]:
@@ -182,9 +182,9 @@ class SearchPart(Part):
             half, one individual or none.
         sampling: Method of drawing the rest of the first population; null means
             half_smooth.
-        when: Plans that are searched if there is a polish: always all, or only those
-            for which the polish of the last plan is not enough (needed); undecided
-            leaves out the first plan, too, if cold starts and lanes agree on it.
+        when: Plans that are searched if there is a polish: all (always), or only those
+            for which the polish of the last plan is not enough (needed), or of these
+            not even the first plan if cold starts and lanes agree on it (undecided).
     """
 
     name: str
@@ -204,7 +204,8 @@ class SearchPart(Part):
         """Return the algorithm's settings; None if the search is `none`.
 
         Args:
-            evaluations: The budget, on which `default` depends; None means no limit.
+            evaluations: Budget of evaluations, on which the search `default` depends;
+                None means no limit.
         """
         if self.name == "none":
             return None
@@ -230,7 +231,7 @@ def _yaml_type(hint: Any) -> Any:
 
 
 def search_part(name: str) -> type[SearchPart]:
-    """Return the model of a search: its settings dataclass, key by key."""
+    """Return the pydantic model of a search, with the keys of its settings class."""
     entry = SEARCHES[name]
     keys: dict[str, Any] = {
         "name": (Literal[name], ...),
@@ -263,7 +264,7 @@ else:
 
 
 class Searching(Part):
-    """A search alone, checked as the search of a scenario is.
+    """A search alone, which is checked like the search of a scenario.
 
     Attributes:
         search: Search algorithm and its settings.
@@ -372,7 +373,7 @@ class Scenario(Part):
         return None
 
     def way(self) -> str:
-        """Return in words how plans are made; empty: by `solve`."""
+        """Return in words how plans are made; empty if `solve` makes them."""
         return ""
 
     def flaws(self) -> Iterator[LocatedFlaw]:
@@ -505,7 +506,7 @@ def planning(scenario: Scenario) -> PlanningScenario:
     """Return a scenario whose plans are optimal-control problems.
 
     Raises:
-        TypeError: If its vehicles plan in another way.
+        TypeError: If the plans of the scenario are made in another way.
     """
     if not isinstance(scenario, PlanningScenario):
         raise TypeError(

@@ -79,7 +79,8 @@ def read_yaml(path: str | os.PathLike[str]) -> Document:
     """Read a YAML file whose top level is a mapping.
 
     Args:
-        path: A regular file, UTF-8, at most `MAX_BYTES` long (checked before reading).
+        path: Path of a regular file, UTF-8, at most `MAX_BYTES` long (checked before
+            reading).
 
     Returns:
         Its data, with places that name the file as `path` does.
@@ -95,8 +96,8 @@ def read_bytes(path: str | os.PathLike[str], *, most: int = MAX_BYTES) -> bytes:
     """Return the content of a file.
 
     Args:
-        path: A regular file.
-        most: Its largest size [bytes], checked before reading.
+        path: Path of a regular file.
+        most: Largest size of the file [bytes], checked before reading.
 
     Raises:
         UnreadableFileError: If it is missing, forbidden, a directory or a device.
@@ -127,7 +128,7 @@ def parse_yaml(text: str | bytes, *, name: str) -> Document:
     """Return the document in a YAML text whose top level is a mapping.
 
     Args:
-        text: UTF-8 when bytes; a byte order mark and CRLF are accepted.
+        text: The text; bytes must be UTF-8. A byte order mark and CRLF are accepted.
         name: Name of the text in messages, usually a file name.
 
     Returns:

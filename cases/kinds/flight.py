@@ -91,7 +91,7 @@ def _steered(posed: P, controller: Controller) -> Flight[P]:
 def first_problem(posed: Posed) -> PlanningProblem:
     """Return the planning problem of the first step, not compiled.
 
-    Given plans that its agent watches are replayed.
+    Agents before the one that plans follow their given plans.
 
     Args:
         posed: Agents and plant, posed by the scenario's kind.

@@ -15,9 +15,9 @@ class Silence(Part):
     """Time in which a vehicle neither sends nor hears.
 
     Attributes:
-        vehicle: Its number, from 0.
-        from_s: Beginning [s].
-        to_s: End [s]; null: for ever.
+        vehicle: Number of the vehicle, from 0.
+        from_s: Beginning of the silence [s].
+        to_s: End of the silence [s]; null means that it does not end.
     """
 
     vehicle: int = Field(ge=0)
@@ -30,11 +30,12 @@ class LinksPart(Part):
 
     Attributes:
         ticks: Number of ticks in a step.
-        most_delay: A message takes 1 to 1 + most_delay ticks.
+        most_delay: Number of ticks by which a message can be late: it takes 1 to 1 +
+            most_delay ticks.
         loss: Probability that a message is lost, for each receiver.
         silences: Times in which vehicles neither send nor hear.
-        range_m: Largest distance between sender and receiver; vehicles pass on what
-            they hear, then; null: any [m].
+        range_m: Largest distance between sender and receiver [m], with which vehicles
+            also pass on what they hear; null means any distance.
     """
 
     ticks: int = Field(default=2, ge=1, le=100)
@@ -44,7 +45,7 @@ class LinksPart(Part):
     range_m: Positive | None = None
 
     def links(self) -> Links:
-        """Return the links."""
+        """Return the links that these keys describe."""
         return Links(
             period=self.ticks,
             most_delay=self.most_delay,

@@ -105,7 +105,7 @@ class Point(Part):
 
 
 class PlantPart(Part):
-    """The simulated aircraft: integrated finer than the prediction.
+    """The simulated aircraft, integrated in finer steps than the prediction.
 
     Attributes:
         substeps: Number of Runge-Kutta steps of the simulated aircraft in a control
@@ -150,7 +150,7 @@ def start_speed_flaws(
     Args:
         place: Place of the speed in the scenario.
         speed: The speed [m/s].
-        limits: vehicle.speed_m_s.
+        limits: Bounds of the speed, the scenario's `vehicle.speed_m_s`.
     """
     if not limits.lower <= speed <= limits.upper:
         yield (
@@ -235,12 +235,12 @@ def pair_distances(stacked: Array, uavs: int) -> Array:
 
 
 def smallest(distances: Array) -> float | None:
-    """Return the smallest distance; None if there is no pair."""
+    """Return the smallest of some distances; None if there is no distance."""
     return float(distances.min()) if distances.size else None
 
 
 def flown_positions(path: DenseOutput, uavs: int) -> Array:
-    """Return the position of each UAV as curves, shape (uavs, 2, pieces, 6) [m].
+    """Return the positions of UAVs as piecewise curves, (uavs, 2, pieces, 6) [m].
 
     Args:
         path: Path of the stacked states, uavs * 4 rows.
@@ -320,7 +320,7 @@ class Thrust:
     Attributes:
         drag: D, constant [N].
         weight: W [N], positive.
-        equation: "printed" or "newton"; see above.
+        equation: "printed" or "newton"; see the module's head.
     """
 
     drag: float
@@ -355,11 +355,11 @@ def bank_to_turn(*, turn: Turn, thrust: Thrust | None = None) -> Model:
 
 
 def shortest_assignment(starts: Array, targets: Array) -> NDArray[np.int64]:
-    """Return the number of the target of each start, shape (n,).
+    """Return for each start the number of its target, from 0, shape (n,).
 
     Args:
-        starts: Shape (n, 2) [m].
-        targets: Same number, shape (n, 2) [m].
+        starts: Positions of the starts, shape (n, 2) [m].
+        targets: Positions of as many targets, shape (n, 2) [m].
     """
     from scipy.optimize import linear_sum_assignment  # Slow to import.
 

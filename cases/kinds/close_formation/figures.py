@@ -149,7 +149,8 @@ def settled_s(scenario: CloseFormationScenario, trajectory: Trajectory) -> float
     """Return the time after the leader's last change from which x and y are settled.
 
     Returns:
-        Time since the start [s]; None: never, or the leader changes after the end.
+        Time since the start [s]; None if they never settle, or if the leader changes
+        after the end.
     """
     off = np.abs(deviations(scenario, trajectory.states)[:2])
     settled = settled_at(trajectory.times, off, SETTLED_FT)

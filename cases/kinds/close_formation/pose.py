@@ -50,7 +50,8 @@ class PosedCloseFormation(Posed):
 
     Attributes:
         aircraft: Both aircraft.
-        leader: Times (n,) -> speed, heading and height of the leader, shape (3, n).
+        leader: Function from times (n,) [s] to speed, heading and height of the leader,
+            shape (3, n).
     """
 
     aircraft: Aircraft
@@ -63,7 +64,7 @@ CloseFormationFlight = Flight[PosedCloseFormation]
 def pose(scenario: CloseFormationScenario) -> PosedCloseFormation:
     """Return the wingman's planning problem, and the plant.
 
-    The scenario is checked.
+    The scenario must have been checked before.
     """
     aircraft = Aircraft(**scenario.aircraft.model_dump())
     wingman = Wingman(aircraft=aircraft, **scenario.autopilot.model_dump())
@@ -182,10 +183,10 @@ def _plant(
 
 
 def leader_of(leader: Leader) -> Callable[[Array], Array]:
-    """Return times (n,) [s] -> (V_L, psi_L, h_L), shape (3, n).
+    """Return a function from times (n,) [s] to (V_L, psi_L, h_L), shape (3, n).
 
     With `hold` a row is valid until the next; with `linear` values change evenly from
-    row to row, and stay after the last. Headings are not wrapped.
+    row to row, and stay as they are after the last row. Headings are not wrapped.
     """
     times = np.array([row.time_s for row in leader.manoeuvre])
     rows = np.array(
@@ -202,7 +203,7 @@ def leader_of(leader: Leader) -> Callable[[Array], Array]:
 
 
 def first_manoeuvre_s(leader: Leader) -> float:
-    """Return the begin of the leader's first change [s]; 0 without a change."""
+    """Return the beginning of the leader's first change [s]; 0 without a change."""
     return min((begin for begin, _ in _changes(leader)), default=0.0)
 
 

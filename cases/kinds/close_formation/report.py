@@ -1,4 +1,4 @@
-"""Result of a close formation in a sentence, and its surroundings on pages."""
+"""Result of a close formation in a sentence, and what its pages draw around it."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -13,7 +13,7 @@ from swarmstart.ocp import Trajectory
 
 
 def outcome(trajectory: Trajectory, measures: Mapping[str, Measure]) -> str:
-    """Return whether the wingman stays in its slot."""
+    """Return a sentence on whether the wingman stays in its slot."""
     del trajectory
     times = [measures.get(name) for name in ("x_settle_s", "y_settle_s")]
     last = number_of(measures.get("position_error_late_ft"))

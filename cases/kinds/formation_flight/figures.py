@@ -147,7 +147,7 @@ def sheet_figure(
 
 
 def eventful(shown: Shown, flight: FormationFlight) -> Shown:
-    """Return the part of a flight until soon after all are settled; of a plan all."""
+    """Return a flight until soon after all UAVs are settled; a plan is left whole."""
     settled = None if shown.is_plan else shown.settled(flight)
     return shown if settled is None else shown.until(max(LONGER * settled, SHORTEST_S))
 
@@ -207,7 +207,7 @@ def _labels(scenario: FormationScenario, flight: FormationFlight) -> Labels:
 
 
 def colour_numbers(scenario: FormationScenario) -> list[int]:
-    """Return the number of each UAV's colour: UAV 3 is alike in every figure."""
+    """Return the number of each UAV's colour, which is the same in every figure."""
     return [number - 1 for number in scenario.numbers]
 
 
@@ -303,7 +303,7 @@ def distances_figure(
 ) -> "Figure | None":
     """Return (c): smallest distance and clearance between the samples, and at them.
 
-    None: there is one UAV and no obstacle.
+    None if there is one UAV and no obstacle.
     """
     series = _distances(scenario, flight, shown)
     if not series:
@@ -352,7 +352,7 @@ def _draw_distances(
 def terminal_set_figure(
     scenario: FormationScenario, flight: FormationFlight, shown: Shown
 ) -> "Figure":
-    """Return (d): e'Pe against the level of the terminal set, and the ways into it."""
+    """Return (d): e'Pe with the terminal set's level, and the UAVs' ways into it."""
     terminal_set = flight.posed.terminal_set
     figure = new_figure((11.0, 8.0))
     first, *planes = figure.subplots(2, 2).ravel()
@@ -435,7 +435,7 @@ def animate(
     The arguments are those of `Kind.animate`.
 
     Raises:
-        MissingWriterError: If the program that writes that kind is not installed.
+        MissingWriterError: If the program that writes such a file is not installed.
         RecordError: If the file cannot be written.
     """
     shown = shown_of(scenario, flight, trajectory)

@@ -62,9 +62,10 @@ def whole_run(
     trajectory: Trajectory,
     measures: Mapping[str, Measure],
 ) -> WholeRun:
-    """Return the closed-loop cost, and the largest missing part of a distance.
+    """Return the closed-loop cost, and the largest shortfall of a distance.
 
-    It is relative to the safe distance of two UAVs, or to the radius of an obstacle.
+    The shortfall is relative to the safe distance of two UAVs, or to the radius of an
+    obstacle.
     """
     del flight, trajectory
     safe = scenario.avoidance.safe_distance_m

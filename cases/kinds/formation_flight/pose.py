@@ -1,6 +1,6 @@
 """A formation scenario -> planning problems, linear laws and plant.
 
-UAV after UAV plans, or flies its given plan.
+The UAVs plan one after another; a UAV with a given plan flies it instead.
 """
 
 from collections.abc import Callable, Iterator
@@ -44,7 +44,8 @@ class PosedFormation(Posed):
 
     Attributes:
         names: Names of the UAVs.
-        slots: (times (n,)) -> slot states of all UAVs, shape (uavs, 4, n).
+        slots: Function from times (n,) [s] to the slot states of all UAVs, shape (uavs,
+            4, n).
         designed_set: The terminal set, the same for every UAV; None without dual mode.
         reference: Reference of the set, with the bounds.
         dynamics: f(x, u) of one UAV.
@@ -74,7 +75,7 @@ FormationFlight = Flight[PosedFormation]
 def pose(scenario: FormationScenario) -> PosedFormation:
     """Return the planning problem of each UAV, and the plant.
 
-    The scenario is checked.
+    The scenario must have been checked before.
     """
     model, uavs = unicycle(), range(len(scenario.uavs))
     dynamics, reference = dynamics_of(model), reference_of(scenario)
@@ -107,7 +108,7 @@ def pose(scenario: FormationScenario) -> PosedFormation:
 
 
 def flaws(scenario: FormationScenario) -> Iterator[LocatedFlaw]:
-    """Yield errors between parts of the scenario, also impossible designs."""
+    """Yield errors between parts of the scenario, and of impossible linear laws."""
     found = list(scenario.flaws())
     yield from found
     if found:

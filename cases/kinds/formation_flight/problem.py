@@ -64,7 +64,7 @@ SEED = 0
 def planning_problem(
     scenario: FormationScenario, model: Model, terminal_cost: Array, *, others: int
 ) -> OptimalControlProblem:
-    """Return a UAV's planning problem: signals are its slot, then others' positions."""
+    """Return a UAV's planning problem; signals: its slot, then others' positions."""
     signals = ca.vertcat(ca.SX.sym("slot", 4), ca.SX.sym("others", 2 * others))
     # Its own slot, then two rows for each UAV that has planned before it.
     error = model.states - signals[:4]
@@ -249,7 +249,7 @@ def level_as_printed(K: ArrayLike, P: ArrayLike, u_max: ArrayLike) -> float:
     Args:
         K: Gain, shape (nu, nx).
         P: Shape of the ellipsoid, (nx, nx), symmetric positive definite.
-        u_max: Room of each input around its reference, shape (nu,), > 0.
+        u_max: Largest deviation of each input from its reference, shape (nu,), > 0.
 
     Returns:
         alpha = min_i u_max_i^2 / (K_i P K_i').

@@ -1,4 +1,4 @@
-"""Result of a formation flight in a sentence, and its surroundings on pages."""
+"""Result of a formation flight in a sentence, and what its pages draw around it."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -13,7 +13,7 @@ from swarmstart.ocp import Trajectory
 
 
 def outcome(trajectory: Trajectory, measures: Mapping[str, Measure]) -> str:
-    """Return whether UAVs stay in their slots."""
+    """Return a sentence on whether the UAVs stay in their slots."""
     settle, tail = measures["settle_time_s"], measures["tail_error_m"]
     # A single plan is not flown to its end, so that settling says nothing.
     if is_number(measures.get("plan_cost")):
@@ -39,7 +39,7 @@ def _polished(trajectory: Trajectory) -> str:
 def surroundings(
     scenario: Mapping[str, Any], times: Array, positions: Array, headings: Array
 ) -> Surroundings:
-    """Return leader, slots and obstacles; see `surroundings_of`."""
+    """Return the leader, the slots and the obstacles; see `surroundings_of`."""
     del positions, headings
     # From the recorded scenario: nothing is posed or compiled for this.
     given = scenario["leader"]

@@ -22,13 +22,14 @@ class Shown:
     """A path that the figures show: that of the flight, or that of its one plan.
 
     Attributes:
-        dense_times: Shape (n,) [s].
-        dense: States of each UAV there, shape (uavs, 4, n).
+        dense_times: Times of the path, also between control instants, shape (n,) [s].
+        dense: States of each UAV at `dense_times`, shape (uavs, 4, n).
         times: Control instants, shape (T + 1,) [s].
-        states: States of each UAV there, shape (uavs, 4, T + 1).
-        controls: Held between them, UAV after UAV, shape (uavs * 2, T).
+        states: States of each UAV at `times`, shape (uavs, 4, T + 1).
+        controls: Controls held from each of `times` to the next, UAV after UAV, shape
+            (uavs * 2, T).
         linear: Whether the linear law flew each step, shape (T,).
-        is_plan: Whether it is the path of a plan.
+        is_plan: Whether the path is that of a plan, and not that of a flight.
     """
 
     dense_times: Array
@@ -40,11 +41,11 @@ class Shown:
     is_plan: bool
 
     def errors(self, flight: FormationFlight) -> Array:
-        """Return the largest of |dx| and |dy| of each UAV, shape (uavs, n) [m]."""
+        """Return max(|dx|, |dy|) of each UAV from its slot, shape (uavs, n) [m]."""
         return _offsets(flight, self.dense_times, self.dense)
 
     def until(self, end: float) -> "Shown":
-        """Return the part up to a time [s], in whole steps."""
+        """Return the part of the path up to a time [s], in whole steps."""
         steps = int(np.searchsorted(self.times, end - _ROUNDING_S))
         last = float(self.times[min(steps, self.linear.size)])
         kept = self.dense_times <= last + _ROUNDING_S
@@ -59,7 +60,7 @@ class Shown:
         )
 
     def settled(self, flight: FormationFlight) -> float | None:
-        """Return the control instant from which on all are in their slots [s]."""
+        """Return the time from which all UAVs are in their slots [s]; None if never."""
         return settled_at(
             self.times, _offsets(flight, self.times, self.states), SETTLED_M
         )
@@ -73,7 +74,7 @@ def _offsets(flight: FormationFlight, times: Array, states: Array) -> Array:
 def shown_of(
     scenario: FormationScenario, flight: FormationFlight, trajectory: Trajectory
 ) -> Shown:
-    """Return the path of the flight; of one planned step the path of its plan."""
+    """Return the path of the flight, or of its plan if only one step was planned."""
     first = trajectory.decisions[0]
     if len(trajectory.decisions) == 1 and first.mode is Mode.PLANNED:
         times, paths = planned_paths(scenario, flight, trajectory)

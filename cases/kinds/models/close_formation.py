@@ -118,7 +118,7 @@ def close_formation(
         kinematics: Whether the rotation terms use the slot or the state.
         aerodynamics: Whether the wake is linear about the slot or the vortex itself;
             "vortex" is for "corrected" only, and "none" means no wake.
-        heading_from: Direction from which the heading command counts.
+        heading_from: Direction from which the heading command is counted.
         gusts: Whether w_x, w_y, w_z [ft/s], added to the rate of the relative position,
             are three more parameters: for a plant.
 

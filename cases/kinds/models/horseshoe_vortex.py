@@ -197,9 +197,10 @@ def upwash(aircraft: Aircraft, y_ft: Scalar, z_ft: Scalar) -> Scalar:
     """Return W/V, the mean upwash over the wingman's span, positive up.
 
     Args:
-        aircraft: The leader, and the wingman alike.
+        aircraft: Geometry and flight condition of leader and wingman.
         y_ft: Lateral distance [ft], float or expression; W/V is even in it.
-        z_ft: Height of the wingman above the leader [ft], likewise; even in it too.
+        z_ft: Height of the wingman above the leader [ft], float or expression; W/V is
+            even in it, too.
     """
     bp, M = aircraft.vortex_separation_ft, aircraft.squared_core_ft2
     # M keeps the logarithm finite in the vortices themselves.
@@ -212,7 +213,7 @@ def sidewash(aircraft: Aircraft, y_ft: Scalar, z_ft: Scalar) -> Scalar:
     """Return S/V, the mean sidewash over the wingman's fin.
 
     Args:
-        aircraft: The leader, and the wingman alike.
+        aircraft: Geometry and flight condition of leader and wingman.
         y_ft: Lateral distance [ft], float or expression; S/V is odd in it, and
             positive, towards the leader, for y and z positive.
         z_ft: Height of the wingman above the leader [ft], likewise.
@@ -231,9 +232,9 @@ def increments(aircraft: Aircraft, y_ft: Scalar, z_ft: Scalar) -> Increments[Sca
     """Return dC_L = a W/V, dC_D = -C_L W/V and dC_Y = k_Y S/V.
 
     Args:
-        aircraft: The leader, and the wingman alike.
+        aircraft: Geometry and flight condition of leader and wingman.
         y_ft: Lateral distance of the leader, positive to the right of the wingman [ft],
-            float or expression. dC_Y has its sign.
+            float or expression. dC_Y has the sign of this distance.
         z_ft: Height of the wingman above the leader [ft], likewise.
     """
     W = upwash(aircraft, y_ft, z_ft)
@@ -258,7 +259,7 @@ def derivatives(aircraft: Aircraft, y_ft: Scalar, z_ft: Scalar) -> Derivatives[S
                              - z [1/s(A, z) - 1/s(B, z)] }
 
     Args:
-        aircraft: The leader, and the wingman alike.
+        aircraft: Geometry and flight condition of leader and wingman.
         y_ft: Lateral distance [ft]; (5.20) is linear about the slot, y = pi b/4.
         z_ft: Height of the wingman above the leader [ft]. At zero C_Lz = C_Dz = 0.
     """
@@ -291,8 +292,8 @@ def drag_saving(aircraft: Aircraft, y_ft: Scalar, z_ft: Scalar) -> Scalar:
         saving = C_L W/V / (C_D0 + C_L^2 / (pi AR))
 
     Args:
-        aircraft: The leader, and the wingman alike. Without C_D0 it is the share of
-            the induced drag, not of the total.
+        aircraft: Geometry and flight condition of leader and wingman. If its C_D0 is 0,
+            the share is that of the induced drag, not of the total.
         y_ft: Lateral distance in the wingman's frame [ft], float or expression.
         z_ft: Height of the wingman above the leader [ft], likewise.
     """

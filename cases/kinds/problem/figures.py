@@ -168,12 +168,12 @@ def _place(scenario: ProblemScenario, labels: Labels) -> Place | None:
 def of_one_member(
     trajectory: Trajectory, problem: OptimalControlProblem, every: OptimalControlProblem
 ) -> Trajectory:
-    """Return a run whose plans are the first member's, without states.
+    """Return a run with the plans as the first member has them, without states.
 
     Args:
         trajectory: The run.
-        problem: Of one member.
-        every: Of all members, which plans were made for.
+        problem: Problem of one member.
+        every: Problem of all members, for which the plans were made.
     """
     nu, own_places, places = (
         problem.model.nu,
@@ -216,7 +216,7 @@ def member_figures(
 ) -> "Iterator[tuple[str, Figure]]":
     """Yield the states of all members of the first plan, beneath the simulated ones.
 
-    The problem is that of one member.
+    `problem` is that of one member.
     """
     answer, nx = flight.answer(trajectory), problem.model.nx
     limits, _ = stacked_limits([problem])

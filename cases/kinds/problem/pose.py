@@ -56,7 +56,7 @@ from swarmstart.terminal_set import TerminalSet, Weights, certificate_text
 
 
 def pose(scenario: ProblemScenario) -> ProblemPosed:
-    """Return the agents of a problem and its plant; the scenario is checked.
+    """Return the agents of a problem and its plant, from a checked scenario.
 
     Raises:
         SwarmstartError: If a guess cannot be read, or the dual mode has no certified

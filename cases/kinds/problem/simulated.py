@@ -1,7 +1,7 @@
-"""A simulator of others as the plant of a problem: what it needs, and how it is loaded.
+"""An external simulator as the plant of a problem: what it needs, how it is loaded.
 
-Nothing of others is loaded before a simulation begins, and none but the file whose hash
-the scenario states.
+No file of others is loaded before a simulation begins, and only a file with the hash
+that the scenario states.
 """
 
 from __future__ import annotations

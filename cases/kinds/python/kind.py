@@ -28,7 +28,7 @@ from swarmstart.ocp import Trajectory
 
 
 def flaws(scenario: PythonScenario) -> Iterator[LocatedFlaw]:
-    """Yield errors that are known without running the file, which has the names."""
+    """Yield errors that can be found without running the user's file."""
     yield from scenario.flaws()
     wrong = [*tried(instance_numbers(scenario))]
     yield from wrong or instance_ranges(scenario)

@@ -207,7 +207,7 @@ def pairs_figure(
     flight: ReconfigurationFlight,
     trajectory: Trajectory,
 ) -> "Figure":
-    """Return (c): the distance of every pair, or of many the extremes."""
+    """Return (c): the distance of every pair; of many pairs only the extremes."""
     pairs = pair_distances(trajectory.dense_states, len(flight.posed.slots))
     limits = {
         "safe": scenario.distances.safe_m,

@@ -109,7 +109,7 @@ def errors_of(
 
 
 def link_distances(flight: ReconfigurationFlight, distances: Array) -> Array:
-    """Return the rows of all pairs' distances that are links, shape (links, T)."""
+    """Return the distances of the pairs that are links, shape (links, T)."""
     pairs = itertools.combinations(range(len(flight.posed.slots)), 2)
     linked = {(min(pair), max(pair)) for pair in flight.posed.links}
     return np.asarray(distances[[pair in linked for pair in pairs]])
@@ -187,10 +187,11 @@ def _motion(
 
 
 def gaps(joint: RecedingHorizon, trajectory: Trajectory) -> Array:
-    """Return J of each plan minus the lowest J found there, shape (T,).
+    """Return J of each plan minus the lowest J found from its state, shape (T,).
 
-    It is below 0 if a plan costs less because it breaks a limit. The seeds are those of
-    the steps, so that the result does not depend on the search of a flight.
+    The difference is below 0 if a plan costs less because it breaks a limit. The seeds
+    are those of the steps, so that the result does not depend on the search of a
+    flight.
 
     Args:
         joint: The controller of all UAVs at once.
@@ -208,7 +209,7 @@ def best_costs(joint: RecedingHorizon, states: Array) -> Array:
 
     Args:
         joint: The controller of all UAVs at once.
-        states: Shape (uavs * 4, T).
+        states: States from which plans are made, stacked, shape (uavs * 4, T).
     """
     planners = [
         Planner(joint.planner.problem, search=search, polish=EXACT)

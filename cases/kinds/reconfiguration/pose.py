@@ -82,7 +82,7 @@ ReconfigurationFlight = Flight[PosedReconfiguration]
 def pose(scenario: ReconfigurationScenario) -> PosedReconfiguration:
     """Return the planning problem of all UAVs, or one for each, and the plant.
 
-    The scenario is checked.
+    The scenario must have been checked before.
     """
     slots, steered = assigned_slots(scenario), _steered(scenario)
     model = team_model(scenario, steered)
@@ -160,12 +160,12 @@ def planning_order(scenario: ReconfigurationScenario, slots: Array) -> list[int]
 def links_of(
     scenario: ReconfigurationScenario, slots: Array, order: Sequence[int]
 ) -> dict[int, tuple[int, ...]]:
-    """Return for each UAV those to which it keeps the communication distance.
+    """Return for each UAV the numbers of the UAVs that are its links.
 
     Args:
         scenario: The scenario.
-        slots: Of each UAV relative to the leader, shape (uavs, 2) [m].
-        order: As of `planning_order`.
+        slots: Slot of each UAV relative to the leader, shape (uavs, 2) [m].
+        order: Numbers of the UAVs in the order of planning, from `planning_order`.
     """
     links: dict[int, tuple[int, ...]] = {}
     for place, number in enumerate(order):
@@ -180,12 +180,12 @@ def links_of(
 def priority_team(
     scenario: ReconfigurationScenario, slots: Array, order: Sequence[int]
 ) -> tuple[tuple[PosedAgent, ...], Nearby]:
-    """Return the UAVs, and all problems that they can plan.
+    """Return the UAVs as agents, and the problems for each number of UAVs in range.
 
     Args:
         scenario: The scenario, with `planning: priority`.
-        slots: Of each UAV relative to the leader, shape (uavs, 2) [m].
-        order: As of `planning_order`.
+        slots: Slot of each UAV relative to the leader, shape (uavs, 2) [m].
+        order: Numbers of the UAVs in the order of planning, from `planning_order`.
     """
     kept, leader = scenario.planning.links, scenario.leader_index
     links = links_of(scenario, slots, order)
@@ -223,7 +223,7 @@ def _constant(values: ArrayLike) -> Callable[[float], Array]:
 
 
 def rooms(uavs: int) -> list[int]:
-    """Return the numbers of others for which problems are compiled: 4, 8, 16, ..."""
+    """Return the numbers of other UAVs for which problems are compiled: 4, 8, ..."""
     # Not one problem for each number: each has to be compiled.
     doubled = (FEWEST_OTHERS * 2**k for k in itertools.count())
     return [*itertools.takewhile(lambda others: others < uavs - 1, doubled), uavs - 1]
@@ -234,12 +234,12 @@ def uav_problem(
 ) -> OptimalControlProblem:
     """Return one UAV's planning problem, the same for every UAV.
 
-    Its signals are the leader's state, the positions of its links and of the others;
-    its parameters are its slot, and 1 for each link that is used, else 0.
+    Its signals are the leader's state, the positions of the links and of the other
+    UAVs; its parameters are the slot, and for each link 1 if it is used, else 0.
 
     Args:
         scenario: The scenario.
-        others: Number of others for which it has signals.
+        others: Number of other UAVs for which the problem has signals.
     """
     prediction, kept = scenario.prediction, scenario.planning.links
     model = replace(

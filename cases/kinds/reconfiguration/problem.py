@@ -121,7 +121,7 @@ def error(state: ca.SX, leader: ca.SX, slot: ca.SX | ca.DM, *, turned: bool) -> 
     Args:
         state: State of the UAV.
         leader: State of the leader.
-        slot: Relative to the leader, shape (2, 1) [m].
+        slot: Slot relative to the leader, shape (2, 1) [m].
         turned: Whether the slot turns with the leader.
     """
     ahead, left = slot[0], slot[1]
@@ -190,7 +190,7 @@ def slots_in_plane(slots: Array, headings: Array, *, turned: bool) -> Array:
     """Return the slots relative to the leader in the plane, shape (uavs, 2, T) [m].
 
     Args:
-        slots: Relative to the leader, shape (uavs, 2) [m].
+        slots: Slots relative to the leader, shape (uavs, 2) [m].
         headings: Headings of the leader, shape (T,) [rad].
         turned: Whether the slots turn with the leader.
     """
@@ -209,7 +209,7 @@ def position_errors(states: Array, slots: Array, *, leader: int, turned: bool) -
     """Return the distance of each UAV from its slot, shape (uavs, T) [m].
 
     Args:
-        states: Stacked, shape (uavs * 4, T).
+        states: States of all UAVs, stacked, shape (uavs * 4, T).
         slots: As in `slots_in_plane`.
         leader: The leader's number from 0.
         turned: As in `slots_in_plane`.

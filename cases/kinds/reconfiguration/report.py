@@ -1,4 +1,4 @@
-"""Result of a reconfiguration in a sentence, and its surroundings on pages."""
+"""Result of a reconfiguration in a sentence, and what its pages draw around it."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -13,7 +13,7 @@ from swarmstart.ocp import Trajectory
 
 
 def outcome(trajectory: Trajectory, measures: Mapping[str, Measure]) -> str:
-    """Return how far UAVs are from their slots at the end."""
+    """Return a sentence on how far the UAVs are from their slots at the end."""
     del trajectory
     error = quantity(number_of(measures["position_error_m"]), 3)
     return (

@@ -86,7 +86,7 @@ class Distances(Part):
         return self.safe_m + self.margin_m, self.communication_m - self.margin_m
 
     def flaws(self) -> Iterator[LocatedFlaw]:
-        """Yield their errors."""
+        """Yield errors of the limits."""
         near, far = self.kept_m
         if near >= far:
             yield (

@@ -1,8 +1,9 @@
 """Animation of a swarm from above: vehicles, committed plans, links, obstacles.
 
 Each disc is as large as the distance that a vehicle keeps. A dashed line is the rest of
-a committed plan, a thin one between two vehicles that one has just accepted the other's
-plan. The clock turns red when a disc meets another one, at the same height.
+a committed plan; a thin line between two vehicles shows that one of them has just
+accepted the plan of the other. The clock turns red when a disc meets another one, at
+the same height.
 """
 
 from pathlib import Path
@@ -50,9 +51,9 @@ def animate(
     Args:
         scenario: The scenario.
         flight: The closed loop.
-        trajectory: Its path.
+        trajectory: Path of the run.
         file: A name that ends in .gif or .mp4.
-        progress: Told (frames finished, all frames, "animating").
+        progress: Callback with (frames finished, all frames, "animating").
     """
     times = frame_times(trajectory.dense_times)
     places = np.stack(

@@ -113,7 +113,7 @@ class Circle(Part):
     Attributes:
         formation: Name of the formation.
         count: Number of vehicles.
-        radius_m: Its radius [m].
+        radius_m: Radius of the circle [m].
         centre_m: Its centre: x, y, z [m].
         phase_rad: Angle of the first vehicle [rad].
     """
@@ -212,7 +212,7 @@ class Cube(Part):
     Attributes:
         formation: Name of the formation.
         count: Number of vehicles.
-        side_m: Length of its sides [m].
+        side_m: Length of the sides of the cube [m].
         centre_m: Its centre: x, y, z [m].
         seed: Seed of the places.
     """
@@ -225,7 +225,7 @@ class Cube(Part):
 
 
 class Opposite(Part):
-    """Each vehicle at the other side of the middle of all starts.
+    """Goals opposite to the starts, through the middle of all starts.
 
     Attributes:
         formation: Name of the formation.
@@ -310,11 +310,11 @@ def random_places(
     Args:
         cube: The cube.
         scale: Factors of the axes in distances, shape (3,).
-        distance: Least scaled distance of two places, of which a little more is kept.
+        distance: Least scaled distance of two places; a little more is kept.
         balls: Centre, shape (3,) [m], and scaled clearance of each obstacle.
 
     Raises:
-        ValueError: If there is no room.
+        ValueError: If there is no room for all places.
     """
     rng, found = np.random.default_rng(cube.seed), np.empty((0, 3))
     corner = np.array(cube.centre_m) - cube.side_m / 2

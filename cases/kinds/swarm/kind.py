@@ -91,7 +91,7 @@ def least_gaps(path: Array) -> Array:
 
 
 def arrivals(path: Array, flight: SwarmRun, trajectory: Trajectory) -> Array:
-    """Return the time from which on each vehicle is at its goal, infinite if never.
+    """Return the time from which each vehicle stays at its goal; infinite if never.
 
     Args:
         path: Positions, shape (n, 3, times) [m].
@@ -130,7 +130,8 @@ def whole_run(
 ) -> WholeRun:
     """Return the mean time of arrival, and the missing part of the distance.
 
-    Vehicles that do not arrive are missing, too: their share is the excess, if larger.
+    The missing part is relative to the safe distance. The share of vehicles that do not
+    arrive takes its place if it is larger.
     """
     del flight, trajectory
     cost, near = measures["mean_arrival_time_s"], measures["min_distance_m"]

@@ -26,7 +26,7 @@ SwarmRun = Flight[PosedSwarm]
 
 
 def pose(scenario: SwarmScenario) -> PosedSwarm:
-    """Return the controller and the plant; the scenario is checked."""
+    """Return the controller and the plant of a checked scenario."""
     controller = scenario.controller()
     plant, n = scenario.plant, controller.swarm.size
 

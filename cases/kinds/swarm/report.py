@@ -1,4 +1,4 @@
-"""Result of a swarm's flight in sentences, and its surroundings on pages."""
+"""Result of a swarm's flight in sentences, and what its pages draw around it."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -15,7 +15,7 @@ from swarmstart.ocp import Trajectory
 
 
 def outcome(trajectory: Trajectory, measures: Mapping[str, Measure]) -> str:
-    """Return how many vehicles arrive, and when."""
+    """Return a sentence on how many vehicles arrive, and when."""
     end, share = float(trajectory.times[-1]), number_of(measures.get("arrived_share"))
     last = measures.get("arrival_time_s")
     if is_number(last):
@@ -30,7 +30,7 @@ def outcome(trajectory: Trajectory, measures: Mapping[str, Measure]) -> str:
 
 
 def kept(measures: Mapping[str, Measure]) -> tuple[str, bool]:
-    """Return how near vehicles came to each other, and whether they kept away."""
+    """Return a sentence on the least distance of vehicles, and whether it is kept."""
     near = measures.get("min_distance_m")
     pairs = int(number_of(measures.get("collisions")))
     hits = int(number_of(measures.get("obstacle_hits")))

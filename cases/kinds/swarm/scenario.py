@@ -62,12 +62,13 @@ class Vehicle(Part):
 
     Attributes:
         acceleration_m_s2: Largest acceleration along each axis [m/s^2].
-        speed_m_s: Largest speed along each axis; 0: plans keep the coordinate [m/s].
+        speed_m_s: Largest speed along each axis [m/s]; 0 means that plans keep the
+            coordinate.
         turn_rate_rad_s: Largest turn rate of vehicles that move in the plane along
-            their heading; the bounds of x hold for sizes of vectors, then; null: any
-            [rad/s].
-        drift_m_s: Velocity of the frame in which places are given, as that of a
-            formation's leader: what is at rest in it moves with it [m/s].
+            their heading [rad/s]; the bounds along x are then those of the magnitudes
+            of acceleration and velocity; null means no limit of the turn rate.
+        drift_m_s: Velocity of the frame in which places are given, such as that of a
+            formation's leader [m/s]; a place at rest in the frame moves with it.
     """
 
     acceleration_m_s2: Sizes = Field(default=[1.0, 1.0, 1.0])
@@ -81,7 +82,7 @@ class Waypoint(Part):
 
     Attributes:
         time_s: The time [s].
-        place_m: Its centre: x, y, z [m].
+        place_m: Centre of the obstacle: x, y, z [m].
     """
 
     time_s: NonNegative
@@ -92,8 +93,8 @@ class Ball(Part):
     """An obstacle: a ball that stands, or moves on a known path.
 
     Attributes:
-        radius_m: Its radius [m].
-        place_m: Its centre, if it stands: x, y, z [m]; null: it moves.
+        radius_m: Radius of the ball [m].
+        place_m: Centre of a ball that stands: x, y, z [m]; null means that it moves.
         path: Places and times between which it moves at constant speed.
     """
 
@@ -125,8 +126,9 @@ class PlanningPart(Part):
     Attributes:
         longest_s: Longest time of a plan [s].
         tries: Number of flights that a search tries.
-        lead_s: Time from a proposal to its parting from the committed plan; null: a
-            round trip to all others, as the links are [s].
+        lead_s: Time from the proposal of a plan to the instant at which this plan
+            departs from the committed one [s]; null means the time of a round trip to
+            all others over the links.
     """
 
     longest_s: Positive = 30.0
@@ -158,11 +160,12 @@ class SwarmScenario(Scenario):
         step_s: Length of a step [s].
         starts: Formation at the start, at rest, or a list of them; with `formation:
             file`, `file` names a CSV file with the columns x_m, y_m, z_m.
-        goals: Formation of the goals, as that of the starts; opposite is through the
-            middle of all starts.
+        goals: Formation of the goals, stated like that of the starts; opposite reflects
+            each start through the middle of all starts.
         assignment: Assignment of goals: each vehicle has its own, or the least sum of
             squared distances.
-        safe_distance_m: Least distance of two vehicles; half of it from obstacles [m].
+        safe_distance_m: Least distance of two vehicles [m]; half of it is kept from
+            obstacles.
         scale: Factors of the axes in distances: [1, 1, 0.5] keeps vehicles twice as far
             apart along z.
         vehicle: Bounds of each vehicle.
@@ -198,7 +201,7 @@ class SwarmScenario(Scenario):
 
         Raises:
             SwarmstartError: If starts, goals and bounds do not fit.
-            ValueError: If a cube has no room.
+            ValueError: If a cube has no room for its vehicles.
         """
         for key, parts in (("starts", self.starts), ("goals", self.goals)):
             count = sum(map(_count, parts)) if isinstance(parts, list) else 0

@@ -72,7 +72,7 @@ TransferFlight = Flight[PosedTransfer]
 def pose(scenario: TransferScenario) -> PosedTransfer:
     """Return the one planning problem, with its family of paths, and the plant.
 
-    The scenario is checked.
+    The scenario must have been checked before.
     """
     goals = assigned_goals(scenario)
     uav = bank_to_turn(turn=scenario.vehicle.turn)
@@ -174,11 +174,12 @@ def flat_paths(
     """Return the paths of all UAVs, three coefficients each.
 
     Args:
-        problem: Of all UAVs, states and controls UAV after UAV.
-        goals: Shape (uavs, 2) [m].
+        problem: Problem of all UAVs, states and controls UAV after UAV.
+        goals: Goal of each UAV, shape (uavs, 2) [m].
         turn: As in `bank_to_turn`.
-        lateral: l, a part of the straight way to the goal.
-        along: m, likewise.
+        lateral: Factor l of the module's head, as a part of the straight way to the
+            goal.
+        along: Factor m of the module's head, likewise.
     """
     uavs = len(goals)
     c, x0 = ca.SX.sym("c", COEFFICIENTS * uavs), ca.SX.sym("x0", NX * uavs)
@@ -209,10 +210,10 @@ def flat_paths(
 def flat_path(
     duration: float, *, turn: Turn, lateral: float, along: float
 ) -> ca.Function:
-    """Return (c (3,), x0 (4,), goal (2,), t) -> state (4,) and controls (a, phi).
+    """Return a function: (c (3,), x0 (4,), goal (2,), t) -> state (4,) and (a, phi).
 
     Args:
-        duration: T [s].
+        duration: Duration T of the transfer [s].
         turn: As in `bank_to_turn`.
         lateral: As in `flat_paths`.
         along: As in `flat_paths`.

@@ -1,4 +1,4 @@
-"""Result of a transfer in a sentence, and its surroundings on pages.
+"""Result of a transfer in a sentence, and what its pages draw around it.
 
 The sentence follows the one on the cost of its plan.
 """
@@ -13,7 +13,10 @@ from swarmstart.cases.format.kind import Measure
 
 
 def ending(measures: Mapping[str, Measure]) -> str:
-    """Return how far UAVs are from their goals; empty if that is not measured."""
+    """Return a sentence on the distances of the UAVs from their goals.
+
+    The text is empty if these distances are not measured.
+    """
     error = measures.get("goal_error_m")
     if not is_number(error):
         return ""

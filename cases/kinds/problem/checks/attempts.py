@@ -1,7 +1,7 @@
 """Errors of names, and of expressions, which are evaluated one by one to find them.
 
 An attempt is a place in the scenario and a call that raises the error there. A name is
-given twice, already taken, or unknown.
+an error if it is given twice, already taken, or unknown.
 """
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
@@ -51,7 +51,7 @@ _NAMED = (
 
 
 def tried(attempts: Iterable[Attempt]) -> Iterator[LocatedFlaw]:
-    """Yield the error of each attempt that fails; of a whole only if no part fails."""
+    """Yield errors of failing attempts; that of a whole only if no part of it fails."""
     failed: set[Place] = set()
     for place, attempt in attempts:
         try:
@@ -88,7 +88,7 @@ def quantity(place: Place, text: str, names: Mapping[str, float]) -> Attempt:
 def definitions(scenario: ProblemScenario) -> Iterator[Attempt]:
     """Yield attempts to evaluate the definitions, with one more in each attempt.
 
-    There are none if all definitions can be evaluated.
+    There are no attempts if all definitions can be evaluated.
     """
     names, shared = list(scenario.definitions), shared_of(scenario)
     try:
@@ -106,7 +106,7 @@ def definitions(scenario: ProblemScenario) -> Iterator[Attempt]:
 
 
 def starts(scenario: ProblemScenario) -> Iterator[Attempt]:
-    """Yield attempts to evaluate starts and bounds and guesses of decided numbers."""
+    """Yield attempts to evaluate starts, and bounds and guesses of decided numbers."""
     fixed = constants_of(scenario)
     vehicles = scenario.vehicles.members if scenario.vehicles else []
     owned = [constants_of(scenario, one.constants) for one in vehicles]

@@ -18,7 +18,7 @@ from swarmstart.cases.kinds.problem.stated.symbols import constants_of, number
 
 
 def committed_parts(scenario: ProblemScenario, part: Vehicles) -> Iterator[LocatedFlaw]:
-    """Yield errors of committed plans, and of their keys with other planning."""
+    """Yield errors of committed plans, and of their keys with another `planning`."""
     place: Place = ("vehicles", "planning")
     if not part.is_committed:
         for key in ("links", "tracking_error"):
@@ -54,7 +54,7 @@ def _of_agreement(scenario: ProblemScenario, part: Vehicles) -> Iterator[Located
 
 
 def committed_numbers(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
-    """Yield an error if committed plans have no room for errors of the plant."""
+    """Yield an error if committed plans leave no distance for errors of the plant."""
     vehicles, plant = scenario.vehicles, scenario.modelled
     if vehicles is None or not vehicles.is_committed:
         return

@@ -210,7 +210,7 @@ def _of_blocks(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
 
 
 def algebraic_flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
-    """Yield errors of equations that determine no variables, or without a value.
+    """Yield errors of equations without a value, or that determine no variables.
 
     At the start and the end of the horizon there is no control, so that a variable that
     depends on a control has no value there.

@@ -1,8 +1,8 @@
 """Errors of numbers: starts, bounds, decided numbers, and the number of operations.
 
-Starts and bounds are invalid, or do not fit each other; a decided end time, parameter
-or start does not fit other parts. An interval is one expression, so that a problem with
-too many operations in it takes minutes to build.
+Errors are starts and bounds that are invalid or do not fit each other, and a decided
+end time, parameter or start that does not fit other parts. Too many operations are an
+error, too: an interval is one expression, which would take minutes to build.
 """
 
 import math
@@ -39,7 +39,7 @@ MOST_OPERATIONS = 40_000
 
 
 def number_flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
-    """Yield errors of starts and bounds that are invalid or do not fit; once each."""
+    """Yield each error of starts and bounds that are invalid or do not fit, once."""
     seen: set[Place] = set()
     yield from decided_flaws(scenario)
     for member in members_of(scenario, shared_of(scenario)):
@@ -185,9 +185,13 @@ def combination_flaws(
 
 
 def feature_flaws(scenario: ProblemScenario, what: str) -> Iterator[LocatedFlaw]:
-    """Yield errors of features of controls, such as `delay_s`, beside what takes none.
+    """Yield errors of features of controls, such as `delay_s`, with a key without them.
 
-    A feature of the number 0, such as no delay, changes nothing.
+    A feature whose number is 0, such as a delay of 0 s, is no error.
+
+    Args:
+        scenario: The scenario.
+        what: Key of the scenario that allows no such features.
     """
     members = members_of(scenario, shared_of(scenario))
     for name, control in scenario.controls.items():
@@ -356,7 +360,7 @@ def decided_flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
 def search_flaws(
     scenario: ProblemScenario, place: Place, one: Free
 ) -> Iterator[LocatedFlaw]:
-    """Yield errors of missing bounds, between which a search draws."""
+    """Yield errors of missing bounds; a search draws numbers between bounds."""
     is_bounded = math.isfinite(one.lower) and math.isfinite(one.upper)
     if scenario.search.name != "none" and not is_bounded:
         yield (

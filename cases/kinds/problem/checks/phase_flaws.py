@@ -1,4 +1,4 @@
-"""Errors of phases: of each as a scenario of its own, and of all together."""
+"""Errors of phases: of each phase as a scenario of its own, and of all together."""
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence

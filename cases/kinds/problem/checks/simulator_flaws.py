@@ -1,4 +1,4 @@
-"""Errors of a simulator of others that does not fit its scenario; none is loaded."""
+"""Errors of an external simulator that does not fit its scenario; none is loaded."""
 
 from collections.abc import Iterator, Sequence
 

@@ -27,7 +27,7 @@ from swarmstart.ocp import OptimalControlProblem, ensemble
 def with_members(
     scenario: ProblemScenario, problem: OptimalControlProblem
 ) -> OptimalControlProblem:
-    """Return the problem of all members; the same problem without `uncertain`.
+    """Return the problem of all members; `problem` itself without uncertain parameters.
 
     Raises:
         InvalidProblemError: If the problem has a part that members cannot have.

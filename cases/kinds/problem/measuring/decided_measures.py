@@ -1,6 +1,7 @@
 """Measures of numbers decided besides controls: end time, parameters, starts.
 
-Also the meanings of all measures that a user's scenario decides or defines itself.
+This module also gives the meanings of all measures that a user's scenario decides or
+defines itself.
 """
 
 from collections.abc import Mapping
@@ -36,7 +37,7 @@ def decided_values(problem: OptimalControlProblem, x0: Array) -> dict[str, float
 
     Args:
         problem: The problem.
-        x0: The plan's initial state, as the problem's core has it.
+        x0: Initial state of the plan, as the problem from `lowered` has it.
     """
     whole, names = lowered(problem), problem.model.state_names
     found = {

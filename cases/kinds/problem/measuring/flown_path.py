@@ -43,9 +43,10 @@ Value = Any
 def rows_of(flight: Flight[P], trajectory: Trajectory) -> tuple[Array, Array, Array]:
     """Return times [s], states and controls along the simulated path.
 
-    Shapes (T, m + 1), (nx, T, m + 1) and (nu, T, m + 1). If the end of an interval
-    changes the state, one more column has the state after the change, and the column
-    before it the state before the change.
+    Their shapes are (T, m + 1), (nx, T, m + 1) and (nu, T, m + 1), with T control
+    intervals of m plant steps each. If the end of an interval changes the state, one
+    more column has the state after the change, and the column before it the state
+    before the change.
     """
     (times,) = _by_interval(trajectory.dense_times[None], trajectory)
     states = _by_interval(trajectory.dense_states, trajectory)
@@ -110,9 +111,9 @@ def algebraic_rows(
     Args:
         flight: The flight.
         trajectory: Its path.
-        times: Times as from `rows_of`, like states and controls.
-        states: Shape (nx, T, m + 1).
-        controls: Shape (nu, T, m + 1).
+        times: Times along the path, as from `rows_of`, shape (T, m + 1) [s].
+        states: States along the path, shape (nx, T, m + 1).
+        controls: Controls along the path, shape (nu, T, m + 1).
     """
     model, at = flight.plant.model, times.reshape(-1)
     solution = model.elimination.solution
@@ -133,7 +134,7 @@ def algebraic_rows(
 
 
 def integrated(values: Array, times: Array) -> float:
-    """Return the time integral of values along a path, as from `rows_of`."""
+    """Return the time integral of values along a path, in rows as from `rows_of`."""
     from scipy.integrate import simpson  # Slow to import; `check` measures nothing.
 
     if times[0, -1] == times[0, -2]:  # The end of an interval changes the value.
@@ -147,8 +148,8 @@ def flown_values(
 ) -> tuple[float, float, float]:
     """Return cost, and largest excess of path and terminal constraints, 0 if all hold.
 
-    Parameters are those of the plant, whose own parameters can follow them; signals are
-    those of an agent.
+    Parameters are the first ones of the plant, which can have more of its own; signals
+    are those of the first agent.
     """
     model, (agent, *_) = problem.model, flight.posed.agents
     times, states, controls = rows_of(flight, trajectory)
@@ -208,7 +209,7 @@ def _even_times(problem: OptimalControlProblem, times: Array) -> Array:
 
 
 def controls_before(flight: Flight[P], controls: Array) -> Array:
-    """Return the controls of the interval before along the path, as from `rows_of`.
+    """Return for each row of `rows_of` the controls of the interval before.
 
     For linear controls they are those at the beginning of the interval. For vehicles
     that plan one by one, those before the first interval are zero.
@@ -287,7 +288,7 @@ def path_of(
 def path_of_phases(
     scenario: ProblemScenario, flight: Flight[ProblemPosed], trajectory: Trajectory
 ) -> dict[str, Value]:
-    """Return the same for phases: each row has the values of its phase.
+    """Return the values of `path_of` for phases: each row has those of its phase.
 
     Names that a phase does not have are NaN there, except states and controls, which
     are constant.

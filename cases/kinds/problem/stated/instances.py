@@ -73,10 +73,11 @@ class Instances(Part):
         drawn: Distributions by name, in place of `values`.
         samples: Number of instances that are drawn; null without `drawn`.
         seed: Seed of the drawn numbers, which do not depend on --seed.
-        starts: Number of starts of each instance: the guess or the middle of the
-            bounds, with the states that they lead to and with states that stay at the
-            start, then random controls; null: one, and three others for some instances,
-            for more as long as that finds cheaper answers.
+        starts: Number of starts of the polish for each instance. The first ones are the
+            guess, or else the middle of the bounds, once with the states that it leads
+            to and once with states that stay at the start; the others are random
+            controls; null means one start for all instances and three more for some of
+            them, and for further ones as long as that finds cheaper answers.
     """
 
     file: str = Field(default="", exclude=True)

@@ -84,7 +84,7 @@ class Member:
         }
 
     def titled(self, names: Mapping[str, object]) -> tuple[str, ...]:
-        """Return names with its suffix."""
+        """Return names with the suffix of the vehicle appended."""
         return tuple(f"{name}{self.suffix}" for name in names)
 
 
@@ -142,7 +142,11 @@ def held_candidates(
     intervals: int,
     constants: Mapping[str, float],
 ) -> Callable[[float], Array] | None:
-    """Return additional controls for a search, held over the horizon."""
+    """Return a function of the time [s] that returns additional controls for a search.
+
+    The controls are constant over the horizon, shape (nu, N, k). None means that there
+    are none.
+    """
     if not scenario.candidates:
         return None
 

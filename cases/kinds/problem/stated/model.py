@@ -162,8 +162,9 @@ def planning_problem(
     Args:
         scenario: The scenario.
         members: Members that are planned together.
-        seen: Other members, whose positions are the last signals; of committed plans
-            those of plans and candidates, and then a reserve.
+        seen: Other members, whose positions are the last signals. If plans are
+            committed, these are the positions in committed plans, those in candidates,
+            and then a reserve.
     """
     first, grid = members[0], scenario.prediction
     vehicles = scenario.vehicles
@@ -270,7 +271,7 @@ def horizon_of(
 
 
 def interval_of(scenario: ProblemScenario, constants: Mapping[str, float]) -> float:
-    """Return the length of a control interval of the plant [s], also a guessed one."""
+    """Return the length of a control interval of the plant [s]; a guess if decided."""
     horizon = horizon_of(scenario, constants)
     if scenario.feedback.period_s is not None:
         return scenario.feedback.period_s
@@ -431,13 +432,14 @@ def separations(
     others: Sequence[tuple[Member, ca.SX]],
     reserve: ca.SX,
 ) -> list[Separation]:
-    """Return the distances of all pairs of members, and to seen members.
+    """Return the separations of all pairs of members, and of members from others.
 
     Args:
         part: The vehicles.
         members: Members that are planned together.
-        others: Other members with positions.
-        reserve: What is added to the distance; empty: nothing.
+        others: Other members, each with the symbol of its position.
+        reserve: Symbol of a length that is added to the distance; without rows nothing
+            is added.
     """
     if part is None or part.separation is None:
         return []
@@ -478,7 +480,7 @@ def separations(
 
 
 def committed_distance(part: Vehicles, constants: Mapping[str, float]) -> float:
-    """Return the distance of committed plans, with room for errors of two vehicles."""
+    """Return the distance that committed plans keep: with twice the tracking error."""
     text = "0" if part.separation is None else part.separation.distance
     error = number(part.tracking_error, constants)
     return number(text, constants) + 2.0 * error

@@ -105,7 +105,7 @@ class Control(_Features):  # type: ignore[misc, valid-type]
 
 
 class Equation(Part):
-    """An equation, one of as many as there are algebraic variables.
+    """An algebraic equation; there are as many as algebraic variables.
 
     Attributes:
         equation: Expression that must be 0.
@@ -356,8 +356,9 @@ class Feedback(Part):
     Attributes:
         law: Law of control: open_loop follows one plan to its end, receding_horizon
             plans again in every interval.
-        period_s: Time from one plan to the next [s], required in a receding horizon
-            with a decided end time; with `ends_at_s` null means an interval; else null.
+        period_s: Time from one plan to the next [s]: required in a receding horizon
+            with a decided end time; with `ends_at_s` null means one control interval;
+            in all other cases it must be null.
         ends_at_s: Time at which a receding horizon ends [s]: plans end there and not
             later, so that they become shorter; null means that they all have the same
             length.

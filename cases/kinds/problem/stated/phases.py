@@ -167,7 +167,7 @@ def joined(scenario: ProblemScenario) -> tuple[Phases, list[Member]]:
 
 
 def expected_ends(scenario: ProblemScenario, problem: OptimalControlProblem) -> Array:
-    """Return the guessed begin of each phase and end of the last one [s]."""
+    """Return the guessed beginning of each phase, and the end of the last one [s]."""
     lengths = [
         float(decided.first) if isinstance(decided, Free) else decided
         for decided in durations(scenario, problem).values()

@@ -117,7 +117,8 @@ class Vehicles(Part):
         separation: Distance that every two vehicles keep; null means none.
         links: Links between the vehicles, with committed plans only.
         tracking_error: Largest distance of a vehicle from its committed plan, if the
-            plant differs; committed plans keep twice as much more than the distance.
+            plant differs from the model; the distance between committed plans is larger
+            by twice this value.
     """
 
     members: list[Vehicle] = Field(min_length=1, max_length=100)
@@ -320,7 +321,7 @@ class ProblemScenario(UserScenario):
         prediction: Horizon of a plan and its grid; required.
         dual_mode: Linear law in a certified terminal set, for a receding horizon only;
             null means none.
-        plant: Simulated system: the model in finer steps, or a simulator of others.
+        plant: Simulated system: the model in finer steps, or an external simulator.
     """
 
     kind: Literal["problem"]
@@ -350,12 +351,12 @@ class ProblemScenario(UserScenario):
 
     @property
     def simulator(self) -> SimulatorPart | None:
-        """The simulator that makes the steps of the plant; None: the model does."""
+        """The simulator that makes the steps of the plant; None if the model does."""
         return self.plant if isinstance(self.plant, SimulatorPart) else None
 
     @property
     def modelled(self) -> PlantPart:
-        """The plant that the model is; with a simulator it has nothing of its own."""
+        """The plant that is the model; the default one if a simulator is the plant."""
         return self.plant if isinstance(self.plant, PlantPart) else PlantPart()
 
     @property

@@ -1,4 +1,4 @@
-"""Plants that are simulators of others: an FMU, a program, a network, aircraft.
+"""Plants that are external simulators: an FMU, a program, a network, aircraft.
 
 Each part names what is loaded, and which of its variables are the states and controls
 of the scenario, vehicle after vehicle. Reading a scenario hashes files and loads none.
@@ -110,11 +110,11 @@ Hashes = Annotated[Mapping[str, str], AfterValidator(_unchanged)]
 
 
 class SimulatorPart(Part):
-    """A simulator of others as the simulated system.
+    """An external simulator as the simulated system.
 
     Attributes:
-        step_s: Length of its step [s]; a control interval has a whole number of them.
-            null means the interval itself.
+        step_s: Length of a step of the simulator [s]; a control interval has a whole
+            number of steps, and null means that it is one step.
     """
 
     step_s: Positive | None = None
@@ -126,17 +126,17 @@ class SimulatorPart(Part):
 
     @property
     def foreign(self) -> Mapping[str, ForeignFile]:
-        """Name -> file of the scenario's files that it runs."""
+        """Files of the scenario that the simulator runs, by name."""
         return {}
 
     @property
     def files(self) -> Mapping[str, Path]:
-        """Name -> file of those that a record keeps."""
+        """Files that a record keeps, by name."""
         return {name: one.file for name, one in self.foreign.items()}
 
     @property
     def code(self) -> str | None:
-        """The file or the command that a simulation runs; None if it is no user's."""
+        """The user's file or command that a simulation runs; None without one."""
         return next((str(one) for one in self.files.values()), None)
 
 
@@ -145,9 +145,10 @@ class FmuPart(SimulatorPart):
 
     Attributes:
         fmu: FMU for co-simulation, in the scenario's folder or below.
-        states: Its variables that are the states, in their order; null means those of
-            the same names.
-        controls: Its inputs that are the controls; null means those of the same names.
+        states: Variables of the FMU that are the states, in the order of the states;
+            null means variables with the same names.
+        controls: Inputs of the FMU that are the controls, in the order of the controls;
+            null means inputs with the same names.
         values: Values of parameters of the FMU, by name.
         sha256: File name -> SHA-256 hash that the file must have; by default the hash
             of the file as it is.
@@ -166,7 +167,7 @@ class FmuPart(SimulatorPart):
 
     @property
     def foreign(self) -> Mapping[str, ForeignFile]:
-        """Name -> file of the scenario's files that it runs."""
+        """Files of the scenario that the simulator runs, by name."""
         return {str(self.fmu): self.fmu}
 
 
@@ -176,8 +177,8 @@ class OnnxPart(SimulatorPart):
     Attributes:
         onnx: Network, in the scenario's folder or below; its input is the states
             followed by the controls.
-        gives_change: Whether it gives the change of the states over a step, and not the
-            states after it.
+        gives_change: Whether the network gives the change of the states over a step,
+            and not the states after the step.
         sha256: File name -> SHA-256 hash that the file must have; by default the hash
             of the file as it is.
     """
@@ -193,7 +194,7 @@ class OnnxPart(SimulatorPart):
 
     @property
     def foreign(self) -> Mapping[str, ForeignFile]:
-        """Name -> file of the scenario's files that it runs."""
+        """Files of the scenario that the simulator runs, by name."""
         return {str(self.onnx): self.onnx}
 
 
@@ -218,11 +219,13 @@ class CommandPart(SimulatorPart):
     Attributes:
         command: Program and its arguments, for no shell; words that are names of files
             in the scenario's folder are these files.
-        states: Its names of the states, in their order; null means the same names.
-        controls: Its names of the controls; null means the same names.
+        states: Names by which the program knows the states, in their order; null means
+            the same names.
+        controls: Names by which the program knows the controls, in their order; null
+            means the same names.
         limit_s: Longest time to an answer, wall time [s].
-        sha256: Name of such a file -> SHA-256 hash that it must have; by default the
-            hash of the file as it is.
+        sha256: Name of a file in `command` -> SHA-256 hash that it must have; by
+            default the hash of the file as it is.
     """
 
     command: Annotated[
@@ -238,12 +241,12 @@ class CommandPart(SimulatorPart):
 
     @property
     def foreign(self) -> Mapping[str, ForeignFile]:
-        """Name -> file of the scenario's files that it runs."""
+        """Files of the scenario that the simulator runs, by name."""
         return self.command.files
 
     @property
     def code(self) -> str | None:
-        """The whole command: what is allowed is to be seen."""
+        """The whole command, so that a user sees what would be allowed."""
         return shlex.join(self.command.words)
 
 
@@ -251,14 +254,15 @@ class JsbsimPart(SimulatorPart):
     """Aircraft of JSBSim behind an autopilot, one for each vehicle.
 
     Attributes:
-        jsbsim: Name of one of its own aircraft, such as f16.
+        jsbsim: Name of one of the aircraft that JSBSim has, such as f16.
         states: State of an aircraft that each state is, in their order: speed_m_s,
             heading_rad, height_m, north_m or east_m; null means the same names.
         controls: Set point that each control is: speed_m_s_set, heading_rad_set or
             height_m_set; null means the same names. Others are held.
-        altitude_m: Height at the start, and its set point, if no state or control is
-            [m].
-        airspeed_m_s: True airspeed likewise [m/s].
+        altitude_m: Height at the start and set point of the height [m], if no state or
+            control is the height.
+        airspeed_m_s: True airspeed at the start and its set point [m/s], if no state or
+            control is the airspeed.
     """
 
     jsbsim: str = Field(pattern=r"^[A-Za-z0-9_-]{1,100}$")
@@ -287,7 +291,7 @@ AnyPlantPart = Annotated[
     | Annotated[JsbsimPart, Tag("of jsbsim")],
     Discriminator(_form),
 ]
-"""The model in finer steps, or a simulator of others."""
+"""The model in finer steps, or an external simulator."""
 
 
 def steps_within(part: SimulatorPart, interval: float) -> int:

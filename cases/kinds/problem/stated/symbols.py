@@ -134,7 +134,8 @@ def constants_of(
 
     Args:
         scenario: The scenario.
-        own: A vehicle's constants, in place of those of the file or besides them.
+        own: Constants of a vehicle, which replace those of the file or are added to
+            them.
 
     Raises:
         ExpressionError: If one is not a finite number.
@@ -232,7 +233,7 @@ def decided_parameters(
 
 
 def over_time(given: OverTime, constants: Mapping[str, float]) -> Signal:
-    """Return times (n,) [s] -> values (n,), of a table or an expression in time.
+    """Return a function: times (n,) [s] -> values (n,) of a table or an expression.
 
     Raises:
         ExpressionError: If a name is unknown, or its value at time 0 is not finite.
@@ -266,7 +267,7 @@ def _last_before(times: Array, at: Array) -> NDArray[np.intp]:
 def rows_over_time(
     given: Mapping[str, OverTime], constants: Mapping[str, float]
 ) -> Signal | None:
-    """Return times (n,) [s] -> a row for each, shape (rows, n); None without any."""
+    """Return a function: times (n,) [s] -> values, (rows, n); None without any."""
     return stacked([over_time(one, constants) for one in given.values()])
 
 
@@ -276,10 +277,10 @@ def rows_at(
     times: Array,
     constants: Sequence[Mapping[str, float]],
 ) -> Array:
-    """Return a row for each name of each member, 0 if nothing is given.
+    """Return a row of values for each name of each member; 0 if none are given.
 
     Args:
-        given: Names -> values over time.
+        given: Name -> values over time.
         names: All names, in order.
         times: Times (n,) [s].
         constants: The constants of each member.
@@ -293,5 +294,5 @@ def rows_at(
 
 
 def stacked(rows: Sequence[Signal]) -> Signal | None:
-    """Return times (n,) [s] -> all rows together, shape (rows, n); None without any."""
+    """Return a function: times (n,) [s] -> all rows, (rows, n); None without any."""
     return (lambda times: np.stack([row(times) for row in rows])) if rows else None

@@ -133,7 +133,7 @@ class Table(Part):
 
 
 def chosen(key: str, *, otherwise: str) -> Discriminator:
-    """Return the choice of a form by its key, so that errors concern one form only."""
+    """Return a rule that chooses a form by its key: errors concern that form only."""
 
     def tag(value: Any) -> str:
         has = key in value if isinstance(value, dict) else hasattr(value, key)
@@ -281,7 +281,7 @@ class Normal(Part):
 
     @property
     def pair(self) -> tuple[str, list[str]]:
-        """Its name and its two numbers."""
+        """Name of the distribution, and its two numbers."""
         return "normal", self.normal
 
 
@@ -296,7 +296,7 @@ class Uniform(Part):
 
     @property
     def pair(self) -> tuple[str, list[str]]:
-        """Its name and its two numbers."""
+        """Name of the distribution, and its two numbers."""
         return "uniform", self.uniform
 
 
@@ -387,7 +387,7 @@ def csv_lines(file: Path, *, most: int) -> tuple[str, list[tuple[int, list[str]]
 
     Raises:
         UnreadableFileError: If it cannot be read.
-        YamlError: If it is larger.
+        YamlError: If it is larger than `most`.
         ValueError: If it is no CSV in UTF-8.
     """
     name = printable(str(file))
@@ -409,10 +409,10 @@ def csv_names(
     Args:
         name: Name of the file.
         rows: Its lines.
-        of: What the names are of, for messages.
+        of: Things that the names belong to, in words for messages.
 
     Raises:
-        ValueError: If a name is missing or there twice.
+        ValueError: If a name is missing or appears twice.
     """
     (_, head), *body = rows or [(1, [])]
     names = [cell.strip() for cell in head]
@@ -427,7 +427,7 @@ def csv_names(
 def csv_columns(
     names: Sequence[str], body: Sequence[tuple[int, list[str]]]
 ) -> dict[str, Array]:
-    """Return the columns of lines whose cells are numbers, as many as names."""
+    """Return the columns by name, of lines with one number for each name."""
     numbers = np.array([[number_of(cell) for cell in row] for _, row in body], float)
     return dict(zip(names, numbers.reshape(-1, len(names)).T, strict=True))
 
