@@ -1,8 +1,9 @@
 """Computations for claims that no simulation measures.
 
-The linear law of section 5.2.3.1 as printed: its gain is that of the continuous system,
-its level that of (5.14). The text does not say whether the controller holds the input
-over its time step. Simulations hold it; `continuous_law` changes it continuously.
+Two of them concern the linear law of section 5.2.3.1 as printed: its gain is that of
+the continuous system, its level that of (5.14). The text does not say whether the
+controller holds the input over its time step. Simulations hold it; `continuous_law`
+changes it continuously.
 """
 
 from collections.abc import Mapping
@@ -47,14 +48,14 @@ ROUNDING = 1e-9
 
 
 class NotAFormationError(SwarmstartError, ValueError):
-    """A scenario named for the linear law is not a formation flight."""
+    """The scenario given for the linear law is not a formation flight."""
 
 
 def de_absorption(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """Return the exact probability that DE/rand/1 ever finds the optimum of a trap.
 
-    It starts from four uniform individuals, with F = 0.5 and clip; without and with
-    random immigrants.
+    The evolution starts from four uniform individuals, with F = 0.5 and clip. The
+    probability is returned without and with random immigrants.
     """
     del job, folder
     plain = absorption(build_chain(GridDE(costs=TRAP, size=4, F=0.5)))
@@ -70,7 +71,7 @@ def de_absorption(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def input_levels(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Return the excess of inputs over their bounds on the set, for two readings.
+    """Return the excess of inputs over bounds on the terminal set, in two readings.
 
     (5.14) as printed has alpha K P K'; the line before it, (5.13), bounds K e by
     K alpha^(1/2) P^(-1/2), that is by alpha K P^-1 K'.
@@ -92,10 +93,10 @@ def input_levels(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def continuous_law(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Return measures of the printed set's edge under a law that is not held.
+    """Return measures from the edge of the printed set, with a continuous law.
 
-    It simulates x' = f(x, u_ref - K (x - x_ref)) for 30 s from states with e'Pe =
-    alpha, drawn with a fixed seed; the input is not clipped, as printed.
+    The function simulates x' = f(x, u_ref - K (x - x_ref)) for 30 s from states with
+    e'Pe = alpha, drawn with a fixed seed; the input is not clipped, as printed.
     """
     del job, folder
     printed, _ = _printed_law()

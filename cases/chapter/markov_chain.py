@@ -16,16 +16,17 @@ independently of each other, so the row of a state in the transition matrix P is
     P(x, y) = product over i of p_i(y_i | x)
 
 with p_i counted over all (NP-1)(NP-2)(NP-3) triples. The populations with an optimum
-are a closed set. With Q the block of P over the others, b their probabilities to enter
+form a closed set. With Q the block of P over the others, b their probabilities to enter
 that set in one generation, and 1 a vector of ones,
 
     h = (I - Q)^-1 b     probability that an optimum is ever reached
     T = (I - Q)^-1 1     expected number of generations until it is
     Q^t 1                probability that it is not within t generations
 
-Plain DE has dead states, from which no optimum can be reached; I - Q is singular there,
-and the first two are solved over the other states. With eps > 0 there are none: each of
-the NP trials is an optimum with probability eps/m or more, and is accepted, so that
+Plain DE has dead states, from which no optimum can be reached. With them I - Q is
+singular, and h and T are solved over the other states. With eps > 0 there are no dead
+states: each of the NP trials is an optimum with probability eps/m or more, and is
+accepted, so that
 
     P(no optimum within t generations) <= (1 - eps/m)^(NP t)
 
@@ -114,15 +115,16 @@ class GridDE:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class MarkovChain:
-    """Markov chain, as `build_chain` returns it; the arrays are read-only.
+    """Markov chain of DE, as `build_chain` returns it; the arrays are read-only.
 
     Attributes:
-        grid: What runs on which grid.
+        grid: Settings of DE and the grid.
         populations: The states, int64, shape (m^NP, NP): indices of grid points, the
             last individual counting fastest.
-        transition: Transition matrix P, shape (m^NP, m^NP): from row to column.
-        optimal: Whether each state contains an optimum, shape (m^NP,); these are a
-            closed set.
+        transition: Transition matrix P, shape (m^NP, m^NP): probabilities to go from
+            the row's state to the column's.
+        optimal: Whether each state contains an optimum, shape (m^NP,); such states form
+            a closed set.
     """
 
     grid: GridDE
@@ -136,9 +138,11 @@ class Absorption:
     """Probabilities that an optimum is ever reached.
 
     Attributes:
-        by_state: For each initial population, shape (m^NP,), read-only.
-        uniform: With individuals uniform on the grid, independent of each other.
-        without_optimum: The same, given that none of them is an optimum.
+        by_state: Probability from each initial population, shape (m^NP,), read-only.
+        uniform: Probability with initial individuals uniform on the grid, independent
+            of each other.
+        without_optimum: Probability as `uniform`, given that no initial individual is
+            an optimum.
     """
 
     by_state: Array
@@ -151,10 +155,11 @@ class HittingTimes:
     """Expected numbers of generations until an optimum is reached.
 
     Attributes:
-        by_state: For each initial population, shape (m^NP,), read-only; infinite if a
-            dead state can be reached.
-        longest: The largest of them.
-        mean: With individuals uniform on the grid, independent of each other.
+        by_state: Expected number from each initial population, shape (m^NP,),
+            read-only; infinite if a dead state can be reached.
+        longest: Largest entry of `by_state`.
+        mean: Expected number with initial individuals uniform on the grid, independent
+            of each other.
     """
 
     by_state: Array
@@ -181,12 +186,12 @@ def build_chain(grid: GridDE) -> MarkovChain:
 
 
 def dead_states(chain: MarkovChain) -> Mask:
-    """Find the states from which no optimum can be reached, shape (m^NP,)."""
+    """Return which states are dead: no optimum can be reached from them, (m^NP,)."""
     return ~_reaching(chain, chain.optimal)
 
 
 def fixed_points(chain: MarkovChain) -> Mask:
-    """Find the states without an optimum that the chain never leaves, shape (m^NP,)."""
+    """Return which states have no optimum and are never left, shape (m^NP,)."""
     one_successor: Mask = np.count_nonzero(chain.transition, axis=1) == 1
     return one_successor & (chain.transition.diagonal() > 0.0) & ~chain.optimal
 
@@ -233,7 +238,7 @@ def miss_probabilities(chain: MarkovChain, generations: int) -> Array:
         Largest entry of Q^t 1 for t = 0, ..., generations, shape (generations + 1,).
 
     Raises:
-        InvalidSettingsError: If generations is no integer or negative.
+        InvalidSettingsError: If `generations` is no integer or negative.
     """
     t = _times(generations)
     Q = _block(chain, ~chain.optimal)
@@ -249,14 +254,14 @@ def miss_bounds(grid: GridDE, generations: int) -> Array:
     """Bound the probabilities of `miss_probabilities`: (1 - eps/m)^(NP t).
 
     Args:
-        grid: What runs on which grid.
+        grid: Settings of DE and the grid.
         generations: Number of generations, at least 0.
 
     Returns:
         The bounds for t = 0, ..., generations, shape (generations + 1,).
 
     Raises:
-        InvalidSettingsError: If generations is no integer or negative.
+        InvalidSettingsError: If `generations` is no integer or negative.
 
     Source: Rudolph (1994), for algorithms that keep the best and can draw any point.
     """

@@ -1,10 +1,11 @@
 """The terminal: answers on standard output, messages and progress on standard error.
 
-Control characters are escaped, and those that the terminal cannot show. A stream that
-is closed or full never causes a traceback, and no message changes to the other stream.
-An error is printed as one message on standard error, and has an exit code.
+Control characters, and characters that the terminal cannot show, are escaped. A stream
+that is closed or full never causes a traceback, and its messages are not printed on the
+other stream. An error is printed as one message on standard error, and has an exit
+code.
 
-Of long work, the first message says that the command is at work: loading libraries
+During long work, the first message says that the command is at work: loading libraries
 takes a second or two, and compiling takes ten at the first use, before any step is
 finished. A bar follows on a terminal, a line that is rewritten in a notebook, and a
 plain line every few seconds elsewhere (a file, a pipe, CI). Nothing but that message is
@@ -57,7 +58,7 @@ def answer(text: str) -> None:
 
     Raises:
         OutputError: If it cannot be written.
-        BrokenPipeError: If its reader has gone.
+        BrokenPipeError: If the reader of standard output has gone.
     """
     try:
         if sys.stdout is None:
@@ -74,7 +75,7 @@ def answer(text: str) -> None:
 
 
 def finish() -> None:
-    """Flush both streams now: at its end Python would report a failure as its own.
+    """Flush both streams: at its end, Python would report a failure in its own words.
 
     Raises:
         OutputError: If standard output cannot be written.
@@ -95,7 +96,7 @@ def finish() -> None:
 
 
 def tell(text: str) -> None:
-    """Print a text on standard error, if there is one."""
+    """Print a text on standard error, if it is open."""
     if sys.stderr is None:
         return
     try:
@@ -152,7 +153,7 @@ def wrapped_table(rows: Sequence[tuple[str, ...]]) -> list[str]:
     """Return rows as aligned lines whose last column is wrapped.
 
     Args:
-        rows: The cells, of each row as many.
+        rows: Cells of each row; all rows have the same number of cells.
     """
     if not rows:
         return []
@@ -175,7 +176,7 @@ def wrapped_table(rows: Sequence[tuple[str, ...]]) -> list[str]:
 
 @contextlib.contextmanager
 def first_sign(*, quiet: bool) -> Iterator[None]:
-    """Print after a moment that the command is at work, and what it compiles."""
+    """Print after a moment that the command is at work, and what is compiled."""
     if quiet:
         yield
         return
@@ -292,12 +293,13 @@ class Progress:
         """Show how far the work is.
 
         Args:
-            done: Steps finished.
-            total: Steps in all; 0 if their number is unknown.
+            done: Number of finished steps.
+            total: Number of all steps; 0 if it is not known.
             what: The part of the work that is being done.
 
         Raises:
-            InvalidArgumentError: If one is of another type, or a number is negative.
+            InvalidArgumentError: If an argument is of another type, or a number is
+                negative.
         """
         for name, count in (("done", done), ("total", total)):
             _require(name, count, Integral, "an integer of at least 0")
@@ -383,12 +385,12 @@ class Progress:
 
 
 def fancy() -> bool:
-    """Return whether standard error is a terminal that may be drawn on."""
+    """Return whether standard error is a terminal on which a bar can be drawn."""
     return sys.stderr is not None and sys.stderr.isatty() and "CI" not in os.environ
 
 
 def silence(stream: TextIO | None) -> None:
-    """Discard what a stream still holds: Python would write it again at its end."""
+    """Discard the unwritten text of a stream, which Python would write at its end."""
     if stream is None:
         return
     with contextlib.suppress(OSError, ValueError):
@@ -401,8 +403,8 @@ def silence(stream: TextIO | None) -> None:
 def occupy_closed_streams() -> None:
     """Open the null device in the place of each closed stream.
 
-    Otherwise the next file that is opened gets the number of that stream, and what
-    libraries print is written into the file.
+    Otherwise the next file that is opened gets the number of that stream, and output of
+    libraries is written into the file.
     """
     for number in range(3):
         try:

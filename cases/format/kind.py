@@ -269,7 +269,7 @@ class Posed:
 
     @property
     def begins_anew(self) -> bool:
-        """True if an interrupted run begins again: records keep no controller's state."""
+        """True if an interrupted run begins again: records keep no state of it."""
         return self.controller is not None or self.committed is not None
 
 

@@ -1,7 +1,7 @@
-"""Best known values of the hard problems, and how each is known.
+"""Best known values of the hard problems, and the grounds for each value.
 
-They are in `best_known.json`, to which others add: a better value needs a trajectory
-that `swarmstart judge` accepts.
+The values are in `best_known.json`, to which anyone can contribute: a better value
+needs a trajectory that `swarmstart judge` accepts.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ class BestKnown(Part):
     Attributes:
         cost: Cost of the best known trajectory, in the sense of the problem's file;
             null if none is known.
-        known_by: How the value is known: exact, from an independent exact method;
-            bound, within a proven gap; runs, from runs of solvers that found nothing
-            better; unknown, the problem is open.
+        known_by: Grounds for the value: exact, from an independent exact method; bound,
+            within a proven gap; runs, from runs of solvers that found nothing better;
+            unknown, the problem is open.
         gap: Proven relative gap of a bound.
         runs: Number of runs with distinct seeds.
         agreeing: Number of these runs whose cost is within 0.1 % of the value.

@@ -18,10 +18,10 @@ def crossing(*, vehicles: int, seed: int) -> Mapped:
 
     Args:
         vehicles: Number of vehicles.
-        seed: Seed of the draw of their places on the circle.
+        seed: Seed of the draw of the vehicles' places on the circle.
 
     Raises:
-        ImpossibleDrawError: If so many do not fit on the circle.
+        ImpossibleDrawError: If so many vehicles do not fit on the circle.
     """
     places, draw = first_possible(lambda rng: _attempt(rng, vehicles), seed)
     members = [

@@ -53,7 +53,7 @@ class Currents(NamedTuple):
 
 
 def current(field: Currents, points: Array) -> Array:
-    """Return the current w at points, shape (2, n) as they are.
+    """Return the current w at points, shape (2, n), like the points.
 
     Args:
         field: The field.
@@ -66,7 +66,7 @@ def current(field: Currents, points: Array) -> Array:
 
 
 def drawn_currents(*, vortices: int, seed: int) -> tuple[Currents, str]:
-    """Return the first possible draw and its number in words.
+    """Return the first draw that is possible, and its number in words.
 
     Args:
         vortices: Number of vortices.

@@ -34,7 +34,7 @@ class Field(NamedTuple):
         start: Position at the start.
         goal: Position at the end.
         discs: The discs.
-        half: Bound of |y|; x is between -1 and 1 more than that of the goal.
+        half: Bound of |y|. The bounds of x are -1 and 1 + x of the goal.
     """
 
     start: tuple[float, float]
@@ -44,7 +44,7 @@ class Field(NamedTuple):
 
 
 def drawn_discs(*, discs: int, seed: int) -> tuple[Field, str]:
-    """Return the first possible draw and its number in words.
+    """Return the first draw that is possible, and its number in words.
 
     Args:
         discs: Number of discs.

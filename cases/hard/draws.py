@@ -1,4 +1,4 @@
-"""Parts that several families share: draws that are possible, and constraints.
+"""Functions that several families share: draws that are possible, and constraints.
 
 Numbers are rounded to three decimals when they are drawn, so that a document states its
 problem exactly.
@@ -28,9 +28,9 @@ class Disc(NamedTuple):
     """A disc that a position must not enter.
 
     Attributes:
-        x: Abscissa of its centre.
-        y: Ordinate of its centre.
-        radius: Its radius.
+        x: Abscissa of the centre.
+        y: Ordinate of the centre.
+        radius: Radius of the disc.
     """
 
     x: float
@@ -44,8 +44,9 @@ def first_possible(
     """Return the first possible draw from a generator, and its number in words.
 
     Args:
-        attempt: Draws once; None if that draw is impossible, such as one without a way
-            through. The next draw continues the same stream of numbers.
+        attempt: Function that draws once. It returns None if the draw is impossible,
+            such as one without a way through; the next draw then continues the same
+            stream of numbers.
         seed: Seed of the stream.
 
     Raises:
@@ -68,12 +69,12 @@ def rounded(values: Any) -> Any:
 
 
 def apart(discs: Sequence[Disc], x: float, y: float, least: float) -> bool:
-    """Return whether a point is at least so far from all discs."""
+    """Return whether a point is at least `least` away from the edges of all discs."""
     return all(np.hypot(x - d.x, y - d.y) >= d.radius + least for d in discs)
 
 
 def outside(disc: Disc, x: str = "x", y: str = "y") -> Mapped:
-    """Return the path constraint that a position stays outside of a disc."""
+    """Return the path constraint that keeps a position outside of a disc."""
     relative = [minus(x, disc.x), minus(y, disc.y)]
     return {"distance": relative, "at_least": disc.radius}
 
@@ -93,12 +94,12 @@ def minus(name: str, value: float) -> str:
 def crossed(
     start: Sequence[float], goal: Sequence[float], *, half: float, fastest: float
 ) -> Mapped:
-    """Return a point that crosses a room at a least integral of its squared speed.
+    """Return the document of a point that crosses a room, with a cost on squared speed.
 
     Args:
         start: Position at the start, (x, y).
         goal: Position after one second, (x, y).
-        half: Bound of |y|; x is between -1 and 1 more than that of the goal.
+        half: Bound of |y|. The bounds of x are -1 and 1 + x of the goal.
         fastest: Bound of each speed.
 
     Returns:
@@ -120,7 +121,7 @@ def crossed(
 
 
 def reached(goal: Mapping[str, float]) -> list[Mapped]:
-    """Return the constraints that states have given values at the end."""
+    """Return the constraints by which states have given values at the end."""
     return [{"expression": name, "equals": value} for name, value in goal.items()]
 
 

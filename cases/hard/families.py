@@ -1,7 +1,7 @@
 """Families of hard problems, and the draws of them that are shipped.
 
-The shipped files are what `draw` returned once. They are files and not drawn when they
-are read, since the numbers that NumPy draws from a seed may change with its version.
+The shipped files have been returned by `draw` once. They are stored as files, and not
+drawn again, since the numbers that NumPy draws from a seed may change with its version.
 """
 
 import inspect

@@ -29,8 +29,8 @@ class Cone(NamedTuple):
     """A forbidden cone.
 
     Attributes:
-        axis: Unit vector, at rest.
-        half_angle: Half of its opening [rad].
+        axis: Unit vector along the axis of the cone, in the frame at rest.
+        half_angle: Half of the opening angle [rad].
     """
 
     axis: tuple[float, float, float]

@@ -20,7 +20,7 @@ def swing_up(*, percent: int, seed: int) -> Mapped:
 
     Args:
         percent: Largest torque, in percent of that which holds the pendulum level.
-        seed: Seed of the draw of its start.
+        seed: Seed of the draw of the pendulum's start.
     """
     (angle, speed), draw = first_possible(_attempt, seed)
     torque = percent / 100

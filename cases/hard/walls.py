@@ -49,8 +49,8 @@ class Block(NamedTuple):
     Attributes:
         x: Abscissa of its centre.
         y: Ordinate of its centre.
-        half_width: Half its extent in x, corners included.
-        half_height: Half its extent in y, corners included.
+        half_width: Half the extent of the block in x, corners included.
+        half_height: Half the extent of the block in y, corners included.
         radius: Radius of its corners.
     """
 
@@ -80,7 +80,7 @@ class Walls(NamedTuple):
 
 
 def drawn_walls(*, walls: int, gaps: int, seed: int) -> tuple[Walls, str]:
-    """Return the first possible draw and its number in words.
+    """Return the first draw that is possible, and its number in words.
 
     Args:
         walls: Number of walls K.

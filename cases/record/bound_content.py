@@ -1,4 +1,4 @@
-"""A lower bound in a record, with its certificate beside it.
+"""A lower bound in a record, with the file of its certificate.
 
 The certificate contains everything that the proof needs: `python -m
 swarmstart.ocp.lower_bound.check bound_certificate.json` proves it again.
@@ -29,7 +29,7 @@ def bound_content(
 
     Args:
         bound: The bound.
-        beside: The bound compared with the answer.
+        beside: Gap between the answer and the bound.
         certificate: Name of the certificate's file; None if there is none.
     """
     account = bound_account(bound, certificate=certificate)
@@ -62,7 +62,7 @@ def _compared(beside: OptimalityGap) -> dict[str, Any]:
 
 
 def beside_of(content: Mapping[str, Any]) -> OptimalityGap:
-    """Return a recorded bound compared with the answer that was recorded with it.
+    """Return the gap between a recorded bound and the answer recorded with it.
 
     Raises:
         LookupError, TypeError, ValueError: If the content is not of this form.
@@ -103,7 +103,7 @@ def kept_bound(folder: Path, key: str) -> dict[str, Any] | None:
 
 
 def compared_anew(content: Mapping[str, Any], answer: Solution) -> dict[str, Any]:
-    """Return a recorded bound compared with another answer to the same problem."""
+    """Return a recorded bound with its gap to another answer to the same problem."""
     old = beside_of(content)
     same = LowerBound(
         kind=old.kind,

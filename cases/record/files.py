@@ -56,11 +56,11 @@ class FolderInUseError(RecordError):
 
 @contextlib.contextmanager
 def replacing(path: Path, *, suffix: str = "") -> Iterator[Path]:
-    """Yield a temporary name; the file of that name replaces another file.
+    """Yield a temporary name; the file of that name then replaces another file.
 
     Args:
         path: The file to be replaced; its folder is made if it is missing.
-        suffix: What the temporary name must end in.
+        suffix: Text in which the temporary name must end.
 
     Raises:
         RecordError: If the file cannot be written; the old one is left.
@@ -114,7 +114,7 @@ def write_bytes(path: Path, content: bytes, *, sync: bool = True) -> None:
 
 
 class ExistingFileError(RecordError):
-    """A file that would be replaced."""
+    """A file exists already and would be replaced."""
 
 
 def require_new(files: Iterable[Path], way: str) -> None:
@@ -122,10 +122,10 @@ def require_new(files: Iterable[Path], way: str) -> None:
 
     Args:
         files: The files.
-        way: What can be done, the end of the message.
+        way: Advice on what to do instead, as the end of the message.
 
     Raises:
-        ExistingFileError: If one does.
+        ExistingFileError: If one of the files exists.
     """
     for file in files:
         # exists() is false for a link whose target is missing.
@@ -148,10 +148,10 @@ def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
 def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
     """Return the arrays of an .npz file; nothing is unpickled.
 
-    The file is closed in any case, also after an error, which np.load does not ensure.
+    The file is closed even after an error, which np.load does not ensure.
 
     Raises:
-        ValueError: If the file claims more numbers than it has room for.
+        ValueError: If the file claims to have more numbers than its size allows.
     """
     with path.open("rb") as file, zipfile.ZipFile(file) as members:
         claimed = sum(_claimed(members, name) for name in members.namelist())
@@ -197,11 +197,11 @@ def require_ours(path: Path, is_ours: Callable[[str], bool], what: str) -> None:
     Args:
         path: The file; it need not exist.
         is_ours: Function of the text that returns whether this package has written it.
-        what: Expected content, for the message.
+        what: Expected content of the file, for the message.
 
     Raises:
         ForeignFileError: If another program has written the file.
-        RecordError: If it cannot be read.
+        RecordError: If the file cannot be read.
     """
     try:
         text = path.read_text(encoding="utf-8")
@@ -230,13 +230,13 @@ def is_record(text: str, name: str) -> bool:
 def locked(folder: Path) -> Iterator[None]:
     """Make a folder, and keep other commands out of it while in the context.
 
-    The lock is a lock of the system on the folder itself (flock): it ends with the
-    process and leaves no file. Systems and file systems without such locks keep nothing
-    out. Temporary files of killed commands are removed.
+    The lock is one of the system on the folder itself (flock): it ends with the process
+    and leaves no file. On systems and file systems without such locks, other commands
+    are not kept out. Temporary files of killed commands are removed.
 
     Raises:
-        FolderInUseError: If another command still uses it after PATIENCE_S.
-        RecordError: If no file can be written to it.
+        FolderInUseError: If another command still uses the folder after PATIENCE_S.
+        RecordError: If no file can be written to the folder.
     """
     descriptor = None
     try:
@@ -302,5 +302,5 @@ def is_temporary(name: str) -> bool:
 
 
 def said(error: Exception) -> str:
-    """Return the system's message of an error."""
+    """Return the message that the system gives for an error."""
     return getattr(error, "strerror", None) or str(error)

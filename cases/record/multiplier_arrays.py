@@ -1,17 +1,17 @@
 """Conversion of multipliers to arrays without pickle, and back.
 
-Those of an answer, or of the first plan of a run:
+Arrays of an answer, or of the first plan of a run:
 
     multipliers_costates, _controls, _states       as in Multipliers
     multipliers_path_K, multipliers_terminal_K     of constraint K, with the names:
     multipliers_path_names, multipliers_terminal_names
     multipliers_decided, multipliers_decided_names
 
-Those of the last plans of an interrupted run, used to start its next plans:
+Arrays of the last plans of an interrupted run, used to start its next plans:
 
     dual_steps, dual_rows, dual_bounds
 
-The last ones are kept of two steps: of the last step, and of the step that the mark
+The arrays `dual_...` are kept for two steps: the last step, and the step that the mark
 names until a new mark is written.
 """
 
@@ -71,7 +71,7 @@ def multipliers_from(arrays: Mapping[str, NDArray[Any]]) -> Multipliers | None:
 
 
 def told(multipliers: Multipliers | None) -> dict[str, Any] | None:
-    """Return the multipliers for a summary: each row summed over the horizon."""
+    """Return the multipliers for a summary: each path row summed over the horizon."""
     if multipliers is None:
         return None
     return {
@@ -87,10 +87,10 @@ def _names(of: Mapping[str, object]) -> NDArray[Any]:
 
 
 def dual_arrays(trajectory: Trajectory, finished: int) -> dict[str, NDArray[Any]]:
-    """Return the multipliers of the plans of two steps as arrays, NaN at the end.
+    """Return the multipliers of the plans of two steps as arrays, padded with NaN.
 
     Args:
-        trajectory: The steps so far.
+        trajectory: The finished steps.
         finished: Number of steps that the mark names; 0 if there is no mark.
     """
     count = len(trajectory.decisions)
@@ -109,7 +109,7 @@ def dual_arrays(trajectory: Trajectory, finished: int) -> dict[str, NDArray[Any]
 
 
 def with_duals(steps: list[Step], arrays: Mapping[str, NDArray[Any]]) -> list[Step]:
-    """Return the steps; plans of the last one have the multipliers that were kept."""
+    """Return the steps, with the kept multipliers in the plans of the last step."""
     if not steps or "dual_steps" not in arrays:
         return steps
     found = np.flatnonzero(arrays["dual_steps"] == len(steps) - 1)

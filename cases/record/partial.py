@@ -98,7 +98,7 @@ def partial_key(folder: Path) -> str | None:
     """Return the key of the run whose steps are in a folder; None if there are none.
 
     Raises:
-        RecordError: If there are steps that cannot be read.
+        RecordError: If finished steps exist, but cannot be read.
     """
     try:
         if (folder / MARK).exists():
@@ -125,7 +125,7 @@ def load_partial(
         there are no finished steps.
 
     Raises:
-        RecordError: If there are steps that cannot be read.
+        RecordError: If finished steps exist, but cannot be read.
     """
     if not (folder / MARK).exists():
         return None

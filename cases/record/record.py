@@ -66,7 +66,7 @@ class OccupiedFolderError(SwarmstartError):
 
 
 class UnknownFormatError(SwarmstartError, ValueError):
-    """Figures are asked for in a format in which they cannot be written."""
+    """Figures are requested in a format in which they cannot be written."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -75,7 +75,7 @@ class Recording:
 
     Attributes:
         folder: The run's folder; made if it is missing.
-        figures: Whether to draw.
+        figures: Whether figures are drawn.
         animation: "gif" or "mp4" for an animation beside the figures; None for no
             animation.
         force: Whether files of another run with the record's names are replaced. Other
@@ -108,13 +108,13 @@ def package_version(name: str) -> str:
 
 
 def versions() -> dict[str, str]:
-    """Return the versions that are recorded with a run."""
+    """Return the versions of packages that are recorded with a run."""
     return {name: package_version(name) for name in RECORDED}
 
 
 @cache
 def environment() -> dict[str, Any]:
-    """Return the versions and the hash of the code, on which a result depends."""
+    """Return versions of packages and the hash of the code, which determine results."""
     # A change of any module can change a result, so all of them count.
     root = Path(__file__).resolve().parents[2]
     digest = hashlib.sha256()
@@ -150,9 +150,9 @@ def require_own(folder: Path, key: str, scenario: str) -> None:
         scenario: The run's resolved scenario, as it is written.
 
     Raises:
-        OccupiedFolderError: If it has other content, or a scenario that has been
-            changed.
-        RecordError: If it has finished steps that cannot be read.
+        OccupiedFolderError: If the folder has other content, or a scenario file that
+            has been changed.
+        RecordError: If the folder has finished steps that cannot be read.
     """
     # Here, since it imports NumPy, which `--version` does without.
     from swarmstart.cases.record.partial import partial_key
@@ -173,10 +173,11 @@ def require_own_seeds(folder: Path, keys: Sequence[str]) -> None:
 
     Args:
         folder: The folder; it need not exist. Other files beside such runs may stay.
-        keys: Keys of the runs, that of seed 0 first. Their number may have changed.
+        keys: Keys of the runs, that of seed 0 first. The number of runs may have
+            changed.
 
     Raises:
-        OccupiedFolderError: If it has other content.
+        OccupiedFolderError: If the folder has other content.
     """
     names = _names(folder)
     if not names:
@@ -199,7 +200,7 @@ def require_own_sweep(folder: Path, key: str) -> None:
         key: The sweep's key.
 
     Raises:
-        OccupiedFolderError: If it has other content.
+        OccupiedFolderError: If the folder has other content.
     """
     names = _names(folder)
     if names and finished_key(folder, SWEEP) != key:
@@ -208,13 +209,13 @@ def require_own_sweep(folder: Path, key: str) -> None:
 
 
 def require_comparisons(folder: Path) -> None:
-    """Raise unless a folder is empty or has comparisons, of whatever scenarios.
+    """Raise unless a folder is empty or has comparisons, of any scenarios.
 
     Args:
         folder: The folder; it need not exist. Other files beside them may stay.
 
     Raises:
-        OccupiedFolderError: If it has other content.
+        OccupiedFolderError: If the folder has other content.
     """
     names = _names(folder)
     is_begun = {*names} <= {CELLS} and all(
@@ -285,7 +286,7 @@ def _listed(folder: Path, what: str, mark: str = MARK) -> list[Path]:
 
 
 def finished_key(folder: Path, mark: str = MARK) -> str | None:
-    """Return the key of a folder's record; "unknown" if damaged, None without one."""
+    """Return the key of a folder's record: "unknown" if damaged, None if missing."""
     try:
         text = (folder / mark).read_text(encoding="utf-8")
     except OSError:

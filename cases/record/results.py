@@ -1,13 +1,13 @@
-"""Results of the library: saved in folders, read back as data, given to other packages.
+"""Results of the library: saved in folders, read back, passed to other packages.
 
-    result.json      status, cost, names; written last, it marks a complete record
+    result.json status, cost, names; written last, it marks a complete record
     solution.npz     of a Solution: nodes, controls and the finer path
     bound_certificate.json   of a Solution whose bound is proven by polynomials
     trajectory.npz   of a Trajectory, as in the record of a run
 
 A record of `swarmstart run` is read the same way, and the first plan of any record can
 be the guess of another run. No file is unpickled, no code is run. The other packages
-are pandas and python-control; they get the values over time.
+are pandas and python-control; they get values over time.
 """
 
 import json
@@ -202,7 +202,7 @@ def load(folder: str | Path) -> Record:
     Raises:
         RecordError: If there is no finished record, or a file cannot be read.
         UnreadableFileError: If a run's scenario.yaml cannot be read.
-        YamlError: If that file is not the format.
+        YamlError: If that file is not in the scenario format.
 
     Example:
         >>> import tempfile
@@ -270,7 +270,7 @@ def _summary(file: Path) -> Mapping[str, Any]:
 def recorded_plan(folder: object) -> tuple[list[float], list[list[float]]]:
     """Return the starts of the intervals [s] and a row of values for each control.
 
-    For linear controls these are knots, the last one at the end of the plan.
+    For linear controls the times are those of the knots, the last at the plan's end.
 
     Args:
         folder: The folder of a run of one problem, or of a saved Solution.

@@ -1,6 +1,6 @@
 """Conversion of a trajectory with its plans to arrays without pickle, and back.
 
-Its steps are also written as a table for a spreadsheet, steps.csv.
+The steps are also written as a table for spreadsheets, steps.csv.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -71,12 +71,12 @@ def output_arrays(names: Sequence[str], outputs: Array) -> dict[str, NDArray[Any
 
 
 def unit_arrays(units: Mapping[str, str]) -> dict[str, NDArray[Any]]:
-    """Return the array of units, a name and its unit in each row; empty without any."""
+    """Return the array of units, with a name and its unit in each row; may be empty."""
     return {"units": np.array([*units.items()])} if units else {}
 
 
 def trajectory_of(arrays: Mapping[str, NDArray[Any]]) -> Trajectory:
-    """Return the trajectory of arrays of `trajectory_arrays`, without plans' states."""
+    """Return a trajectory from its `trajectory_arrays`, without the states of plans."""
     # All control intervals have the same number of steps of the plant.
     pieces, count = arrays["dense_times"].size - 1, arrays["step_seconds"].size
     steps = steps_of(arrays, pieces // count)
@@ -97,7 +97,7 @@ def trajectory_of(arrays: Mapping[str, NDArray[Any]]) -> Trajectory:
 
 
 def steps_of(arrays: Mapping[str, NDArray[Any]], substeps: int) -> list[Step]:
-    """Return the steps of such arrays, each of `substeps` steps of the plant."""
+    """Return the steps in `arrays`, each of `substeps` steps of the plant."""
     steps: list[Step] = []
     for number, seconds in enumerate(arrays["step_seconds"]):
         is_new = arrays["plan_is_new"][number]
@@ -263,9 +263,9 @@ def _number(arrays: Mapping[str, NDArray[Any]], name: str, place: int) -> float 
 
 
 def control_rows(trajectory: Trajectory) -> Array | None:
-    """Return linear controls at both ends of the plant's steps, (nu, T, m + 1).
+    """Return linear controls at the ends of the plant's steps, shape (nu, T, m + 1).
 
-    None if controls are held.
+    None if controls are held, not linear.
     """
     decisions, steps = trajectory.decisions, trajectory.controls.shape[1]
     if not any(d.profile is not None and not d.profile.is_held for d in decisions):
@@ -389,14 +389,15 @@ def effort(trajectory: Trajectory) -> dict[str, Measure]:
 
 
 def planned(decision: Decision) -> bool:
-    """Return whether a step was planned, and not under the linear law."""
+    """Return whether a step was planned, and did not follow the linear law."""
     return decision.mode is Mode.PLANNED
 
 
 def found_plans(decision: Decision) -> bool:
     """Return whether planning found a feasible plan for every agent.
 
-    A step that follows the shifted last plan did not, even if that plan is feasible.
+    A step that follows the shifted last plan has found none, even if that plan is
+    feasible.
     """
     return all(
         plan.feasible and plan.source is not Source.SHIFTED for plan in decision.plans

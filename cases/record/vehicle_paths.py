@@ -24,12 +24,12 @@ def paths_of(
     Args:
         record: The record of a run, or a saved result.
         names: Names of two or three states that are coordinates, without the end that
-            names a vehicle; empty: x_m, y_m and z_m, or x, y and z.
-        height: Third coordinate, if there are two [m].
+            names a vehicle; empty means x_m, y_m and z_m, or x, y and z.
+        height: Third coordinate if only two are named [m].
 
     Raises:
-        RecordError: If no vehicle has states of these names, the name of one could not
-            be that of a file, or the record has not a state for each name and time.
+        RecordError: If no vehicle has states with these names, if the name of a vehicle
+            cannot be that of a file, or if the record lacks a state for a name or time.
         ExportError: If a coordinate is not finite, or times do not rise.
     """
     states = [str(name) for name in record.arrays.get("state_names", ())]

@@ -3,7 +3,7 @@
     key = hash(work, job, versions of packages, source of the code that the job uses)
 
 The code is the module of the work with all modules of this package that it imports, and
-the modules that the job names as text: the kind and the search of its settings. So an
+the modules that the job names as text: the kind and the search of its settings. Thus an
 edit of a command, a figure, a statistic or another kind changes no key, and an edit of
 the planner changes the keys of all cells that plan. A module can name further modules
 by its function `modules_of(job)`.
@@ -23,11 +23,11 @@ from swarmstart.machine_code import sources
 
 
 def key_of(work: str, job: Mapping[str, Any]) -> str:
-    """Return the 16 characters that name a cell.
+    """Return the key of a cell: the 16 characters that name it.
 
     Args:
         work: "module:function" that does the work.
-        job: Plain data.
+        job: Plain data that determine the result.
     """
     module = work.partition(":")[0]
     determines = {
@@ -45,7 +45,7 @@ def modules_of_settings(settings: Mapping[str, Any]) -> tuple[str, ...]:
     """Return the modules of a resolved scenario's kind and search.
 
     Args:
-        settings: As in `Resolved`; an unknown name adds no module.
+        settings: Settings as in `Resolved`; an unknown kind or search adds no module.
     """
     kind, search = settings.get("kind"), settings.get("search")
     named = search.get("name") if isinstance(search, Mapping) else search
@@ -59,7 +59,7 @@ def modules_of_settings(settings: Mapping[str, Any]) -> tuple[str, ...]:
 
 @cache
 def recorded_versions() -> dict[str, str]:
-    """Return the versions of packages, read once in a process."""
+    """Return versions of packages that results depend on, read once in a process."""
     return versions()
 
 

@@ -1,8 +1,8 @@
 """A process for cells, kept from one to the next, and replaced when it dies.
 
-Its standard input and output are the only connection to it. So it can be started by a
-command, or by a worker of Dask, whose processes can have no children of
-`multiprocessing`. Nothing is pickled.
+The process is connected by its standard input and output only. Thus a command can start
+it, or a worker of Dask, whose processes can have no children of `multiprocessing`.
+Nothing is pickled.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class OtherCodeError(Exception):
     """The code of the process differs from the code of the key.
 
     Attributes:
-        versions: Versions of its packages.
+        versions: Versions of the packages that the process has.
     """
 
     def __init__(self, versions: Mapping[str, str]) -> None:
@@ -56,11 +56,11 @@ class OtherCodeError(Exception):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Ending:
-    """The end of an attempt without a reply.
+    """The end of an attempt at a cell that gave no reply.
 
     Attributes:
-        how: The end in words; empty if its time was over.
-        limit: The hard limit that ended it [s]; None if it ended otherwise.
+        how: Way in which the process ended, in words; empty if its time was over.
+        limit: The hard limit that ended the attempt [s]; None if it ended otherwise.
         cpu_s: CPU seconds of the attempt; None if not known.
     """
 
@@ -70,7 +70,7 @@ class Ending:
 
 
 class CellProcess:
-    """A process that works on cells, one at a time; started with the first cell."""
+    """A process that works on cells, one at a time; the first cell starts it."""
 
     def __init__(self) -> None:
         """Prepare; the process is started later."""
@@ -83,13 +83,13 @@ class CellProcess:
         self._is_stopped = False
 
     def done(self, order: Order) -> dict[str, Any]:
-        """Return the reply of a cell's work: `content`, and `files` if they are sent.
+        """Return the reply to an order: its `content`, and `files` if they are sent.
 
-        A cell whose process dies is tried once more. A cell that its hard limit has
-        ended is finished by its rescue.
+        A cell whose process dies is tried once more. If the hard limit ended the work,
+        the cell's `rescue` finishes the cell.
 
         Raises:
-            StoppedError: If `stop` was called meanwhile.
+            StoppedError: If `stop` was called during the cell.
             OtherCodeError: If the code of the process differs from that of the key.
             RecordError: If the result cannot be written.
         """
@@ -120,7 +120,7 @@ class CellProcess:
         return {"content": content, "is_lost": True}
 
     def stop(self) -> None:
-        """End the process for good, also during a cell."""
+        """End the process, also during a cell; it is not started again."""
         with self._lock:
             self._is_stopped = True
             self._end()

@@ -1,11 +1,11 @@
-"""Work of a process for cells: read an order, do it, commit or send the result.
+"""Work of a process for cells: read an order, carry it out, write or send the result.
 
     {"work": ..., "job": ..., "key": ..., "folder": ...}  ->  {"content": ...}
 
 Orders and replies are lines of JSON on the process's standard input and output; output
 that the work prints goes to standard error. `content` is the content of the cell's
 mark, with the machine that did it, but without data about its owner. The process ends
-when its input ends, so when the process that made it has ended.
+when its input ends, thus also when its parent process has ended.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ PARENT_DIED = 1
 
 @cache
 def machine() -> dict[str, Any]:
-    """Return processor, cores, system and Python; no names of hosts, users or folders.
+    """Return processor, cores, system and Python, without names of hosts or users.
 
     Example:
         >>> sorted(machine())
@@ -94,8 +94,8 @@ class Beginning:
     """Time and circumstances of a cell's beginning.
 
     Attributes:
-        seconds: Time on this process's clock [s].
-        cpu_s: CPU seconds of this process until then.
+        seconds: Time of the beginning on this process's clock [s].
+        cpu_s: CPU seconds of this process until the beginning.
         date: Date and time, ISO 8601, UTC.
         load: Load average; None if the system has none.
     """
@@ -120,11 +120,12 @@ def cell_content(
     """Return the content of a cell's mark.
 
     Args:
-        order: Work, job and label; `spent` if an earlier attempt was cut.
+        order: "work", "job" and "label"; also "spent" if a limit ended an earlier
+            attempt.
         began: Beginning of this attempt.
         result: Result of the work; None if it failed.
         failure: Reason of the failure; empty if it did not fail.
-        again: Whether another command tries it again.
+        again: Whether the next command tries the cell again.
         cpu_s: CPU seconds of this attempt; None if not known.
     """
     spent = order.get("spent") or {}
@@ -150,7 +151,7 @@ def cell_content(
 
 
 def done(order: Mapping[str, Any], folder: Path) -> str:
-    """Do a cell's work; return the JSON text of its mark's content.
+    """Carry out a cell's work; return the content of its mark as JSON.
 
     Errors of any type become text here, so that the other cells continue.
     """
@@ -203,7 +204,7 @@ def commit(folder: Path, text: str, *, seconds: float) -> None:
 
 
 def serve(parent: int) -> None:
-    """Do orders until the input ends; the main function of a process for cells.
+    """Carry out orders until the input ends: the main function of a process for cells.
 
     Args:
         parent: Number of the process that has started this one.

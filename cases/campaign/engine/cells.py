@@ -1,14 +1,14 @@
-"""Many independent cells of work in worker processes, each finished once and kept.
+"""Many independent cells of work in worker processes; each result is computed once.
 
 A cell is a piece of work that a few plain data determine: their hash is its key and the
 name of its folder. The file `cell.json` in it is written last and marks a complete
 cell. So the next call continues a campaign that was interrupted or killed.
 
 Each worker is a process with one BLAS thread, which is kept from cell to cell with the
-functions that it has built. If it dies, only its own cell is lost and tried once more.
-A failed cell is recorded with the reason, and the other cells are kept. If its process
-died or it took too long, the next campaign tries it again. Workers end together with
-the command.
+functions that it has built. If a worker dies, only its own cell is lost, and is tried
+once more. A failed cell is recorded with the reason, and the other cells are kept. If a
+cell failed since its process died or took too long, the next campaign tries it again.
+Workers end together with the command.
 
 Workers run on this machine, or on a cluster of Dask (`dask_cells.py`), which sends
 results back. The marks are written here in both cases.
@@ -60,8 +60,8 @@ class Cell:
     """A piece of work.
 
     Attributes:
-        work: "module:function" that does it: (job, folder) -> a mapping to keep. The
-            function can write further files into the folder.
+        work: "module:function" that does the work: (job, folder) -> a mapping, the
+            result. The function can write further files into the folder.
         job: Plain data that determine the result, with the versions of the packages
             and the code that they use.
         label: Description for progress and errors.
@@ -90,7 +90,7 @@ class Cell:
 
         Args:
             key: The cell's key.
-            folder: Its folder; None if the process sends everything back.
+            folder: Folder of the cell; None if the process sends everything back.
         """
         return {
             "work": self.work,
@@ -112,8 +112,8 @@ class Outcome:
         result: Result of the work; None if it failed.
         failure: Reason of the failure, in a sentence; empty if it did not fail.
         seconds: Wall time in the worker [s].
-        folder: Its folder.
-        date: Beginning, ISO 8601, UTC; empty if not known.
+        folder: Folder of the cell.
+        date: Date and time of the beginning, ISO 8601, UTC; empty if not known.
         machine: "processor", "cores", "system" and "python"; empty if not known.
         load: Load average of one minute at its beginning and end; None if the system
             has none.
@@ -139,8 +139,8 @@ def finished(cell: Cell, root: Path) -> Outcome | None:
     """Return the outcome of a cell that has finished before, or None.
 
     Returns:
-        None if it has not finished, another attempt can succeed, or its mark cannot be
-        read.
+        None if the cell has not finished, if another attempt can succeed, or if its
+        mark cannot be read.
     """
     return _finished(root / cell.key)
 
@@ -185,20 +185,20 @@ def carried_out(
     told: Done = lambda *_: None,
     engine: str = LOCAL,
 ) -> list[Outcome]:
-    """Return the outcomes of all cells; those that have not finished are done now.
+    """Return the outcomes of all cells; those without an outcome are done now.
 
     Args:
         cells: The cells, done in this order; equal ones are done once.
         root: The folder of all cells; made if it is missing.
         workers: Number of worker processes of this machine.
-        told: Callback after each cell.
+        told: Function that is called after each cell.
         engine: LOCAL, or the address of a scheduler of Dask, whose workers do the cells
             instead.
 
     Raises:
         FolderInUseError: If another command uses the folder.
         RecordError: If the folder cannot be written to.
-        CodeChangedError: If the code was edited meanwhile.
+        CodeChangedError: If the code was edited while cells were done.
         DaskError: If the cluster cannot be reached, is lost, or has other code.
         KeyboardInterrupt: On Ctrl-C, with the number of kept cells.
     """

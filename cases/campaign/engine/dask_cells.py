@@ -44,10 +44,10 @@ class DaskError(SwarmstartError):
 def worked_on_dask(
     orders: Sequence[Mapping[str, Any]], address: str
 ) -> Generator[Reply, None, None]:
-    """Yield keys with the replies to their orders, as they finish.
+    """Yield the key of each order with its reply, as the orders are finished.
 
     Args:
-        orders: Orders as from `Cell.order`, without folders.
+        orders: Orders of cells, as from `Cell.order` without a folder.
         address: Address of the scheduler, such as "tcp://host:8786".
 
     Raises:
@@ -144,7 +144,7 @@ class _Campaign:
     def worked(
         self, orders: Sequence[Mapping[str, Any]]
     ) -> Generator[Reply, None, None]:
-        """Yield keys with replies until every order has one."""
+        """Yield the key of each order with its reply, until every order has one."""
         waiting = deque(orders)
         try:
             while waiting or self._pending:

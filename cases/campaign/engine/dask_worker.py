@@ -1,4 +1,4 @@
-"""Part of a Dask worker for cells: it keeps processes and sends orders to them.
+"""Plugin of a Dask worker for cells: it keeps processes and sends orders to them.
 
 A cell that crashes ends its own process, but not the worker. A worker's process can be
 daemonic, and then has no children of `multiprocessing`. Orders and replies are JSON.
@@ -26,7 +26,7 @@ LOOK_S = 5.0
 
 
 class CellProcesses(WorkerPlugin):
-    """Processes of a worker for the cells of one command; as many as its threads."""
+    """Processes of a worker for the cells of one command; one for each thread."""
 
     def setup(self, worker: Worker) -> None:
         """Start without processes; called by Dask on the worker."""
@@ -75,7 +75,7 @@ def done_on_worker(plugin: str, order: str) -> str:
     """Return the reply of a cell done on this worker of Dask; called there.
 
     Args:
-        plugin: Name of its `CellProcesses`.
+        plugin: Name of the worker's `CellProcesses`.
         order: The cell, as JSON.
 
     Returns:

@@ -126,8 +126,9 @@ def content_of(
         entries: The solvers of each scenario; the others are compared with the first.
             Solvers that cannot solve a scenario are missing.
         outcomes: Outcomes by the cells' keys.
-        asked: Seeds, budget, command and the distance that counts as near.
-        about: Further knowledge about scenarios, by name.
+        asked: Settings of the comparison: seeds, budget, command and the distance that
+            counts as near.
+        about: Data about scenarios besides their runs, by the scenario's name.
 
     Returns:
         Plain data: numbers are finite or None, and the same outcomes give the same
@@ -212,17 +213,17 @@ def _circumstances(outcomes: Sequence[Outcome]) -> dict[str, Any]:
 
 
 def load_of(outcomes: Sequence[Outcome]) -> tuple[float | None, bool]:
-    """Return the highest load, and whether the machine was too busy to time anything.
+    """Return the highest load, and whether the machine was too busy to measure times.
 
-    It was too busy if the median run saw a load above 1.25 times the cores, or had the
-    CPU for less than 0.8 of its time. With the median one busy moment does not spoil a
-    comparison.
+    It was too busy if the load during the median run was above 1.25 times the number of
+    cores, or if that run had the CPU for less than 0.8 of its time. The median is used
+    so that one busy moment does not spoil a comparison.
 
     Args:
         outcomes: Outcomes, with `load`, `machine` and `cpu_s` if known.
 
     Returns:
-        None if no run knows its load.
+        The load is None if it is not known for any run.
     """
     loads, relative, shares = [], [], []
     for one in outcomes:
@@ -282,11 +283,13 @@ def profile_times(
     """Return the effort of solvers to come near the best, shape (solvers, instances).
 
     Args:
-        found: The scenarios, each with the same solvers in the same order.
-        asked: The request, whose budget decides between evaluations and seconds.
+        found: Results on the scenarios, each with the same solvers in the same order.
+        asked: Settings of the comparison; its budget decides between evaluations and
+            seconds.
 
     Returns:
-        The quantity, and the times: infinite if never reached.
+        "evaluations" or "seconds", and the effort in it; infinite if a solver never
+        came near the best.
     """
     # Evaluations if they are limited, since they do not depend on the machine.
     by_clock = asked.budget.get("evaluations") is None and (
@@ -379,7 +382,7 @@ def fault_of(content: Mapping[str, Any]) -> str:
     """Return an error of a comparison with its place; empty if there is none.
 
     Args:
-        content: As read from JSON.
+        content: Content of a comparison, as read from JSON.
     """
     return _fault(content, _COMPARISON, "") or _miscounted(content)
 

@@ -9,7 +9,7 @@ profile   the share of instances on which a solver is near the fastest:
 
 t is the effort of a solver to reach the target, infinite if it never did. An instance
 that no solver has reached counts in the total, but for no solver. The order of two
-solvers can change if a third one is left out (Gould and Scott 2016).
+solvers in a profile can change if a third one is left out (Gould and Scott 2016).
 
 Source: Dolan and More (2002), Benchmarking optimization software with performance
 profiles, Mathematical Programming 91; Gould and Scott (2016), A note on performance
@@ -64,14 +64,14 @@ class Curves:
         asked: Asked,
         rng: np.random.Generator,
     ) -> Curves:
-        """Return the curves' frame; the random numbers are drawn in any case.
+        """Return what the curves share; random numbers are drawn even if unused.
 
         Args:
             runs: Runs of all solvers.
-            best: The least known cost; infinite if there is none.
-            limits: Largest costs that count as near it, shape (2,).
+            best: The least known cost; infinite if no cost is known.
+            limits: Largest costs that count as near `best`, shape (2,).
             asked: Seeds and resamples.
-            rng: Random numbers of the bootstrap.
+            rng: Source of the random numbers of the bootstrap.
         """
         seeds = len(asked.seeds)
         # Drawn in any case, so that no later draw depends on the histories.
@@ -90,7 +90,7 @@ class Curves:
         return cls(marks=marks, targets=targets, weights=weights, seeds=seeds)
 
     def history(self, runs: Runs) -> dict[str, Any] | None:
-        """Return the best cost at marks: lowest, median, highest of the runs."""
+        """Return the best cost so far at marks: lowest, median, highest of the runs."""
         if not _has_history(runs) or not len(self.marks):
             return None
         costs = np.sort(costs_at(runs.evaluations, self.marks), axis=0)
@@ -105,7 +105,7 @@ class Curves:
         }
 
     def ecdf(self, runs: Runs) -> dict[str, Any] | None:
-        """Return the share of (seed, target) pairs reached at marks, with its band."""
+        """Return the share of (seed, target) pairs reached at each mark, and a band."""
         if not _has_history(runs) or not len(self.marks) or not len(self.targets):
             return None
         spent = reached(runs.evaluations, self.targets)
@@ -163,13 +163,14 @@ def rounded(values: ArrayLike) -> list[float | None]:
 
 
 def relative_times(times: ArrayLike) -> Array:
-    """Return times divided by the least of each instance; infinite if never reached.
+    """Return times divided by the least time of each instance.
 
     Args:
-        times: Shape (solvers, instances), positive; infinite where never.
+        times: Times of solvers to a target, shape (solvers, instances), positive;
+            infinite if the target was never reached.
 
     Returns:
-        Shape (solvers, instances), at least 1.
+        Ratios, shape (solvers, instances), at least 1; infinite if never reached.
     """
     spent = np.asarray(times, dtype=np.float64)
     least = spent.min(axis=0)
@@ -184,7 +185,7 @@ def relative_times(times: ArrayLike) -> Array:
 
 
 def ratios_of(relative: Array) -> Array:
-    """Return 41 ratios at which profiles are drawn, equally spaced by logarithm."""
+    """Return 41 ratios at which profiles are drawn, with equally spaced logarithms."""
     finite = relative[np.isfinite(relative)]
     most = min(max(2.0, float(finite.max(initial=1.0))), MOST_RATIO)
     # The last ratio is beyond the round-off of the largest finite one.
@@ -197,7 +198,7 @@ def performance_profile(relative: Array, ratios: ArrayLike) -> Array:
 
     Args:
         relative: Ratios from `relative_times`, shape (solvers, instances).
-        ratios: Shape (ratios,), at least 1.
+        ratios: Ratios to the fastest, shape (ratios,), at least 1.
 
     Returns:
         Shape (solvers, ratios).
@@ -215,19 +216,19 @@ def _within(relative: Array, ratios: ArrayLike) -> Array:
 def profile_bands(
     relative: Array, ratios: Array, groups: list[Array]
 ) -> tuple[Array, Array]:
-    """Return 95 percent bands of a profile, seeds drawn again within each scenario.
+    """Return 95 percent bands of a profile, from seeds resampled within each scenario.
 
-    So they concern other seeds on these scenarios, not other scenarios.
+    Thus the bands tell about other seeds on these scenarios, not about other scenarios.
 
     Args:
-        relative: As of `relative_times`, shape (solvers, instances), the instances of a
-            scenario side by side.
-        ratios: Shape (ratios,).
-        groups: For each scenario the weights of its seeds, as of `resampled`, shape
+        relative: Ratios from `relative_times`, shape (solvers, instances), with the
+            instances of a scenario side by side.
+        ratios: Ratios at which the profile is computed, shape (ratios,).
+        groups: For each scenario the weights of its seeds from `resampled`, shape
             (resamples, seeds).
 
     Returns:
-        Low and high, shape (solvers, ratios) each.
+        Lower and upper end of the bands, shape (solvers, ratios) each.
     """
     weights = np.concatenate([group / len(groups) for group in groups], axis=1)
     # With `optimize` it is a product of matrices, which BLAS computes.

@@ -1,9 +1,10 @@
 """A comparison in one sentence, which claims no more than its tests show.
 
-The null hypothesis, which searches have to beat, is IPOPT from random starts, or the
-first solver without it. A difference is in the sentence only if it is shown on its
-scenario, and also with p values adjusted for everything that the sentence could have
-claimed, on all scenarios and for all solvers (Holm).
+The null hypothesis, which searches have to beat, is IPOPT from random starts; if that
+is not among the solvers, it is the first solver. The sentence mentions a difference
+only if the tests show it on its scenario, and still show it with p values adjusted for
+everything that the sentence could have claimed, on all scenarios and for all solvers
+(Holm).
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ Content = Mapping[str, Any]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Shown:
-    """Scenarios by the result of a solver against the null hypothesis."""
+    """Names of scenarios, grouped by a solver's result against the null hypothesis."""
 
     solver: str
     more: list[str] = field(default_factory=list)
@@ -44,7 +45,7 @@ class Shown:
 
     @property
     def merit(self) -> tuple[int, int]:
-        """Number of scenarios gained minus lost, by successes, then by costs."""
+        """Scenarios gained minus scenarios lost: first by successes, then by costs."""
         return (
             len(self.more) - len(self.fewer),
             len(self.cheaper) - len(self.costlier),
@@ -55,7 +56,7 @@ def headline(content: Content) -> str:
     """Return the result of a comparison in one sentence.
 
     Args:
-        content: Content, as from `content_of`, without headline and limits.
+        content: Content of a comparison from `content_of`, without headline and limits.
     """
     names = [one["name"] for one in content["solvers"]]
     scenarios = content["scenarios"]
@@ -123,7 +124,7 @@ def shown_against(content: Content, null: str) -> list[Shown]:
     """Return the results of each solver against the null hypothesis.
 
     Args:
-        content: Content, as from `content_of`.
+        content: Content of a comparison, as from `content_of`.
         null: The solver with which the others are compared.
     """
     found = {

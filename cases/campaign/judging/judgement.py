@@ -63,7 +63,7 @@ class Results:
 
     Attributes:
         names: Names of the solvers.
-        deterministic: Whether each has one run, repeated in its row.
+        deterministic: Whether each solver has one run, which is repeated in its row.
         costs: Verified costs, shape (solvers, seeds); infinite if infeasible.
         near: Whether the cost is near the best known, shape (solvers, seeds).
         seconds: Times, shape (solvers, seeds), infinite if a run has not ended; None if
@@ -147,13 +147,13 @@ def compared_pairs(names: Sequence[str], seeds: int) -> list[tuple[int, int]]:
 
 
 def fewest_seeds(pairs: int) -> int:
-    """Return the number of seeds that can show a difference, for a number of pairs."""
+    """Return the least number of seeds that can show a difference, for some pairs."""
     # Two tests for each pair, of costs and of successes.
     return max(FEWEST_SEEDS, fewest_pairs(2 * pairs / (1 - SECONDS_SHARE)))
 
 
 def judged(results: Results) -> list[Pair]:
-    """Return the comparisons of one scenario's solvers, those with the first first."""
+    """Return comparisons of a scenario's solvers; first those with the first one."""
     seeds = results.costs.shape[1]
     pairs = compared_pairs(results.names, seeds)
     if not pairs:

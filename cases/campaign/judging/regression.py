@@ -8,7 +8,7 @@ with a margin m:
     same       it lies within the margin on both sides
     unknown    anything else: more seeds would tell
 
-so that a solver that is not worse is called worse in far less than 5 percent of rows.
+Thus a solver that is not worse is called worse in far less than 5 percent of the rows.
 The change of costs and seconds is the median of the seeds' relative differences (Hodges
 and Lehmann), with the interval of the signed-rank test; the change of the success rate
 is that of paired shares. Pairs are formed by seed, or by order if the two comparisons
@@ -56,8 +56,8 @@ class Change:
 
     Attributes:
         quantity: "success rate", "median cost" or "P50 seconds".
-        before: Value in the older comparison; None if there is none.
-        now: Value in the newer one.
+        before: Value in the older comparison; None if it has none.
+        now: Value in the newer comparison; None if it has none.
         verdict: "better", "same", "worse" or "unknown".
         words: Reason in words.
     """
@@ -75,15 +75,16 @@ def regression(
     """Return the changes of all solvers since an older comparison.
 
     Args:
-        old: The older one, as from `content_of` or `read_comparison`.
-        new: The newer one.
-        margin: Change that is no regression: relative for costs and seconds, a
+        old: Content of the older comparison, as from `content_of` or `read_comparison`.
+        new: Content of the newer comparison.
+        margin: Largest change that counts as none: relative for costs and seconds, a
             difference for success rates; above 0, below 1.
-        against: Origin of the older one.
+        against: Origin of the older comparison, in words.
 
     Returns:
-        {"against", "margin", "rows", "is_regression"}: a row for each scenario, solver
-        and quantity of the older one; it is a regression if any is "worse".
+        {"against", "margin", "rows", "is_regression"}: "rows" has a row for each
+        scenario, solver and quantity of the older comparison; "is_regression" is true
+        if any row is "worse".
 
     Raises:
         InvalidMarginError: If the margin is not between 0 and 1.
@@ -139,7 +140,7 @@ class _Both:
 
     @property
     def is_reproduced(self) -> bool:
-        """True if every run of the older one has exactly the same cost again."""
+        """True if every older run has exactly the same cost in the newer comparison."""
         everything = self.count == len(self.rows[0]["costs"])
         return everything and bool((self.costs[0] == self.costs[1]).all())
 

@@ -23,7 +23,7 @@ HEAD = (
 
 
 def found_by(scenario: Content) -> str:
-    """Return who has found the best known cost of a scenario, in words."""
+    """Return which solvers have found the best known cost of a scenario, in words."""
     if scenario["best_by"]:
         return f"found by {scenario['best_by']}"
     return f"from {scenario['known_from'] or 'elsewhere'}"
@@ -33,14 +33,14 @@ def limits_of(content: Content) -> list[str]:
     """Return the known limits of a comparison, each a sentence.
 
     Args:
-        content: Content, as from `content_of`.
+        content: Content of a comparison, as from `content_of`.
     """
     said = [one(content) for one in _LIMITS]
     return [sentence for sentence in said if sentence]
 
 
 def listed(names: Sequence[str], most: int = MOST_NAMED) -> str:
-    """Return names with commas and "and"; of many only the first and a number."""
+    """Return names with commas and "and"; of many only the first ones, and a number."""
     if len(names) > most:
         return f"{', '.join(names[:most])} and {len(names) - most} more"
     if len(names) > 1:
@@ -236,7 +236,7 @@ def report_text(content: Content, *, times: bool = False) -> str:
     """Return a comparison as a table for each scenario, a line for each solver.
 
     Args:
-        content: Content, as from `content_of`.
+        content: Content of a comparison, as from `content_of`.
         times: Whether seconds are shown. Without them the text is the same in every
             call and on every machine, if the budget is in evaluations.
     """

@@ -1,8 +1,8 @@
 """The table of all comparisons in a folder, and the same as Parquet files.
 
-A row is a run. Rows are appended, and none is replaced. The same command again adds no
+Each row is a run. Rows are appended, and none is replaced. Repeating a command adds no
 row, unless a failed run was tried again; its new row follows the old one. A table with
-the columns of another version is not changed, and a new one is started:
+the columns of another version is not changed; a new table is begun instead:
 `results-2.csv` and so on. Parquet files have types and descriptions of the columns.
 """
 
@@ -37,8 +37,8 @@ class Column(NamedTuple):
     """A column of the table.
 
     Attributes:
-        kind: Type of its entries; an empty entry is not known.
-        what: Meaning, with its unit.
+        kind: Type of the entries; an empty entry means that the value is not known.
+        what: Meaning of the column, with its unit.
     """
 
     kind: Literal["text", "integer", "number", "flag"]
@@ -104,13 +104,13 @@ COLUMNS: Mapping[str, Column] = {
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class TabledRun:
-    """A run as the table and the curves have it.
+    """A run in the form that the table and the curves take.
 
     Attributes:
         scenario: Name of the scenario.
         solver: Name of the solver.
-        cell: Its cell.
-        outcome: Its outcome.
+        cell: Cell of the run.
+        outcome: Outcome of the cell.
     """
 
     scenario: str
@@ -144,8 +144,8 @@ def require_table(path: Path) -> Path:
         A table with the columns of this version, or a file that does not exist yet.
 
     Raises:
-        ForeignFileError: If the file is not such a table.
-        RecordError: If it cannot be read.
+        ForeignFileError: If the file is not a table of comparisons.
+        RecordError: If the file cannot be read.
     """
     number, place = 1, path
     while True:
@@ -164,18 +164,18 @@ def _head(path: Path) -> str:
 
 
 def append_runs(path: Path, runs: Iterable[TabledRun]) -> Path:
-    """Append the runs that the table does not have.
+    """Append the runs that are not in the table yet.
 
     Args:
         path: The table; made if it is missing.
         runs: The runs.
 
     Returns:
-        The table that has them; see `require_table`.
+        The table that now has the runs; see `require_table`.
 
     Raises:
-        ForeignFileError: If the file is not such a table.
-        RecordError: If it cannot be read or written.
+        ForeignFileError: If the file is not a table of comparisons.
+        RecordError: If the file cannot be read or written.
     """
     place = require_table(path)
     is_there = place.exists()

@@ -3,10 +3,10 @@
     ERT(target) = effort of all runs until they reached it or ended / number that did
 
 so that the effort of failed runs counts. A history has the best answer so far at marks
-of the effort; every budget and every target is a cut made later. A solver's own values
-count only if its verified answer supports them: a run has reached a target if its
-verified cost has reached it; the time is the first mark of its history with that cost,
-or its end.
+of the effort, so that any budget and any target can be chosen afterwards. A solver's
+own values count only if its verified answer supports them: a run has reached a target
+if its verified cost has reached it; the time is the first mark of its history with that
+cost, or its end.
 
 Source: Hansen, Auger, Ros, Mersmann, Tusar and Brockhoff (2021), COCO: a platform for
 comparing continuous optimizers in a black-box setting, Optimization Methods and
@@ -33,10 +33,10 @@ FEASIBLE = 1e-6
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Courses:
-    """Courses of the runs of one solver.
+    """Best cost over effort of the runs of one solver.
 
     Attributes:
-        spent: Effort at each mark, not decreasing, shape (runs, marks).
+        spent: Effort of each run at each mark, not decreasing, shape (runs, marks).
         cost: Best cost so far, not increasing, infinite before a feasible answer, shape
             (runs, marks).
         ends: Total effort of each run, shape (runs,).
@@ -134,7 +134,7 @@ def expected_running_time(
     Args:
         spent: Effort of each run to reach the target, infinite if never, shape (runs,).
         ends: Total effort of each run, shape (runs,).
-        budget: Effort at which each run is cut.
+        budget: Effort after which each run is taken as ended.
     """
     when, last = np.asarray(spent, dtype=float), np.asarray(ends, dtype=float)
     succeeded = when <= budget
@@ -148,19 +148,20 @@ def targets_between(best: float, worst: float, nearest: float) -> Array:
     """Return 51 costs whose distances from the best are in equal ratios.
 
     Args:
-        best: The best known.
-        worst: The worst first value of a run.
-        nearest: The distance of the first target from the best; above 0.
+        best: The best known cost.
+        worst: The highest first feasible cost of a run.
+        nearest: The distance of the first target from `best`; above 0.
 
     Returns:
-        Shape (51,), increasing; all equal if no first value is that far from the best.
+        Targets, shape (51,), increasing; all equal if `worst` is not farther than
+        `nearest` from `best`.
     """
     farthest = max(worst - best, nearest)
     return best + np.geomspace(nearest, farthest, TARGETS)
 
 
 def marks_up_to(end: float) -> Array:
-    """Return marks in equal ratios, ten a decade, from 1 to the end."""
+    """Return marks of the effort in equal ratios, ten a decade, from 1 to `end`."""
     if not end > 1.0:
         return np.array([end])
     steps = int(np.ceil(A_DECADE * np.log10(end)))
@@ -172,7 +173,7 @@ def shares_reached(spent: Array, marks: Array) -> Array:
 
     Args:
         spent: Efforts from `reached`, shape (runs, targets).
-        marks: Shape (marks,), rising.
+        marks: Marks of the effort, shape (marks,), rising.
 
     Returns:
         Shape (runs, marks); its mean over the runs is the empirical distribution over
@@ -183,12 +184,12 @@ def shares_reached(spent: Array, marks: Array) -> Array:
 
 
 def costs_at(courses: Courses, marks: Array) -> Array:
-    """Return the best cost that each run itself reported at each mark.
+    """Return the best cost that each run reported until each mark.
 
-    A run that has ended keeps its verified cost.
+    After the end of a run its cost is the verified one.
 
     Returns:
-        Shape (runs, marks); infinite before a feasible one.
+        Costs, shape (runs, marks); infinite before the first feasible answer.
     """
     # -1 before the first mark of the history.
     number = (courses.spent[:, :, None] <= marks).sum(axis=1) - 1

@@ -39,7 +39,7 @@ class Entry:
     Attributes:
         scenario: The scenario's name.
         solver: The solver.
-        cells: One for each seed; only one if the solver is deterministic.
+        cells: A cell for each seed; only one cell if the solver is deterministic.
     """
 
     scenario: str
@@ -48,7 +48,7 @@ class Entry:
 
     @property
     def settings_key(self) -> str:
-        """Key of the settings that its results depend on, without the seeds."""
+        """Key of the settings on which the results depend, without the seeds."""
         if not self.cells:
             return ""
         # All cells have the same job but for the seed.
@@ -122,11 +122,12 @@ class About:
         kind: Kind of the scenario.
         variant: Variant of the scenario.
         of: "plan" or "flight"; empty means that the results decide.
-        known_cost: A feasible cost known from elsewhere, of a cost that is minimised;
-            None if there is none.
+        known_cost: Feasible cost that is known from elsewhere, with the sign of a cost
+            that is minimised; None if there is none.
         known_from: Source of that cost, in words.
-        bound: {"value", "kind", "reason"} and its effort: no cost is below the value,
-            if its kind is that of a bound; None if no bound was sought.
+        bound: Lower bound with the keys "value", "kind" and "reason", and its effort.
+            If "kind" is that of a bound, no cost is below "value". None if no bound was
+            sought.
         is_seeded: Whether each seed is a problem of its own, for example with other
             gusts; then each seed has its own best known cost.
     """
@@ -147,12 +148,13 @@ class Asked:
 
     Attributes:
         seeds: The seeds.
-        budget: {"evaluations", "seconds"} of a run; a missing one means no limit.
+        budget: Budget of a run, with the keys "evaluations" and "seconds"; a missing
+            key means no limit.
         budget_text: The budget as the user wrote it.
         command: Command that repeats the comparison.
         near: Relative distances from the best known that count as a success.
         resamples: Number of resamples of every bootstrap; 0 means no bands.
-        bootstrap_seed: Seed of its random numbers.
+        bootstrap_seed: Seed of the random numbers of the bootstrap.
     """
 
     seeds: tuple[int, ...]
@@ -180,8 +182,8 @@ class Runs:
         outcomes: Outcomes of its cells, in their order.
         results: Results of its cells; empty if a run has failed.
         costs: Verified costs; infinite if infeasible, shape (runs,).
-        evaluations: Courses by evaluations.
-        seconds: Courses by seconds.
+        evaluations: Best costs over evaluations.
+        seconds: Best costs over seconds.
     """
 
     entry: Entry
@@ -195,7 +197,7 @@ class Runs:
     def is_deterministic(self) -> bool:
         """True if there is one deterministic run, which counts for each seed.
 
-        A closed-loop run with gusts has a run for each seed, with every solver.
+        In closed loop with gusts every solver has a run for each seed.
         """
         return self.entry.solver.is_deterministic and len(self.entry.cells) == 1
 
@@ -220,7 +222,7 @@ class Runs:
         return np.where(self.has_answer, self.seconds.ends, np.inf)
 
     def for_seeds(self, values: Array, seeds: int) -> Array:
-        """Return values for each seed."""
+        """Return values of runs seed by seed; one deterministic run is repeated."""
         return np.repeat(values, seeds) if len(values) == 1 else values
 
 
@@ -285,12 +287,13 @@ def _cost(result: Mapping[str, Any]) -> float:
 
 
 def is_false_success(result: Mapping[str, Any], near: float = NEAR[0]) -> bool | None:
-    """Return whether an answer called feasible is not, or has another cost.
+    """Return whether a solver calls an answer feasible wrongly, or errs in its cost.
 
     Args:
         result: Result of a run.
-        near: Relative difference below which costs count as equal. They also do within
-            round-off of the claimed cost and of the first cost of its history.
+        near: Relative difference below which costs count as equal. Costs also count as
+            equal within the round-off of the claimed cost and of the first cost in the
+            history.
 
     Returns:
         None if the solver's own values are not known.

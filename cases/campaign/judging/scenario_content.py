@@ -47,11 +47,11 @@ class Judged:
 
     Attributes:
         runs: Runs of each solver.
-        best: The least known cost; infinite if there is none.
+        best: The least known cost; infinite if no cost is known.
         bests: The least known cost of each seed, shape (seeds,): all the same, unless
-            each is a problem of its own.
+            each seed is a problem of its own.
         limits: Costs up to which an answer is near the best, shape (2, seeds), one row
-            for each of `near`.
+            for each distance in `Asked.near`.
         costs: Costs seed by seed, shape (solvers, seeds).
         pairs: Comparisons of pairs of solvers.
         is_seeded: Whether each seed is a problem of its own.
@@ -70,7 +70,7 @@ class Judged:
 
         Args:
             runs: Runs of the solver.
-            which: Index of the distance in `near`.
+            which: Index of the distance in `Asked.near`.
         """
         limits = self.limits[which, : len(runs.costs)]
         return np.isfinite(limits) & (runs.costs <= limits)
@@ -78,7 +78,8 @@ class Judged:
     def times_to(self, runs: Runs, courses: Courses, which: int) -> Array:
         """Return the effort of each run to come near the best; infinite if never.
 
-        If each seed is a problem of its own, it is that at the run's end.
+        If each seed is a problem of its own, it is the effort of the whole run, for
+        runs that end near the best.
         """
         if self.is_seeded:
             return np.where(self.near(runs, which), courses.ends, np.inf)
@@ -142,8 +143,9 @@ def judged_scenario(
 def slack_of(runs: Sequence[Runs], costs: Array) -> float:
     """Return the difference of costs that counts as round-off.
 
-    If the best is about 0, costs differ by round-off of the summed terms. Their size is
-    not known from the answers, but from the first costs of the histories.
+    If the best cost is about 0, costs differ by round-off of the terms in their sum.
+    The size of these terms is not known from the answers, but from the first costs of
+    the histories.
 
     Args:
         runs: Runs of each solver.

@@ -1,12 +1,13 @@
 """Statistics of repeated runs: shares, intervals, comparisons, mean ranks.
 
-Functions of SciPy are used if they exist. This module has the forms for many
-comparisons at once, and functions that SciPy lacks (Holm's adjustment, the effect
-size, intervals of a change between paired runs, ranks with ties).
+Functions of SciPy are used if it has them. This module has forms of them for many
+comparisons at once, and functions that SciPy lacks (Holm's adjustment, the effect size,
+intervals of a change between paired runs, ranks with ties).
 
-Each end of an interval of a change is wrong in 5 percent. For mean ranks the solvers
-are ranked by cost in each seed: 1 is the cheapest, equal ones share the mean of their
-ranks, and infeasible answers are last. A scenario's rank is the mean over its seeds.
+Each end of an interval of a change is wrong in 5 percent of the cases. For mean ranks
+the solvers are ranked by cost in each seed: 1 is the cheapest, equal ones share the
+mean of their ranks, and infeasible answers are last. A scenario's rank is the mean over
+its seeds.
 
 Source of the intervals: Hodges and Lehmann (1963), Estimates of location based on rank
 tests, Annals of Mathematical Statistics 34; Hollander, Wolfe and Chicken (2014),
@@ -48,8 +49,8 @@ SAME = 1e-6
 def fewest_pairs(comparisons: float = 1) -> int:
     """Return the least number of pairs with which a difference can be shown.
 
-    The smallest p of a signed-rank test is 2^(1 - n), times the number of comparisons
-    (Holm) if all differ in the same way.
+    The smallest p of a signed-rank test of n pairs is 2^(1 - n), reached if all pairs
+    differ in the same way; Holm multiplies it by the number of comparisons.
 
     Args:
         comparisons: Number of comparisons made together.
@@ -61,7 +62,7 @@ def signed_rank_p(differences: Sequence[float]) -> float:
     """Return p of the two-sided Wilcoxon signed-rank test that the median is 0.
 
     Args:
-        differences: Differences of pairs; if all are 0, p is 1.
+        differences: Difference of each pair; if all are 0, p is 1.
     """
     return float(signed_rank_ps([differences])[0])
 
@@ -69,15 +70,17 @@ def signed_rank_p(differences: Sequence[float]) -> float:
 def signed_rank_ps(differences: ArrayLike) -> Array:
     """Return p of the two-sided Wilcoxon signed-rank test for each row.
 
-    Differences of 0 are dropped before SciPy chooses its method: with them it takes a
-    normal approximation, which claims too much if few others are left.
+    Differences of 0 are dropped before SciPy chooses its method: with zeros it takes a
+    normal approximation, which claims too much if few other differences are left.
 
     Args:
-        differences: Shape (tests, pairs), finite.
+        differences: Differences of the pairs of each test, shape (tests, pairs),
+            finite.
 
     Returns:
-        Shape (tests,); 1 for a row of zeros. As of `scipy.stats.wilcoxon` on the
-        others: exact up to 50 pairs without ties and up to 13 with them.
+        p of each test, shape (tests,); 1 for a row of zeros. It is that of
+        `scipy.stats.wilcoxon` for the differences that are not 0: exact up to 50 pairs
+        without ties and up to 13 with ties.
     """
     values = np.asarray(differences, dtype=np.float64)
     found = np.ones(len(values))
@@ -119,10 +122,10 @@ def sign_ps(first: ArrayLike, second: ArrayLike) -> Array:
 
     Args:
         first: Numbers of pairs in which only the first has succeeded, shape (tests,).
-        second: Numbers of pairs in which only the second has, shape (tests,).
+        second: Numbers of pairs in which only the second has succeeded, shape (tests,).
 
     Returns:
-        Shape (tests,); 1 without such a pair.
+        p of each test, shape (tests,); 1 if there is no such pair.
     """
     from scipy.stats import binom
 
@@ -133,7 +136,7 @@ def sign_ps(first: ArrayLike, second: ArrayLike) -> Array:
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """Return p values adjusted for their number, step down, in the given order.
+    """Return p values adjusted for their number by Holm's method, in the given order.
 
     Source: Holm (1979), A simple sequentially rejective multiple test procedure,
     Scandinavian Journal of Statistics 6.
@@ -158,7 +161,7 @@ def holm_of_those_that_can(
     Args:
         p_values: p values of exact tests.
         counts: Number of pairs that differ in each test.
-        share: Share of these tests in the chance of a false claim.
+        share: Part of the allowed chance of a false claim that these tests have.
 
     Source: Tarone (1990), A modified Bonferroni method for discrete data, Biometrics
     46.
@@ -190,8 +193,8 @@ def chances_of_less(values: ArrayLike, others: ArrayLike) -> Array:
     less.
 
     Args:
-        values: Shape (tests, n).
-        others: Shape (tests, m).
+        values: Values of each test, shape (tests, n).
+        others: Values to compare with, shape (tests, m).
 
     Returns:
         Shape (tests,).
@@ -211,9 +214,10 @@ def chances_of_less(values: ArrayLike, others: ArrayLike) -> Array:
 
 
 def quantile(values: ArrayLike, share: float) -> float | None:
-    """Return the least value that this share of the values does not exceed.
+    """Return the least value that at least this share of the values does not exceed.
 
-    None if it is infinite, or there is no value. P99 of 30 values is the largest.
+    None if that value is infinite, or if there are no values. P99 of 30 values is the
+    largest.
     """
     numbers = np.asarray(values, dtype=np.float64)
     if not len(numbers):
@@ -248,7 +252,7 @@ def bands(means: Array) -> tuple[Array, Array]:
     """Return the 95 percent band of resampled means (percentiles).
 
     Args:
-        means: Shape (resamples, ...).
+        means: Means of the resamples, shape (resamples, ...).
     """
     # Resamples side by side in memory: three times as fast.
     low, high = np.quantile(np.moveaxis(means, 0, -1).copy(), [0.025, 0.975], axis=-1)
@@ -262,7 +266,7 @@ def too_few(count: int, noun: str, needed: int) -> str:
 
 
 def spread(values: Sequence[Any], *, digits: int = 4) -> str:
-    """Return lowest, median and highest in words, and the number of undefined values.
+    """Return lowest, median, highest value and the number of undefined ones, in words.
 
     Args:
         values: Numbers; None if a measure is not defined.
@@ -307,7 +311,7 @@ def median_interval(values: Array) -> tuple[float, float]:
     signed-rank test. For one value the interval is that value.
 
     Args:
-        values: Shape (n,).
+        values: The values, shape (n,).
     """
     if len(values) == 1:
         return float(values[0]), float(values[0])
@@ -349,8 +353,8 @@ def with_ties(costs: Array, same: float = SAME) -> Array:
     cost.
 
     Args:
-        costs: Any shape; infinite for infeasible answers.
-        same: Relative difference.
+        costs: Costs, any shape; infinite for infeasible answers.
+        same: Relative difference up to which costs count as equal.
     """
     flat = costs.ravel()
     order = np.argsort(flat, kind="stable")
@@ -372,7 +376,7 @@ def scenario_ranks(costs: Array) -> Array:
     """Return the mean rank of each solver on a scenario.
 
     Args:
-        costs: Shape (solvers, seeds); infinite for infeasible answers.
+        costs: Costs, shape (solvers, seeds); infinite for infeasible answers.
 
     Returns:
         Shape (solvers,), from 1 to the number of solvers.
@@ -389,13 +393,13 @@ def mean_ranks(
     """Return mean ranks over scenarios and their 95 percent bootstrap intervals.
 
     Args:
-        ranks: Ranks on each scenario, shape (solvers,).
+        ranks: Ranks of the solvers on each scenario, shape (solvers,) each.
         resamples: Number of resamples of the bootstrap over scenarios; 0 means no
             intervals.
         rng: Source of all random numbers.
 
     Returns:
-        Mean, low and high, shape (solvers,) each.
+        Mean ranks, and lower and upper ends of their intervals, shape (solvers,) each.
     """
     table = np.array(ranks)
     mean = table.mean(axis=0)

@@ -29,15 +29,15 @@ def holds(
     """Return whether a measured value is in a relation to a bound.
 
     Args:
-        measured: The value; null, or not a number, if it is not defined.
+        measured: The value; None, or NaN, if it is not defined.
         relation: A key of RELATIONS.
-        bound: The bound; null, with "==", asks whether the value is not defined.
+        bound: The bound; None, with "==", asks whether the value is not defined.
         width: With "==", the largest difference from the bound that counts as equal.
-        reason: Reason why the value can be undefined; with NEVER it then exceeds every
-            bound.
+        reason: Reason why the value can be undefined; if it is NEVER, an undefined
+            value exceeds every bound.
 
     Returns:
-        None if the claim cannot be judged: the measure is a list, or is not defined.
+        None if the relation cannot be judged: the measure is a list, or is not defined.
     """
     if isinstance(measured, list):
         return None
@@ -75,7 +75,8 @@ def judged(
         settings: The resolved scenario.
         measures: Values of the measures, by name.
         variant: The variant that was run; empty if the scenario has no variants.
-        undefined: As in `Kind`; None means that every measure is defined.
+        undefined: Name of a measure -> reason why it can be undefined; None means that
+            every measure is defined.
     """
     reasons = undefined or {}
     return [_judged(claim, settings, measures, variant, reasons) for claim in claims]

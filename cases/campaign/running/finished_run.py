@@ -50,14 +50,14 @@ class RunStatus(NamedTuple):
 
     Attributes:
         is_usable: Whether any of its plans can be used.
-        plan: Status of the one plan that was followed to its end; None of other runs.
+        plan: Status of the one plan that was followed to its end; None for other runs.
         found: What was found, in words: how many planned steps found a feasible plan,
             or what the one plan is.
-        more: What follows those words; empty or beginning with a comma or semicolon.
+        more: Text after `found`; it is empty or begins with a comma or semicolon.
         all_found: Whether every plan is feasible.
         reason: Reason for the status of the one plan; empty for other runs.
         advice: Advice on what to change; empty if there is none.
-        paragraphs: Paragraphs of the docs that explain what is not plainly good.
+        paragraphs: Paragraphs of the docs that explain a result with problems.
     """
 
     is_usable: bool
@@ -70,7 +70,7 @@ class RunStatus(NamedTuple):
     paragraphs: tuple[Paragraph, ...] = ()
 
     def sentence(self, remark: str = "") -> str:
-        """Return one sentence on the end, with a remark on what was found."""
+        """Return one sentence on how the run ended, with a remark on the findings."""
         why = "; ".join(filter(None, (self.reason, self.advice)))
         told = f"simulated to the end; {self.found}{remark}{self.more}"
         return f"{told}: {why}" if why else told
@@ -214,7 +214,7 @@ class Interrupted(Sendable, KeyboardInterrupt):
         folder: The run's folder; None if the run is not recorded.
         finished: Number of finished steps.
         run: The finished run if only the search for its bound was interrupted, with the
-            best bound until then if there is one; else None.
+            best bound found by then if there is one; else None.
     """
 
     def __init__(
@@ -250,16 +250,16 @@ class Run:
         trajectory: The simulated trajectory.
         measures: Values of the measures, by name.
         claims: All claims of the scenario, judged if this run can judge them.
-        ended: How it ended.
-        wall_s: Wall time of building, simulating and measuring, without that of
-            compiling and of an earlier, interrupted run [s].
+        ended: Status in which the run ended.
+        wall_s: Wall time of building, simulating and measuring [s], without compiling
+            and without an earlier, interrupted run.
         compile_s: Wall time of loading and compiling machine code [s].
         folder: Folder of the record; None without a record.
-        figures: The figures drawn.
+        figures: Files of the figures that were drawn.
         resumed: Number of steps that an earlier, interrupted run had finished.
         multipliers: Multipliers of the first plan, if one agent plans and a solver
             converged.
-        bound: Lower bound of the cost of any plan, if it was asked for.
+        bound: Lower bound of the cost of any plan; None if none was asked for.
         bound_content: The bound as in run.json; that of an earlier, equal run if no
             bound was asked for and the record has one; else None.
         documents: Further files of the record: name -> text.
@@ -347,7 +347,7 @@ class Run:
         }
 
     def to_time_response(self) -> Any:
-        """Return the trajectory as a `control.TimeResponseData`; see there."""
+        """Return the trajectory as python-control's `control.TimeResponseData`."""
         return self.trajectory.to_time_response()
 
     @checked(time=a_number())
@@ -358,8 +358,8 @@ class Run:
             time: Time within the run [s].
 
         Raises:
-            InvalidProblemError: If the time is outside of the run.
-            InvalidSystemError: As `Model.linearised`.
+            InvalidProblemError: If `time` is outside of the run.
+            InvalidSystemError: As in `Model.linearised`.
         """
         plant, at = self.flight.plant, np.array([time])
         x, u = self.trajectory.at(time)
@@ -373,7 +373,7 @@ class Run:
 
     @property
     def status(self) -> str:
-        """One sentence on how it ended."""
+        """One sentence on how the run ended."""
         return self.ended.sentence()
 
     @property
@@ -444,7 +444,8 @@ def key_of(resolved: Resolved, seed: int) -> str:
 def determining(resolved: Resolved) -> dict[str, Any]:
     """Return the settings that can change a result.
 
-    The backend is left out, since the one that was chosen counts.
+    The key `backend` is left out: the evaluator that it led to is part of the key
+    instead.
     """
     told_only = "claims", "title", "source", "backend"
     return {
@@ -455,5 +456,5 @@ def determining(resolved: Resolved) -> dict[str, Any]:
 
 
 def backend_of(resolved: Resolved) -> str:
-    """Return the name of the evaluator of populations in a run."""
+    """Return the name of the evaluator of populations that a run uses."""
     return chosen_backend(resolved.scenario.evaluator)

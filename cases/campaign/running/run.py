@@ -1,4 +1,4 @@
-"""Run of one scenario: simulate, measure, judge its claims, draw, record and bound it.
+"""Run of a scenario: simulate, measure, judge the claims, draw, record, seek a bound.
 
 An interrupted run keeps its finished steps in its folder. The same run again continues
 from there, with the same bits as without the interruption. A lower bound is sought for
@@ -118,7 +118,7 @@ def run(
         progress: Callback after each step.
 
     Raises:
-        InvalidProblemError: If that time is not a positive number.
+        InvalidProblemError: If `bound_s` is not a positive number.
         SeveralPlansError: If a bound is asked for and there is more than one plan.
         Interrupted: On Ctrl-C; the finished steps are in the folder.
         DivergedError: If states of the plant become infinite or NaN; the finished steps
@@ -146,7 +146,7 @@ def run(
 
 
 def run_cell(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Return the measures of a run; with figures its record is kept (in a worker)."""
+    """Return the measures of a run in a worker; with figures its record is kept."""
     resolved = resolved_again(job["settings"], job["variant"])
     finished = run(
         resolved,

@@ -25,8 +25,9 @@ def seeds_content(
     Args:
         resolved: The scenario.
         outcomes: Outcomes of its runs (flight_trial.py), seed by seed from 0 on.
-        command: The command line that repeats them.
-        key: Key of the run with seed 0, by which the folder is known again.
+        command: The command line that repeats these runs.
+        key: Key of the run with seed 0, which tells later commands whose folder this
+            is.
     """
     settings = resolved.settings
     results = [outcome.result for outcome in outcomes]
@@ -95,11 +96,11 @@ def _claims(results: Sequence[Mapping[str, Any] | None]) -> list[dict[str, Any]]
 
 
 def bands(tracks: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
-    """Return medians and 10 to 90 % bands of states over time; None without a path.
+    """Return medians and 10 to 90 % bands of states over time; None without paths.
 
     Args:
-        tracks: Paths, as `flight_trial` keeps them. They can differ in length; times
-            beyond the shortest path are left out.
+        tracks: Paths of the runs, as `flight_trial` keeps them. Paths can differ in
+            length; times beyond the shortest path are left out.
     """
     if not tracks:
         return None

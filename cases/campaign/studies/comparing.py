@@ -2,8 +2,9 @@
 
 A scenario is compared by its one planning problem, or by whole runs in closed loop. A
 run in closed loop needs a solver that a controller can use: a search of this package,
-IPOPT, or IPOPT from random starts. A swarm is compared by rules, and nothing else is.
-Other solvers are left out and listed as such.
+IPOPT, or IPOPT from random starts. On a swarm only the rules of swarms are compared,
+and these on nothing else. Solvers that do not fit a scenario are left out of it, and
+listed as left out.
 
 Lower bounds have cells of their own, after all runs: a bound does not count in the
 seconds of any solver, and is kept and resumed like a run. It concerns one plan, so
@@ -49,7 +50,7 @@ class Contest:
     """A scenario with the solvers compared on it.
 
     Attributes:
-        name: Name of the scenario, with a number if several share it.
+        name: Name of the scenario, with a number if several scenarios share it.
         resolved: The scenario, without the settings of the solvers.
         of: "plan" or "flight".
         entries: Cells of each solver, in the order of the solvers.
@@ -85,7 +86,7 @@ class Contest:
 
 
 class NoFittingSolverError(SwarmstartError, ValueError):
-    """A scenario can be compared by none of the solvers."""
+    """No solver of a comparison fits a scenario."""
 
 
 def contest_of(
@@ -96,11 +97,11 @@ def contest_of(
     budget: Mapping[str, float | int],
     allow: Allow,
 ) -> Contest:
-    """Return a scenario with its cells; raise if anything is invalid.
+    """Return a scenario with its cells, everything checked.
 
     Args:
         chosen: The scenario.
-        document: Its file.
+        document: Document of the scenario's file.
         solvers: The solvers.
         plan: The plan of the comparison.
         budget: Budget of one planning problem, as arguments of `heuristics.Budget`.
@@ -108,9 +109,10 @@ def contest_of(
 
     Raises:
         InvalidScenarioError: If a setting does not fit.
-        SeveralPlansError: If it is to be compared by one plan and has several.
+        SeveralPlansError: If a scenario with several plans is to be compared by one
+            plan.
         NoFittingSolverError: If all solvers are left out.
-        CodeNotAllowedError: If it runs a user's file, which is not allowed.
+        CodeNotAllowedError: If the scenario runs a user's file, which is not allowed.
     """
 
     def resolved(
@@ -265,7 +267,7 @@ def _flown(resolved: Resolved, solver: Solver, plan: ComparisonPlan) -> Entry:
 def interleaved(contests: Sequence[Contest]) -> list[Cell]:
     """Return all cells, scenario after scenario, and seed after seed in each.
 
-    So other load of the machine affects all solvers of a scenario alike.
+    Thus other load of the machine affects all solvers of a scenario alike.
     """
     cells = []
     for contest in contests:
@@ -299,7 +301,7 @@ class Earlier(NamedTuple):
     """Best answer of earlier runs of the same problem.
 
     Attributes:
-        cost: Its verified cost, as the problem states it.
+        cost: Verified cost of the answer, as the problem states it.
         folder: Record of the run.
     """
 
@@ -321,8 +323,8 @@ MOST_RECORDS = 200
 def earlier_best(contest: Contest, root: Path, sense: int = 1) -> Earlier | None:
     """Return the best confirmed answer in records of runs of the same problem.
 
-    Runs may differ by their method, and by what does not change the problem. Records
-    that cannot be read are passed over.
+    The runs may differ in their method, and in settings that do not change the problem.
+    Records that cannot be read are ignored.
 
     Args:
         contest: A scenario that is compared by one plan.
@@ -330,7 +332,7 @@ def earlier_best(contest: Contest, root: Path, sense: int = 1) -> Earlier | None
         sense: -1 if the problem is maximised.
 
     Returns:
-        The answer; None if there is none.
+        The best answer; None if there is none.
     """
     wanted = _problem(contest.resolved.settings)
     marks = sorted(
@@ -371,7 +373,8 @@ def bounds_of(
         carried_out: Function of cells that returns their outcomes in the same order.
 
     Returns:
-        Bounds by scenario, as `About.bound`: of costs that are minimised.
+        Bounds by scenario, of the form of `About.bound`, with the sign of costs that
+        are minimised.
     """
     if seconds is None:
         return {}

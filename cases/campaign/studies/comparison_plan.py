@@ -8,7 +8,7 @@
       budget: 20000evals|1s
       known: {van_der_pol: 2.86726}
 
-An option of the command line replaces the value of the plan, which replaces the
+An option of the command line replaces the value in the plan, and this replaces the
 default.
 """
 
@@ -73,7 +73,7 @@ class Chosen:
         source: The name of a shipped scenario, or a path.
         of: Whether one planning problem or the whole run is compared.
         variant: The variant; None means the default one.
-        assignments: Changes of its settings, as for --set.
+        assignments: Changes of the scenario's settings, as for --set.
     """
 
     source: str
@@ -116,10 +116,10 @@ def is_plan(document: Document) -> bool:
 
 
 def plan_in(document: Document) -> ComparePart:
-    """Return the content of a plan; its paths are relative to its own folder.
+    """Return the content of a plan; paths in it are relative to the plan's folder.
 
     Raises:
-        InvalidScenarioError: If it is not a valid plan.
+        InvalidScenarioError: If the file is not a valid plan.
     """
     found = checked(document, PlanFile).compare
     folder = Path(document.name).parent

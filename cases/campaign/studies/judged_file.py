@@ -1,4 +1,4 @@
-"""Judgement of a trajectory file on a problem: its cost, its violations, its rank.
+"""Judgement of a trajectory file on a problem: cost, violations, and rank.
 
 The file is a CSV table: a column for each control under its name, a row for each
 interval of the plan. A decided number, such as `end_time`, has a column with the same
@@ -55,13 +55,14 @@ class Judgement:
         problem: Name of the problem.
         file: Name of the file, for messages.
         is_accepted: Whether all constraints are kept along the finely simulated path,
-            and its cost is that of the plan's own grid.
-        reason: Why it is refused; empty if it is accepted.
-        paragraph: Paragraph of the docs that explains this; None if it is accepted.
+            and the cost of this path agrees with that on the plan's own grid.
+        reason: Reason why the trajectory is refused; empty if it is accepted.
+        paragraph: Paragraph of the docs that explains the refusal; None if the
+            trajectory is accepted.
         cost: Cost along the fine path, in the sense of the problem's file.
-        worst: The largest excess over a limit, relative to its scale; None: there is
+        worst: The largest excess over a limit, relative to its scale; None if there is
             none.
-        best: Best known value of the problem; None: it has none.
+        best: Best known value of the problem; None if no value is known.
         sense: 1 if the cost is minimised, -1 if it is maximised.
     """
 
@@ -83,7 +84,7 @@ class Judgement:
 
     @property
     def is_better(self) -> bool:
-        """True if it is accepted and better than the best known cost."""
+        """True if the trajectory is accepted and better than the best known cost."""
         if not self.is_accepted or self.best is None:
             return False
         known = self.best.cost
@@ -91,7 +92,7 @@ class Judgement:
         return known is None or self.sense * (known - self.cost) > BETTER * abs(known)
 
     def content(self) -> dict[str, Any]:
-        """Return it as plain data, for JSON."""
+        """Return the judgement as plain data, for JSON."""
         worst, best = self.worst, self.best
         return {
             "problem": self.problem,
@@ -118,14 +119,14 @@ def judge(problem: str, file: str | Path) -> Judgement:
     r"""Return the judgement of a trajectory file.
 
     Args:
-        problem: Name of a problem that makes one plan, such as `hard/walls_4`, or path
-            of its file.
+        problem: Name of a problem that has one plan, such as `hard/walls_4`, or path of
+            its file.
         file: The CSV file.
 
     Raises:
-        TrajectoryFileError: If the file has wrong columns or rows, or leaves bounds of
-            controls.
-        OwnSolverError: If whole numbers are required, and a control has others.
+        TrajectoryFileError: If the file has wrong columns or rows, or values outside of
+            the bounds of the controls.
+        OwnSolverError: If a control must have whole numbers, and has others.
         SwarmstartError: If the problem cannot be read or posed.
 
     Example:

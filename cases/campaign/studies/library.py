@@ -1,9 +1,9 @@
 """Functions of the library that do what the commands `run` and `compare` do.
 
 In the rows of `compare` a success is a feasible answer, confirmed on the finer grid,
-whose cost is within NEAR of the least that any solver of the comparison has found. Each
-solver is compared with the first, seed by seed, by a signed-rank test; p values are
-adjusted for their number (Holm). An infeasible answer counts as costlier than any
+whose cost is within NEAR of the least cost that any solver of the comparison has found.
+Each solver is compared with the first, seed by seed, by a signed-rank test; p values
+are adjusted for their number (Holm). An infeasible answer counts as costlier than any
 feasible one.
 """
 
@@ -150,12 +150,12 @@ class Row:
         success_interval: 95 percent interval of the rate; None for a deterministic
             solver.
         costs: Verified costs of the feasible answers, sorted.
-        evaluations: Median of the evaluations; None if no cell ended without failure.
+        evaluations: Median number of evaluations; None if all cells failed.
         against_first: Comparison with the first solver, in words.
         false_successes: Number of answers that the solver calls feasible although they
             are not, or whose cost differs from the solver's.
         expected_evaluations: Expected evaluations to come near the best known cost,
-            with those of failed runs; None if no run does, or it is not known.
+            with those of failed runs; None if no run comes near, or if it is not known.
     """
 
     entry: Entry
@@ -224,7 +224,8 @@ def run(  # noqa: PLR0913 - the options of a command
         polish: Name of the polish, as --polish; None means that of the scenario.
         figures: Whether figures are drawn into the record.
         figure_formats: Formats of each figure, of "png", "svg" and "pdf".
-        force: Whether files with the names of the record's are replaced, as --force.
+        force: Whether existing files with the names of the record's files are replaced,
+            as --force.
         allow_code: Whether a scenario of kind python may run the file that it names,
             as --allow-code.
         bound: Work for a lower bound of the cost of the one plan, as --bound; None
@@ -302,7 +303,7 @@ def compare(  # noqa: PLR0913 - the options of a command
     """Solve problems by several solvers and seeds under equal budgets, side by side.
 
     A scenario in closed loop, or with several agents that plan, is compared by whole
-    runs, with those of the solvers that can plan in a closed loop.
+    runs, by those of the solvers that can plan in a closed loop.
 
     The solvers run in this process, one after another, and no result is kept. In
     contrast, `swarmstart compare` uses several processes and continues an interrupted
@@ -394,9 +395,9 @@ def rows_of(
     """Return the results of the solvers of one scenario, in their order.
 
     Args:
-        entries: Solvers on one scenario; the others are compared with the first.
+        entries: Solvers on one scenario; all others are compared with the first.
         outcomes: Outcomes by the cells' keys.
-        seeds: Number of seeds; a deterministic answer counts for each.
+        seeds: Number of seeds; a deterministic answer counts for each seed.
     """
     # Without resamples, since rows have no bands.
     asked = Asked(seeds=tuple(range(seeds)), resamples=0)
@@ -452,10 +453,10 @@ def _carried_out(cell: Cell, folder: Path) -> dict[str, Any]:
 def recording_in(
     out: str | Path | None, figures: bool, formats: Sequence[str], *, force: bool
 ) -> Recording | None:
-    """Return the folder and options of a record; None: nothing is recorded.
+    """Return the folder and options of a record; None if nothing is recorded.
 
     Args:
-        out: The folder, or None.
+        out: The folder; None means that nothing is recorded.
         figures: Whether figures are drawn.
         formats: Formats of each figure.
         force: Whether files of another record are replaced.

@@ -51,7 +51,8 @@ def cell_of_run(
         resolved: The scenario.
         seed: The seed.
         figures: Whether figures are drawn, into `figures` of its folder.
-        flown_by: "module:function" that runs it; by default it measures the run.
+        flown_by: "module:function" that makes the run; by default it returns the
+            measures.
     """
     # Figures show the title; without them, runs that differ in it are one cell.
     settings = dict(resolved.settings) if figures else resolved.anonymous_settings()
@@ -150,16 +151,17 @@ class Chapter(Part):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class PlannedPart:
-    """A part of a claim with the cells it takes.
+    """A part of a claim with the cells that judge it.
 
     Attributes:
         part: The part.
-        claim: The scenario's claim, or one made of the part for a computation.
+        claim: Claim of the scenario; for a computation a claim that is made from the
+            part.
         variant: The variant that is run; empty if there are no variants.
         reason: Reason why the measure can be undefined, as in `claims.holds`.
         cells: A cell for each seed, or a pair of cells, the first compared with the
             second.
-        commands: Commands that run them, without the seed.
+        commands: Commands that make these runs, without the seed.
     """
 
     part: PartOfClaim
@@ -178,7 +180,7 @@ class JudgedPart:
         planned: The part with its cells.
         values: Measures, or ratios of pairs, one for each seed, in the order of the
             seeds.
-        pairs: The measures of each pair; empty if nothing is compared.
+        pairs: The two measures of each pair; empty if nothing is compared.
         verdict: The verdict on the part.
         test: The statistical test in words; empty without a test.
         failures: Reasons why cells failed.
@@ -208,7 +210,7 @@ class JudgedClaim:
 
     @property
     def is_expected(self) -> bool:
-        """True if the verdict is as expected, or too few runs were asked for."""
+        """True if no run failed and the verdict is "not judged" or the expected one."""
         # Its verdict is "not judged", as with too few runs.
         if any(part.failures for part in self.parts):
             return False
@@ -222,7 +224,7 @@ def chapter() -> Chapter:
 
 
 def claims_in(content: bytes, *, name: str) -> Chapter:
-    """Return a file's claims; it can name code, so it must be of this package."""
+    """Return a file's claims; the file can name code, so it must be of this package."""
     return Chapter.model_validate(parse_yaml(content, name=name).data)
 
 
@@ -234,7 +236,7 @@ def planned(
     Args:
         chapter: The chapter.
         claim: One of its claims.
-        seeds: Number of runs of each random part; None means that of claims.yaml.
+        seeds: Number of runs of each random part; None means the number in claims.yaml.
     """
     return [_planned_part(chapter, part, seeds) for part in claim.parts]
 
@@ -323,7 +325,7 @@ def figure_cells(chapter: Chapter) -> list[Cell]:
 
 
 def drawn_by_key(chapter: Chapter) -> dict[str, Cell]:
-    """Return the cells of runs with figures, by the keys of the same runs without."""
+    """Return cells of runs with figures, by the keys of the same runs without them."""
     bare = [cell_of_run(_of_figure(chapter, f), 0).key for f in chapter.figures]
     return dict(zip(bare, figure_cells(chapter), strict=True))
 
@@ -338,7 +340,7 @@ def judged(
     parts: Sequence[PlannedPart],
     outcomes: Mapping[str, Outcome],
 ) -> JudgedClaim:
-    """Return a claim, judged by its finished cells."""
+    """Return the verdict on a claim from its finished cells."""
     found = tuple(_judged_part(part, outcomes) for part in parts)
     verdict = verdict_of_parts([part.verdict for part in found])
     if claim.assumption:

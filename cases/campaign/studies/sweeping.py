@@ -6,8 +6,8 @@
     scenario.yaml    the scenario as resolved, with the numbers of its CSV file
     figures/         cost over the first two data that differ
 
-What was solved before an interrupt is recorded, too. The search of the scenario is not
-used; its polish is that of `solve_many`.
+Answers found before an interrupt are recorded, too. The search of the scenario is not
+used; its polish is the one that `solve_many` uses.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ TABLE, ANSWERS = "instances.csv", "solutions.npz"
 
 
 class NoInstancesError(SwarmstartError, ValueError):
-    """A scenario has no instances, or instances of something that it does not have."""
+    """A scenario has no instances, or instances of a name that it does not have."""
 
 
 class SweepInterrupted(Sendable, KeyboardInterrupt):
@@ -93,10 +93,10 @@ class Sweep:
     Attributes:
         resolved: The scenario as it was solved.
         solutions: The answers.
-        key: Hash of all that determines them.
+        key: Hash of all that determines the answers.
         folder: Folder of the record; None without a record.
         figures: The figures drawn.
-        is_whole: Whether it was not interrupted.
+        is_whole: Whether all instances were solved, without an interrupt.
         given: The instances as the scenario has them.
     """
 
@@ -117,7 +117,7 @@ class Sweep:
         }
 
     def cost_lines(self) -> list[str]:
-        """Return the range of the confirmed costs in a sentence; none without one."""
+        """Return a sentence on the range of the confirmed costs, if there are any."""
         solutions = self.solutions
         places = np.flatnonzero(solutions.is_confirmed)
         if not places.size:
@@ -180,16 +180,16 @@ def swept(
     Args:
         resolved: The scenario.
         seed: Seed, as in `solve_many`.
-        recording: Folder and options of the record; None: no record.
+        recording: Folder and options of the record; None means no record.
         strict: Whether invalid instances are an error, as in `solve_many`.
         threads: Largest number of threads and processes, as in `solve_many`.
         progress: As in `solve_many`.
 
     Raises:
         NoInstancesError: If the scenario has no instances, or names are unknown.
-        SeveralPlansError: If it has several planning problems a step.
-        CodeNotAllowedError: If it runs a user's file, which is not allowed.
-        InvalidProblemError: If an instance is invalid and must not be.
+        SeveralPlansError: If the scenario has several planning problems a step.
+        CodeNotAllowedError: If the scenario runs a user's file, which is not allowed.
+        InvalidProblemError: If `strict` is true and an instance is invalid.
         OccupiedFolderError: If the folder holds anything but a record of this sweep.
         FolderInUseError: If another command writes to the folder.
         RecordError: If a file cannot be written.
@@ -242,7 +242,7 @@ def _solved(
     """Return the answers to all instances.
 
     Raises:
-        InvalidProblemError: If an instance is invalid and must not be.
+        InvalidProblemError: If `strict` is true and an instance is invalid.
         SolveManyInterrupted: On Ctrl-C.
     """
     posed = resolved.posed()
@@ -357,7 +357,7 @@ def sweep(  # noqa: PLR0913 - the options of a command
     Raises:
         NoInstancesError: If the scenario has no instances, or names are unknown.
         InvalidScenarioError: If the scenario can be read but not run.
-        SeveralPlansError: If it has several planning problems a step.
+        SeveralPlansError: If the scenario has several planning problems a step.
         OccupiedFolderError: If the folder holds anything but a record of this sweep.
         SweepInterrupted: On Ctrl-C; the answers so far are in the folder.
 

@@ -43,10 +43,10 @@ def verdict_of_seeds(
     share: float = 1.0,
     reason: str = "",
 ) -> tuple[Verdict, str]:
-    """Return the verdict of runs on a claim, and how many of them support it.
+    """Return the verdict of runs on a claim, and how many runs support the claim.
 
     Args:
-        values: The measure of each seed.
+        values: Value of the measure for each seed.
         relation: A key of `claims.RELATIONS`.
         bound: The bound; None means "not defined".
         width: With "==", the largest difference from the bound that counts as equal.
@@ -54,8 +54,8 @@ def verdict_of_seeds(
         reason: Reason why a measure can be undefined, as in `claims.holds`.
 
     Returns:
-        The verdict, and the number of supporting runs in words; empty if all or none
-        are.
+        The verdict, and the number of supporting runs in words; empty if all runs
+        support the claim, or none.
     """
     found = [
         holds(value, relation, bound, width=width, reason=reason) for value in values
@@ -72,7 +72,7 @@ def verdict_of_seeds(
 def paired_verdict(
     ratios: Sequence[float], relation: str, bound: float | None
 ) -> tuple[Verdict, str]:
-    """Return the verdict of pairs of runs, and the test in words.
+    """Return the verdict of pairs of runs on a claim, and the test in words.
 
     A signed-rank test must show a difference before the median ratio is compared. It
     tests the logarithms of the ratios, so that half and double have equal weight, or
@@ -101,11 +101,11 @@ def paired_verdict(
 
 
 def median_of(values: Sequence[Measure], *, reason: str) -> float | None:
-    """Return the median of the seeds; None if a measure is not defined.
+    """Return the median over the seeds; None if a measure is not defined.
 
     Args:
-        values: The measure of each seed.
-        reason: Why a measure may not be defined; NEVER: then it counts as infinite.
+        values: Value of the measure for each seed.
+        reason: Reason why a measure can be undefined; with NEVER it counts as infinite.
     """
     # What never happens is later than anything, so it has a place in the order.
     known = [math.inf if v is None and reason == NEVER else v for v in values]
@@ -122,7 +122,8 @@ def ratio(first: Measure, second: Measure, *, reason: str) -> float | None:
         reason: Reason why a measure can be undefined; with NEVER it counts as infinite.
 
     Returns:
-        1 if both are equal, also 0 or infinity; None if one is not defined.
+        The ratio. It is 1 if both are equal, even if they are 0 or infinite, and None
+        if one is not defined.
     """
     both = []
     for value in (first, second):

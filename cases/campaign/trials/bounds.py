@@ -2,8 +2,8 @@
 
     {"settings", "variant", "seconds", "known"}  ->  value, kind, reason, account
 
-`known` is the best cost that the solvers have found. It improves the bound, and a new
-bound is sought if it has changed.
+`known` is the best cost that the solvers have found. Knowing it helps to improve the
+bound, and a new bound is sought if `known` has changed.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ def bound_cell(
     """Return a lower bound of a scenario's planning problem; called in a worker.
 
     Args:
-        job: "settings" and "variant" of the scenario, "seconds", and "known": the best
-            cost found, as the problem states it, or None.
+        job: "settings" and "variant" of the scenario, "seconds" for the bound, and
+            "known": the best cost found, as the problem states it, or None.
         folder: Folder of the certificate.
         code_in: The folder whose files may be run; None if no file may be run.
     """

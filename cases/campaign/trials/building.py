@@ -1,4 +1,4 @@
-"""Common parts of the trials of one solver on one problem, built once.
+"""Building of the parts that all trials of one solver on one problem share.
 
 If an NLP solver follows a search, the search has nine tenths of the budget, or less if
 ITERATIONS of the NLP solver would not fit into the rest, but at least a half.
@@ -48,15 +48,15 @@ class Trial:
         solver: The solver.
         budget: Budget of one planning problem, as arguments of `heuristics.Budget`.
         seed: Seed of all random numbers.
-        search: The search that the solver names, with the scenario's settings; its own
-            budget counts for `solve` only. None if the solver has no search.
-        polish: The NLP solver of `solve`; others name their own.
-        lanes: Number of random starts of `solve`.
+        search: The search that the solver names, with the scenario's settings; the
+            budget in it counts for `solve` only. None if the solver has no search.
+        polish: The NLP solver of the solver `solve`; other solvers name their own.
+        lanes: Number of random starts of the solver `solve`.
         own: The function of a user's own solver; None for others.
         repair: Whether an answer that breaks a constraint between the checks is solved
             again with a margin, for every solver.
         backend: Evaluator of populations.
-        order: The scenario's order of individuals; None if it gives none.
+        order: The scenario's order of individuals; None if the scenario gives none.
     """
 
     solver: Solver
@@ -77,11 +77,11 @@ class Built:
 
     Attributes:
         posed: The problem.
-        planner: The planner, whose search has its part of the budget.
-        relay: Relay to the meter of the current trial.
+        planner: The planner; its search has a part of the trial's budget.
+        relay: Object that passes reports on to the meter of the current trial.
         space: Search space of a peer; None without a peer.
-        seconds: Time to build it, without compiling [s].
-        compile_seconds: Time to compile it [s].
+        seconds: Time to build these parts, without compiling [s].
+        compile_seconds: Time to compile these parts [s].
     """
 
     posed: PlanningProblem

@@ -5,7 +5,7 @@ path, and the largest excess over a constraint along it (`Kind.whole_run`).
 
 One seed is that of the solver and of all disturbances. A scenario draws gusts and noise
 with seeds of its own (any key called `seed`), and run s of a campaign adds s to each of
-them. So run 0 is the scenario as it is written, and all solvers have the same
+them. Thus run 0 is the scenario as it is written, and all solvers have the same
 disturbances in runs of the same number.
 """
 
@@ -46,12 +46,13 @@ def flight_cell(
         resolved: The scenario, with the search and polish of its plans.
         seed: The number of the run: seed of all random numbers, see `seeded`.
         timeout_s: Time limit [s]; None means no limit.
-        named: Whether its claims are judged; else runs that differ in name and claims
-            only are one cell.
+        named: Whether the scenario's claims are judged; else scenarios that differ only
+            in name and claims share one cell.
         by: The solver, for the label; empty means the scenario's own search.
 
     Raises:
-        CodeNotAllowedError: If it runs code of the user's that may not be run.
+        CodeNotAllowedError: If the scenario runs code of the user's that may not be
+            run.
     """
     resolved.require_allowed()
     settings = dict(resolved.settings) if named else resolved.anonymous_settings()
@@ -70,7 +71,7 @@ def fly_cell(
 ) -> dict[str, Any]:
     """Return the result of a scenario with a seed; called in a worker.
 
-    Files of the folder `code_in` may be run only if the command has given it.
+    Files of the folder `code_in` may be run; without it no file may be run.
     """
     del folder
     settings = seeded(job["settings"], job["seed"])
@@ -79,7 +80,7 @@ def fly_cell(
 
 
 def flown_trial(finished: Run) -> FlightResult:
-    """Return the result of a run."""
+    """Return the result of a finished run as that of a trial."""
     trajectory, measures = finished.trajectory, finished.measures
     resolved, flight = finished.resolved, finished.flight
     found = resolved.kind.whole_run(resolved.scenario, flight, trajectory, measures)

@@ -1,4 +1,4 @@
-"""History of a solver: its best answer after how much work, and its stop in time.
+"""History of a solver: its best answer over its work, and its stop at the budget.
 
 A meter watches the solver (`ocp.nlp.Watch`). It counts the work so far in evaluations
 of one rollout, the time without compiling, and whether a budget is spent. It keeps the
@@ -38,8 +38,8 @@ class Entry(NamedTuple):
     """The best answer so far.
 
     Attributes:
-        evaluations: Evaluations until then.
-        seconds: Time until then [s].
+        evaluations: Number of evaluations until this answer.
+        seconds: Time until this answer [s].
         cost: Cost of the best answer.
         violation: Violation of the best answer.
     """
@@ -55,7 +55,8 @@ class Meter:
 
     Attributes:
         work: Evaluations that NLP solvers asked for.
-        ratios: Costs of derivatives in rollouts; with several NLPs those of the last.
+        ratios: Costs of derivatives in rollouts; with several NLPs those of the last
+            one.
         stopped: The limit that stopped the solver: "evaluations" or "seconds"; empty if
             none did.
         best: The best answer so far; None if there is none, or it is not known.
@@ -121,7 +122,7 @@ class Meter:
 
     @contextmanager
     def searching(self) -> Iterator[None]:
-        """Count what a search reports, and not the work of solvers that it calls."""
+        """Count what a search reports, not the work of solvers that it calls."""
         self._search = self._spent
         self._clock = [(self._spent, self.seconds)]
         try:
@@ -168,7 +169,7 @@ class Meter:
         self.ended = _ENDS.get(result.stopped, "itself")
 
     def counted(self, evaluations: float) -> None:
-        """Add work."""
+        """Add work, in evaluations of one rollout."""
         if self._search is None:
             self._spent += evaluations
 
@@ -186,7 +187,7 @@ class Meter:
         return not self._is_spent(spent)
 
     def solved(self, work: Work, ratios: Ratios) -> None:
-        """Count a solve."""
+        """Count a finished solve of an NLP solver."""
         self.work, self.ratios = self.work + work, ratios
         self.counted(work.evaluations(ratios))
         spent = self._spent  # Until now it was estimated.
@@ -197,7 +198,7 @@ class Meter:
             self._entries[place] = one._replace(evaluations=spent)
 
     def answered(self, answer: Answer, cost: float, violation: float) -> None:
-        """Add an answer."""
+        """Add an answer to the history."""
         self._noted(self._spent, answer, (cost, violation))
 
     def evaluated(
@@ -319,11 +320,11 @@ def _at_marks(improved: Sequence[Entry], total: float) -> list[Entry]:
 
 
 class BudgetSpent(Exception):  # noqa: N818 - no error
-    """The budget of a solver that is not this package's is spent."""
+    """The budget is spent; raised inside a solver of another package or of a user."""
 
 
 class CountedObjective:
-    """An objective that counts for a meter, and ends its caller with the budget.
+    """An objective that counts calls for a meter, and raises when the budget is spent.
 
     Attributes:
         spent: The limit that has ended it: "evaluations" or "seconds"; empty before.

@@ -7,17 +7,18 @@
     budget    `Budget` of evaluations, seconds or both
     rng       numpy.random.Generator of the seed, its only source of randomness
 
-If it has further parameters of these names, it is given them, too:
+A function that has parameters with the following names is given these, too:
 
     evaluate  controls, shape (nu, N) or (nu, N, size) -> (cost, violation), each
-              (size,): minimised costs and violations at the checks, by the compiled
-              evaluator. It counts, keeps the best controls, and ends the solver with
-              `BudgetSpent` when the budget is spent
+        (size,): minimised costs and violations at the checks, by the compiled
+        evaluator. It counts, keeps the best controls, and ends the solver with
+        `BudgetSpent` when the budget is spent
     known     parameters and signals of the problem (`Known`)
 
-It may return a `Start` instead, whose `decided` names an end time or parameters. None
-stands for the best controls that it has evaluated, which also are the answer if the
-budget ends it. A solver without `evaluate` is charged its whole budget of evaluations.
+The function may return a `Start` instead, whose `decided` names an end time or
+parameters. If it returns None, or if the budget ends it, the answer is the best of the
+controls that it has evaluated. A solver without `evaluate` is charged its whole budget
+of evaluations.
 
 Another package announces such a function in the group of entry points
 `swarmstart.solvers`; its name is then known to `swarmstart compare`.
@@ -68,7 +69,7 @@ def installed_solver(name: str) -> OwnSolver:
     """Return the solver of another package, imported now.
 
     Raises:
-        OwnSolverError: If it cannot be imported, or is no solver.
+        OwnSolverError: If the solver cannot be imported, or is no solver.
     """
     point = installed_solvers()[name]
     try:
@@ -109,7 +110,7 @@ def _asked_of(signature: inspect.Signature) -> list[str]:
 def chosen_solvers(
     given: GivenSolver | Sequence[GivenSolver] | Mapping[str, GivenSolver],
 ) -> tuple[list[Solver], dict[str, Own]]:
-    """Return the solvers, each once, and the user's own of them by name.
+    """Return the solvers, each once, and by name those that are the user's own.
 
     Args:
         given: Names, functions, or searches: one, several, or a mapping from names.
@@ -167,7 +168,7 @@ def _evaluator(
         x0: Initial state of the core.
         known: Parameters and signals of the core.
         meter: Counter of the trial.
-        budget: Its budget.
+        budget: Budget of the solver.
     """
     problem, objective = planner.problem, planner.fitness.objective(x0, known)
     shape, start = (problem.model.nu, problem.intervals), np.ravel(np.asarray(x0))
@@ -231,13 +232,13 @@ def owned(  # noqa: PLR0913 - a solver and all that it is given
         name: Its name.
         planner: Planner of the problem, without search and polish.
         x0: Initial state as stated.
-        known: Known data as stated.
-        budget: Its budget.
+        known: Parameters and signals as stated.
+        budget: Budget of the solver.
         meter: Counter of the trial.
         rng: Source of all randomness.
 
     Raises:
-        OwnSolverError: If it fails, or does not answer with controls.
+        OwnSolverError: If the solver fails, or does not answer with controls.
     """
     begin: ArrayLike
     start, core, _ = planner.posed(x0, known)
@@ -281,14 +282,15 @@ def plan_of(
 
     Args:
         planner: Planner of the problem, without search and polish.
-        answer: Controls, shape (nu, N); or a Start, whose `decided` names decisions.
+        answer: Controls, shape (nu, N), or a Start, whose `decided` has the decided
+            numbers by name.
         name: Name of their origin for messages.
         x0: Initial state as stated.
-        known: Known data as stated.
+        known: Parameters and signals as stated.
 
     Raises:
-        OwnSolverError: If they have another shape, are not finite, leave their bounds
-            or are no whole numbers where those are required.
+        OwnSolverError: If the controls have another shape, are not finite, are outside
+            of their bounds, or are no whole numbers although these are required.
     """
     begin, core, moved = planner.posed(x0, known, _checked(answer, name, planner))
     controls = moved.controls if isinstance(moved, Start) else np.asarray(moved)

@@ -13,12 +13,13 @@ class Peer(NamedTuple):
 
     Attributes:
         title: Description in a few words.
-        minimize: "module:function" that runs it: a function of a `PeerTask` for a
-            search, one like `solve_ocp` for a solver of whole problems (peers.py).
+        minimize: "module:function" that runs the solver: a function of a `PeerTask` for
+            a search, a function like `solve_ocp` for a solver of whole problems
+            (peers.py).
         package: Package to import.
         pip: Name of the package for `pip install`.
-        options: Its options with their defaults, by the package's own names; None means
-            the package's default.
+        options: Options with their defaults, by the package's own names; None means the
+            package's default.
         family: "peer" for a search; "control" for a solver of whole problems.
     """
 
@@ -93,5 +94,5 @@ SOLVER_GROUP = "swarmstart.solvers"
 
 @cache
 def installed_solvers() -> dict[str, EntryPoint]:
-    """Return the solvers that other packages announce; none of them is imported."""
+    """Return the solvers that other installed packages announce, not imported."""
     return {point.name: point for point in entry_points(group=SOLVER_GROUP)}

@@ -75,8 +75,9 @@ class PeerTask:
         objective: Population (dim, size) -> values to minimise (size,); raises
             BudgetSpent.
         box: Bounds of the search.
-        seed: Seed of its random numbers.
-        options: Its options; missing ones and None mean the package's default.
+        seed: Seed of the solver's random numbers.
+        options: Options of the solver; missing ones and None mean the package's
+            default.
     """
 
     objective: Callable[[Array], Array]
@@ -180,7 +181,7 @@ def _evolve(task: PeerTask, name: str, **options: Any) -> None:
 def cmaes_ipop(task: PeerTask) -> None:
     """Run `cmaes.CMA`, from the middle of the box, restarted with twice its size.
 
-    In the box scaled to [0, 1]; later starts are drawn from it (IPOP).
+    The box is scaled to [0, 1]; later starts are drawn from it (IPOP).
     """
     from cmaes import CMA
 
@@ -209,7 +210,7 @@ def peers_best(run: Callable[[PeerTask], None], task: PeerTask, name: str) -> bo
     """Run a peer; return whether it ended by itself.
 
     Raises:
-        PeerError: If it refuses its options.
+        PeerError: If the solver refuses its options.
     """
     try:
         run(task)
@@ -227,10 +228,11 @@ def solve_ocp(made: Built, trial: Trial, meter: Meter) -> bool:
     """Solve a planning problem by `control.optimal.solve_ocp`, from zero controls.
 
     Returns:
-        Whether it ended by itself, and not by the budget.
+        Whether the solver ended by itself, and not by the budget.
 
     Raises:
-        PeerError: If the problem decides more than controls, or it refuses an option.
+        PeerError: If the problem decides more than controls, or the solver refuses an
+            option.
     """
     import control
     import control.optimal
@@ -306,7 +308,7 @@ class _ControlSystem:
         self._steps = 0
 
     def step(self, t: float, x: Array, u: Array, params: Any) -> Array:
-        """Return the state after the interval that the last entry of x numbers.
+        """Return the state after the interval whose number is the last entry of x.
 
         Raises:
             BudgetSpent: If the budget is spent.

@@ -31,8 +31,8 @@ class TrialResult:
 
     Attributes:
         sense: 1 if the cost is minimised, -1 if its negative is maximised.
-        claimed_cost: Cost as the solver says; None if it says none.
-        claimed_violation: Violation as the solver says, scaled [1].
+        claimed_cost: Cost that the solver reports; None if it reports none.
+        claimed_violation: Violation that the solver reports, scaled [1].
         claimed_feasible: Whether the solver calls its answer feasible.
         verified_cost: Cost of the finer simulation.
         verified_violation: Violation of the finer simulation, scaled [1].
@@ -41,7 +41,8 @@ class TrialResult:
         evaluations: Effort as equivalents of one rollout; None if it is not counted.
         seconds: Wall time of the solver [s].
         build_seconds: Wall time of building the problem [s]; None if it is not known.
-        compile_seconds: Wall time of compiling it [s]; None if it is not known.
+        compile_seconds: Wall time of compiling the problem [s]; None if it is not
+            known.
         judge_seconds: Wall time of verifying the answer [s].
         stopped_by: "itself", "evaluations", "seconds" or "hard limit".
         history: Improvements over the effort (`Meter.history`).
@@ -80,9 +81,9 @@ class PlanResult(TrialResult):
     Attributes:
         counts: Evaluations by their sort, and the cost of a gradient and of a Hessian
             in rollouts.
-        repaired: Whether the answer was solved again with a margin.
-        seconds_repair: Wall time of that [s].
-        evaluations_repair: Evaluations of that.
+        repaired: Whether the plan was repaired: solved again with a margin.
+        seconds_repair: Wall time of the repair [s].
+        evaluations_repair: Evaluations of the repair.
     """
 
     of: ClassVar[str] = "plan"

@@ -62,7 +62,7 @@ LONGEST = 1000
 
 
 class UnknownSolverError(SwarmstartError, LookupError):
-    """A solver is unknown, or has no such option."""
+    """A solver is unknown, or it does not have a given option."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -70,7 +70,7 @@ class Solver:
     """A solver of one planning problem.
 
     Attributes:
-        name: Canonical: options sorted, values as JSON.
+        name: Canonical name: options sorted, values as JSON.
         title: Description in a few words.
         family: Key of the function that runs it.
         search: A key of SEARCHES, as in a scenario; "none" without a search; "" for the
@@ -105,8 +105,9 @@ def solver_of(text: str) -> Solver:
     """Return the solver of a name; see the head of this module.
 
     Raises:
-        UnknownSolverError: If no solver has that name, or it has no such option.
-        MissingPackageError: If its package is not installed.
+        UnknownSolverError: If no solver has that name, or the solver does not have a
+            given option.
+        MissingPackageError: If the solver's package is not installed.
         SwarmstartError: If the value of an option is invalid.
 
     Example:
@@ -138,11 +139,11 @@ def solver_of(text: str) -> Solver:
 
 
 def solvers_of(text: str) -> list[Solver]:
-    """Return the solvers of names with commas between; each once.
+    """Return the solvers of a text of names with commas between, each solver once.
 
     Args:
-        text: Such as "de,lshade[size=60,memory=6]+ipopt"; commas in brackets separate
-            options.
+        text: Text such as "de,lshade[size=60,memory=6]+ipopt"; commas in brackets
+            separate options.
 
     Raises:
         UnknownSolverError: If a solver is unknown; further errors as in `solver_of`.
@@ -409,9 +410,10 @@ def polish_of(plugin: str, options: Mapping[str, Any]) -> Any:
     """Return an NLP solver with options for a planner.
 
     Args:
-        plugin: Its name in CasADi.
-        options: For IPOPT `max_iterations` and `tolerance`, as in a scenario, and
-            others by IPOPT's names; for other solvers by the names of their plug-in.
+        plugin: Name of the solver in CasADi.
+        options: Options of the solver. For IPOPT these are `max_iterations` and
+            `tolerance`, as in a scenario, and others by IPOPT's names; for other
+            solvers they have the names of the plug-in.
     """
     from swarmstart.ocp import IpoptOptions, NlpOptions
 

@@ -88,7 +88,7 @@ def budget_of(text: str) -> dict[str, float | int]:
         text: "4000evals" or "4000", "5s", "2m", "1h", or two of them with "|" between.
 
     Raises:
-        InvalidBudgetTextError: If it is not one of these.
+        InvalidBudgetTextError: If the text is none of these.
     """
     budget: dict[str, float | int] = {}
     for part in text.split("|"):
@@ -126,7 +126,7 @@ def seconds_of(text: str) -> float:
         text: "120s", "2m", "1h"; a number alone is seconds.
 
     Raises:
-        InvalidDurationError: If it is anything else, 0, or above 10^9 seconds.
+        InvalidDurationError: If the text is anything else, 0, or above 10^9 seconds.
 
     Example:
         >>> seconds_of("2m"), seconds_of("0.5")
@@ -151,7 +151,7 @@ def _number(text: str) -> float:
 def search_share(solver: Solver, budget: Mapping[str, Any]) -> dict[str, Any]:
     """Return the part of a budget that a scenario's search has, for its checks.
 
-    A trial gives it less if the NLP solver needs more; see trial.py.
+    A trial gives the search less if the NLP solver needs more; see trial.py.
     """
     share = SEARCH_SHARE if solver.polished else 1.0
     parts = {name: share * value for name, value in budget.items()}
@@ -165,7 +165,7 @@ def solve_cell(
 ) -> dict[str, Any]:
     """Return the answer of a solver to a scenario's problem; called in a worker.
 
-    Files of the folder `code_in` may be run only if the command has given it.
+    Files of the folder `code_in` may be run; without it no file may be run.
 
     Args:
         job: "settings" and "variant" of the scenario, "solver" (its name), "budget",
@@ -183,7 +183,7 @@ def judge_checkpoint(
 ) -> dict[str, Any]:
     """Return the result of a cell whose process the hard limit has ended.
 
-    Its arguments are those of `solve_cell`.
+    The arguments are those of `solve_cell`.
     """
     text = _common(job)
     posed, _ = _posed(text, code_in)

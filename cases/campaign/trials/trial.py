@@ -1,8 +1,9 @@
 """A trial: one solver on one planning problem with a budget and a seed.
 
-Its common parts of all seeds are built before (building.py). The solver's clock runs
-from the end of building and compiling to its answer; then one reference judges the
-answer. The solver's family decides how it runs (`ROUTES`):
+The parts that trials of all seeds share are built before (building.py). The solver's
+clock runs from the end of building and compiling to the answer; then one reference, the
+same for all solvers, judges the answer. The solver's family decides how it runs
+(`ROUTES`):
 
 search, nlp   the planner's search, its NLP solver, or one after the other
 repeated      the NLP solver from random points until the meter stops it
@@ -19,8 +20,8 @@ by the system (wall_limit.py), and its last checkpoint is judged (`judged_checkp
 
 The answer is simulated again ten times finer: "claimed" values are those of the solver,
 "verified" ones those of this simulation. The repair of an answer that breaks a
-constraint between the checks is not part of the solver: its seconds and evaluations are
-given separately, with what `solve` does after it.
+constraint between the checks is not part of the solver: seconds and evaluations of the
+repair, and of what `solve` does after it, are given separately.
 """
 
 from __future__ import annotations
@@ -88,9 +89,9 @@ class Found(NamedTuple):
     Attributes:
         plan: The plan.
         solution: The verified plan, if the solver has verified it itself.
-        has_ended: Whether it ended by itself.
-        rest: What is left to do of `solve` for an answer that needs repair; None: a
-            repair is all.
+        has_ended: Whether the solver ended by itself.
+        rest: Steps of `solve` that are left for an answer that needs repair; None if
+            only the repair is left.
     """
 
     plan: Plan
@@ -245,8 +246,8 @@ def judged_checkpoint(posed: PlanningProblem, trial: Trial, folder: Path) -> Pla
     Args:
         posed: The problem.
         trial: The trial.
-        folder: Folder of its checkpoints. Without a checkpoint it had found nothing,
-            and its numbers have the value None.
+        folder: Folder of the trial's checkpoints. Without a checkpoint the solver had
+            found nothing, and the numbers of the result are None.
     """
     began = clock.perf_counter()
     seconds = LATE * trial.budget["seconds"] + MOMENT_S
@@ -362,12 +363,12 @@ def searched_by(
             it, or it ends by itself.
         made: The common parts of the trials of the same solver, with a search space.
         trial: The trial.
-        meter: Its counter.
+        meter: Counter of the trial.
         rng: Source of the randomness of the polish; the search has the trial's seed.
         options: Options of the search, which those of the solver replace.
 
     Raises:
-        NotSolvedError: If no point was a number.
+        NotSolvedError: If no evaluated point has a cost that is a number.
     """
     planner, space, solver = made.planner, made.space, trial.solver
     if space is None:

@@ -12,7 +12,7 @@ _MB = 1e6
 
 
 def cache_command(options: argparse.Namespace) -> int:
-    """Print folder and size of the cache, or clear it; return the exit code.
+    """Print folder and size of the cache, or clear the cache; return the exit code.
 
     Raises:
         RecordError: If a file cannot be removed.

@@ -1,7 +1,7 @@
 """`swarmstart check`: whether scenarios are valid, in all their variants.
 
-Angles that look like degrees give a warning, here and in `swarmstart run`; units that
-contradict each other give one here, since reading units takes a second.
+Angles that look like degrees give a warning, here and in `swarmstart run`. Units that
+contradict each other give a warning here only, since reading units takes a second.
 """
 
 import argparse
@@ -43,7 +43,7 @@ def check(name_or_path: str) -> str:
     on standard error.
 
     Raises:
-        SwarmstartError: If it is invalid; the message lists every error.
+        SwarmstartError: If the scenario is invalid; the message lists every error.
     """
     document = read_document(name_or_path)
     flaws: dict[Flaw, None] = {}  # Errors that variants share are reported once.
@@ -84,7 +84,7 @@ def angle_warnings(settings: Mapping[str, Any]) -> list[str]:
     """Return a warning for each angle of more than a full turn in round numbers.
 
     Headings can lie beyond a full turn, as 11*pi/5 does for a UAV that turns left; but
-    such values are no multiples of a half, as degrees mostly are.
+    such values are no multiples of a half, while degrees mostly are.
 
     Example:
         >>> angle_warnings({"heading_rad": 90.0})[0].partition(" (more: ")[0]

@@ -1,6 +1,6 @@
 """`swarmstart compare`: solvers side by side, same budget, paired seeds.
 
-Before it begins, a message says if it has fewer seeds than it needs.
+Before a comparison begins, a message says if it has too few seeds to show a difference.
 """
 
 from __future__ import annotations
@@ -225,8 +225,8 @@ def _bound_s(*given: str | float | None) -> float | None:
 def with_null_hypothesis(solvers: Sequence[Solver]) -> list[Solver]:
     """Return the solvers with IPOPT from random starts among them, at the end if new.
 
-    A search is worth its time only if it is better than that. Rules of swarms do not
-    search.
+    A search is worth its time only if it is better than IPOPT from random starts. Rules
+    of swarms get no such solver, since they do not search.
     """
     is_there = any(solver.name.startswith(NULL_HYPOTHESIS) for solver in solvers)
     if is_there or all(solver.family == "rule" for solver in solvers):
@@ -235,7 +235,7 @@ def with_null_hypothesis(solvers: Sequence[Solver]) -> list[Solver]:
 
 
 def too_few_seeds(contests: Sequence[Contest], seeds: int) -> str:
-    """Return a sentence on seeds that are too few; empty if they are enough."""
+    """Return a sentence if there are too few seeds; empty if there are enough."""
     needed = max((_needed(contest, seeds) for contest in contests), default=0)
     if seeds >= needed:
         return ""
@@ -341,7 +341,7 @@ def _unbounded(contests: Sequence[Contest], plan: ComparisonPlan) -> list[str]:
 
 
 class Known(NamedTuple):
-    """A cost that is known besides the comparison, minimised."""
+    """A cost that is known from outside of the comparison, as one to minimise."""
 
     cost: float
     where: str = ""

@@ -1,4 +1,4 @@
-"""`swarmstart export`: flights as files of others, controllers as C."""
+"""`swarmstart export`: flights as files of other programs, controllers as C."""
 
 import argparse
 from collections.abc import Callable, Mapping
@@ -32,14 +32,14 @@ _EAST = 90.0
 
 
 class WrongExportError(SwarmstartError, ValueError):
-    """Options that do not fit a format or a record."""
+    """Options of the export do not fit a format or a record."""
 
 
 def export_command(options: argparse.Namespace) -> int:
     """Write the files, and print their paths; return the exit code.
 
     Raises:
-        WrongExportError: If the options do not fit.
+        WrongExportError: If the options do not fit the format or the record.
         RecordError: If the record cannot be read, or a file exists or cannot be
             written.
         ExportError: If a path or a controller cannot be written as asked.

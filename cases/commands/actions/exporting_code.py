@@ -25,8 +25,8 @@ def c_files(options: argparse.Namespace) -> tuple[Path, Mapping[str, bytes]]:
     """Return the folder and the files of a controller.
 
     Raises:
-        WrongSourceError: If the scenario has no receding-horizon controller, or not
-            the vehicle.
+        WrongSourceError: If the scenario has no receding-horizon controller, or no such
+            vehicle.
         ExportError: If the controller cannot be written as C.
     """
     seed = options.seed or 0
@@ -58,15 +58,16 @@ def c_files(options: argparse.Namespace) -> tuple[Path, Mapping[str, bytes]]:
 def controller_of(
     resolved: Resolved, vehicles: Sequence[str] = (), seed: int = 0
 ) -> tuple[RecedingHorizon | DualMode, Array, tuple[Array, ...]]:
-    """Return the controller of one vehicle, its initial state, and plans it sees.
+    """Return the controller of a vehicle, its initial state, and plans that it uses.
 
     Args:
         resolved: The scenario.
-        vehicles: Number of the vehicle, as on the command line; none: the first one.
-        seed: Seed of the plans that it sees.
+        vehicles: Number of the vehicle, as on the command line; empty means the first
+            one.
+        seed: Seed of the plans of other vehicles that the controller uses.
 
     Raises:
-        WrongSourceError: As `c_files`.
+        WrongSourceError: As in `c_files`.
     """
     posed = resolved.posed()
     controller, x0 = flight_of(posed, resolved.scenario).controller, posed.x0

@@ -11,7 +11,7 @@ SCHEMA = 1
 
 
 def judge_command(options: argparse.Namespace) -> int:
-    """Judge a file; return the exit code."""
+    """Judge the trajectory file that the options name; return the exit code."""
     judged = judge(options.scenario, options.file)
     if options.json:
         answer(json.dumps({"schema": SCHEMA, **judged.content()}))
@@ -21,7 +21,7 @@ def judge_command(options: argparse.Namespace) -> int:
 
 
 def lines(judged: Judgement) -> list[str]:
-    """Return a judgement in a few lines."""
+    """Return a judgement as a few lines of text."""
     verdict = "accepted" if judged.is_accepted else f"refused: {judged.reason}"
     worst = judged.worst
     kept = "none along the path" if worst is None else f"at most: {worst}"

@@ -43,17 +43,17 @@ Entry = dict[str, Any]
 
 
 class NothingListedError(SwarmstartError, LookupError):
-    """Nothing in the list contains the text asked for."""
+    """Nothing in the list contains the text that was asked for."""
 
 
 class Asked(NamedTuple):
     """A request to the list.
 
     Attributes:
-        topic: A key of `_MAKERS`; empty: all of them.
-        text: Only entries that contain it; empty: all.
-        kind: Only scenarios and measures of this kind; None: of all.
-        hard: Whether the scenarios are the hard problems, instead of the others.
+        topic: A key of `_MAKERS`; empty means all of them.
+        text: Text that listed entries contain; empty means all entries.
+        kind: Kind of the listed scenarios and measures; None means all kinds.
+        hard: Whether the hard problems are listed in place of the other scenarios.
     """
 
     topic: str
@@ -94,7 +94,7 @@ def _asked(options: argparse.Namespace) -> Asked:
 
 
 def listing(asked: Asked) -> dict[str, dict[str, Any]]:
-    """Return the entries asked for: topic -> name -> entry; measures by kind.
+    """Return the requested entries: topic -> name -> entry; measures by kind.
 
     Raises:
         NothingListedError: If there is none.
@@ -115,7 +115,7 @@ def scenario_entry(path: Path) -> Entry:
     """Return title, kind, variants and run time of a shipped scenario.
 
     Args:
-        path: Its file, of which only some lines are looked at.
+        path: File of the scenario, of which only some lines are read.
     """
     text = path.read_text(encoding="utf-8")
     title, kind = _TITLE.search(text), _KIND.search(text)

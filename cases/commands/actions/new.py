@@ -1,4 +1,4 @@
-"""`swarmstart new` and `swarmstart schema`: what helps to write a scenario.
+"""`swarmstart new` and `swarmstart schema`: help for writing a scenario.
 
 The first writes a commented scenario to start from, the second prints the JSON Schema
 with which an editor completes and checks one.
@@ -24,11 +24,11 @@ _NAME = re.compile(rf"[A-Za-z0-9_][A-Za-z0-9_-]{{0,{LONGEST_NAME - 1}}}")
 
 
 class NoTemplateError(SwarmstartError, ValueError):
-    """A kind for which there is no scenario to start from."""
+    """A kind has no scenario to start from."""
 
 
 class InvalidNameError(SwarmstartError, ValueError):
-    """A name that no new scenario can have."""
+    """A name is invalid for a new scenario."""
 
 
 def new_command(options: argparse.Namespace) -> int:
@@ -75,8 +75,8 @@ def new_files(name: str, *, kind: str) -> Mapping[Path, str]:
         kind: A kind of scenario.
 
     Raises:
-        InvalidNameError: As of `new_command`.
-        NoTemplateError: As of `new_command`.
+        InvalidNameError: As in `new_command`.
+        NoTemplateError: As in `new_command`.
     """
     words = words_of(kind)
     if not words.templates:

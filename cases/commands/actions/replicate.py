@@ -77,7 +77,7 @@ class Plan:
     figures: list[Cell]
 
     def cells(self) -> list[Cell]:
-        """Return every distinct cell; those with figures, the longest, come first."""
+        """Return every distinct cell; those with figures take longest and come first."""
         every = [cell for parts in self.parts for cell in cells_of(parts)]
         return list({cell.key: cell for cell in (*self.figures, *every)}.values())
 
@@ -208,7 +208,7 @@ def _content(
 
 
 def recorded(judged_claim: JudgedClaim) -> dict[str, Any]:
-    """Return a judged claim as it is recorded."""
+    """Return a judged claim as plain data, as in the record."""
     claim = judged_claim.claim
     return {
         "id": claim.id,
@@ -309,9 +309,9 @@ def _figures(plan: Plan, outcomes: Mapping[str, Outcome]) -> list[dict[str, Any]
 def deciding(claim: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     """Return the parts that decide a claim's verdict, for its row in a table.
 
-    That is the first of the parts that are farthest from holding. If a claim holds in
-    part, the first part that holds follows, or else, after one that does not hold, the
-    first that holds in part.
+    The first of them is the first of the parts that are farthest from holding. If the
+    claim holds in part, a second one follows: the first part that holds; or, if no part
+    does and the first one does not hold at all, the first part that holds in part.
     """
     judged = [p for p in claim["parts"] if p["verdict"] != str(Verdict.BESIDE)]
     # min returns the first of equals, as promised.

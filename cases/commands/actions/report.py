@@ -1,7 +1,7 @@
 """`swarmstart report` and `swarmstart open`: the pages of records, made and shown.
 
 The first makes pages of the records of other commands. The second opens the page or a
-figure of a record in the system's program.
+figure of a record in the program that the system has for it.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ class Recorded(NamedTuple):
 
     Attributes:
         file: The file in the folder by which the record is recognised.
-        name: Its name in messages.
+        name: Name of this sort of record in messages.
         makers: Format -> "module:function" that makes the page.
-        takes: The argument of that function: "folder", or "content" of the file.
+        takes: Argument that the functions take: "folder", or "content" of the file.
     """
 
     file: str
@@ -192,7 +192,7 @@ def content_in(folder: Path, recorded: Recorded) -> Mapping[str, Any]:
     """Return the content of a record's file.
 
     Raises:
-        RecordError: If it cannot be read or is another file.
+        RecordError: If the file cannot be read, or has other content.
     """
     file = folder / recorded.file
     if recorded.name == "comparison":
@@ -238,7 +238,7 @@ def open_command(options: argparse.Namespace) -> int:
 
 
 def newest_file(folder: Path) -> Path:
-    """Return the file to show of a record; of a folder of records, of the newest.
+    """Return the file to show of a record, or of the newest record in a folder.
 
     Raises:
         RecordError: If there is no record, or no page and no figure.
@@ -267,7 +267,7 @@ def newest_file(folder: Path) -> Path:
 
 
 def opener() -> list[str] | None:
-    """Return the command that opens a file; None: there is no display for it."""
+    """Return the command that opens a file; None if there is no display."""
     if sys.platform == "darwin":
         return ["open"]
     if sys.platform == "win32":

@@ -1,7 +1,8 @@
 """`swarmstart run --seeds`: one scenario run with many seeds, measures with spread.
 
-A few lines say in words what came out. Each claim that fails in some runs has a line on
-the seeds in which it fails: which, by which value, and how to see one.
+A few lines give the result in words. For each claim that fails in some runs, a line
+names the seeds in which it fails, the values, and a command that shows one of these
+runs.
 """
 
 from __future__ import annotations
@@ -73,8 +74,8 @@ class Told(NamedTuple):
     Attributes:
         name: The measure.
         words: The beginning of the sentence.
-        unit: Its unit; empty: none.
-        undefined: The words for runs in which it is undefined; empty: none.
+        unit: Unit of the measure; may be empty.
+        undefined: Words on runs in which the measure is undefined; may be empty.
     """
 
     name: str
@@ -221,7 +222,7 @@ def _exit_code(
 
 
 def sentences_of_seeds(content: Mapping[str, Any], figures: Path) -> list[str]:
-    """Return lines on runs over seeds, whose content is that of seeds.json.
+    """Return lines of text on runs over seeds, from the content of seeds.json.
 
     Reasons and advice of single plans have lines of their own.
     """
@@ -361,7 +362,7 @@ def failing_lines(
     Args:
         resolved: The scenario.
         outcomes: Outcomes of its runs, seed by seed from 0 on.
-        words: The command line of the runs, without the program's name.
+        words: Command line of the runs, word by word, without the program's name.
     """
     units = measures_of_run(resolved)
     lines = []

@@ -1,7 +1,7 @@
 """Options that several commands share: --fail-on and --allow-code.
 
-The first states conditions on measures, which the runs of `run` are checked for. The
-second is the permission to run a user's Python file, and only it gives that permission.
+The first states conditions on measures, and `run` checks whether its runs meet them.
+The second is the only way to give the permission to run a user's Python file.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class InvalidConditionError(SwarmstartError, ValueError):
 
 
 def condition_of(text: str, resolved: Resolved) -> Condition:
-    """Return measure, relation and bound of a --fail-on; null as a bound gives None.
+    """Return measure, relation and bound in the text of --fail-on; null gives None.
 
     Raises:
         InvalidConditionError: If the text is not a condition on a measure of the
@@ -81,7 +81,7 @@ def met_conditions(
     measures: Mapping[str, Measure],
     resolved: Resolved,
 ) -> list[str]:
-    """Return the conditions that are true, in words; print which cannot be judged."""
+    """Return the true conditions in words; print those that cannot be judged."""
     met = []
     for condition in conditions:
         measure, relation, bound = condition

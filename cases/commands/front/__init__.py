@@ -1,1 +1,1 @@
-"""The front of the command line: its parser, its options and what it invokes."""
+"""The front of the command line: its parser, its options, and the call of commands."""

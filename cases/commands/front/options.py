@@ -40,11 +40,12 @@ SHELLS = ("bash", "zsh", "tcsh")
 
 @dataclass(frozen=True, slots=True)
 class Option:
-    """An option or a word of a command, as argparse takes it.
+    """An option, or a positional argument, of a command for argparse.
 
     Attributes:
-        names: Names of the option, with their dashes; the name alone of a word.
-        help: What it does.
+        names: Names of the option, with their dashes; of a positional argument its
+            name.
+        help: Text on what the option does.
         more: The other arguments of `add_argument`.
     """
 
@@ -59,7 +60,7 @@ class Option:
 
 @dataclass(frozen=True, slots=True)
 class OneOf:
-    """Options of which a command takes one at most; argparse refuses two."""
+    """Options of which a command takes at most one; argparse refuses two."""
 
     options: tuple[Option, ...]
 

@@ -152,11 +152,12 @@ Then open a new terminal. It needs the package shtab:
 class Subcommand(NamedTuple):
     """A command: its texts, and the function that carries it out.
 
-    That function is a name, so that only the command that is called imports anything.
+    The function is given as a name, so that only the command that is called imports
+    anything.
 
     Attributes:
-        help: One line, for the list of commands.
-        about: What it does, in full sentences.
+        help: Text of one line, for the list of commands.
+        about: Text on what the command does, in full sentences.
         epilog: Examples and exit codes.
         command: "module:function" of options -> exit code.
     """

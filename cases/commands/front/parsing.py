@@ -34,8 +34,8 @@ class HelpFormatter(argparse.RawDescriptionHelpFormatter):
 class Parser(argparse.ArgumentParser):
     """A parser whose help and errors go through the streams of `terminal`.
 
-    An error asks first whether another word was meant, if one is near, and shows then
-    the usage of the command in one line.
+    The message of an error first asks whether a similar word was meant, if there is
+    one, and then shows the usage of the command in one line.
     """
 
     def print_help(self, file: object = None) -> None:
@@ -43,12 +43,12 @@ class Parser(argparse.ArgumentParser):
         answer(self.format_help().rstrip())
 
     def error(self, message: str) -> NoReturn:
-        """Print error and usage on standard error, if there is one; exit with 2."""
+        """Print error and usage on standard error, if it is open; exit with code 2."""
         tell(f"{self.prog}: error: {message}\n{self._short_usage()}")
         raise SystemExit(INVALID)
 
     def refuse(self, unknown: list[str]) -> NoReturn:
-        """Report words that no option takes, at least one; exit with 2."""
+        """Report one or more words that no option takes; exit with code 2."""
         known = [*self._option_string_actions]
         hints = [
             meant(word.partition("=")[0], known, otherwise="")

@@ -39,13 +39,13 @@ def measures_of_kinds(kinds: Iterable[str]) -> dict[str, dict[str, Entry]]:
 
 
 def measures_of_one(name_or_path: str) -> dict[str, dict[str, Entry]]:
-    """Return the measures of a scenario, its own first: kind -> name -> entry.
+    """Return a scenario's measures, those it defines first: kind -> name -> entry.
 
     Args:
-        name_or_path: The scenario, which is read but not checked.
+        name_or_path: Name or file of the scenario, which is read but not checked.
 
     Raises:
-        SwarmstartError: If it cannot be read.
+        SwarmstartError: If the scenario cannot be read.
     """
     # Not resolved: that would import pydantic and CasADi.
     data = read_document(name_or_path).data
@@ -59,12 +59,12 @@ def measures_of_one(name_or_path: str) -> dict[str, dict[str, Entry]]:
 
 
 def measures_of_run(resolved: Resolved) -> dict[str, Entry]:
-    """Return the measures of a resolved scenario by name, its own among them."""
+    """Return all measures of a resolved scenario by name, with those it defines."""
     return _entries(resolved.kind.meanings_of(resolved.scenario))
 
 
 def measure_lines(finished: Run) -> list[str]:
-    """Return all measures of a run; an undefined one says why it is undefined."""
+    """Return lines with all measures of a run, or the reason why one is undefined."""
     reasons = finished.resolved.kind.undefined_of(finished.resolved.scenario)
     values = {
         name: (UNDEFINED if value is None else value_text(value),)
@@ -90,7 +90,7 @@ def measure_table(
         resolved: The scenario.
         values: Name -> the cells between the name and the unit.
         head: Titles of all columns.
-        notes: Name -> what is added to the meaning of a measure in brackets.
+        notes: Name -> text that is added in brackets to the meaning of the measure.
     """
     known = measures_of_run(resolved)
     rows = [tuple(head)]

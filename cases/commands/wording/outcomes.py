@@ -1,8 +1,8 @@
 """Sentences on the result of a run and on its constraints, by kind of scenario.
 
-Of a flight they give distances: how near vehicles came, obstacles that they entered.
-Of every other run they give the cost and the largest excess over a constraint, with the
-time at which the simulated path breaks one most.
+For a flight the sentences give distances: how near vehicles came, and which obstacles
+they entered. For every other run they give the cost and the largest excess over a
+constraint, with the time at which the simulated path exceeds it most.
 """
 
 from collections.abc import Mapping, Sequence
@@ -34,7 +34,7 @@ _BUT_BROKEN = ", but the simulated path breaks a constraint"
 
 
 def outcome(finished: Run) -> str:
-    """Return the result in a sentence: whether it settled and when, or the cost."""
+    """Return a sentence on the result: whether a flight settled and when, or the cost."""
     words = words_of(finished.resolved.scenario.kind)
     if words.outcome:
         told: str = resolve_name(words.outcome)(finished.trajectory, finished.measures)
@@ -44,7 +44,7 @@ def outcome(finished: Run) -> str:
 
 
 def kept_constraints(finished: Run) -> str:
-    """Return how near vehicles came, or whether constraints are kept, in a sentence."""
+    """Return a sentence on how near vehicles came, or whether constraints are kept."""
     words = words_of(finished.resolved.scenario.kind)
     if words.kept:
         return str(resolve_name(words.kept)(finished.measures)[0])
@@ -59,7 +59,7 @@ def kept_constraints(finished: Run) -> str:
 def collisions(finished: Run) -> list[str]:
     """Return a sentence on entered obstacles and one on a distance not kept.
 
-    Each of them is left out if nothing is broken.
+    A sentence is left out if there is no such violation.
     """
     if words_of(finished.resolved.scenario.kind).kept:
         return []  # The kind says it itself.
@@ -69,8 +69,8 @@ def collisions(finished: Run) -> list[str]:
 def time_of_excess(finished: Run) -> str:
     """Return " between T1 and T2 s": the control interval of the largest excess.
 
-    Found by halving the path: the largest excess of its first steps jumps to that of
-    all of it in the interval sought. Empty if it is not found.
+    The interval is found by halving the path: it is the one in which the largest excess
+    so far becomes that of the whole path. The text is empty if no interval is found.
     """
     whole = finished.measures.get("constraint_excess")
     if not is_number(whole):
@@ -89,7 +89,7 @@ def time_of_excess(finished: Run) -> str:
 
 
 def told_status(finished: Run) -> str:
-    """Return the sentence on how a run ended, which hides no broken constraint."""
+    """Return the sentence on how a run ended, with any broken constraint."""
     hides_broken = finished.ended.all_found and breaks_constraint(finished)
     return finished.ended.sentence(_BUT_BROKEN if hides_broken else "")
 

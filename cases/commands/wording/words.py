@@ -1,7 +1,7 @@
 """Lines in words on a finished run: what `swarmstart run` prints first.
 
-What was run, what came out, whether constraints are kept, the time it took, and where
-the picture is. A broken constraint comes before what came out.
+The lines tell what was run, the result, whether constraints are kept, the time that it
+took, and where the figures are. A broken constraint comes before the result.
 """
 
 from collections.abc import Sequence
@@ -31,11 +31,11 @@ _POLISHES = {"none": "no polish", "ipopt": "polish IPOPT"}
 def sentences(finished: Run) -> list[str]:
     """Return some five lines on a finished run, and one more for each collision.
 
-    The status of a single plan has its reason and advice on lines of their own. The
-    addresses of what explains a result that is not plainly good follow.
+    Reason and advice for the status of a single plan have lines of their own. After
+    them come the addresses of the docs that explain a result with problems.
 
-    Collisions of a flight, and broken constraints of another closed loop, are told
-    before the result.
+    Collisions of a flight, and broken constraints of another closed loop, come before
+    the result.
     """
     ended = finished.ended
     why = [
@@ -75,7 +75,7 @@ def heading(title: str, name: str) -> str:
 
 
 def method(search: str, lanes: int, polish: str, variant: str) -> str:
-    """Return how plans are made, in words: by `solve`, as comparisons call it."""
+    """Return in words how `solve` makes plans; comparisons use the same words."""
     parts = ["no search" if search == "none" else f"search {search}"]
     if lanes:
         parts.append(f"{counted(lanes, 'random start')} in lanes")
@@ -164,7 +164,7 @@ def _times(finished: Run) -> str:
 
 
 def picture(figures: Sequence[Path]) -> str:
-    """Return where the figures are, the one to begin with first."""
+    """Return a line on where the figures are; the one to begin with comes first."""
     if not figures:
         return "No figures were drawn."
     first = next((file for file in figures if file.stem == SHEET), figures[0])
@@ -174,7 +174,7 @@ def picture(figures: Sequence[Path]) -> str:
 
 
 def extras(finished: Run) -> list[str]:
-    """Return lines on what only some runs have: a continuation, a bound."""
+    """Return lines on features that only some runs have: a continuation, a bound."""
     lines = []
     if finished.resumed:
         lines.append(
