@@ -60,7 +60,7 @@ class Camera:
 
     Attributes:
         centres: Middle of the view, shape (2, frames).
-        halves: Half of its width, and of its height, shape (2, frames).
+        halves: Half of the width and half of the height of the view, shape (2, frames).
     """
 
     centres: Array
@@ -80,7 +80,7 @@ def check_writer(ending: str) -> None:
         ending: "gif" or "mp4".
 
     Raises:
-        MissingWriterError: If the program that writes it is not installed.
+        MissingWriterError: If the program that writes such a file is not installed.
     """
     from matplotlib import animation
 
@@ -105,12 +105,13 @@ def animate_scene(
     Args:
         scene: The vehicles over time, their leader and slots, and obstacles.
         file: A name that ends in .gif or .mp4.
-        title: Above the picture.
-        notes: A few words for each instant of the scene, beside the clock; or none.
-        progress: Told (frames finished, all frames, "animating").
+        title: Title above the picture.
+        notes: A few words for each instant of the scene, shown beside the clock; empty
+            means no notes.
+        progress: Callback with (frames finished, all frames, "animating").
 
     Raises:
-        MissingWriterError: If the program that writes that kind is not installed.
+        MissingWriterError: If the program that writes such a file is not installed.
         RecordError: If the file cannot be written.
     """
     check_writer(file.suffix.removeprefix("."))
@@ -126,7 +127,7 @@ class Filmed(ABC):
         figure: The picture.
         axes: The ground on which everything moves.
         frames: Number of frames.
-        colours: Colours of what moves.
+        colours: Colour of each moving thing.
     """
 
     def __init__(self, frames: int, colours: list[str]) -> None:
@@ -164,7 +165,7 @@ def write_film(
         film: The film.
         file: A name that ends in .gif or .mp4.
         words: A note for each frame.
-        progress: Told (frames finished, all frames, "animating").
+        progress: Callback with (frames finished, all frames, "animating").
 
     Raises:
         RecordError: If the file cannot be written.
@@ -182,7 +183,7 @@ def frame_times(times: Array) -> Array:
 
 
 def at_times(scene: Scene, times: Array) -> Scene:
-    """Return a scene at other instants, interpolated."""
+    """Return a scene interpolated at other instants."""
 
     def moved(rows: Array) -> Array:
         flat = rows.reshape(-1, scene.times.size)
@@ -201,7 +202,7 @@ def at_times(scene: Scene, times: Array) -> Scene:
 
 
 def noted(times: Array, frames: Array, notes: Sequence[str]) -> list[str]:
-    """Return the words of each frame: those of the last instant before it."""
+    """Return the note of each frame: the one of the last instant before the frame."""
     if not notes:
         return [""] * frames.size
     # 1e-9: an instant of the scene and its frame may differ by rounding.
@@ -210,11 +211,11 @@ def noted(times: Array, frames: Array, notes: Sequence[str]) -> list[str]:
 
 
 def camera_of(scene: Scene, *, ratio: float) -> Camera:
-    """Return the views of a scene's instants, in each of which all vehicles are.
+    """Return a view for each instant of a scene, with all vehicles in it.
 
     Args:
         scene: The vehicles, their leader, and the obstacles.
-        ratio: Height of a view in parts of its width.
+        ratio: Height of a view divided by its width.
     """
     every = scene.positions
     if scene.leader is not None:
@@ -242,12 +243,12 @@ def camera_of(scene: Scene, *, ratio: float) -> Camera:
 
 
 def with_near_discs(scene: Scene, low: Array, high: Array) -> tuple[Array, Array]:
-    """Return the box round the vehicles, grown by the obstacles near to it.
+    """Return the box around the vehicles, enlarged by the obstacles near to it.
 
     Args:
-        scene: The obstacles.
+        scene: Scene with the obstacles.
         low: Lower left corner at each instant, shape (2, frames).
-        high: Upper right corner, likewise.
+        high: Upper right corner at each instant, shape (2, frames).
     """
     least, most = low.copy(), high.copy()
     reach = REACH * np.maximum((high - low).max(axis=0), NEAREST_M)
@@ -264,7 +265,7 @@ def with_near_discs(scene: Scene, low: Array, high: Array) -> tuple[Array, Array
 
 
 def averaged(values: Array, around: int) -> Array:
-    """Return moving averages over so many values each way, fewer at the ends.
+    """Return moving averages over `around` values on each side, fewer at the ends.
 
     At the ends as many values are left out on one side as on the other.
 
@@ -284,15 +285,15 @@ class Film(Filmed):
 
     Attributes:
         clock: The text of the time.
-        camera: Its views.
+        camera: View of the picture in each frame.
     """
 
     def __init__(self, scene: Scene, *, title: str) -> None:
         """Draw what stays, and prepare what moves.
 
         Args:
-            scene: At the instants of the frames.
-            title: Above the picture.
+            scene: Scene at the instants of the frames.
+            title: Title above the picture.
         """
         numbers = scene.numbers or range(len(scene.names))
         super().__init__(scene.times.size, [colour(number) for number in numbers])

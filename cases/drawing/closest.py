@@ -2,8 +2,8 @@
 
     to an obstacle      |p - c| - r      of two vehicles      |p - q|, at the same time
 
-A distance of less than 2 % of the picture's larger side can hardly be seen in it, so
-that each such nearest approach has a panel of its own beside the tracks.
+A distance of less than 2 % of the picture's larger side can hardly be seen. Each
+nearest approach with such a distance has a panel of its own beside the tracks.
 """
 
 import itertools
@@ -29,13 +29,15 @@ _AROUND, _LEAST = 2.5, 5e-4
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Approach:
-    """The place where a vehicle comes nearest to an obstacle, or two to each other.
+    """The nearest approach of a vehicle to an obstacle, or of two vehicles.
 
     Attributes:
-        names: Of what comes close; empty names are left out.
-        distance: In the unit of the positions, negative inside an obstacle.
-        time: When it happens [s].
-        ends: Both ends of the distance, shape (2, 2): a row each.
+        names: Names of the vehicles, or of vehicle and obstacle; empty names are left
+            out.
+        distance: Least distance, in the unit of the positions, negative inside an
+            obstacle.
+        time: Time of the least distance [s].
+        ends: Positions of both ends of the distance, one a row, shape (2, 2).
     """
 
     names: Sequence[str]
@@ -44,7 +46,7 @@ class Approach:
     ends: Array
 
     def words(self, unit: str) -> str:
-        """Return the distance, whose it is, and its time in two lines."""
+        """Return two lines of text: the distance with its names, and its time."""
         # About: a measure may follow a finer path than the figure.
         shown = f"about {self.distance:.2g} {unit}".strip()
         who = ", ".join(name for name in self.names if name)
@@ -56,7 +58,7 @@ def draw_scene(part: "FigureBase", scene: Scene) -> None:
 
     Args:
         part: A figure, or a part of one, that is empty.
-        scene: The vehicles, and what they move among.
+        scene: The vehicles with their surroundings.
     """
     side = _side(scene)
     zooms = [one for one in approaches(scene) if one.distance < SMALL * side]

@@ -82,7 +82,7 @@ class Draw(Protocol[S_contra, F_contra]):
 
 
 def new_figure(size: tuple[float, float] = (7.0, 4.0)) -> "Figure":
-    """Return an empty figure that no global state knows of; its size in inches."""
+    """Return an empty figure, `size` in inches, that no global state refers to."""
     # Not at the head: results that are only computed must not wait for matplotlib.
     from matplotlib.figure import Figure
 
@@ -93,7 +93,8 @@ def into_folder(figures: Callable[[S, F, Trajectory], Figures]) -> Draw[S, F]:
     """Return a function that writes figures into a folder and returns the files.
 
     Args:
-        figures: Scenario, flight and trajectory -> figures by name, in order.
+        figures: Function from scenario, flight and trajectory to figures by name, in
+            order.
     """
 
     @functools.wraps(figures)
@@ -122,10 +123,10 @@ def write_figures(
     """Write figures as files by name; return the files, in order.
 
     Args:
-        figures: Names without a suffix, and figures.
+        figures: Figures by name; the names have no suffix.
         folder: Folder of the files; made if it is missing.
         formats: Formats of each figure, of "png", "svg" and "pdf"; each is a file.
-        progress: Told (files written, all files, "drawing").
+        progress: Callback with (files written, all files, "drawing").
 
     Raises:
         RecordError: If a file cannot be written.
@@ -156,12 +157,12 @@ def _save(figure: "Figure", form: str, file: BinaryIO) -> None:
 
 
 def colour(number: int) -> str:
-    """Return the colour of a series; twelve, then round again."""
+    """Return the colour of a series; after twelve the colours are used again."""
     return COLOURS[number % len(COLOURS)]
 
 
 def line_style(number: int) -> LineStyle:
-    """Return the line style of a series: twelve, each round with other colours.
+    """Return the line style of a series; series with the same colour differ in it.
 
     Example:
         >>> line_style(0), line_style(2)
@@ -190,14 +191,16 @@ def draw_series(
     names: Sequence[str] = (),
     numbers: Sequence[int] | None = None,
 ) -> None:
-    """Draw a line for each series; of more than MOST_NAMED the bands instead.
+    """Draw a line for each series, or bands if there are more than MOST_NAMED.
 
     Args:
         axes: The panel.
-        times: Shape (n,), or (n + 1,) if values are held from each to the next.
-        values: Shape (series, n).
-        names: Of the series; empty: they are not named.
-        numbers: Numbers of the colours and line styles; None: from 0 on.
+        times: Instants, shape (n,), or (n + 1,) if values are held from each to the
+            next.
+        values: Values of each series, shape (series, n).
+        names: Names of the series; empty means that they are not named.
+        numbers: Number of the colour and line style of each series; None means from 0
+            on.
     """
     if len(values) > MOST_NAMED:
         draw_bands(axes, times, values)
@@ -239,8 +242,9 @@ def draw_bands(axes: "Axes", times: Array, values: Array) -> None:
 
     Args:
         axes: The panel.
-        times: Shape (n,), or (n + 1,) if values are held from each to the next.
-        values: Shape (series, n).
+        times: Instants, shape (n,), or (n + 1,) if values are held from each to the
+            next.
+        values: Values of each series, shape (series, n).
     """
     times, (low, below, middle, above, high) = quartiles_of(times, values)
     own = COLOURS[0]
@@ -254,15 +258,15 @@ def draw_bands(axes: "Axes", times: Array, values: Array) -> None:
 
 
 def quartiles_of(times: Array, values: Array) -> tuple[Array, Array]:
-    """Return instants and, at each, the smallest value to the largest in quarters.
+    """Return instants and, at each, minimum, quartiles and maximum of the values.
 
     Args:
-        times: Shape (n,), or (n + 1,) if values are held from each to the next; held
-            values have two instants each.
-        values: Shape (series, n).
+        times: Instants, shape (n,), or (n + 1,) if values are held from each to the
+            next; held values have two instants each.
+        values: Values of each series, shape (series, n).
 
     Returns:
-        Shapes (m,) and (5, m).
+        Instants, shape (m,), and values, shape (5, m).
     """
     known = np.where(np.isfinite(values), values, np.nan)
     if times.size == known.shape[1] + 1:
@@ -275,11 +279,11 @@ def quartiles_of(times: Array, values: Array) -> tuple[Array, Array]:
 
 
 def name_lines(figure: "FigureBase", *, room: int = WHOLE) -> None:
-    """Put one legend of the names in all panels below a figure.
+    """Put one legend below a figure, with the names in all of its panels.
 
     Args:
         figure: A figure, or a part of one.
-        room: Characters that fit beside one another.
+        room: Number of characters that fit into a line.
     """
     put_legend(figure, named_lines(figure), room=room)
 
@@ -297,12 +301,12 @@ def named_lines(figure: "FigureBase") -> "dict[str, Artist]":
 def put_legend(
     figure: "FigureBase", named: "Mapping[str, Artist]", *, room: int
 ) -> None:
-    """Put a legend below a figure, or below a part of one; nothing if it is empty.
+    """Put a legend below a figure, or a part of one; nothing if there are no names.
 
     Args:
         figure: A figure, or a part of one.
-        named: What is named, by name.
-        room: Characters that fit beside one another.
+        named: Line or mark of each name.
+        room: Number of characters that fit into a line.
     """
     if named:
         figure.legend(
@@ -316,8 +320,8 @@ def columns_of_names(names: "Iterable[str]", room: int) -> int:
     """Return how many names fit beside one another, in rows as even as can be.
 
     Args:
-        names: Of a legend.
-        room: Characters that fit beside one another, lines included.
+        names: Names in a legend.
+        room: Number of characters that fit into a line, with the samples of lines.
     """
     sizes = [len(name) + _HANDLE for name in names]
     rows = 1
@@ -331,7 +335,7 @@ def make_logarithmic(axes: "Axes", values: Array, *, ratio: float = 100.0) -> No
 
     Args:
         axes: The panel.
-        values: What is drawn in it.
+        values: Values that are drawn in the panel.
         ratio: Least ratio of the largest value to the smallest.
     """
     finite = values[np.isfinite(values)]
@@ -350,8 +354,8 @@ def name_powers(axes: "Axes", *, has_minor_ticks: bool = True) -> None:
 
     Args:
         axes: The panel.
-        has_minor_ticks: Whether there are ticks between them; of many decades these
-            take longer to draw than the lines.
+        has_minor_ticks: Whether there are ticks between the powers; with many decades
+            they take longer to draw than the lines.
     """
     from matplotlib.ticker import FuncFormatter, NullLocator
 
@@ -372,7 +376,7 @@ def _power(value: float) -> str:
 
 
 def escaped(text: str) -> str:
-    """Return a user's text: dollars are no formulas, and control characters are shown.
+    """Return a user's text with dollars and control characters escaped for matplotlib.
 
     Matplotlib's warning of a character without a glyph would send an ESC to a terminal.
     """

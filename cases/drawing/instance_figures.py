@@ -24,11 +24,11 @@ _MARKS = "x", "v", "s"
 
 
 def draw_solutions(solutions: Solutions) -> "Figure":
-    """Return the cost over the first two data that differ, failures marked.
+    """Return a figure of the cost over the first two data that differ.
 
-    If only one differs, the cost is on the vertical axis; if none does, it is drawn
-    over the number of the instance. Failures have no height there but that of their
-    cost, or the bottom if that is not finite.
+    If only one of the data differs, the cost is on the vertical axis; if none differs,
+    the cost is drawn over the number of the instance. On a vertical axis failures are
+    drawn at their cost, or at the bottom if that is not finite.
 
     Args:
         solutions: The answers.
@@ -66,7 +66,7 @@ def draw_solutions(solutions: Solutions) -> "Figure":
 
 
 def varied(solutions: Solutions) -> list[tuple[str, Array]]:
-    """Return names and values of the data that differ; else the instances' numbers.
+    """Return names and values of the data that differ, or else the instances' numbers.
 
     Args:
         solutions: The answers.

@@ -1,9 +1,9 @@
 """Self-contained HTML pages: one file each, no network.
 
-A page's policy (`Content-Security-Policy`) lets the browser ask for nothing and run
-no script but the page's own: `hashed` puts the SHA-256 of each style sheet and script
-into it while the page is made. So text of a user that got into a page unescaped would
-be shown, and not run.
+A page's policy (`Content-Security-Policy`) lets the browser ask for nothing and run no
+script but the page's own: `hashed` puts the SHA-256 of each style sheet and script into
+it while the page is made. Thus a user's text that gets into a page unescaped is shown,
+and not run.
 """
 
 import base64
@@ -28,12 +28,12 @@ _UNPRINTABLE = re.compile(
 
 
 def rendered(template: str, content: Mapping[str, Any]) -> str:
-    """Return a page; everything that is put into it is cleaned and escaped.
+    """Return a page made from a template; texts in it are cleaned and escaped.
 
     Args:
-        template: A file of `cases/drawing/report/templates`.
-        content: What the template names. Text of the type `markupsafe.Markup` is put
-            in as it is.
+        template: Name of a file in `cases/drawing/report/templates`.
+        content: Values for the names in the template. Text of the type
+            `markupsafe.Markup` is inserted as it is.
     """
     return _environment().get_template(template).render(dict(content))
 

@@ -50,11 +50,11 @@ class Labels:
         controls: Name of each control of one vehicle.
         units: Unit by name; a quantity without a unit is missing.
         vehicles: Name of each vehicle; states and controls come vehicle after vehicle.
-        numbers: Numbers of the vehicles' colours; None: from 0 on.
-        maximize: Whether the cost is what is maximised, times -1.
-        ends: When phases end that another one follows [s].
-        spans: What the name of a phase's constraint ends with -> the phase's first
-            interval, and the one after its last.
+        numbers: Number of each vehicle's colour; None means from 0 on.
+        maximize: Whether costs are values that the user maximises, times -1.
+        ends: Times at which phases end, without the last phase [s].
+        spans: Suffix of the names of a phase's constraints -> number of the phase's
+            first interval, and of the one after its last.
     """
 
     states: Sequence[str] = ()
@@ -78,7 +78,7 @@ class Labels:
 
     @property
     def sign(self) -> float:
-        """Factor of a cost as it is drawn."""
+        """Factor by which a cost is multiplied to be drawn."""
         return -1.0 if self.maximize else 1.0
 
     @property
@@ -92,14 +92,15 @@ class Panel:
     """One quantity of all vehicles.
 
     Attributes:
-        label: Of its axis.
-        times: Shape (n,) [s], or (n + 1,) where values are held from each to the next.
-        values: Shape (vehicles, n).
+        label: Label of the vertical axis.
+        times: Instants, shape (n,) [s], or (n + 1,) if values are held from each to the
+            next.
+        values: Values of each vehicle, shape (vehicles, n).
         lower: Lower bounds, shape (vehicles,), -inf for no bound.
-        upper: Upper bounds, likewise.
-        beneath: Times and values of thin lines beneath.
-        beneath_name: What these are called.
-        rest: Words on how much of the time is shown; empty: the whole.
+        upper: Upper bounds, shape (vehicles,), inf for no bound.
+        beneath: Times and values of each of the thin lines beneath the values.
+        beneath_name: Name of the thin lines.
+        rest: Words on how much of the time is shown; empty if all of it is.
     """
 
     label: str
@@ -112,11 +113,11 @@ class Panel:
     rest: str = ""
 
     def until(self, end: float, rest: str) -> "Panel":
-        """Return the part up to a time [s]; of held values, whole intervals.
+        """Return the panel up to a time [s]; held values are kept for whole intervals.
 
         Args:
             end: The time [s].
-            rest: Words on how much of the time that is.
+            rest: Words on how much of the time is shown.
         """
         held = self.times.size - self.values.shape[1]  # 1 or 0.
         last = end - _ROUNDING_S if held else end + _ROUNDING_S
@@ -136,7 +137,7 @@ class Panel:
 
 
 def without_tails(*blocks: Sequence[Panel]) -> list[list[Panel]]:
-    """Return blocks of panels without their common tail, if they have one.
+    """Return blocks of panels without the end in which nothing happens in any of them.
 
     Args:
         blocks: Panels of one run.
@@ -159,11 +160,11 @@ def panels_of(
     """Return a panel for each name.
 
     Args:
-        names: Of the quantities of one vehicle.
-        labels: The words.
-        times: As in Panel.
-        values: Vehicle after vehicle, shape (vehicles * names, n).
-        limits: Lower and upper bounds, each (vehicles * names,); None: none.
+        names: Names of the quantities of one vehicle.
+        labels: Words on the axes.
+        times: Instants as in `Panel`.
+        values: Values, vehicle after vehicle, shape (vehicles * names, n).
+        limits: Lower and upper bounds, each (vehicles * names,); None means no bounds.
     """
     if limits is None:
         free = np.full(len(values), np.inf)
@@ -200,8 +201,8 @@ def panels_figure(blocks: Mapping[str, Sequence[Panel]], labels: Labels) -> "Fig
     """Return a figure of blocks of panels below one another.
 
     Args:
-        blocks: What the panels of a block are called ("states") -> its panels.
-        labels: The words.
+        blocks: Name of a block ("states") -> its panels.
+        labels: Words on the axes.
     """
     shown = {name: panels[:MOST_PANELS] for name, panels in blocks.items() if panels}
     figure, axes = grid([len(panels) for panels in shown.values()])
@@ -224,7 +225,7 @@ def grid(counts: Sequence[int]) -> "tuple[Figure, list[list[Axes]]]":
     """Return a figure with blocks of axes over one time, each block in its own rows.
 
     Args:
-        counts: Panels of each block.
+        counts: Number of panels in each block.
     """
     figure = new_figure(grid_size(counts))
     return figure, grid_in(figure, counts, columns=columns_of(max(counts)))
@@ -234,7 +235,7 @@ def grid_size(counts: Sequence[int]) -> tuple[float, float]:
     """Return width and height of a figure of some panels [inches].
 
     Args:
-        counts: Panels of each block.
+        counts: Number of panels in each block.
     """
     columns = columns_of(max(counts))
     rows = sum(-(-count // columns) for count in counts)
@@ -243,7 +244,7 @@ def grid_size(counts: Sequence[int]) -> tuple[float, float]:
 
 
 def columns_of(panels: int) -> int:
-    """Return how many of some panels lie beside one another."""
+    """Return the number of columns for a number of panels."""
     return next((c for least, c in _COLUMNS if panels <= least), 4)
 
 
@@ -254,8 +255,8 @@ def grid_in(
 
     Args:
         figure: A figure, or a part of one.
-        counts: Panels of each block.
-        columns: Panels beside one another.
+        counts: Number of panels in each block.
+        columns: Number of panels beside one another.
     """
     rows = [-(-count // columns) for count in counts]
     blocks: list[list[Axes]] = []
@@ -293,8 +294,8 @@ def draw_panel(
     Args:
         axes: The panel.
         panel: The quantity.
-        labels: The words.
-        width: Characters of a line of the vertical label.
+        labels: Words on the axes.
+        width: Number of characters in a line of the vertical label.
     """
     for times, values in panel.beneath:
         axes.plot(
@@ -313,10 +314,10 @@ def draw_panel(
 
 
 def draw_bounds(axes: "Axes", panel: Panel) -> None:
-    """Draw the bounds dotted and what lies beyond them grey; name those far away.
+    """Draw the bounds dotted and the space beyond them grey.
 
-    Bounds so far away that they would hide the rest are named only. Bounds that differ
-    from vehicle to vehicle have their colours, and nothing is grey.
+    Bounds so far away that the values would be hard to see are not drawn but named.
+    Bounds that differ between vehicles have the colours of these, and nothing is grey.
     """
     near, far = bounds_of(panel)
     for bound, own in near:
@@ -337,8 +338,8 @@ def draw_bounds(axes: "Axes", panel: Panel) -> None:
 def bounds_of(panel: Panel) -> tuple[list[tuple[float, str]], list[float]]:
     """Return the finite bounds near the values with their colours, and those far away.
 
-    A bound that all vehicles share is grey. Of more vehicles than have colours, the
-    tightest and the widest bounds are returned, in grey too.
+    A bound that all vehicles share is grey. If there are more vehicles than colours,
+    the tightest and the widest bounds are returned, in grey too.
     """
     finite = panel.values[np.isfinite(panel.values)]
     least, most = (finite.min(), finite.max()) if finite.size else (0.0, 0.0)
@@ -360,6 +361,6 @@ def bounds_of(panel: Panel) -> tuple[list[tuple[float, str]], list[float]]:
 
 
 def wrapped(label: str, *, width: int = _LINE_WIDTH) -> str:
-    """Return a label in at most a few lines, which fit beside or above a panel."""
+    """Return a label broken into a few lines that fit beside or above a panel."""
     lines = textwrap.wrap(label, width, max_lines=_MOST_LINES, placeholder="...")
     return escaped("\n".join(lines))

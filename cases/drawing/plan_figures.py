@@ -1,6 +1,6 @@
 """Plans of a run: their paths, their costs, their searches, and other optima found.
 
-Of one plan the convergence is drawn: the search's best cost, and the plan's cost.
+For a single plan the convergence is drawn: the search's best cost, and the plan's cost.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -61,7 +61,7 @@ MOST_OPTIMA = 25
 
 
 def nothing_known(step: int, number: int) -> Known:
-    """Return that a problem has neither parameters nor signals."""
+    """Return a Known without parameters and signals."""
     del step, number
     return NOTHING
 
@@ -71,10 +71,12 @@ class Flown:
     """A run with its plans.
 
     Attributes:
-        problems: One of all vehicles, or that of each, in the order of their states.
+        problems: The one problem of all vehicles, or the problem of each, in the order
+            of their states.
         trajectory: The run; each decision has a plan for each problem.
         labels: The words on the axes.
-        known: Parameters and signals of the plans.
+        known: Function from the number of a step, and of a problem, to the parameters
+            and signals of the plan.
     """
 
     problems: tuple[OptimalControlProblem, ...]
@@ -83,7 +85,10 @@ class Flown:
     known: KnownOf
 
     def parts(self) -> Iterator[tuple[OptimalControlProblem, Trajectory, KnownAt]]:
-        """Yield each problem with the rows of its model, and what is known in it."""
+        """Yield each problem with the rows of its model, and what is known in it.
+
+        What is known are parameters and signals of each plan.
+        """
         flight, nx, nu = self.trajectory, 0, 0
         for number, problem in enumerate(self.problems):
             rows = slice(nx, nx := nx + problem.model.nx)
@@ -118,8 +123,9 @@ class PlanPath:
     """The path of one plan of one problem.
 
     Attributes:
-        times: Since the start of the flight, shape (nodes,) [s].
-        states: Of one vehicle, or of several one after another, shape (nx, nodes).
+        times: Times since the start of the flight, shape (nodes,) [s].
+        states: States of one vehicle, or of several one after another, shape (nx,
+            nodes).
     """
 
     times: Array
@@ -127,7 +133,7 @@ class PlanPath:
 
 
 def plan_paths(flown: Flown) -> list[PlanPath]:
-    """Return the paths of at most MOST_PLANS steps; those not kept are computed."""
+    """Return paths of plans at MOST_PLANS steps at most; missing ones are computed."""
     steps = chosen(flown.fresh)
     paths = []
     for problem, flight, known in flown.parts():
@@ -153,7 +159,7 @@ def plan_paths(flown: Flown) -> list[PlanPath]:
 
 
 def chosen(steps: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return at most MOST_PLANS of some steps, evenly chosen, first and last too."""
+    """Return at most MOST_PLANS of some steps, evenly chosen, with first and last."""
     places = np.linspace(0, steps.size - 1, min(steps.size, MOST_PLANS))
     found: NDArray[np.intp] = steps[places.round().astype(int)]
     return found
@@ -162,10 +168,10 @@ def chosen(steps: NDArray[np.intp]) -> NDArray[np.intp]:
 def with_plans(
     panels: Sequence[Panel], paths: Sequence[PlanPath], *, name: str = "plans"
 ) -> list[Panel]:
-    """Return panels of the simulated states with the plans thin beneath them.
+    """Return panels of simulated states with plans as thin lines beneath.
 
     Args:
-        panels: Of the states, as `panels_of` returns them.
+        panels: Panels of the states, as `panels_of` returns them.
         paths: The plans.
         name: Name of the thin lines.
     """
@@ -181,9 +187,9 @@ def with_plans(
 
 
 def searches_figure(flown: Flown) -> "Figure | None":
-    """Return the search's best cost over evaluations in each plan that was searched.
+    """Return a figure of each search's best cost over evaluations.
 
-    None: nothing was searched.
+    None if no plan was searched.
     """
     labels, decisions = flown.labels, flown.trajectory.decisions
     plans = [
@@ -244,8 +250,8 @@ def draw_costs(axes: "Axes", run: Flown) -> None:
 def draw_convergence(part: "FigureBase", plan: Plan, labels: Labels) -> None:
     """Draw the best cost of a plan's search over evaluations, and the plan's cost.
 
-    While the best point breaks limits, its cost is dashed and says little; how much it
-    breaks them has an axis of its own beneath.
+    While the best point breaks limits, its cost says little and is dashed; the
+    violation has an axis of its own beneath.
 
     Args:
         part: A figure, or a part of one, that is empty.
@@ -302,12 +308,15 @@ def _draw_violations(axes: "Axes", search: SearchReport) -> None:
 
 
 def by_violation(costs: Array, violations: Array) -> tuple[Array, Array]:
-    """Return costs of points that keep all limits, and of others; NaN between them.
+    """Return costs of points that keep all limits, and costs of the others.
 
     Args:
-        costs: Of the best point after each generation, shape (n,).
-        violations: Of that point, same shape; of another shape: not known, so that no
-            point counts as breaking a limit.
+        costs: Costs of the best point after each generation, shape (n,).
+        violations: Violations of that point, same shape. Another shape means that they
+            are not known; no point then counts as breaking a limit.
+
+    Returns:
+        Two arrays of shape (n,), each with NaN at the points of the other.
     """
     if violations.shape != costs.shape:
         return costs, np.full(costs.shape, np.nan)
@@ -318,13 +327,14 @@ def by_violation(costs: Array, violations: Array) -> tuple[Array, Array]:
 
 
 def optima_of(plan: Plan) -> tuple[Array, Array]:
-    """Return the costs of the distinct local optima found, and how many ended there.
+    """Return costs of the distinct local optima, and how many starts ended in each.
 
     Without a count of optima the answers of the local solver from its starts are
     returned, each found once.
 
     Returns:
-        Costs, which are minimised, ascending, and counts, each of shape (optima,).
+        Costs, as minimised, ascending, and numbers of starts that ended there, shape
+        (optima,) each.
     """
     if plan.starts is None:
         return np.empty(0), np.empty(0)

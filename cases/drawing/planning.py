@@ -32,7 +32,7 @@ Codes = NDArray[np.intp]
 
 
 class Kind(NamedTuple):
-    """A way in which the control of a step came about: name, letter, colour."""
+    """A source of the control of a step: its name, letter and colour."""
 
     name: str
     letter: str
@@ -62,14 +62,14 @@ _LETTER, _LETTER_ROWS = 0.025, 8
 
 
 def sources_of(trajectory: Trajectory, given: Collection[int] = ()) -> Codes:
-    """Return the kind of each step of each planner as a place in KINDS.
+    """Return the source of each step of each planner as an index into KINDS.
 
     Args:
         trajectory: The run.
         given: Numbers of planners that carry out plans given to them.
 
     Returns:
-        Shape (planners, T).
+        Indices, shape (planners, T).
     """
     decisions = trajectory.decisions
     fresh = new_plans(decisions)
@@ -108,7 +108,8 @@ def draw_planning(
     Args:
         part: A figure, or a part of one, that is empty.
         trajectory: The run, with decisions.
-        names: Of those who plan; if these are not as many, they are numbered.
+        names: Names of the planners; with another number of names planners are
+            numbered.
         given: Numbers of planners that carry out plans given to them.
     """
     codes = sources_of(trajectory, given)
@@ -178,8 +179,8 @@ def draw_strip(axes: "Axes", times: Array, codes: Codes, names: Sequence[str]) -
     Args:
         axes: The panel.
         times: Ends of the steps, shape (T + 1,) [s].
-        codes: Places in KINDS, shape (planners, T).
-        names: Of the planners.
+        codes: Indices into KINDS, shape (planners, T).
+        names: Names of the planners.
     """
     from matplotlib.colors import ListedColormap
 
@@ -214,12 +215,12 @@ def _write_letters(axes: "Axes", times: Array, codes: Codes, height: float) -> N
 
 
 def draw_shares(axes: "Axes", times: Array, codes: Codes) -> None:
-    """Draw how many of many planners had their plans from each source.
+    """Draw how many planners had plans from each source, if there are many planners.
 
     Args:
         axes: The panel.
         times: Ends of the steps, shape (T + 1,) [s].
-        codes: Places in KINDS, shape (planners, T).
+        codes: Indices into KINDS, shape (planners, T).
     """
     begun = np.zeros(codes.shape[1])
     for number, kind in enumerate(KINDS):

@@ -1,12 +1,13 @@
-"""Figures of any problem: one sheet, and what does not fit into it.
+"""Figures of any problem: one sheet, and figures of what does not fit into it.
 
 The sheet of a closed-loop run shows states with the plans beneath them, the cost of
 each plan, controls with their bounds, and what planning took. The sheet of a problem
 that was solved once shows states, convergence of the search, controls, and the local
 optima that were found; without a search, or with one optimum, the phase plane of two
-states takes its place. Slack is drawn if there are constraints.
+states takes its place. The slack of constraints is drawn if there are any.
 
-Of a single result, `plot()` draws states, controls and outputs, as notebooks show them.
+For a single result, `plot()` draws states, controls and outputs, as notebooks show
+them.
 """
 
 import base64
@@ -63,11 +64,11 @@ _PLANE = 2
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Place:
-    """States that are a position in the plane, and the discs there.
+    """The states that are a position in the plane, and the discs in the plane.
 
     Attributes:
-        rows: Numbers of the two states of one vehicle.
-        discs: x, y and radius of each disc to keep out of.
+        rows: Indices of the two states of a vehicle that are its position.
+        discs: x, y and radius of each disc that vehicles keep out of.
     """
 
     rows: tuple[int, int]
@@ -86,17 +87,17 @@ def figures_of(
     """Return all figures that apply to a run, with their names, in order.
 
     Args:
-        problem: The problem that is planned; of vehicles that plan one after another
-            the problem of each, in the order of their states.
+        problem: The problem that is planned; if vehicles plan one after another, the
+            problem of each, in the order of their states.
         trajectory: The run.
-        labels: The words on the axes; None: names and units of the (first) model.
-        known: (number of a step, of a problem) -> parameters and signals of the plan
-            made there; by default no parameters and signals.
-        title: Of the sheet.
-        place: States that are a position; None: there are none.
+        labels: Words on the axes; None means names and units of the (first) model.
+        known: Function from the number of a step, and of a problem, to parameters and
+            signals of the plan made there; by default there are none.
+        title: Title of the sheet.
+        place: States that are a position; None if there are none.
 
     Raises:
-        InvalidProblemError: If what is known does not fit a problem.
+        InvalidProblemError: If parameters or signals do not fit a problem.
     """
     problems = (
         (problem,) if isinstance(problem, OptimalControlProblem) else tuple(problem)
@@ -317,11 +318,11 @@ def _within(row: Slack, labels: Labels, steps: int) -> Slack:
 def draw_solution(
     solution: Solution, *, units: Mapping[str, str] | None = None
 ) -> "Figure":
-    """Return states along the verified path, controls, with their bounds, and outputs.
+    """Return a figure of the verified states, controls and outputs, with bounds.
 
     Args:
         solution: The solution.
-        units: Unit by name of a state or control; None: those of the model.
+        units: Unit of a state or control, by name; None means the units of the model.
     """
     problem, path = solution.problem, solution.path
     labels = labels_of(problem, units=units)
@@ -347,11 +348,11 @@ def draw_solution(
 def draw_trajectory(
     trajectory: Trajectory, *, labels: Labels | None = None
 ) -> "Figure":
-    """Return states, held controls and outputs of a run.
+    """Return a figure of the states, the held controls and the outputs of a run.
 
     Args:
         trajectory: The run.
-        labels: The words on the axes; None: the trajectory's own names.
+        labels: Words on the axes; None means the trajectory's own names.
     """
     if labels is None:
         labels = Labels(
@@ -378,7 +379,7 @@ def labels_of(
     units: Mapping[str, str] | None = None,
     vehicles: Sequence[str] = ("",),
 ) -> Labels:
-    """Return the names of a problem's model, as those of one vehicle."""
+    """Return labels with the names of a problem's model as those of one vehicle."""
     return Labels(
         states=problem.model.state_names,
         controls=problem.model.control_names,
@@ -389,7 +390,7 @@ def labels_of(
 
 
 def html_of(result: Solution | Trajectory) -> str:
-    """Return the summary of a result, and its figure beneath."""
+    """Return HTML with the summary of a result, and its figure beneath."""
     image = io.BytesIO()
     result.plot().savefig(image, format="png")
     encoded = base64.b64encode(image.getvalue()).decode("ascii")

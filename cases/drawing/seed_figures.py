@@ -29,7 +29,7 @@ def seed_figures(content: Mapping[str, Any]) -> Figures:
     """Yield the figures of runs over seeds.
 
     Args:
-        content: As of `campaign.seeds.seeds_content`.
+        content: Content from `campaign.running.seeds.seeds_content`.
     """
     if content["bands"] is not None:
         yield "bands", _bands(content)
@@ -68,7 +68,7 @@ def shown_time(bands: Mapping[str, Any]) -> tuple[list[float], str]:
     """Return the instants that are drawn, and words on those that are left out.
 
     Args:
-        bands: "time" [s], and "states": "low", "median" and "high" of each.
+        bands: "time" [s], and "states" with "low", "median" and "high" of each state.
     """
     time = list(bands["time"])
     if not time:
@@ -81,12 +81,13 @@ def shown_time(bands: Mapping[str, Any]) -> tuple[list[float], str]:
 
 
 def draw_band(axes: "Axes", time: Sequence[float], band: Mapping[str, Any]) -> None:
-    """Draw the median of a state over time in its band.
+    """Draw the median of a state over time, and its band.
 
     Args:
         axes: The panel.
         time: Instants [s].
-        band: "low", "median" and "high" at each, or at more; None: not known.
+        band: "low", "median" and "high" at each instant, possibly at later ones, too;
+            None in place of a value that is not known.
     """
     low, median, high = (
         np.array(band[side][: len(time)], dtype=float) for side in _SIDES
@@ -96,7 +97,7 @@ def draw_band(axes: "Axes", time: Sequence[float], band: Mapping[str, Any]) -> N
 
 
 def band_label(name: str, content: Mapping[str, Any]) -> str:
-    """Return name and unit of a state in words; as a band says it, or its name."""
+    """Return name and unit of a state in words, with the unit that its band gives."""
     label, unit = band_name(name, content)
     unit = content["bands"]["states"][name].get("unit") or unit
     return f"{label} [{unit}]" if unit else label

@@ -49,7 +49,7 @@ _TITLE = 110
 
 
 class Part(NamedTuple):
-    """A part of a sheet: what it shows, and what draws it."""
+    """A part of a sheet: its heading, and the function that draws it."""
 
     heading: str
     draw: "Callable[[FigureBase], None]"
@@ -59,8 +59,8 @@ def sheet(title: str, parts: Sequence[Part]) -> "Figure":
     """Return a figure of at most four parts, two by two.
 
     Args:
-        title: Of the sheet, in one line or several; a user's text.
-        parts: From the upper left to the lower right.
+        title: Title of the sheet in one or several lines, a user's text.
+        parts: Parts from the upper left to the lower right.
     """
     rows, columns = -(-len(parts) // 2), min(len(parts), 2)
     figure = new_figure((SHEET[0] * columns / 2, SHEET[1] * (0.55 if rows == 1 else 1)))
@@ -102,9 +102,10 @@ def panels_part(heading: str, panels: Sequence[Panel], labels: Labels) -> Part:
     """Return a part of small panels over time, with their bounds.
 
     Args:
-        heading: Of the part; words on the bounds are added if there are any.
-        panels: At least one; those beyond MOST_IN_PART are left out, and that is said.
-        labels: The words.
+        heading: Heading of the part; words on bounds are added if there are any.
+        panels: Panels, at least one; those beyond MOST_IN_PART are left out, and a note
+            says so.
+        labels: Words on the axes.
     """
     shown = panels[:MOST_IN_PART]
     if any(np.isfinite([*panel.lower, *panel.upper]).any() for panel in shown):
@@ -135,17 +136,17 @@ def draw_errors(  # noqa: PLR0913 - two axes, two limits, two words
     names: Sequence[str] = (),
     numbers: Sequence[int] | None = None,
 ) -> None:
-    """Draw errors on a logarithmic axis, the band of settled ones and when they settle.
+    """Draw errors on a logarithmic axis, with the settled band and the time to it.
 
     Args:
         axes: The panel.
-        times: Shape (T,) [s].
-        errors: Not negative, shape (series, T).
-        band: Largest error that counts as settled; None: there is no such band.
-        settled: Time from which on all stay in the band [s]; None: never.
-        unit: Of the errors.
-        names: Of the series.
-        numbers: Numbers of the colours; None: from 0 on.
+        times: Instants, shape (T,) [s].
+        errors: Errors, at least 0, shape (series, T).
+        band: Largest error that counts as settled; None if there is no such band.
+        settled: Time from which all errors stay in the band [s]; None if they never do.
+        unit: Unit of the errors.
+        names: Names of the series.
+        numbers: Number of the colour of each series; None means from 0 on.
     """
     finite = errors[np.isfinite(errors) & (errors > 0)]
     largest = float(finite.max(initial=0.0))
@@ -177,11 +178,11 @@ def draw_band(axes: "Axes", low: float, high: float, *, name: str) -> None:
 
 
 def draw_settling(axes: "Axes", time: float | None) -> None:
-    """Mark the time from which on a run is settled; say so if it never is.
+    """Mark the time from which a run is settled; write a note if it never is.
 
     Args:
         axes: The panel.
-        time: [s]; None: never.
+        time: Time from which the run is settled [s]; None if it never is.
     """
     text = "never settled" if time is None else f"settled from {time:g} s on"
     if time is not None:
@@ -190,11 +191,11 @@ def draw_settling(axes: "Axes", time: float | None) -> None:
 
 
 def settled_at(times: Array, errors: Array, band: float) -> float | None:
-    """Return the first time from which on all errors stay within a band.
+    """Return the first time from which all errors stay within a band.
 
     Args:
-        times: Shape (T,) [s].
-        errors: Not negative, shape (series, T).
+        times: Instants, shape (T,) [s].
+        errors: Errors, at least 0, shape (series, T).
         band: Largest error that counts as settled.
 
     Returns:

@@ -1,11 +1,11 @@
 """Distance of a run from the limits of each constraint, along its fine path, drawn.
 
-    slack   value - lower, upper - value, or the smaller of both: negative if broken
-    off     value - limit of an equality: any value but 0 breaks it
+    slack value - lower, upper - value, or the smaller of both: negative if broken off
+    value - limit of an equality: any value but 0 breaks it
 
-Path constraints hold all along; in the figure what lies below 0 is shaded. Terminal
-constraints count at the end only: each is a point there, in tolerances. Bounds of
-states are not among them: they are drawn with the states.
+Path constraints must hold at all times; in the figure the area below 0 is shaded.
+Terminal constraints count at the end only: each is a point there, in multiples of its
+tolerance. Bounds of states are left out, as they are drawn with the states.
 """
 
 from collections.abc import Callable, Sequence
@@ -68,13 +68,13 @@ class Slack:
     """One row of a constraint along a path.
 
     Attributes:
-        name: Of the row.
-        times: Shape (n,) [s]; a control instant occurs twice, before and after. Of a
-            terminal constraint the end alone.
+        name: Name of the row.
+        times: Instants, shape (n,) [s]; a control instant occurs twice, before and
+            after the change of controls. For a terminal constraint it is the end alone.
         values: Slack, or deviation from the limit of an equality, shape (n,).
-        tolerance: Largest excess that counts as none, in the row's units.
-        is_equality: Whether any value but 0 breaks it.
-        is_terminal: Whether it must hold at the end only.
+        tolerance: Largest excess that does not count as broken, in the row's units.
+        is_equality: Whether the row is an equality, which any value but 0 breaks.
+        is_terminal: Whether the row must hold at the end only.
     """
 
     name: str
@@ -138,13 +138,13 @@ def arguments_of(
     step: int,
     known: KnownAt,
 ) -> tuple[Array, Known]:
-    """Return initial state, parameters and signals of a plan, as the core has them.
+    """Return initial state, parameters and signals of a plan for the problem's core.
 
     Args:
         lowered: The problem with its core.
-        plan: The plan; None: there is none.
+        plan: The plan; None if there is none.
         trajectory: The run.
-        step: Number of the step at which it was made.
+        step: Number of the step at which the plan was made.
         known: Parameters and signals of each plan.
     """
     given = known(step)
@@ -218,7 +218,7 @@ def slack_figure(rows: Sequence[Slack]) -> "Figure":
     """Return the slack of path constraints over time, and of terminal ones at the end.
 
     Args:
-        rows: Of path and terminal constraints, at least one.
+        rows: Rows of path and terminal constraints, at least one.
     """
     along = [row for row in rows if not row.is_terminal][:MOST_PANELS]
     ends = [row for row in rows if row.is_terminal][:MOST_PANELS]

@@ -16,7 +16,7 @@ MARGIN = 0.1
 
 
 def draw_swarm(flight: SwarmFlight) -> "Figure":
-    """Return the tracks from above, and beside them least distance and arrivals.
+    """Return a figure of the tracks from above, the least distance and the arrivals.
 
     Args:
         flight: The flight.
@@ -59,7 +59,7 @@ def draw_swarm_tracks(axes: "Axes", flight: SwarmFlight) -> None:
 
 
 def draw_distance(axes: "Axes", flight: SwarmFlight) -> None:
-    """Draw the distance of the nearest two, and the least that is allowed."""
+    """Draw the distance of the nearest two vehicles, and the least allowed distance."""
     if np.isfinite(flight.apart).all() and len(flight.apart):
         axes.stairs(
             flight.apart, flight.times, baseline=None, color=COLOURS[0],

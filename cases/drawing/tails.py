@@ -1,8 +1,9 @@
-"""The end of a run in which nothing happens: found, and named, to be left out.
+"""The end of a run in which nothing happens, which figures leave out.
 
-A line that is constant at the end, or goes on at a constant rate, has a tail from the
-time on at which it stays within 1 % of its range of that straight line. A figure ends
-soon after the last of its lines has settled, and says so.
+A line that is constant at the end, or goes on at a constant rate, ends as a straight
+line. Its tail begins at the time from which it differs from that straight line by at
+most 1 % of its range. A figure ends soon after the last of its lines has begun its
+tail, and says so.
 """
 
 from collections.abc import Iterable
@@ -21,7 +22,7 @@ _FEWEST = 20
 
 
 def tail_from(lines: Iterable[tuple[Array, Array]]) -> float | None:
-    """Return the time from which on a figure may leave the rest out; None: it may not.
+    """Return the time from which a figure may leave out the rest; None if it may not.
 
     Args:
         lines: Times (n,) [s] and values (rows, n) of all lines of one run.
@@ -55,11 +56,11 @@ def _straight_from(times: Array, rows: Array) -> float:
 
 
 def tail_in_words(begin: float, end: float) -> str:
-    """Return what a figure says that leaves a tail out.
+    """Return the note in a figure that leaves out a tail.
 
     Args:
-        begin: Of the tail [s].
-        end: Of the run [s].
+        begin: Beginning of the tail [s].
+        end: End of the run [s].
 
     Example:
         >>> tail_in_words(10.0, 60.0)

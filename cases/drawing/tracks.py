@@ -1,8 +1,8 @@
 """Tracks of vehicles in the plane, to scale, with marks of time, and their distances.
 
-Of a problem without a position the phase plane takes their place: the second state over
-the first one, with marks of time, too. Distances of several vehicles are drawn over
-time, with the limits they keep.
+For a problem without a position the phase plane takes the place of tracks: the second
+state over the first one, also with marks of time. Distances of several vehicles are
+drawn over time, with their limits.
 """
 
 import itertools
@@ -46,21 +46,22 @@ _PAPER = {"boxstyle": "round,pad=0.1", "fc": "white", "ec": "none", "alpha": 0.7
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Scene:
-    """Vehicles in the plane over time, and what they move among.
+    """Vehicles in the plane over time, with their surroundings.
 
     Attributes:
-        times: Shape (T,) [s].
-        positions: Shape (vehicles, 2, T).
-        headings: Of the vehicles [rad], shape (vehicles, T).
-        names: Of the vehicles.
-        numbers: Numbers of the vehicles' colours; None: from 0 on.
+        times: Instants, shape (T,) [s].
+        positions: Positions of the vehicles, shape (vehicles, 2, T).
+        headings: Headings of the vehicles, shape (vehicles, T) [rad].
+        names: Names of the vehicles.
+        numbers: Number of each vehicle's colour; None means from 0 on.
         discs: x, y and radius of each obstacle.
-        leader: Position of a virtual leader, shape (2, T); None: there is none.
-        slots: Where each vehicle ought to be at each time, shape (vehicles, 2, T); only
-            animations show them. None: not known.
-        targets: Where vehicles ought to end, shape (targets, 2); None: not known.
-        called: What a target is called.
-        plans: Paths that were planned, each of shape (2, n); drawn thin beneath.
+        leader: Position of a virtual leader, shape (2, T); None if there is none.
+        slots: Wanted position of each vehicle at each time, shape (vehicles, 2, T),
+            shown in animations only; None if not known.
+        targets: Wanted positions at the end, shape (targets, 2); None if not known.
+        called: Word for a target.
+        plans: Paths that were planned, each of shape (2, n); drawn as thin lines
+            beneath.
         axes: Labels of the two axes.
     """
 
@@ -78,7 +79,7 @@ class Scene:
     axes: tuple[str, str] = ("x [m]", "y [m]")
 
     def until(self, end: float) -> "Scene":
-        """Return the part up to a time [s]."""
+        """Return the part of the scene up to a time [s]."""
         kept = self.times <= end + 1e-9  # An end that is off by rounding.
         return replace(
             self,
@@ -99,7 +100,7 @@ def draw_tracks(axes: "Axes", scene: Scene) -> None:
 
     Args:
         axes: The panel.
-        scene: The vehicles, and what they move among.
+        scene: The vehicles with their surroundings.
     """
     _draw_discs(axes, scene)
     for path in scene.plans:
@@ -139,7 +140,8 @@ def draw_tracks(axes: "Axes", scene: Scene) -> None:
 def inside_discs(scene: Scene) -> NDArray[np.bool_]:
     """Return whether a vehicle is inside an obstacle, shape (vehicles, T).
 
-    Inside is more than 0.1 % of the radius beyond the edge.
+    A vehicle counts as inside if it is farther inside the edge than 0.1 % of the
+    radius.
     """
     inside = np.zeros((len(scene.positions), scene.times.size), dtype=bool)
     for x, y, radius in scene.discs:
@@ -152,7 +154,7 @@ def mark_times(times: Array) -> Array:
     """Return round times of marks between the first and the last, without the first.
 
     Args:
-        times: Shape (T,) [s].
+        times: Instants, shape (T,) [s].
 
     Example:
         >>> mark_times(np.linspace(0.0, 35.0, 71)).tolist()
@@ -218,12 +220,12 @@ def _label_marks(axes: "Axes", scene: Scene, marks: Array, at: Sequence[int]) ->
 
 
 def label_times(axes: "Axes", marks: Array, places: Array) -> None:
-    """Write times beside places; those too near to the one before are left out.
+    """Write times beside places; a time too near to the one before is left out.
 
     Args:
         axes: The panel; all lines are drawn already.
-        marks: Shape (n,) [s].
-        places: Shape (2, n).
+        marks: Times to write, shape (n,) [s].
+        places: Positions at these times, shape (2, n).
     """
     spans = np.abs([np.diff(axes.get_xlim())[0], np.diff(axes.get_ylim())[0]])
     # To scale, matplotlib widens the shorter axis only while it draws.
@@ -249,12 +251,13 @@ def distances_figure(
     linked: Array | None = None,
     limits: Mapping[str, float],
 ) -> "Figure":
-    """Return the distance of every pair of UAVs, or of many the extremes.
+    """Return a figure of the distances of all pairs of UAVs; of many, the extremes.
 
     Args:
-        times: Shape (T,) [s].
+        times: Instants, shape (T,) [s].
         pairs: Distances of all pairs, (1, 2), (1, 3), ..., shape (pairs, T) [m].
-        linked: Those that have an upper limit, shape (links, T) [m]; None: none has.
+        linked: Distances of pairs that have an upper limit, shape (links, T) [m]; None
+            if no pair has one.
         limits: Name of each limit, and its distance [m].
     """
     figure = new_figure((7.0, 4.5))
@@ -273,13 +276,14 @@ def draw_distances(
     linked: Array | None = None,
     limits: Mapping[str, float],
 ) -> None:
-    """Draw the distance of every pair of UAVs, or of many the extremes.
+    """Draw the distance of every pair of UAVs; of many pairs only the extremes.
 
     Args:
         axes: The panel.
-        times: Shape (T,) [s].
+        times: Instants, shape (T,) [s].
         pairs: Distances of all pairs, (1, 2), (1, 3), ..., shape (pairs, T) [m].
-        linked: Those that have an upper limit, shape (links, T) [m]; None: none has.
+        linked: Distances of pairs that have an upper limit, shape (links, T) [m]; None
+            if no pair has one.
         limits: Name of each limit, and its distance [m].
     """
     if len(pairs) <= MOST_NAMED:
@@ -314,7 +318,7 @@ def draw_phase_plane(
     plans: Sequence[PlanPath],
     labels: Labels,
 ) -> None:
-    """Draw the second state of each vehicle against its first, plans thin beneath."""
+    """Draw the second state of each vehicle over its first, with plans thin."""
     for plan in plans:
         # Vehicle after vehicle, two states each.
         for x, y in zip(plan.states[::2], plan.states[1::2], strict=True):

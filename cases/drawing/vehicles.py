@@ -1,7 +1,8 @@
-"""Vehicles of recorded runs: their rows and names, and what is around them.
+"""Vehicles of recorded runs: their rows, names and surroundings.
 
-Rows of a flight's states and controls that belong to each vehicle; names of the states
-in bands over seeds (UAV, quantity and unit); discs, slots, goals and leaders.
+This module finds the rows of a flight's states and controls that belong to each
+vehicle, the names of states in bands over seeds (UAV, quantity and unit), and discs,
+slots, goals and leaders.
 """
 
 import itertools
@@ -31,9 +32,11 @@ class VehicleRows:
 
     Attributes:
         vehicles: Name of each vehicle.
-        states: Names of the states of one vehicle, and the row of each of all vehicles.
-        controls: The same of the controls; a vehicle without it has row -1.
-        units: By name.
+        states: Names of the states of one vehicle, and the row of each for all
+            vehicles.
+        controls: Names of the controls of one vehicle, and the row of each for all
+            vehicles; -1 for a vehicle without this control.
+        units: Unit by name of a state or control.
     """
 
     vehicles: tuple[str, ...]
@@ -43,7 +46,7 @@ class VehicleRows:
 
 
 def rows_of(flight: Trajectory, scenario: Mapping[str, Any]) -> VehicleRows:
-    """Return which rows of a flight belong to which vehicle of a recorded scenario.
+    """Return the rows of a flight that belong to each vehicle of a recorded scenario.
 
     Raises:
         ValueError: If the flight has fewer rows.
@@ -120,9 +123,9 @@ def band_name(name: str, content: Mapping[str, Any]) -> tuple[str, str]:
     their names.
 
     Args:
-        name: Of the state, as in the bands of seeds.json.
-        content: Of seeds.json: its "kind", and the names of the UAVs as "vehicles";
-            UAVs without names are numbered from 1 on.
+        name: Name of the state, as in the bands of seeds.json.
+        content: Content of seeds.json, of which "kind" and "vehicles", the names of the
+            UAVs, are used; UAVs without names are numbered from 1 on.
 
     Example:
         >>> band_name("speed", {"kind": "problem"})
@@ -146,11 +149,11 @@ class Disc:
     """A disc that vehicles keep out of, or within.
 
     Attributes:
-        x: Centre.
-        y: Centre.
-        radius: Its radius, in the unit of the positions.
-        name: What it is called; may be empty.
-        is_limit: Whether vehicles stay within it.
+        x: First coordinate of the centre.
+        y: Second coordinate of the centre.
+        radius: Radius of the disc, in the unit of the positions.
+        name: Name of the disc; may be empty.
+        is_limit: Whether vehicles must stay within the disc.
     """
 
     x: float
@@ -171,13 +174,14 @@ class Disc:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Surroundings:
-    """Surroundings that vehicles move among.
+    """Things in the plane among which vehicles move.
 
     Attributes:
         discs: Obstacles and limits.
-        targets: Wanted place of each vehicle at the frames, shape (targets, 2, F).
-        called: Name of a target.
-        leader: The virtual leader at the frames, shape (2, F); None: there is none.
+        targets: Wanted position of each vehicle at the frames, shape (targets, 2, F).
+        called: Word for a target.
+        leader: Position of the virtual leader at the frames, shape (2, F); None if
+            there is none.
     """
 
     discs: Sequence[Disc] = ()
@@ -189,13 +193,13 @@ class Surroundings:
 def surroundings_of(
     scenario: Mapping[str, Any], times: Array, positions: Array, headings: Array
 ) -> Surroundings:
-    """Return what is around the vehicles of a recorded run, as its kind says.
+    """Return the surroundings of the vehicles in a recorded run, from its kind.
 
     Args:
-        scenario: As recorded.
-        times: Of the frames, shape (F,) [s].
-        positions: Of the vehicles, shape (vehicles, 2, F).
-        headings: Of the vehicles [rad], shape (vehicles, F).
+        scenario: Scenario as recorded.
+        times: Times of the frames, shape (F,) [s].
+        positions: Positions of the vehicles at the frames, shape (vehicles, 2, F).
+        headings: Headings of the vehicles at the frames, shape (vehicles, F) [rad].
     """
     place = words_of(scenario.get("kind")).surroundings
     if not place:
@@ -206,7 +210,7 @@ def surroundings_of(
 
 
 def points(given: Iterable[Mapping[str, Any]]) -> Array:
-    """Return places with the keys x_m and y_m, shape (n, 2) [m]."""
+    """Return the places that mappings give as x_m and y_m, shape (n, 2) [m]."""
     return np.array([[float(one["x_m"]), float(one["y_m"])] for one in given])
 
 
@@ -234,13 +238,13 @@ def position_of(
 ) -> tuple[str, str] | None:
     """Return the names of the states that are the position of a problem's vehicles.
 
-    They are what the vehicles are kept apart by, or the coordinates of a distance, or
-    are called x and y; None: there are no such states.
+    They are the states in the separation of the vehicles, or else the coordinates in a
+    distance, or else states that are called x and y. None if there are no such states.
 
     Args:
-        scenario: As recorded.
+        scenario: Scenario as recorded.
         states: Names of the states of one vehicle.
-        units: By name, as far as they are known.
+        units: Unit by name, if it is known.
     """
     separation = (scenario.get("vehicles") or {}).get("separation") or {}
     candidates = [separation.get("of") or []]
@@ -277,10 +281,10 @@ def directions_of(positions: Array) -> Array:
 def discs_of_problem(
     scenario: Mapping[str, Any], axes: tuple[str, str]
 ) -> tuple[Disc, ...]:
-    """Return the discs that a problem's distances from fixed places are.
+    """Return the discs that belong to a problem's distances from fixed places.
 
     Args:
-        scenario: As recorded.
+        scenario: Scenario as recorded.
         axes: Names of the states that are the position.
     """
     constants = _constants(scenario)

@@ -1,6 +1,6 @@
 """Numbers, missing numbers, names, values and durations in words, with their units.
 
-Pages, Markdown and LaTeX say them alike. Commands print `quantity` and `duration`,
+Pages, Markdown and LaTeX use the same words. Commands print `quantity` and `duration`,
 which are ASCII; `typeset_duration` is for pages. Nothing is imported that draws: the
 command line needs these words without matplotlib.
 """
@@ -48,7 +48,7 @@ def number(value: object, missing: str = NOT_MEASURED, *, digits: int = _DIGITS)
 
     Args:
         value: The number; None if it is missing.
-        missing: The word for a missing or not finite one.
+        missing: The word for a number that is missing or not finite.
         digits: Significant digits.
 
     Example:
@@ -104,12 +104,12 @@ def listed(words: Sequence[str]) -> str:
 
 
 def median(values: Sequence[Any]) -> float | None:
-    """Return the median of those that are numbers; None if there are none."""
+    """Return the median of the values that are numbers; None if there are none."""
     return quantile(values, 0.5)
 
 
 def quantile(values: Sequence[Any], share: float) -> float | None:
-    """Return a quantile of those that are numbers, linear between them."""
+    """Return a quantile of the values that are numbers, linear between them."""
     found = sorted(value for value in values if is_number(value))
     if not found:
         return None
@@ -184,7 +184,7 @@ def label_of(name: str, unit: str | None = None) -> tuple[str, str]:
     """Return a name in words, and its unit.
 
     Args:
-        name: As in a record, with or without a unit at its end.
+        name: Name as in a record, with or without a unit at its end.
         unit: Unit that the scenario states; the name then stays as it is. None: the
             unit is read from the name's end.
 
@@ -203,7 +203,7 @@ def label_of(name: str, unit: str | None = None) -> tuple[str, str]:
 
 
 def unit_of_measure(name: str, meaning: str) -> str:
-    """Return the unit of a measure: that at its name's end, or at its meaning's.
+    """Return the unit of a measure, from the end of its name or else of its meaning.
 
     Example:
         >>> unit_of_measure("step_seconds_median", "median wall time of a step [s]")

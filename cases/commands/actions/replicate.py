@@ -77,7 +77,7 @@ class Plan:
     figures: list[Cell]
 
     def cells(self) -> list[Cell]:
-        """Return every distinct cell; those with figures take longest and come first."""
+        """Return every distinct cell; those with figures, which are longest, first."""
         every = [cell for parts in self.parts for cell in cells_of(parts)]
         return list({cell.key: cell for cell in (*self.figures, *every)}.values())
 

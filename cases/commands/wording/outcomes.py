@@ -34,7 +34,7 @@ _BUT_BROKEN = ", but the simulated path breaks a constraint"
 
 
 def outcome(finished: Run) -> str:
-    """Return a sentence on the result: whether a flight settled and when, or the cost."""
+    """Return a sentence on the result: whether and when a flight settled, or a cost."""
     words = words_of(finished.resolved.scenario.kind)
     if words.outcome:
         told: str = resolve_name(words.outcome)(finished.trajectory, finished.measures)

@@ -1,9 +1,9 @@
 """Charts of a page as figures of their own, to be written as SVG and PDF files.
 
-A page draws its charts as SVG whose looks are classes of its style sheet (`svg`). Here
-the finished page is read: each chart becomes a figure of matplotlib with the page's own
-rules for the light colours, its title above and a legend below. Of SVG only what `svg`
-writes is known: paths of M, L, H, V, h, l, v, m, a and z, texts and groups.
+A page draws its charts as SVG; colours and lines are classes of the page's style sheet
+(`svg`). Here the finished page is read: each chart becomes a figure of matplotlib with
+the page's rules for light colours, a title above and a legend below. Only the SVG that
+`svg` writes is understood: paths of M, L, H, V, h, l, v, m, a and z, texts and groups.
 """
 
 import re
@@ -41,7 +41,7 @@ _NAME = 60
 
 
 class Rule(NamedTuple):
-    """A rule of a style sheet: classes around, own class or tag, looks."""
+    """A rule of a style sheet: classes of parents, class or tag of itself, looks."""
 
     around: frozenset[str]
     own: str
@@ -50,12 +50,12 @@ class Rule(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Look:
-    """Looks of an element, as SVG has them."""
+    """Looks of an element: presentation attributes of SVG by name."""
 
     values: Mapping[str, str]
 
     def number(self, name: str, default: float) -> float:
-        """Return a number without its unit."""
+        """Return a look as a number, without its unit."""
         return float(self.values.get(name, str(default)).removesuffix("px"))
 
     def colour(self, name: str) -> tuple[str, float] | str:
@@ -68,7 +68,7 @@ class Look:
         return _COLOURS[named[1]] if named is not None else own, opacity
 
     def line_style(self, width: float) -> tuple[float, tuple[float, ...]] | str:
-        """Return dashes in parts of the width, as matplotlib has them."""
+        """Return dashes as matplotlib's line style, in multiples of the width."""
         dashes = self.values.get("stroke-dasharray", "none")
         if dashes == "none" or not width:
             return "-"
@@ -79,8 +79,8 @@ def chart_figures(page: str) -> Figures:
     """Yield the charts of a page as figures, with names for their files.
 
     Args:
-        page: As `comparison_page`, `seeds_page`, `run_page` or `replication_page`
-            return it.
+        page: HTML from `comparison_page`, `seeds_page`, `run_page` or
+            `replication_page`.
     """
     rules = _rules("".join(_SHEET.findall(page)))
     for number, found in enumerate(_CHART.findall(page), 1):

@@ -31,10 +31,10 @@ def convergence(
     near: Sequence[float],
     points: int,
 ) -> Figure | None:
-    """Return the best answer so far over evaluations; None without a history.
+    """Return a figure of the best answer over evaluations; None without a history.
 
-    Drawn is the gap to the best known cost on a logarithmic axis; if that cost is
-    missing or zero, the cost itself.
+    The figure shows the gap to the best known cost on a logarithmic axis, or the cost
+    itself if the best known cost is missing or zero.
     """
     best = scenario["best_cost"]
     is_gap = is_number(best) and abs(best) > 0
@@ -75,7 +75,7 @@ def reached(
     budget: str,
     points: int,
 ) -> Figure | None:
-    """Return the share of targets reached over evaluations; None without one."""
+    """Return a figure of the share of targets reached; None without such a curve."""
     curves = {
         row["solver"]: _known(
             row["ecdf"]["evaluations"],
@@ -119,7 +119,7 @@ def without_profile(content: Mapping[str, Any]) -> str:
 def profile(
     content: Mapping[str, Any], *, numbers: Mapping[str, int], points: int
 ) -> Figure | None:
-    """Return the performance profile over all scenarios; None if there is none."""
+    """Return a figure of the performance profile over all scenarios, or None."""
     if without_profile(content):
         return None
     given = content["profile"]

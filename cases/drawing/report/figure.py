@@ -17,15 +17,17 @@ class Figure:
     """Chart with its caption and values.
 
     Attributes:
-        identity: Letters, digits and hyphens; the figure's id, and its file's name.
-        title: Its subject in a few words; the accessible name, too.
-        caption: Runs, budget, target and test, in a sentence or two.
-        chart: The drawing. What it follows is found in the table of values: across:
-            the first cells of the rows are values of the horizontal axis; levels: row k
-            is drawn at the height k; empty: nothing is shown at the pointer.
+        identity: Id of the figure and name of its file: letters, digits and hyphens.
+        title: Subject of the figure in a few words, which is also its accessible name.
+        caption: One or two sentences on runs, budget, target and test.
+        chart: The drawing. Its attribute `follows` says how values at the pointer are
+            found in the table: "across" if the first cells of the rows are values of
+            the horizontal axis, "levels" if row k is drawn at the height k, empty if no
+            values are shown.
         columns: Headings of the table of values.
-        rows: The table of values, in words; the first cell heads the row.
-        values: Rows of the file to download, its headings first; empty for none.
+        rows: Rows of the table of values, in words; the first cell is the heading of
+            the row.
+        values: Rows of the file to download, headings first; empty if there is no file.
     """
 
     identity: str

@@ -36,11 +36,11 @@ class Outlook:
     """Plans and bounds.
 
     Attributes:
-        paths: Time [s] of an instant at which plans were made -> for each vehicle the
-            states of the path planned, shape (nx of a vehicle, n), or None.
-        states: Lower and upper bounds of the states; None: not known.
-        controls: The same of the controls.
-        notes: Sentences on what is missing.
+        paths: Time [s] at which plans were made -> for each vehicle the states of the
+            planned path, shape (nx of a vehicle, n), or None.
+        states: Lower and upper bounds of the states; None if they are not known.
+        controls: Lower and upper bounds of the controls; None if they are not known.
+        notes: Sentences on missing plans or bounds.
     """
 
     paths: Paths = ()
@@ -50,7 +50,7 @@ class Outlook:
 
 
 def outlook_of(record: Record, flight: Trajectory) -> Outlook:
-    """Return plans and bounds of a run; a sentence if they are not available."""
+    """Return plans and bounds of a run, or a sentence in `notes` if there are none."""
     scenario: Mapping[str, Any] = record.scenario or {}
     if not record.arrays["plan_controls"].size:
         return Outlook()  # The kind has plans of its own.

@@ -1,6 +1,6 @@
 """Small panels over time: lines, held steps, bounds of a flight; bands of many runs.
 
-The player's script adds a cursor to those of a flight, and the value there.
+The player's script adds a cursor to the panels of a flight, with the value there.
 """
 
 from collections.abc import Mapping, Sequence
@@ -35,16 +35,16 @@ _DECADES = 30.0
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class PanelDrawn:
-    """A panel as the player takes it.
+    """A panel in the form that the player takes.
 
     Attributes:
-        alt: The panel in words.
-        drawing: What is within its `svg` element.
+        alt: Description of the panel in words.
+        drawing: Markup within the panel's `svg` element.
         has_bounds: Whether bounds are drawn.
-        far: Bounds too far away to be drawn, in words; empty: there are none.
-        times: Times [s] of the values to be told; empty: they are not.
-        values: These.
-        held: Whether they are held.
+        far: Words on bounds that are too far away to be drawn; empty if there are none.
+        times: Times of `values` [s]; empty if no values are shown at the cursor.
+        values: Values that are shown at the cursor.
+        held: Whether the values are held from each time to the next.
     """
 
     alt: str
@@ -103,7 +103,7 @@ def _series_panel(one: Series, tracks: Tracks, most: int) -> PanelDrawn:
 def solver_panel(tracks: Tracks) -> PanelDrawn | None:
     """Return the solver's time of each step beside the length of the step.
 
-    None if one plan is carried out to its end: nothing is solved on the way.
+    None if one plan is carried out to its end, since nothing is solved during the run.
     """
     seconds = tracks.step_seconds
     if tracks.is_one_plan or not seconds.size or not np.isfinite(seconds).any():
@@ -151,12 +151,13 @@ def solver_panel(tracks: Tracks) -> PanelDrawn | None:
 
 
 def band_panel(label: str, times: Sequence[float], band: Mapping[str, Any]) -> "Markup":
-    """Return what is within the `svg` element of a band of many runs.
+    """Return the markup within the `svg` element of a band of many runs.
 
     Args:
         label: The quantity and its unit.
         times: Instants [s].
-        band: "low", "median" and "high" at each, or at more; None: not known.
+        band: "low", "median" and "high" at each instant, possibly at later ones, too;
+            None in place of a value that is not known.
     """
     x = across(times[-1], begin=times[0])
     sides = [
@@ -196,12 +197,12 @@ def _told(value: float) -> str:
 
 
 def reduced(times: Array, values: Array, most: int) -> tuple[Array, Array]:
-    """Return at most about `most` of the instants, the first and the last among them.
+    """Return about `most` of the instants at most, with the first and the last.
 
     Args:
-        times: Shape (n,), or (n + 1,) where values are held.
-        values: Shape (rows, n).
-        most: Instants.
+        times: Instants, shape (n,), or (n + 1,) if values are held.
+        values: Values at the instants, shape (rows, n).
+        most: Number of instants.
     """
     count = values.shape[1]
     if count <= most:

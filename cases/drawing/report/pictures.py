@@ -1,10 +1,10 @@
 """Recorded PNG figures as data: addresses, small enough for one page.
 
-A page has a limit of bytes. Figures have few colours: with a palette of 256 at the
+The size of a page is limited. Figures have few colours: with a palette of 256 at the
 width that a page shows they take about a third of the bytes that matplotlib writes. The
 palette is that of an octree, which keeps the colours of thin lines; a median cut, which
-counts pixels, makes them grey. The kind of the scenario that draws a figure says its
-caption.
+counts pixels, makes them grey. The caption comes from the kind of the scenario that
+draws a figure.
 """
 
 import base64
@@ -34,12 +34,12 @@ class Picture:
     """A figure in a page.
 
     Attributes:
-        caption: Its subject, a sentence.
-        data: Its PNG file in base64; empty: it is left out.
-        width: Of the image in pixels.
-        height: Likewise.
-        missing: Reason for leaving it out, a sentence; empty: it is shown.
-        is_wide: Whether it takes a whole row: a sheet of several parts.
+        caption: Sentence on the subject of the figure.
+        data: PNG file in base64; empty if the figure is left out.
+        width: Width of the image [pixels].
+        height: Height of the image [pixels].
+        missing: Sentence on why the figure is left out; empty if it is shown.
+        is_wide: Whether the figure takes a whole row, such as a sheet of several parts.
     """
 
     caption: str
@@ -55,14 +55,14 @@ def pictures_of(
 ) -> list[Picture]:
     """Return a record's figures, as many as there is room for.
 
-    Of a figure in several formats only the PNG file is shown.
+    If a figure has several formats, only the PNG file is shown.
 
     Args:
-        folder: The record.
-        names: Of the files in its folder of figures; no other file is read.
-        kind: Of the scenario, for the captions.
-        room: Bytes that they may take in the page.
-        width: Most pixels across.
+        folder: Folder of the record.
+        names: Names of files in the record's folder of figures; no other file is read.
+        kind: Kind of the scenario, for the captions.
+        room: Number of bytes that the figures may take in the page.
+        width: Largest width of a figure [pixels].
     """
     found = []
     listed = [*names]
@@ -84,10 +84,10 @@ def pictures_of(
 
 
 def caption_of(kind: str, file: str) -> str:
-    """Return what a figure shows; of an unknown one its name in words.
+    """Return the caption of a figure; for an unknown figure its name in words.
 
     Args:
-        kind: Of the scenario.
+        kind: Kind of the scenario.
         file: Name of the figure's file.
 
     Example:

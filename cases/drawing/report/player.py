@@ -2,10 +2,10 @@
 
     player(tracks) -> markup; PLAYER_STYLE and PLAYER_SCRIPT once in the page
 
-Vehicles, trails, plans and what is around them in the plane, to scale, with a clock;
-beside it the solver's time a step; below states and controls over time, each with a
-cursor that moves with the clock. A flight without positions has the panels alone.
-Nothing starts by itself.
+It shows vehicles, trails, plans and surroundings in the plane, to scale, with a clock;
+beside them the solver's time for each step; below states and controls over time, each
+with a cursor that moves with the clock. A flight without positions has the panels
+alone. Nothing starts by itself.
 """
 
 import math
@@ -60,7 +60,7 @@ def player(tracks: Tracks) -> "Markup":
     """Return a flight as an animation; the page needs its style and its script once.
 
     Args:
-        tracks: The flight.
+        tracks: The run that is played.
     """
     from markupsafe import Markup
 
@@ -103,7 +103,7 @@ def player(tracks: Tracks) -> "Markup":
 
 
 def caption(tracks: Tracks) -> list[str]:
-    """Return sentences on what is seen."""
+    """Return sentences that explain the picture."""
     said = [] if tracks.plane is None else [_plane_caption(tracks.plane)]
     if tracks.is_one_plan and tracks.step_seconds.size:
         seconds = number(float(np.nansum(tracks.step_seconds)), digits=4)
@@ -172,7 +172,7 @@ def _legend(tracks: Tracks) -> list[tuple[int, str]]:
 
 
 def short_name(name: str) -> str:
-    """Return what stands beside a vehicle: its number, or its name."""
+    """Return the text beside a vehicle: its number, or its name."""
     last = name.rpartition(" ")[2]
     return last if last.isdigit() else name[:12]
 

@@ -28,8 +28,8 @@ class Cell:
     Attributes:
         words: Text of the cell.
         value: Number that the cell is sorted by, if there is one.
-        is_missing: Sorted last.
-        kind: "number", "words" or "name".
+        is_missing: Whether the cell has no value and is sorted last.
+        kind: Class of the cell: "number", "words" or "name".
     """
 
     words: str
@@ -39,7 +39,7 @@ class Cell:
 
     @property
     def attribute(self) -> str:
-        """Return the value as an attribute of the cell; empty if the words tell it."""
+        """Return the value as an HTML attribute; empty if the words contain it."""
         told = "" if self.value is None else f"{self.value:.6g}"
         return "" if told == self.words else told
 
@@ -75,7 +75,7 @@ DETAILS = (
 
 
 def details(scenario: Mapping[str, Any]) -> list[list[Cell]]:
-    """Return a scenario's rows: counts, costs, evaluations, seconds, the test."""
+    """Return a scenario's rows: counts, costs, evaluations, seconds and test result."""
     sense = scenario["sense"]
     table = []
     for row in scenario["rows"]:
@@ -105,7 +105,7 @@ def details(scenario: Mapping[str, Any]) -> list[list[Cell]]:
 
 
 def against_first(row: Mapping[str, Any]) -> str:
-    """Return what the test against the first solver says, and how it was reached."""
+    """Return the result of the test against the first solver, with its numbers."""
     test = row["against_first"]
     if not test or not (test["verdict"] or test["words"]):
         return ""
@@ -120,7 +120,7 @@ def against_first(row: Mapping[str, Any]) -> str:
 
 
 def troubles(scenario: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Return what went wrong: solver and sentence, each sentence once."""
+    """Return pairs of a solver and a sentence on what went wrong, without repeats."""
     found = []
     for row in scenario["rows"]:
         sentences = dict.fromkeys(row["failed"])

@@ -36,7 +36,7 @@ def costs(
     identity: str,
     budget: str,
 ) -> Figure | None:
-    """Return each seed's verified cost, by solver; None if no run was feasible."""
+    """Return a figure of verified costs by solver; None if no run was feasible."""
     sense = scenario["sense"]
     rows = scenario["rows"]
     found = [[stated_cost(cost, sense) for cost in row["costs"]] for row in rows]
@@ -73,7 +73,7 @@ def seconds_and_success(
     numbers: Mapping[str, int],
     identity: str,
 ) -> Figure | None:
-    """Return success rates over median seconds; None if no row has both."""
+    """Return a figure of success rates over median seconds; None if no row has both."""
     rows = [
         row
         for row in scenario["rows"]
@@ -121,7 +121,7 @@ def seconds_and_success(
 
 
 def ranks(content: Mapping[str, Any], *, numbers: Mapping[str, int]) -> Figure | None:
-    """Return mean ranks over scenarios, the best first; None if there are none."""
+    """Return a figure of mean ranks, the best first; None if there are no ranks."""
     given = sorted(
         (rank for rank in content["ranks"] if is_number(rank["mean"])),
         key=lambda rank: rank["mean"],
@@ -159,7 +159,7 @@ def ranks(content: Mapping[str, Any], *, numbers: Mapping[str, int]) -> Figure |
 
 
 def judged(content: Mapping[str, Any], *, numbers: Mapping[str, int]) -> Figure | None:
-    """Return, by solver, runs confirmed, claimed in vain, and without a claim."""
+    """Return a figure of confirmed answers, false claims, and no claims by solver."""
     totals = claims_by_solver(content)
     if not totals:
         return None
@@ -193,7 +193,11 @@ def judged(content: Mapping[str, Any], *, numbers: Mapping[str, int]) -> Figure 
 def claims_by_solver(
     content: Mapping[str, Any],
 ) -> list[tuple[str, int, int, int, int]]:
-    """Return name, runs, feasible, claimed and false successes, over all scenarios."""
+    """Return a row for each solver with numbers of runs over all scenarios.
+
+    A row has the name, and the numbers of runs, of feasible answers, of answers that
+    the solver claims to be feasible, and of false claims.
+    """
     parts = ("runs", "feasible", "claimed_feasible", "false_successes")
     totals: dict[str, list[int]] = {}
     for scenario in content["scenarios"]:

@@ -37,10 +37,13 @@ def strip(
     """Return the values as dots on a line, as inline SVG.
 
     Args:
-        values: Numbers; others are counted as not defined.
-        bound: Drawn as a line, the side that a value is asked to be on shaded.
-        relation: Of a value to the bound: "<=", ">=", "<", ">" or "==".
-        width: With "==", by how much a value may be off.
+        values: Values of the runs; those that are no numbers are counted as not
+            defined.
+        bound: Bound that is drawn as a line, with the side shaded on which values
+            should be.
+        relation: Required relation of a value to the bound: "<=", ">=", "<", ">" or
+            "==".
+        width: With "==", the largest allowed difference from the bound.
     """
     from markupsafe import Markup
 

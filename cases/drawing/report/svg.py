@@ -1,10 +1,10 @@
 """Charts within a page, as SVG: axes, lines, bands, bars, dots, marks, legends.
 
-Sizes are in units of the view box, about a pixel on a wide page, with one decimal: less
-is not visible. Looks are classes of the page's style sheet (`shell.css`, `palette`), so
-that a chart follows the page into dark and print, and its policy, which refuses `style`
-attributes. Matplotlib chooses the ticks; its own axes would take 60 ms of CPU each, and
-a page may have three hundred.
+Sizes are in units of the view box, about a pixel on a wide page, with one decimal:
+smaller differences are not visible. Looks are classes of the page's style sheet
+(`shell.css`, `palette`), so that a chart has the colours of the light, dark or printed
+page, and obeys the page's policy, which refuses `style` attributes. Matplotlib chooses
+the ticks; its own axes would take 60 ms of CPU each, and a page may have three hundred.
 """
 
 import html
@@ -43,10 +43,11 @@ class Chart:
     """A chart as it stands in a page.
 
     Attributes:
-        width: Of its view box.
-        height: Likewise.
+        width: Width of the view box.
+        height: Height of the view box.
         drawing: Markup within its `svg` element.
-        follows: Attribute that tells the script where its values are; may be empty.
+        follows: Attribute that tells the script how to find the chart's values; may be
+            empty.
     """
 
     width: float
@@ -62,9 +63,9 @@ class Axis:
     Attributes:
         low: Value at `start`.
         high: Value at `end`, greater than `low`.
-        start: Place of its begin.
-        end: Place of its end; less than `start` if it points up.
-        is_log: Whether it is logarithmic; `low` is then positive.
+        start: Place of the beginning of the axis.
+        end: Place of the end of the axis; less than `start` if it points up.
+        is_log: Whether the axis is logarithmic; `low` is then positive.
     """
 
     low: float
@@ -85,7 +86,7 @@ class Axis:
         )
 
     def ticks(self, most: int) -> list[tuple[float, str]]:
-        """Return places of at most about so many ticks, with their texts."""
+        """Return places and texts of the ticks: about `most` of them, or fewer."""
         # Not at the head: Markdown, LaTeX and CSV have no ticks.
         from matplotlib.ticker import LogLocator, MaxNLocator
 
@@ -114,13 +115,14 @@ def axis_of(
     margin: float = 0.05,
     is_log: bool = False,
 ) -> Axis:
-    """Return the axis that holds values with a margin; what is not finite is left out.
+    """Return an axis with room for values and a margin; only finite values count.
 
     Args:
         values: Numbers, NaN or None.
-        ends: Places of its begin and its end.
+        ends: Places of the beginning and the end of the axis.
         margin: Part of the range that is added on either side.
-        is_log: Whether it is logarithmic; other than positive values are left out.
+        is_log: Whether the axis is logarithmic; values that are not positive are left
+            out.
     """
     found = np.asarray(list(values), dtype=float)
     found = np.clip(found[np.isfinite(found)], -_HUGE, _HUGE)
@@ -145,11 +147,11 @@ def text(x: float, y: float, words: str, *, anchor: str = "", name: str = "") ->
     """Return words at a place.
 
     Args:
-        x: Of the anchor.
-        y: Of the base line.
-        words: Of a user, too.
-        anchor: "middle" or "end"; empty: the begin.
-        name: Class; may be empty.
+        x: Horizontal place of the anchor.
+        y: Vertical place of the base line.
+        words: Text, also one of a user: it is escaped.
+        anchor: "middle" or "end"; empty means the beginning.
+        name: Class of the element; may be empty.
     """
     named = f' class="{name}"' if name else ""
     anchored = f' text-anchor="{anchor}"' if anchor else ""
@@ -171,10 +173,11 @@ def frame(
     Args:
         x: Horizontal axis.
         y: Vertical axis.
-        title: What the vertical axis shows.
-        label: What the horizontal axis shows.
-        most: Ticks of the horizontal and the vertical axis; 0: none.
-        unit: Stands in place of the last ticks of the horizontal axis.
+        title: Quantity on the vertical axis.
+        label: Quantity on the horizontal axis.
+        most: Largest number of ticks of the horizontal and the vertical axis; 0 means
+            no ticks.
+        unit: Unit that is shown in place of the last ticks of the horizontal axis.
     """
     grid, texts = [], []
     for place, words in x.ticks(most[0]):
@@ -198,7 +201,7 @@ def frame(
 
 
 def look(series: int) -> str:
-    """Return the classes of colour and dashes of a series; twelve, then round again."""
+    """Return the classes of colour and dashes of a series; they repeat after twelve."""
     count = len(palette.DASHES)
     # One further in each round: series 13 has the colour of the first, not its dashes.
     return f"s{series % count} d{(series + series // count) % count}"
@@ -210,11 +213,11 @@ def line(
     """Return a line.
 
     Args:
-        x: Places, shape (n,).
-        y: Likewise; the line is broken where a place is not finite.
-        name: Its classes.
-        title: Its tooltip.
-        width: Of the line; None: as the style sheet has it.
+        x: Horizontal places, shape (n,).
+        y: Vertical places, shape (n,); the line is broken where a place is not finite.
+        name: Classes of the line.
+        title: Tooltip of the line.
+        width: Width of the line; None means that of the style sheet.
     """
     wide = "" if width is None else f' stroke-width="{_decimal(width)}"'
     return drawn(path(x, y), f"line {name}", title=title, more=wide)
@@ -248,7 +251,7 @@ def path(x: Array, y: Array) -> str:
 
 
 def outline(x: Array, low: Array, high: Array) -> str:
-    """Return the path around what is between two lines, shape (n,) each."""
+    """Return the path around the area between two lines, shape (n,) each."""
     kept = np.isfinite(low) & np.isfinite(high) & np.isfinite(x)
     there, back = x[kept], x[kept][::-1]
     around = path(np.append(there, back), np.append(low[kept], high[kept][::-1]))
@@ -278,18 +281,18 @@ def marks(x: Array, y: Array, series: int, *, title: str = "") -> str:
 
 
 def corners(x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
-    """Return the corners of steps: values, each held to the next place.
+    """Return the corners of a line of steps: each value is held to the next place.
 
     Args:
-        x: Shape (n,), or (n + 1,) if the last value is held, too.
-        y: Shape (n,).
+        x: Horizontal places, shape (n,), or (n + 1,) if the last value is held, too.
+        y: Values, shape (n,).
     """
     both = np.repeat(np.asarray(x), 2)[1 : 2 * np.size(y) + 1]
     return both, np.repeat(np.asarray(y), 2)[: both.size]
 
 
 def legend(numbers: Mapping[str, int]) -> "Markup":
-    """Return a list of series, each with its line and its mark; it wraps.
+    """Return the legend: a list of series, each with its line and mark, that wraps.
 
     Args:
         numbers: Name of a series -> its number.
@@ -310,7 +313,7 @@ def legend(numbers: Mapping[str, int]) -> "Markup":
 
 
 def thinned(length: int, most: int) -> list[int]:
-    """Return at most this many places of a list, evenly, its ends among them."""
+    """Return at most `most` places in a list, evenly spaced, with both ends."""
     if length <= most:
         return list(range(length))
     return sorted({round(k * (length - 1) / (most - 1)) for k in range(most)})

@@ -80,8 +80,8 @@ def latex_table(heads: Sequence[str], cells: Rows, *, columns: str, title: str) 
 
     Args:
         heads: Headings.
-        cells: Rows of cells; they are escaped.
-        columns: LaTeX's own word for the columns, such as "lrp{8cm}".
+        cells: Rows of cells; their texts are escaped.
+        columns: Specification of the columns in LaTeX, such as "lrp{8cm}".
         title: The caption.
     """
     caption = rf"\caption{{{latex_text(title)}}} \\"
@@ -103,13 +103,13 @@ def _one_line(text: object) -> str:
 
 
 def comparison_latex(content: Mapping[str, Any]) -> str:
-    """Return a table of all scenarios, and one for each.
+    """Return a LaTeX table of all scenarios, and one for each scenario.
 
     The preamble needs the packages booktabs, textcomp and, for the length of the
     tables, longtable. Letters beyond ASCII without a decomposition are shown as "?".
 
     Args:
-        content: A record "comparison", schema 2: what `comparison.json` holds.
+        content: Content of `comparison.json`: a record "comparison" of schema 2.
     """
     near = percent(content["near"][0]) if content["near"] else ""
     seeds, budget = counted(len(content["seeds"]), "seed"), content["budget_text"]
@@ -177,7 +177,7 @@ def comparison_markdown(content: Mapping[str, Any]) -> str:
     """Return the Markdown of a comparison: headline, tables, how to reproduce.
 
     Args:
-        content: A record "comparison", schema 2: what `comparison.json` holds.
+        content: Content of `comparison.json`: a record "comparison" of schema 2.
     """
     near = [percent(share) for share in content["near"]]
     parts = ["# Solvers compared", github_text(shortened(content["headline"], 600))]
@@ -264,7 +264,7 @@ def replication_markdown(content: Mapping[str, Any]) -> str:
     """Return the claims with what was measured and the verdicts as Markdown.
 
     Args:
-        content: As replication.json holds it.
+        content: Content of replication.json.
     """
     parts = [
         "# The chapter replicated",
@@ -275,7 +275,7 @@ def replication_markdown(content: Mapping[str, Any]) -> str:
 
 
 def replication_latex(content: Mapping[str, Any]) -> str:
-    """Return the same as LaTeX, for the packages booktabs, longtable and textcomp."""
+    """Return the claims as LaTeX, for the packages booktabs, longtable and textcomp."""
     parts = [
         r"% Needs \usepackage[T1]{fontenc}, \usepackage{booktabs,longtable,textcomp}.",
         latex_text(f"{content['counted']}; {content['seeds_in_words']}."),

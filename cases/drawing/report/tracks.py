@@ -1,9 +1,9 @@
 """A recorded run as tracks in the plane and lines over time, for the player.
 
-Which states are positions is read from the record: UAVs of the planar kinds have
-(v, psi, x, y); in a close formation the wingman's place is relative to its leader; in a
+Which states are positions is read from the record: UAVs of the planar kinds have (v,
+psi, x, y); in a close formation the wingman's place is relative to its leader; in a
 problem positions are the states that its `separation` or its distances name, else `x`
-and `y`. A record without positions has lines over time alone.
+and `y`. For a record without positions only lines over time are drawn.
 """
 
 import re
@@ -47,12 +47,12 @@ class Plane:
     """Vehicles that move in the plane.
 
     Attributes:
-        unit: Of the positions.
-        positions: Of each vehicle at the frames, shape (vehicles, 2, F).
-        headings: Of each [rad], shape (vehicles, F).
-        surroundings: Discs, targets and leader.
-        plans: (time [s], path of each vehicle (2, n), or None) of each instant at which
-            plans were made.
+        unit: Unit of the positions.
+        positions: Position of each vehicle at the frames, shape (vehicles, 2, F).
+        headings: Heading of each vehicle at the frames, shape (vehicles, F) [rad].
+        surroundings: Discs, targets and leader around the vehicles.
+        plans: For each instant at which plans were made: its time [s], and for each
+            vehicle the planned path, shape (2, n), or None.
         words: A sentence on the axes if they are not those of the ground.
     """
 
@@ -69,12 +69,13 @@ class Series:
     """One quantity of all vehicles over time.
 
     Attributes:
-        name: In words.
-        unit: Its unit; empty: none.
-        times: Shape (n,) [s], or (n + 1,) where values are held from each to the next.
-        values: Shape (vehicles, n).
-        lower: Lower bound of all, -inf for none.
-        upper: Upper bound of all.
+        name: Name of the quantity in words.
+        unit: Unit of the quantity; may be empty.
+        times: Instants, shape (n,) [s], or (n + 1,) if values are held from each to the
+            next.
+        values: Values of each vehicle, shape (vehicles, n).
+        lower: Lower bound for all vehicles; -inf for no bound.
+        upper: Upper bound for all vehicles; inf for no bound.
     """
 
     name: str
@@ -92,20 +93,20 @@ class Series:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Tracks:
-    """A run, reduced to the parts that are drawn.
+    """The parts of a run that are drawn.
 
     Attributes:
-        title: Of the scenario.
-        times: Of the frames, evenly spaced, shape (F,) [s].
-        vehicles: Name of each; one empty name: the problem has no vehicles.
-        plane: The positions; None: the problem has none.
+        title: Title of the scenario.
+        times: Times of the frames, evenly spaced, shape (F,) [s].
+        vehicles: Name of each vehicle; one empty name if the problem has no vehicles.
+        plane: The positions; None if the problem has none.
         series: States and controls over time.
         step_times: Control instants, shape (T + 1,) [s].
         step_seconds: Wall time of each decision, shape (T,) [s].
         without_plan: Whether a vehicle planned at a step and found no feasible plan,
             shape (T,).
-        linear_breaks: Whether the path of a vehicle under the linear law, from a step
-            on, breaks a constraint, shape (T,).
+        linear_breaks: Whether at a step the further path of a vehicle under the linear
+            law breaks a constraint, shape (T,).
         is_one_plan: Whether one plan is carried out to its end.
         notes: Sentences on what is not drawn.
     """
@@ -126,7 +127,7 @@ class Tracks:
 
 
 def tracks_of(record: Record) -> Tracks:
-    """Return what a record of `swarmstart run` has to be played.
+    """Return the parts of a record of `swarmstart run` that the player shows.
 
     Raises:
         RecordError: If the record has no flight, or parts of it do not fit together.

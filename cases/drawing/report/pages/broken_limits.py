@@ -1,6 +1,6 @@
 """Words on runs that come too near to an obstacle or to each other.
 
-A page says them before anything else, so that a low cost hides no collision.
+A page begins with these words, so that a low cost hides no collision.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,8 +18,8 @@ def broken_words(measures: Mapping[str, Any], scenario: Mapping[str, Any]) -> li
     """Return sentences on limits that a run breaks; empty if it keeps them.
 
     Args:
-        measures: As in run.json.
-        scenario: As recorded.
+        measures: Measures as in run.json.
+        scenario: Scenario as recorded.
 
     Example:
         >>> broken_words({"obstacle_clearance_m": -15.0}, {})
@@ -44,7 +44,7 @@ def broken_words(measures: Mapping[str, Any], scenario: Mapping[str, Any]) -> li
 
 
 def kept_distance(scenario: Mapping[str, Any]) -> float | None:
-    """Return the distance that every two UAVs must keep [m]; None: there is none.
+    """Return the distance that every two UAVs must keep [m]; None without a limit.
 
     Example:
         >>> kept_distance({"avoidance": {"safe_distance_m": 10}})
@@ -63,16 +63,16 @@ def kept_distance(scenario: Mapping[str, Any]) -> float | None:
 
 
 def broken_seeds(content: Mapping[str, Any]) -> list[str]:
-    """Return how many runs over seeds failed or broke a limit, and with which seeds.
+    """Return sentences on the numbers of runs that failed or broke a limit, with seeds.
 
-    Each run counts once: as failed, else as inside an obstacle, else as without a
-    feasible plan at some steps, else as not feasible.
+    Each run counts once: as failed, or else as inside an obstacle, or else as without a
+    feasible plan at some steps, or else as not feasible.
 
     Args:
-        content: As of seeds.json.
+        content: Content of seeds.json.
 
     Raises:
-        TypeError: If parts of it are no lists.
+        TypeError: If parts of the content are no lists.
     """
     seeds, measures = list(content["seeds"]), content["measures"]
     failures = list(content.get("failures") or ())

@@ -1,6 +1,7 @@
 """The page of a comparison: one HTML file that stays below 3 MB.
 
-Of each scenario it shows the best answer's states and controls over time, a panel each.
+For each scenario it shows the states and controls of the best answer over time, a panel
+for each.
 """
 
 from collections.abc import Mapping, Sequence
@@ -29,7 +30,7 @@ def comparison_page(content: Mapping[str, Any]) -> str:
     """Return the page of a comparison.
 
     Args:
-        content: A record "comparison", schema 2: what `comparison.json` holds.
+        content: Content of `comparison.json`: a record "comparison" of schema 2.
 
     Example:
         >>> import json, pathlib
@@ -95,7 +96,7 @@ def _page(content: Mapping[str, Any], points: int) -> str:
 
 
 def numbers_of(content: Mapping[str, Any]) -> dict[str, int]:
-    """Return each solver's number, by which it has its colour, dashes and mark."""
+    """Return each solver's number, which decides on its colour, dashes and mark."""
     names = [solver["name"] for solver in content["solvers"]]
     names += [row["solver"] for part in content["scenarios"] for row in part["rows"]]
     names += [rank["solver"] for rank in content["ranks"]]

@@ -1,7 +1,7 @@
 """The page of a replication: every claim, its runs, its spread, and its figures.
 
-A figure stands at the first claim that is judged by its runs; other claims link to it.
-One of the flights can be played.
+A figure is shown at the first claim that is judged by the figure's runs; other claims
+link to it. One of the flights can be played.
 """
 
 import re
@@ -43,13 +43,13 @@ class FigureShown:
     """A figure of the chapter in the page.
 
     Attributes:
-        number: In the chapter.
-        title: Its title.
-        command: What runs it.
-        failure: Why its run failed; empty: it did not.
-        pictures: Its panels.
-        key: Scenario and search.
-        anchor: Its id in the page.
+        number: Number of the figure in the chapter.
+        title: Title of the figure.
+        command: Command that makes the run of the figure.
+        failure: Reason why the run failed; empty if it did not fail.
+        pictures: Panels of the figure.
+        key: Key made of scenario and search.
+        anchor: Id of the figure in the page.
     """
 
     number: str
@@ -66,11 +66,11 @@ class ClaimShown:
     """A claim in the page.
 
     Attributes:
-        claim: As recorded.
-        parts: Each part as recorded, with its strip.
-        figures: Those that stand here.
-        elsewhere: Figures of its runs that stand at another claim.
-        quality: "good", "mid" or "bad".
+        claim: Claim as recorded.
+        parts: Parts of the claim as recorded, each with its strip of values.
+        figures: Figures that are shown at this claim.
+        elsewhere: Figures of the claim's runs that are shown at another claim.
+        quality: Class of the verdict's colour: "good", "mid" or "bad".
     """
 
     claim: Mapping[str, Any]
@@ -81,14 +81,15 @@ class ClaimShown:
 
 
 def replication_page(content: Mapping[str, Any], folder: Path) -> str:
-    """Return the page of a replication: one file that asks for nothing, below 3 MB.
+    """Return the page of a replication: one HTML file below 3 MB that loads nothing.
 
     Args:
-        content: As replication.json holds it.
-        folder: Its folder; the folders of the runs are in its `cells`.
+        content: Content of replication.json.
+        folder: Folder of replication.json; the folders of the runs are in `cells` below
+            it.
 
     Raises:
-        RecordError: If the content is something else.
+        RecordError: If the content is not that of a replication.
     """
     import jinja2
 

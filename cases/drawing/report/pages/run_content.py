@@ -1,7 +1,7 @@
 """The content of a run's page: a record in words and tables.
 
-Read are run.json, trajectory.npz, scenario.yaml and figures; nothing is run. A record
-is a user's file: what does not fit is one message, a RecordError.
+It reads run.json, trajectory.npz, scenario.yaml and figures, and runs nothing. A record
+is a user's file: a part that does not fit gives one message, a RecordError.
 """
 
 from collections.abc import Mapping, Sequence
@@ -59,14 +59,14 @@ CLAIM_HEADS = ("claim", "verdict", "measured", "asked", "says", "source")
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class MeasureRow:
-    """A measure.
+    """A measure, as a row of the table.
 
     Attributes:
-        name: As in run.json.
-        text: The value as it is shown.
-        value: A number to sort by; None: not defined, or a list.
-        unit: Its unit; may be empty.
-        meaning: Its definition in a sentence.
+        name: Name as in run.json.
+        text: Value as it is shown.
+        value: Number to sort by; None if the measure is not defined, or is a list.
+        unit: Unit of the measure; may be empty.
+        meaning: Definition of the measure in a sentence.
     """
 
     name: str
@@ -81,12 +81,12 @@ class ClaimRow:
     """A claim of the scenario with its verdict by the run.
 
     Attributes:
-        id: Its number.
+        id: Number of the claim.
         verdict: "holds", "does not hold" or "not judged".
-        measured: The value.
-        asked: Measure, relation and bound.
+        measured: Measured value.
+        asked: Measure, relation and bound of the claim.
         text: The claim, and the conditions of judging it.
-        source: Its origin: a page, a table, an own measurement.
+        source: Origin of the claim: a page, a table, an own measurement.
     """
 
     id: str
@@ -103,19 +103,19 @@ class RunContent:
 
     Attributes:
         record: The record.
-        kind: Of the scenario.
-        title: Of the scenario.
-        headline: The result in a sentence.
-        verdict: "good", "mid" or "bad": of the headline's colour.
-        why: Reason for the status of a single plan, and advice, sentences.
-        facts: (name, words) of the settings.
-        measures: Rows of the table.
-        claims: Rows of the table.
-        limits: What this run does not show, sentences.
-        command: What runs it again.
-        versions: Of the packages.
-        figures: Names of files.
-        tracks: The flight.
+        kind: Kind of the scenario.
+        title: Title of the scenario.
+        headline: Result in a sentence.
+        verdict: Class of the headline's colour: "good", "mid" or "bad".
+        why: Sentences with the reason for the status of a single plan, and advice.
+        facts: Name and words of each setting that is shown.
+        measures: Rows of the table of measures.
+        claims: Rows of the table of claims.
+        limits: Sentences on what this run does not show.
+        command: Command that repeats the run.
+        versions: Versions of packages.
+        figures: Names of the files of figures.
+        tracks: The run, for the player.
     """
 
     record: Record
@@ -135,11 +135,11 @@ class RunContent:
 
 
 def run_content(folder: Path) -> RunContent:
-    """Return what the record of `swarmstart run` says.
+    """Return the content of the page for a record of `swarmstart run`.
 
     Raises:
-        RecordError: If there is none, or its parts do not fit together.
-        SwarmstartError: If its scenario.yaml cannot be read.
+        RecordError: If there is no record, or its parts do not fit together.
+        SwarmstartError: If scenario.yaml in the record cannot be read.
     """
     record = load(folder)
     summary = record.summary

@@ -37,20 +37,20 @@ MOST_SHOWN, MOST_SAVED = 200, 5000
 
 
 def run_page(folder: Path) -> str:
-    """Return the page of a run: one file that asks for nothing, below 3 MB.
+    """Return the page of a run: one HTML file below 3 MB that loads nothing.
 
     Args:
-        folder: The record of `swarmstart run`.
+        folder: Folder of a record of `swarmstart run`.
 
     Raises:
-        RecordError: If there is none, or it is damaged.
-        SwarmstartError: If its scenario cannot be read.
+        RecordError: If there is no record, or it is damaged.
+        SwarmstartError: If the record's scenario cannot be read.
     """
     return page_of(run_content(folder))
 
 
 def page_of(content: RunContent) -> str:
-    """Return the page of what a run's record says."""
+    """Return the page with the content of a run's record."""
     parts = {
         "content": content,
         "flight": player(content.tracks),
@@ -86,7 +86,7 @@ def run_markdown(folder: Path) -> str:
 def run_latex(folder: Path) -> str:
     """Return headline, measures and claims of a run as LaTeX.
 
-    They need the packages booktabs, longtable and textcomp.
+    The tables need the packages booktabs, longtable and textcomp.
     """
     content = run_content(folder)
     parts = [
@@ -127,8 +127,8 @@ class StepTable:
     Attributes:
         rows: Cells of the first steps, as in STEP_HEADS.
         steps: Number of all steps.
-        saved: Number of steps in the file.
-        address: The file as a data URI of CSV.
+        saved: Number of steps in the file to download.
+        address: File with the steps, as a data URI of CSV.
     """
 
     rows: Sequence[Sequence[str]]
@@ -139,7 +139,7 @@ class StepTable:
 
 
 def step_table(tracks: Tracks) -> StepTable | None:
-    """Return the time of each step; None if one plan is carried out to its end."""
+    """Return the table of steps; None if one plan is carried out to its end."""
     if tracks.is_one_plan or not tracks.step_seconds.size:
         return None
     steps = tracks.step_seconds.size

@@ -53,11 +53,11 @@ class SpreadRow:
     """A measure of many runs.
 
     Attributes:
-        name: As in run.json.
-        values: One for each seed.
-        known: The values that are numbers.
-        unit: Its unit; may be empty.
-        meaning: Its definition in a sentence.
+        name: Name as in run.json.
+        values: Value for each seed.
+        known: Values that are numbers.
+        unit: Unit of the measure; may be empty.
+        meaning: Definition of the measure in a sentence.
     """
 
     name: str
@@ -68,7 +68,7 @@ class SpreadRow:
 
     @property
     def ends(self) -> tuple[float | None, float | None, float | None]:
-        """Return lowest, median and highest; None if nothing is known."""
+        """Return lowest, median and highest value; each is None if none is a number."""
         if not self.known:
             return None, None, None
         return min(self.known), statistics.median(self.known), max(self.known)
@@ -84,10 +84,10 @@ def seeds_page(content: Mapping[str, Any]) -> str:
     """Return the page of a scenario run with many seeds.
 
     Args:
-        content: As at the head of this module.
+        content: Content as at the head of this module.
 
     Raises:
-        RecordError: If it is something else.
+        RecordError: If the content has another form.
     """
     title, rows, bands = _read(content)
     return rendered(
