@@ -185,8 +185,8 @@ def label_of(name: str, unit: str | None = None) -> tuple[str, str]:
 
     Args:
         name: Name as in a record, with or without a unit at its end.
-        unit: Unit that the scenario states; the name then stays as it is. None: the
-            unit is read from the name's end.
+        unit: Unit that the scenario states; the name then stays as it is. None means
+            that the unit is read from the name's end.
 
     Example:
         >>> label_of("turn_rate_rad_s")

@@ -66,8 +66,8 @@ class PosedAgent:
             polished; None means that the agent plans.
         watches: Numbers of the agents whose plans it uses; each of them plans before
             it.
-        hears: Numbers of the agents whose committed plans and candidates are signals of
-            it, followed by the signal of a reserve; see `CommittedTeam`.
+        hears: Numbers of the agents whose committed plans and candidates are among its
+            signals, followed by a reserve; see `CommittedTeam`.
         shows: Rows of its states that other agents use: its position.
         previous: Control of the interval before the first, shape (nu,); None means the
             allowed one nearest to zero.
@@ -93,8 +93,8 @@ class PosedAgent:
         """Return the signals that the agent has of other agents.
 
         Args:
-            shown: Function from the number of an agent to the rows of its states in
-                `shows` at the nodes, shape (k, nodes).
+            shown: Function from the number of an agent to the states that it shows, at
+                the nodes, shape (k, nodes).
         """
         plans = tuple(shown(number) for number in (*self.watches, *self.hears))
         if not self.hears:
@@ -269,7 +269,7 @@ class Posed:
 
     @property
     def begins_anew(self) -> bool:
-        """True if an interrupted run begins again: records keep no state of it."""
+        """True if an interrupted run begins anew, as its controller's state is lost."""
         return self.controller is not None or self.committed is not None
 
 
@@ -429,7 +429,7 @@ class GivenInstances(NamedTuple):
 def unknown_instances(
     names: Iterable[str], problem: OptimalControlProblem
 ) -> Iterator[tuple[str, str]]:
-    """Yield each name that is no data of instances of a problem, with the reason.
+    """Yield each name that instances of a problem cannot use, with the reason.
 
     Args:
         names: Names of states and parameters.

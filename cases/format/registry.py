@@ -51,7 +51,7 @@ class KindWords:
         relative: Whether the positions are those of a leader seen from its wingman.
         surroundings: "module:function" that returns what is around the vehicles:
             (scenario as recorded, times, positions, headings) -> Surroundings; empty
-            means that nothing is.
+            means no surroundings.
         for_pages: Settings of a scenario that is posed again to draw a page.
     """
 

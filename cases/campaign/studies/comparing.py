@@ -203,14 +203,14 @@ def _fits(solver: Solver, base: Resolved, of: str) -> bool:
 
 
 def _polish(solver: Solver) -> str | None:
-    """Return the polish of a solver; None: the scenario's own."""
+    """Return the polish of a solver; None means the scenario's own."""
     if solver.family in ("solve", "own", "rule"):
         return None
     return "ipopt" if solver.polished else "none"
 
 
 def _changed(solver: Solver) -> tuple[str | None, list[str]]:
-    """Return search and settings that `solve` changes of a scenario; None: its own."""
+    """Return search and settings that `solve` changes; None means the own search."""
     lanes = dict(solver.options).get("lanes")
     return solver.search or None, [] if lanes is None else [f"lanes={lanes}"]
 

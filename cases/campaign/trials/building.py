@@ -142,7 +142,7 @@ def _planner(
 
 
 def _limited(planner: Planner, trial: Trial) -> PolishOptions | None:
-    """Return options with as many iterations as the budget allows; None: unchanged.
+    """Return options with as many iterations as the budget allows; None if unchanged.
 
     This is for NLP solvers that do not report iterations and cannot be stopped.
     """

@@ -129,7 +129,7 @@ def _command(options: argparse.Namespace, begin: Callable[[Scenario], None]) -> 
 
 
 def _bound_s(options: argparse.Namespace) -> float | None:
-    """Return the time for a bound [s]; None: no bound is asked for."""
+    """Return the time for a bound [s]; None if no bound is asked for."""
     if options.bound is None:
         return None
     if options.seeds is not None:

@@ -124,8 +124,8 @@ class TerminalCost(Part):
     Attributes:
         design: Origin of P: the Riccati equation of the sampled system with Q and R, or
             the key `P`.
-        P: Symmetric, positive definite matrix of 4 x 4 numbers, used with `design:
-            given` only, else null.
+        P: Symmetric, positive definite matrix of 4 x 4 numbers, required if the design
+            is given, and else ignored.
     """
 
     design: Literal["riccati", "given"]
@@ -172,8 +172,8 @@ class DualModePart(Part):
         Q: Weights of the squared error of v, psi, x and y in this design, four numbers
             of at least 0.
         R: Weights of the squared controls in this design, two numbers above 0.
-        P: Symmetric, positive definite matrix of 4 x 4 numbers, used with `design:
-            literal` only, else null.
+        P: Symmetric, positive definite matrix of 4 x 4 numbers, required if the design
+            is literal, and else ignored.
         certify: Proof of the terminal set: true takes the largest level that is proven
             and refuses a law without one, false takes the level that the bounds give.
     """

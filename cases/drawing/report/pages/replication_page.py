@@ -176,7 +176,7 @@ def _figures(recorded: Sequence[Any], folder: Path, room: int) -> list[FigureSho
 
 
 def _cell(figure: Mapping[str, Any], folder: Path) -> Path | None:
-    """Return the folder of a figure's run; None: it is not one of the replication's."""
+    """Return the folder of a figure's run; None if the replication has no such run."""
     key = str(figure.get("cell") or "")
     return folder / "cells" / key if _KEY.fullmatch(key) else None
 

@@ -185,7 +185,7 @@ def combination_flaws(
 
 
 def feature_flaws(scenario: ProblemScenario, what: str) -> Iterator[LocatedFlaw]:
-    """Yield errors of features of controls, such as `delay_s`, with a key without them.
+    """Yield errors of control features, such as `delay_s`, that `what` cannot have.
 
     A feature whose number is 0, such as a delay of 0 s, is no error.
 

@@ -480,7 +480,7 @@ def separations(
 
 
 def committed_distance(part: Vehicles, constants: Mapping[str, float]) -> float:
-    """Return the distance that committed plans keep: with twice the tracking error."""
+    """Return the distance that committed plans keep, with twice the tracking error."""
     text = "0" if part.separation is None else part.separation.distance
     error = number(part.tracking_error, constants)
     return number(text, constants) + 2.0 * error
