@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 WRITERS = {".gif": ("pillow", "Pillow"), ".mp4": ("ffmpeg", "the program ffmpeg")}
 FRAMES_PER_S = 12.5
-"""Of the animation; a GIF counts in hundredths of a second."""
+"""Frame rate of animations [1/s]; a GIF counts in hundredths of a second."""
 SHORTEST_S, LONGEST_S = 4.0, 12.0
 """Length of an animation; a longer flight is shown faster."""
 SIZE, DPI = (8.0, 4.5), 100
@@ -43,7 +43,7 @@ SMOOTH_S, BEHIND_S, TRAIL_S = 2.0, 2.0, 8.0
 """Of the flight: time that the camera averages over each way, time by which it is
 behind the vehicles, and length of a trail."""
 REACH = 2.0
-"""Widths of the formation within which an obstacle is in the view."""
+"""Distance within which an obstacle is in the view, in widths of the formation."""
 INSIDE, ALARM = "inside an obstacle", "#d00000"
 """Words beside the clock, and the colour of a vehicle inside an obstacle."""
 _SHADES = 7

@@ -31,7 +31,7 @@ F_contra = TypeVar("F_contra", contravariant=True)
 S = TypeVar("S")
 F = TypeVar("F")
 Figures = Iterable[tuple[str, "Figure"]]
-"""Names without a suffix, and figures."""
+"""Names of figures, without a suffix, and the figures."""
 LineStyle = str | tuple[float, tuple[float, ...]]
 
 COLOURS = palette.LIGHT

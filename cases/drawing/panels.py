@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 MOST_PANELS = 24
 """Panels of one kind in a figure; a sentence says that there are more."""
 FAR = 10.0
-"""Times the range of the values that a bound may lie beyond them to be in the axis."""
+"""Largest distance of a bound that is drawn from the values, in ranges of these."""
 BOUND, SHARED = "bound", "0.25"
 """Name of a bound in a legend, and the colour of one that all vehicles share."""
 _MARGIN = 0.06

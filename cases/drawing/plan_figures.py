@@ -45,7 +45,7 @@ KnownOf = Callable[[int, int], Known]
 MOST_PLANS = 40
 """Plans that are drawn, evenly chosen among all."""
 FAR = 1e6
-"""Times the plan's cost from which on a cost of the search is left out."""
+"""Multiple of the plan's cost above which a cost of the search is left out."""
 KEEPING: dict[str, Any] = {
     "color": COLOURS[0], "lw": 1.4, "drawstyle": "steps-post",
     "label": "best of the search",
@@ -55,7 +55,7 @@ BREAKING: dict[str, Any] = KEEPING | {
     "label": "best of the search, while it breaks limits",
 }  # fmt: skip
 LEAST_SPAN = 1e-3
-"""Of the plan's cost: an axis of optima shows at least so much."""
+"""Least range of the axis of optima, as a part of the plan's cost."""
 MOST_OPTIMA = 25
 """Local optima that are drawn, the cheapest first."""
 

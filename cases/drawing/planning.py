@@ -55,7 +55,7 @@ _OF_SOURCE = {
     Source.LINEAR: TERMINAL, Source.COMMITTED: EARLIER,
 }  # fmt: skip
 MOST_STEPS = 400
-"""Steps whose times are drawn each; of more, those of neighbours are summed up."""
+"""Number of steps whose times are all drawn; of more, neighbours are summed up."""
 _DARK = (POLISH, SHIFTED)
 _LETTER, _LETTER_ROWS = 0.025, 8
 """Part of the run that a stretch with a letter has at least; most rows with letters."""

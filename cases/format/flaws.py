@@ -65,7 +65,7 @@ OTHER_WORDS = {
     **dict.fromkeys(("limits", "range"), ("bounds",)),
     **dict.fromkeys(("solver", "optimizer", "algorithm"), ("search", "polish")),
 }
-"""Words of other tools, in small letters -> the keys for it, from the top on."""
+"""Words of other tools, in small letters -> full names of keys that mean the same."""
 _DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+")
 _EXPECTED = {  # pydantic's type of an error -> what was expected, with its context
     "int_type": "an integer",

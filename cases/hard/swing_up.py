@@ -10,7 +10,7 @@ import numpy as np
 from swarmstart.cases.hard.draws import Mapped, first_possible, reached, uniform
 
 SWINGS_S = 1.7
-"""Horizon for a torque of 1, in units of sqrt(length / gravity); as 1 / torque^0.8."""
+"""Horizon for a torque of 1, in sqrt(length / gravity); it grows as 1 / torque^0.8."""
 GRID_S = 0.3
 """Longest control interval, in the same units."""
 

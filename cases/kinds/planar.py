@@ -55,12 +55,12 @@ STATES = ("speed_m_s", "heading_rad", "x_m", "y_m")
 POSITION = (2, 3)
 """Rows of the states that are the position."""
 METRE = 1.0
-"""Scale of distances and speeds in the chapter's penalties: in m and m/s."""
+"""Scale of distances [m] and speeds [m/s] in the chapter's penalties."""
 SAME_PLACE_M = 1e-9
 """Distance below which two points count as one [m]."""
 
 GRAVITY_M_S2 = 9.8
-"""Value of the chapter, after (5.30)."""
+"""Gravity as in the chapter, after (5.30)."""
 
 Turn = Literal["sin", "tan"]
 ThrustEquation = Literal["printed", "newton"]

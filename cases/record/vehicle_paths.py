@@ -11,7 +11,7 @@ from swarmstart.cases.record.results import Record
 from swarmstart.export import AXES, VehiclePath
 
 NAME = re.compile(r"[A-Za-z0-9_-]{1,80}")
-"""Names of vehicles; they come from a file that may be of a stranger."""
+"""Allowed names of vehicles; they come from a file that a stranger may have written."""
 USUAL = (("x_m", "y_m", "z_m"), ("x_m", "y_m"), ("x", "y", "z"), ("x", "y"))
 """Names of coordinates that are looked for, if none are given."""
 

@@ -48,7 +48,7 @@ A crash of the machine can lose shorter cells, which are quick to repeat.
 MOST_BYTES = 32 * 2**20
 """Largest size of files that a cell sends from another machine [B]."""
 PARENT_DIED = 1
-"""PR_SET_PDEATHSIG of Linux."""
+"""Value of PR_SET_PDEATHSIG in Linux."""
 
 
 @cache

@@ -7,8 +7,8 @@ cell. So the next call continues a campaign that was interrupted or killed.
 Each worker is a process with one BLAS thread, which is kept from cell to cell with the
 functions that it has built. If a worker dies, only its own cell is lost, and is tried
 once more. A failed cell is recorded with the reason, and the other cells are kept. If a
-cell failed since its process died or took too long, the next campaign tries it again.
-Workers end together with the command.
+cell failed because its process died, or because it took too long, the next campaign
+tries it again. Workers end together with the command.
 
 Workers run on this machine, or on a cluster of Dask (`dask_cells.py`), which sends
 results back. The marks are written here in both cases.

@@ -30,7 +30,7 @@ LOOK_S = 2.0
 AHEAD = 2
 """Number of cells sent in advance for each thread of the cluster."""
 LOST = 5
-"""Number of times that a cell is sent again, each until several workers have died."""
+"""Number of times that a cell is sent again after several workers have died with it."""
 CLOSE_S = 5.0
 
 Reply = tuple[str, Mapping[str, Any]]

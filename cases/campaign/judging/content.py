@@ -50,7 +50,7 @@ Each run uses one core, and the command uses a little.
 ON_CPU = 0.8
 """A machine is busy if runs had the CPU for less than this part of their wall time."""
 SHORTEST_S = 0.05
-"""Shortest run for which that part is meaningful [s]."""
+"""Shortest run for which the part in `ON_CPU` is meaningful [s]."""
 NOTHING: Mapping[str, About] = MappingProxyType({})
 
 NUMBER, COUNT, TEXT, FLAG = "a number", "a count", "a text", "true or false"

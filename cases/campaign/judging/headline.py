@@ -27,7 +27,7 @@ from swarmstart.cases.format.document import counted
 
 PLAIN = "ipopt"
 NAMED = 2
-"""Largest number of scenarios that are named; of more only the number is given."""
+"""Largest number of scenarios that are named; if there are more, they are counted."""
 _OPPOSITE = {"more": "fewer", "fewer": "more", CHEAPER: COSTLIER, COSTLIER: CHEAPER}
 
 Content = Mapping[str, Any]

@@ -42,7 +42,7 @@ from swarmstart.cases.campaign.trials.solver_names import NULL_HYPOTHESIS
 
 Flags = NDArray[np.bool_]
 SECONDS_SHARE = 0.2
-"""Shares of the chance of a false claim."""
+"""Shares that kinds of tests have in the chance of a false claim."""
 # 2^(1 - 6) = 0.03 is below LEVEL, and 2^(1 - 5) = 0.06 is not.
 FEWEST_SEEDS = 6
 ALL_PAIRS_FROM = 20

@@ -26,7 +26,7 @@ from swarmstart.arrays import Array
 
 TARGETS = 51
 A_DECADE = 10
-"""Marks, as in the histories."""
+"""Number of marks in a decade, as in the histories."""
 FEASIBLE = 1e-6
 """Largest violation of a feasible answer, for a problem without a tolerance."""
 

@@ -81,9 +81,9 @@ from swarmstart.ocp.statement import has_decisions
 
 Scenario = str | Path
 Compared = Scenario | tuple[OptimalControlProblem, ArrayLike, *tuple[Known, ...]]
-"""A scenario; or a problem, its initial state and, if it has any, what is known."""
+"""A scenario; or a problem, its initial state and, if needed, its `Known`."""
 NEVER_S = 10**9
-"""Time limit of a solver: as good as none [s]."""
+"""Time limit of a solver, so long that it means no limit [s]."""
 NO_SETTINGS: Mapping[str, Any] = MappingProxyType({})
 
 

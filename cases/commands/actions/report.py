@@ -85,7 +85,7 @@ RECORDED = (
         "content",
     ),
 )
-"""Records that a folder may hold; of several the newest is shown."""
+"""Sorts of records that a folder may hold; of several the newest is shown."""
 WITH_FOLDER = ("replication_page",)
 """Makers that take the folder as a second argument, to show its figures."""
 PAGES = ("report.html", "replication*.html")
@@ -93,16 +93,16 @@ PAGES = ("report.html", "replication*.html")
 SHEET = "a_sheet"
 """Stem of the figure that shows a run on one sheet."""
 ENDINGS = (".png", ".svg", ".pdf", ".gif", ".mp4")
-"""Files of figures; of one figure the first of these is opened."""
+"""Endings of files of figures; if a figure has several, the first one is opened."""
 REPORTED = ("run.json", "seeds.json", "comparison.json", "replication*.json")
-"""Files that a folder of a record has one of, if there is a page of such records."""
+"""Files of which a record's folder has one, if there is a page for such records."""
 MARKS = (*REPORTED, "sweep.json")
-"""Files that a folder of a record has one of."""
+"""Files of which a record's folder has one."""
 DEEPEST = 3
-"""Folders below the given one in which a record is looked for."""
+"""Number of levels below the given folder on which records are looked for."""
 MOST_FOLDERS = 10_000
 LONGEST = 1000
-"""Characters of a path."""
+"""Largest number of characters of a path."""
 START_S = 10.0
 """Time in which the system's program has to start [s]."""
 

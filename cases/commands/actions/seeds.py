@@ -63,7 +63,7 @@ SHOWN = 5
 OF_SEEDS = ("--seeds", "--workers", "--out")
 """Options, each with a value, that the command for one run does not have."""
 NO_UNITS = ("", "cost")
-"""Entries of a table of measures that are no unit behind a number."""
+"""Entries for the unit in a table of measures that are not written after a number."""
 SILENT = ("--no-figures", "--json", "-q", "--quiet")
 """Options without which a run shows more."""
 
@@ -100,7 +100,7 @@ CONSTRAINTS = (
     Told("min_range_ft", "closest distance of the two aircraft", "ft"),
     Told("obstacle_clearance_m", "clearance of obstacles", "m"),
 )
-"""Measures of what must be kept: the lowest and the median of each are told."""
+"""Measures of constraints: lines give the lowest and the median value of each."""
 EXCESS = Told("constraint_excess", "largest excess of a constraint along the path", "")
 OF_VEHICLE = "vehicle_step_ms"
 """Measure of the time of each vehicle in a step, in a swarm [ms]."""

@@ -21,7 +21,7 @@ from swarmstart.cases.record.files import to_json
 from swarmstart.errors import SwarmstartError
 
 Condition = tuple[str, str, float | None]
-"""Measure, relation, and number; None: the measure is undefined."""
+"""Measure, relation, and number; None means that the measure is undefined."""
 _CONDITION = re.compile(r"\s*(\w+)\s*(<=|>=|==|<|>)\s*(\S+)\s*")
 
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 Entry = dict[str, Any]
-"""Of a measure: its "unit" (empty: none) and its "meaning"."""
+"""Data of a measure: its "unit", which may be empty, and its "meaning"."""
 _UNIT = re.compile(r"\s*\[([^\[\]]{1,20})\]\s*$")
 """The unit at the end of a meaning; "-" says that there is none."""
 HEAD = ("measure", "value", "unit", "meaning")

@@ -28,7 +28,7 @@ Paths = Sequence[tuple[float, Sequence[Array | None]]]
 
 MOST_VEHICLES = 20
 MOST_INTERVALS = 1000
-"""Of a flight whose plans are drawn."""
+"""Largest number of intervals of a flight whose plans are drawn."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

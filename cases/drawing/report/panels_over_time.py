@@ -28,7 +28,7 @@ _WIDEST = 4
 """Lines of which each is wider than the next one."""
 MOST_POINTS = 300
 ALL_POINTS = 30_000
-"""Of the lines of all panels together."""
+"""Number of points of the lines in all panels together."""
 _DECADES = 30.0
 """Of positive values, largest to smallest, from which on their axis is logarithmic."""
 

@@ -17,12 +17,12 @@ from swarmstart.cases.format.registry import words_of
 from swarmstart.cases.record.record import FIGURES
 
 PAGE_BYTES = 3_000_000
-"""Of a page."""
+"""Largest size of a page [bytes]."""
 MOST_FILE_BYTES = 20_000_000
-"""Of a figure that is opened."""
+"""Largest size of the file of a figure that is opened [bytes]."""
 MOST_PIXELS = 40_000_000
 WIDTH = 960
-"""In pixels: of twice the width at which figures are shown side by side."""
+"""Width of a figure [pixels]: twice that at which figures are shown side by side."""
 SMALL_WIDTH = 640
 SHEET = "a_sheet"
 """Name of the sheet, which has twice that width."""

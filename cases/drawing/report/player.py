@@ -32,13 +32,13 @@ if TYPE_CHECKING:
 
 
 WIDTH = 10_000
-"""Of the plane in the units of its paths: whole numbers are fine enough."""
+"""Width of the plane in the units of its paths: whole numbers are fine enough."""
 SPEEDS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
 """Speeds to choose from, relative to the run's own time."""
 MOST_IN_LEGEND = 12
-"""Number of vehicles from which on the legend would hide the plane."""
+"""Largest number of vehicles in a legend that does not hide the plane."""
 MOST_PLAN_NUMBERS = 60_000
-"""Numbers of plans on a page; of more, only every second plan is kept, and so on."""
+"""Largest number of numbers in a page's plans; above, every second plan is left out."""
 _COLOURS = 12
 """Colours of vehicles in the page's style; then they begin again."""
 _BESIDE = 3

@@ -34,9 +34,9 @@ from swarmstart.ocp import Decision, Source, Trajectory
 
 MOST_FRAMES = 600
 MOST_COORDINATES = 90_000
-"""Of all vehicles and frames; of many vehicles there are fewer frames."""
+"""Number of coordinates of all vehicles and frames; many vehicles have fewer frames."""
 MOST_NAMED = 10
-"""Vehicles up to which states and controls are drawn over time."""
+"""Largest number of vehicles whose states and controls are drawn over time."""
 MOST_SERIES = 24
 _FEWEST_TIMES = 2
 _HEADINGS = ("heading", "psi", "theta", "yaw", "course")

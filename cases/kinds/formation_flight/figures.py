@@ -60,7 +60,7 @@ if TYPE_CHECKING:
 
 
 LONGER = 1.25
-"""Shown is a flight until so many times the time of settling; the rest is straight."""
+"""Part of a flight that is shown, in times of settling; the rest is straight."""
 SHORTEST_S = 20.0  # Of what is shown, however soon all settle.
 # Pairs of states that the terminal set's matrix couples, behind a leader along x.
 PLANES = ((2, 3), (0, 2), (1, 3))

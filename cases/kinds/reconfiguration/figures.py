@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 MOST_HORIZONS = 11
 """Horizons whose searches have a panel."""
 WIDE = (4, 3)
-"""Panels beside one another: what leaves fewer places empty."""
+"""Possible numbers of panels in a row; the one with fewer empty places is taken."""
 CONTROLS = ("thrust", "bank")
 UNITS = {"thrust": "N", "bank": "deg"}
 

@@ -293,7 +293,7 @@ Goals = Annotated[
     | Annotated[list[Formation], Field(min_length=1, max_length=100), Tag("several")],
     Discriminator(_sort),
 ]
-"""Goals: through the middle of the starts, one formation, or several."""
+"""Goals: opposite to the starts, one formation, or several."""
 Starts = Annotated[
     Annotated[Formation, Tag("one")]
     | Annotated[list[Formation], Field(min_length=1, max_length=100), Tag("several")],

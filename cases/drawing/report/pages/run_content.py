@@ -31,7 +31,7 @@ from swarmstart.ocp import BoundKind
 
 MOST_CHARACTERS = 2000
 MOST_ROWS = 500
-"""Of a table: a forged record may have any number."""
+"""Largest number of rows of a table: a forged record may have any number."""
 _SETTLING = {
     "settle_time_s": "every UAV stays within 1 m of its slot",
     "x_settle_s": "x stays within 1 ft of the slot",

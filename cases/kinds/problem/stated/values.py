@@ -152,7 +152,7 @@ OverTime = Annotated[
 Limits = Annotated[list[Quantity | None], Field(min_length=2, max_length=2)]
 """[lower, upper]; null means no limit."""
 MovingLimits = Annotated[list[Expression | None], Field(min_length=2, max_length=2)]
-"""The same; a limit can be an expression of parameters, signals and time."""
+"""Limits that can be expressions of parameters, signals and time."""
 
 
 class Decided(Part):
