@@ -107,8 +107,6 @@ class SwarmFlight(Presenting):
     def path_ratio(self) -> Array:
         """Length of each path divided by the straight distance, shape (n,).
 
-        It is 1 for a vehicle that stays.
-
         A vehicle that stays in place has 1, one that does not arrive infinity.
         """
         ways = np.linalg.norm(np.diff(self.positions, axis=2), axis=1).sum(axis=1)
