@@ -27,8 +27,8 @@ RULE = """## A rule before you measure
 
 Count the decisions that your problem leaves open: on which side to pass each obstacle
 or vehicle, which gap to take, how many swings to make, on which side an elbow bends,
-which of several whole numbers to take. They make many optima; size, nonlinearity and a
-long horizon alone do not.
+which of several whole numbers to take. Such decisions make many optima;
+size, nonlinearity and a long horizon alone do not.
 
 | open decisions | problems | take |
 | --- | --- | --- |
@@ -38,14 +38,14 @@ long horizon alone do not.
 | whole numbers | gears, switches | the default call: rounding is rarely best |
 | many, and no lanes | a stiff reactor, a family of paths | a search, then the polish |
 
-On draws of eight families of rows three and four, which nothing was tuned on, the
-default call and IPOPT from random starts with the same CPU time are compared in
-[hard problems that nothing was tuned on](measured/held_back.md); methods and peers with
-equal CPU time in [a comparison on hard problems](hard.md).
+[Hard problems that nothing was tuned on](measured/held_back.md) compares the default
+call with IPOPT from random starts at equal CPU time, on new draws of eight families of
+problems as in rows three and four. [A comparison on hard problems](hard.md) compares
+methods and peers at equal CPU time.
 
-The default call says after the fact which row was yours. If the line `lanes` of its
-account says that all starts found one optimum, IPOPT alone would have done. If they
-found several and one start alone found the cheapest, it advises more starts
+After a run, the account of the default call shows which row was yours. If its line
+`lanes` says that all starts found one optimum, IPOPT alone would have been enough. If
+they found several, and only one start found the cheapest, it advises more starts
 ([what an answer says](answers.md)).
 """
 Scenario = Mapping[str, Any]
@@ -70,9 +70,11 @@ def main(folders: Sequence[str]) -> int:
 
 GROUPS = {
     "IPOPT alone is the better choice": "From zero controls it finds the best cost "
-    "known (within 1 %), and no search finds more. Take `polish: ipopt` and no search.",
-    "IPOPT from random starts is enough": "Once is not enough, random starts are: "
-    "their success rate is not shown to be below that of lanes or search.",
+    "known (within 1 %), so no search can do better. Take `polish: ipopt` and no "
+    "search.",
+    "IPOPT from random starts is enough": "IPOPT from zero controls is not enough, "
+    "from random starts it is: their success rate is not shown to be below that of "
+    "lanes or a search.",
     "Lanes, a search or `solve` find more": "Their success rate is above that of IPOPT "
     "from random starts: the intervals of the two do not overlap.",
     "No solver comes near the best in more than half of its runs": "More time is "
@@ -120,15 +122,16 @@ def _table(found: Sequence[tuple[Scenario, str]]) -> list[str]:
 
 NOTES = {
     "formation_obstacle_uav3": "is checked once a second, as in the chapter: searches "
-    "and random starts find plans that are cheaper at these instants, cut the obstacle "
-    "between them, and cannot be repaired",
+    "and random starts find cheaper plans that keep all limits at these instants, but "
+    "cut the obstacle between them and cannot be repaired",
     "lotka_volterra_whole": "has controls of whole numbers: IPOPT relaxes and rounds "
-    "them, but not from random starts",
+    "them, except from random starts",
     "formation_v": "and the other flights are shipped with the chapter's own search "
-    "and budget, and without a polish: that is `solve` there",
+    "and budget, and without a polish; there `solve` runs them so",
     "swap_5": "and `swap_8` search smooth paths to the goals, for which there are no "
-    "lanes; `multistart+ipopt` shows IPOPT from random paths there",
-    "bifunctional_catalyst": "is stiff: it has no lanes, and hundreds of local optima",
+    "lanes; in their rows, `multistart+ipopt` is IPOPT from random paths",
+    "bifunctional_catalyst": "has hundreds of local optima; it is stiff, so there are "
+    "no lanes for it",
 }
 """Notes that explain a row."""
 
@@ -184,20 +187,20 @@ def _preface(
         "verified along the whole path, and the expected seconds until the first such "
         "answer with restarts (failed runs count with all their time; building and "
         "compiling do not count). A time marked ~ is within a factor of "
-        f"{NEAR_BUDGET:g} of the budget, so another machine may solve more or fewer; "
-        "'none in 1 s' says no more than that, and 'none' that the runs ended long "
-        "before. `solve` is what `swarmstart run` does with the scenario as it is "
-        "shipped; the [other columns](compare.md#solvers) are solvers of `compare`. "
+        f"{NEAR_BUDGET:g} of the budget, so on another machine more or fewer runs may "
+        "succeed. 'none in 1 s' means that no run succeeded in this budget; 'none' "
+        "means the same of runs that ended long before it. `solve` is what `swarmstart "
+        "run` does with the scenario as it is shipped; the [other columns](compare.md#solvers) are solvers of `compare`. "
         "`ipopt` starts at zero controls. It is run once, since nothing is random. The "
         "budget of a flight is that of each plan; "
         f"{_seeds(contents)}, {' and '.join(map(str, sorted(cores)))} cores"
         + (", with other work: seconds are rough." if noisy else "."),
         "",
-        "The best known cost is that of these runs, so a basin that none of them finds "
-        "is missing here. The problems are those that come with this package, some "
-        "chosen since they have local optima. Yours may differ: `swarmstart compare` "
-        "shows it ([Compare solvers](compare.md)). Why local optima appear: "
-        "[Local optima](explanation/local_optima.md).",
+        "The best known cost is that of these runs, so an optimum that none of them "
+        "found is missing here. The problems come with this package; some were chosen "
+        "because they have local optima. Your problems may differ: measure them with "
+        "`swarmstart compare` ([Compare solvers](compare.md)). Why local optima "
+        "appear: [Local optima](explanation/local_optima.md).",
         "",
         f"Shipped and not compared here: {', '.join(_left_out(contents))}.",
         "",

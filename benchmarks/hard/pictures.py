@@ -43,10 +43,10 @@ Disc = tuple[float, float, float]
 """x, y and radius."""
 TEXT = """# The optima of the hard problems
 
-Each of the [hard problems](hard_problems.md) with its best optima side by side, as one
-default call finds them: its answer, and the best others of its lanes, each solved
-again. There are fewer than three if its lanes found no others that hold along the finer
-path.
+This page shows the best optima of each [hard problem](hard_problems.md) side by side.
+One default call found them: its answer, and the best other optima of its lanes, each
+polished. There are fewer than three if no others kept all limits along the finer path.
+The word in brackets says [how a cost is known](hard_problems.md#best-known-values).
 
 """
 
