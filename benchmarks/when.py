@@ -190,8 +190,8 @@ def _preface(
         f"{NEAR_BUDGET:g} of the budget, so on another machine more or fewer runs may "
         "succeed. 'none in 1 s' means that no run succeeded in this budget; 'none' "
         "means the same of runs that ended long before it. `solve` is what `swarmstart "
-        "run` does with the scenario as it is shipped; the [other columns](compare.md#solvers) are solvers of `compare`. "
-        "`ipopt` starts at zero controls. It is run once, since nothing is random. The "
+        "run` does with the scenario as it is shipped; the [other columns]"
+        "(compare.md#solvers) are solvers of `compare`. `ipopt` starts at zero controls. It is run once, since nothing is random. The "
         "budget of a flight is that of each plan; "
         f"{_seeds(contents)}, {' and '.join(map(str, sorted(cores)))} cores"
         + (", with other work: seconds are rough." if noisy else "."),
