@@ -27,8 +27,8 @@ RULE = """## A rule before you measure
 
 Count the decisions that your problem leaves open: on which side to pass each obstacle
 or vehicle, which gap to take, how many swings to make, on which side an elbow bends,
-which of several whole numbers to take. Such decisions make many optima;
-size, nonlinearity and a long horizon alone do not.
+which of several whole numbers to take. Such decisions make many optima; size,
+nonlinearity or a long horizon alone does not.
 
 | open decisions | problems | take |
 | --- | --- | --- |
@@ -191,8 +191,9 @@ def _preface(
         "succeed. 'none in 1 s' means that no run succeeded in this budget; 'none' "
         "means the same of runs that ended long before it. `solve` is what `swarmstart "
         "run` does with the scenario as it is shipped; the [other columns]"
-        "(compare.md#solvers) are solvers of `compare`. `ipopt` starts at zero controls. It is run once, since nothing is random. The "
-        "budget of a flight is that of each plan; "
+        "(compare.md#solvers) are solvers of `compare`. `ipopt` starts at zero "
+        "controls. It is run once, since nothing is random. The budget of a flight is "
+        "that of each plan; "
         f"{_seeds(contents)}, {' and '.join(map(str, sorted(cores)))} cores"
         + (", with other work: seconds are rough." if noisy else "."),
         "",
