@@ -379,7 +379,13 @@ def labels_of(
     units: Mapping[str, str] | None = None,
     vehicles: Sequence[str] = ("",),
 ) -> Labels:
-    """Return labels with the names of a problem's model as those of one vehicle."""
+    """Return labels for figures of a problem, whose model is that of one vehicle.
+
+    Args:
+        problem: The problem; its model has the names of the states and controls.
+        units: Unit by name; None means the model's units.
+        vehicles: Name of each vehicle in the figures.
+    """
     return Labels(
         states=problem.model.state_names,
         controls=problem.model.control_names,

@@ -372,7 +372,7 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def begins_warm(search: SearchSettings | None, *, lanes: bool) -> bool:
-    """Return whether a plan with a polish is first made by the polish alone.
+    """Return whether a planner with a polish first makes a plan by the polish alone.
 
     Args:
         search: The population search; None without one.

@@ -159,8 +159,8 @@ class Kinds(NamedTuple):
         slack: The other rows.
         lower: Rows of `slack` with a lower limit.
         upper: Rows of `slack` with an upper limit.
-        less: Rows that an elastic variable p lets be below a limit.
-        more: Rows that an elastic variable n lets be above a limit.
+        less: Rows with an elastic variable p, so that they can fall below a limit.
+        more: Rows with an elastic variable n, so that they can exceed a limit.
     """
 
     equal: list[int]

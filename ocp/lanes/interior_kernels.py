@@ -111,13 +111,15 @@ def small_interior(
 ) -> dict[str, Written]:
     """Return the kernels of a lane whose integrator is computed elsewhere.
 
-    So they have little code. States are given: `settle` takes the place of `prepare`.
+    The kernels are short, since they do not contain the integrator. Without it they
+    cannot compute the states of a start from its controls. So `settle`, which takes
+    given states, replaces `prepare`.
 
     Args:
-        places: The parts of the problem, the interval a `SteppedPlace`.
+        places: The parts of the problem; their `interval` is a `SteppedPlace`.
         tolerance: Largest scaled error at which the lane ends.
         rounding: Rounding error of the barrier's value, relative to it.
-        most: Largest number of its steps.
+        most: Largest number of steps of the lane.
         longest: Largest number of instructions of an interval's part of a kernel.
 
     Raises:

@@ -65,7 +65,7 @@ JUDGED = (
 
 
 def aimed(end: Place) -> tuple[Named, Named]:
-    """Return the expressions after a sweep: symbols that they read, and new values.
+    """Return the symbols read after a sweep, and expressions of the new values.
 
     Args:
         end: The end of the horizon, as a part.
@@ -112,7 +112,7 @@ def aimed(end: Place) -> tuple[Named, Named]:
 def judged(
     places: Places, tolerance: float, most: int, rounding: float = ROUNDING
 ) -> tuple[Named, Named]:
-    """Return the expressions after a trial: symbols that they read, and new values.
+    """Return the symbols read after a trial, and expressions of the new values.
 
     Args:
         places: The parts of the problem.

@@ -338,13 +338,16 @@ class LocalTeam(Called):
     def within_range(
         self, shown: Mapping[int, Array], states: Array, number: int
     ) -> list[int]:
-        """Return the other agents whose plans come within range of its last plan.
+        """Return the agents whose plans come within range of another agent's last plan.
 
         Args:
             shown: Plans by number, each (nx, nodes).
             states: States of all agents now, shape (agents, nx). An agent without a
-                last plan is assumed to stay there.
+                last plan is assumed to keep its present position.
             number: Number of the agent.
+
+        Returns:
+            The numbers of these agents.
         """
         rows = list(self.position)
         # One column for all nodes: without a plan it stays.

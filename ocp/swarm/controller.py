@@ -37,9 +37,10 @@ AXES_NAMES = ("x", "y", "z")
 def swarm_model(n: int) -> Model:
     """Return n point masses with a disturbance, vehicle after vehicle.
 
-    States are x_m, y_m, z_m and vx_m_s, vy_m_s, vz_m_s of each, controls its
-    accelerations ax_m_s2 ..., parameters its disturbances wx_m_s2 ...; all end in the
-    number of the vehicle, as x_m_0.
+    Each vehicle has the states x_m, y_m, z_m, vx_m_s, vy_m_s and vz_m_s. Its controls
+    are the accelerations ax_m_s2, ay_m_s2 and az_m_s2. Its parameters are the
+    disturbances wx_m_s2, wy_m_s2 and wz_m_s2, which are added to the accelerations.
+    Every name ends in the number of the vehicle, from 0 on: x_m_0.
 
     Args:
         n: Number of vehicles.

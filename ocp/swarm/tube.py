@@ -1,21 +1,28 @@
 """Path of a vehicle of any model along a plan, and the tube that contains it.
 
 The plan's controls come first, then those of the linear law of a certified terminal
-set, u = u_ref - K (x - c). The centre c of the rest is the set's reference if the plan
-ends in the set there. Else it is moved along positions on which no rate depends, such
-that V = (x - c)' P (x - c) is least at the plan's end: the set is one at every place.
-V falls from step to step, and grows between two of them by a proven factor g at most.
-So from a sample on the positions C x stay for ever in a ball about C c,
+set, u = u_ref - K (x - c). If the plan ends in the set about its reference, the centre
+c is this reference. Else the set is moved along positions on which no rate depends,
+since the same law keeps the vehicle in it at every such place. Its centre c is then the
+one at which V = (x - c)' P (x - c) is least at the plan's end.
+
+Under the linear law V decreases from one step to the next, and within a step it grows
+by the certificate's factor g at most. Below the level of the certificate's core V need
+not decrease, but at the steps it stays below that level. So let V be the value at the
+beginning of a step, or the level of the core if that is larger. From this step on the
+positions C x stay for ever in a ball about C c,
 
     |C (x - c)| <= r = sqrt(g V largest eigenvalue of C P^-1 C').
 
-Within a step of a path that is known the tube contains the chord, with the largest
-distance of m + 1 points of the integrator from it, and twice their largest second
-derivative times (dt / m)^2 / 8 for what lies between them.
+Where the path is computed step by step, the tube of a step is its chord, widened by the
+sum of two distances. The first is the largest distance from the chord at m + 1 points
+of the integrator. The second is for the path between these points: (dt / m)^2 / 8 times
+twice the largest second derivative at them.
 
-A plant that differs is led back by u = u_k - K_k (x - x_k), with the gains of the
-Riccati recursion along the plan that ends with P (Anderson and Moore, Optimal control:
-linear quadratic methods, 1990, 2.4).
+A plant that differs from the model is led back to the states x_k and controls u_k of
+the path by u = u_k - K_k (x - x_k). The gains are those of the Riccati recursion, which
+begins with P at the plan's end and goes back along the plan (Anderson and Moore,
+Optimal control: linear quadratic methods, 1990, 2.4).
 """
 
 from __future__ import annotations

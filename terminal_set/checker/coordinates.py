@@ -17,7 +17,10 @@ _SWEEPS = 60
 
 
 def square(a: arb) -> arb:
-    """Square of a ball from its ends: the product a * a of [-1, 1] is [-1, 1]."""
+    """Square of a ball, from its ends.
+
+    The square of [-1, 1] is [0, 1], but the product a * a would be [-1, 1].
+    """
     low, high = a.abs_lower(), a.abs_upper()
     return (low * low).union(high * high)
 

@@ -187,7 +187,7 @@ class DualModePart(Part):
 
     @property
     def is_certified(self) -> bool:
-        """Return whether the set is certified: the literal one never is."""
+        """Return whether the set is certified; with a literal design it never is."""
         return self.enabled and self.certify and self.design == "sampled"
 
     def flaws(self) -> Iterator[LocatedFlaw]:

@@ -250,7 +250,7 @@ class VectorIR:
         return self.emit(f"bitcast {self.vector} {a} to {self.integers}")
 
     def from_bits(self, a: str) -> str:
-        """Return integers as the vector with these bits."""
+        """Return the vector whose bits are given as integers."""
         return self.emit(f"bitcast {self.integers} {a} to {self.vector}")
 
     def integer_op(self, instruction: str, a: str, b: str) -> str:

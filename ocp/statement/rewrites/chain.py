@@ -58,11 +58,20 @@ class _Link:
 
     @property
     def places(self) -> list[int]:
-        """Numbers of the states that it appended."""
+        """Numbers of the states that the rewrite appended."""
         return list(range(self.before.model.nx, self.after.model.nx))
 
     def along(self, x0: Array, controls: Array, at: Array) -> Array:
-        """Return the states that it appended, over the horizon of the core."""
+        """Return values, over the horizon, of the states that the rewrite appended.
+
+        Args:
+            x0: Initial state of the core.
+            controls: Controls of the core, shape (nu, N).
+            at: Times, in intervals since the start, shape (n,).
+
+        Returns:
+            Shape (number of appended states, n).
+        """
         return self.rewrite.along(self.before, x0[self.places], controls, at)
 
 

@@ -141,7 +141,10 @@ def _branches(scenario: ProblemScenario, part: Uncertain) -> Iterator[LocatedFla
 
 
 def uncertain_numbers(scenario: ProblemScenario) -> Iterator[Attempt]:
-    """Yield attempts to evaluate the numbers of uncertain parameters."""
+    """Yield an attempt for each number in the part `uncertain` of a scenario.
+
+    The attempt is the number's place and a call that evaluates its expression.
+    """
     part = scenario.uncertain
     if part is None:
         return
