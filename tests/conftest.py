@@ -16,7 +16,7 @@ settings.register_profile("swarmstart", deadline=None)
 settings.load_profile("swarmstart")
 
 LONG = Path(__file__).with_name("long.txt")
-"""Names of tests that take a second and more, but for those that nothing replaces."""
+"""Names of tests that `make test` leaves out: slow ones, and cases like others."""
 FIRST = ("tests/system/test_replicate.py", "tests/system/", "tests/adversary/")
 """Files that are begun first: at the end one worker would wait for the other."""
 

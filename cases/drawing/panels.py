@@ -17,6 +17,7 @@ from swarmstart.cases.drawing.drawing import (
     new_figure,
 )
 from swarmstart.cases.drawing.tails import tail_from, tail_in_words
+from swarmstart.cases.drawing.wording import with_unit
 from swarmstart.ocp import OptimalControlProblem
 
 if TYPE_CHECKING:
@@ -68,8 +69,7 @@ class Labels:
 
     def of(self, name: str) -> str:
         """Return a name with its unit, as an axis shows it."""
-        unit = self.units.get(name, "")
-        return f"{name} [{unit}]" if unit else name
+        return with_unit(name, self.units.get(name, ""))
 
     @property
     def cost(self) -> str:

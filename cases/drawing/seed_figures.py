@@ -8,7 +8,7 @@ import numpy as np
 from swarmstart.cases.drawing.drawing import COLOURS, LAYOUT_DPI, Figures, escaped
 from swarmstart.cases.drawing.tails import tail_from, tail_in_words
 from swarmstart.cases.drawing.vehicles import band_name
-from swarmstart.cases.drawing.wording import unit_of_measure
+from swarmstart.cases.drawing.wording import unit_of_measure, with_unit
 from swarmstart.cases.format.document import counted
 from swarmstart.cases.format.registry import words_of
 
@@ -100,7 +100,7 @@ def band_label(name: str, content: Mapping[str, Any]) -> str:
     """Return name and unit of a state in words, with the unit that its band gives."""
     label, unit = band_name(name, content)
     unit = content["bands"]["states"][name].get("unit") or unit
-    return f"{label} [{unit}]" if unit else label
+    return with_unit(label, unit)
 
 
 def _spread(content: Mapping[str, Any], varied: Mapping[str, list[float]]) -> "Figure":
@@ -116,8 +116,7 @@ def _spread(content: Mapping[str, Any], varied: Mapping[str, list[float]]) -> "F
         panel.set(ylim=(-0.6, 0.6), yticks=[])
         # A user's own measure has a name of any ending, and no stated unit.
         unit = unit_of_measure(name, known[name]) if name in known else ""
-        title = f"{name} [{unit}]" if unit else name
-        panel.set_title(escaped(title), fontsize="small")
+        panel.set_title(escaped(with_unit(name, unit)), fontsize="small")
     left = len(varied) - len(chosen)
     noun = "measure is" if left == 1 else "measures are"
     more = f"; {left} more {noun} not drawn" if left else ""

@@ -1,7 +1,7 @@
 """Distance of a run from the limits of each constraint, along its fine path, drawn.
 
-    slack value - lower, upper - value, or the smaller of both: negative if broken off
-    value - limit of an equality: any value but 0 breaks it
+    slack   value - lower, upper - value, or the smaller of both: negative if broken
+    off     value - limit of an equality: any value but 0 breaks it
 
 Path constraints must hold at all times; in the figure the area below 0 is shaded.
 Terminal constraints count at the end only: each is a point there, in multiples of its

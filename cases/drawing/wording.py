@@ -202,6 +202,16 @@ def label_of(name: str, unit: str | None = None) -> tuple[str, str]:
     return name[: found.start()].replace("_", " "), _UNITS[found.group(1)]
 
 
+def with_unit(name: str, unit: str) -> str:
+    """Return a name with its unit in brackets, or alone if the unit is empty.
+
+    Example:
+        >>> with_unit("angle", "rad"), with_unit("step", "")
+        ('angle [rad]', 'step')
+    """
+    return f"{name} [{unit}]" if unit else name
+
+
 def unit_of_measure(name: str, meaning: str) -> str:
     """Return the unit of a measure, from the end of its name or else of its meaning.
 

@@ -1,6 +1,6 @@
 """Results of the library: saved in folders, read back, passed to other packages.
 
-    result.json status, cost, names; written last, it marks a complete record
+    result.json      status, cost, names; written last, it marks a complete record
     solution.npz     of a Solution: nodes, controls and the finer path
     bound_certificate.json   of a Solution whose bound is proven by polynomials
     trajectory.npz   of a Trajectory, as in the record of a run

@@ -122,28 +122,29 @@ def report_command(options: argparse.Namespace) -> int:
         # Pages of several records in one folder are named after their records.
         stem = "report" if len(folders) == 1 or out == folder else folder.name
         with locked(out):
+            pages = {}
             for name in formats:
                 file = out / f"{stem}.{SUFFIXES[name]}"
-                write_text(file, page_of(folder, recorded, name))
+                pages[name] = page_of(folder, recorded, name)
+                write_text(file, pages[name])
                 written.append(f"page  {file}")
             if options.charts:
                 charts = out / f"{stem}_charts"
-                count = _write_charts(folder, recorded, charts, options.charts)
+                page = pages.get("html") or page_of(folder, recorded, "html")
+                count = _write_charts(page, charts, options.charts)
                 written.append(f"charts  {charts} ({counted(count, 'file')})")
     answer("\n".join(written))
     return DONE
 
 
-def _write_charts(
-    folder: Path, recorded: Recorded, charts: Path, formats: Sequence[str]
-) -> int:
-    """Write the charts of a record's page as files; return how many files these are."""
+def _write_charts(page: str, charts: Path, formats: Sequence[str]) -> int:
+    """Write the charts of an HTML page as files; return how many files these are."""
     # Not at the head: pages as Markdown need no matplotlib.
     from swarmstart.cases.drawing.drawing import write_figures
     from swarmstart.cases.drawing.report.chart_files import chart_figures
 
-    figures = chart_figures(page_of(folder, recorded, "html"))
-    return len(write_figures(figures, charts, formats=list(dict.fromkeys(formats))))
+    chosen = list(dict.fromkeys(formats))
+    return len(write_figures(chart_figures(page), charts, formats=chosen))
 
 
 def recorded_in(folder: Path) -> list[Recorded]:

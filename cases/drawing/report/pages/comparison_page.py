@@ -14,7 +14,7 @@ from swarmstart.cases.drawing.page import rendered
 from swarmstart.cases.drawing.report import curves, rows, spreads, svg
 from swarmstart.cases.drawing.report.figure import Figure
 from swarmstart.cases.drawing.report.pictures import PAGE_BYTES
-from swarmstart.cases.drawing.wording import is_number, number, shortened
+from swarmstart.cases.drawing.wording import is_number, number, shortened, with_unit
 from swarmstart.cases.format.document import counted
 
 _MOST_DRAWN = 2200  # Points of all curves.
@@ -148,7 +148,7 @@ def _trajectory(
     time = plan["time"]
     kept = svg.thinned(len(time), points)
     series = [
-        (_with_unit(name, plan.get("units")), values, kind)
+        (_named(name, plan.get("units")), values, kind)
         for of, kind in (("state", _STATE), ("control", _CONTROL))
         for name, values in zip(plan[f"{of}_names"], plan[f"{of}s"], strict=False)
     ]
@@ -174,10 +174,10 @@ def _trajectory(
     )
 
 
-def _with_unit(name: str, units: object) -> str:
+def _named(name: str, units: object) -> str:
     """Return a name with its unit, if the record has one."""
     unit = units.get(name, "") if isinstance(units, Mapping) else ""
-    return f"{name} [{shortened(unit, 20)}]" if unit else name
+    return with_unit(name, shortened(unit or "", 20))
 
 
 def _panels(

@@ -7,10 +7,7 @@ from swarmstart.cases.format.expressions import evaluate
 from swarmstart.errors import SwarmstartError
 
 _PARTS = ("prediction", "feedback", "phases", "parameters", "signals", "guess", "plant")
-_KEYS = (
-    *("times", "values"),
-    *("tolerance", "path_tolerance", "integrator_tolerance", "tracking_error"),
-)
+_KEYS = ("times", "values", "tolerance", "path_tolerance", "integrator_tolerance")
 
 
 def with_constants(given: Mapping[str, Any]) -> dict[str, Any]:
