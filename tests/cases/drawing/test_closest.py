@@ -76,3 +76,10 @@ def test_positions_that_are_not_finite_have_no_approach() -> None:
     scene = past_a_disc(0.25)
     gone = replace(scene, positions=np.full_like(scene.positions, np.nan))
     assert list(approaches(gone)) == []
+
+
+def test_an_instant_that_is_not_finite_hides_no_approach() -> None:
+    scene = past_a_disc(0.25)
+    scene.positions[0, :, 1] = np.nan
+    (found,) = approaches(scene)
+    assert found.distance == pytest.approx(0.25)

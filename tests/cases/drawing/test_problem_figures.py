@@ -22,7 +22,7 @@ from swarmstart.cases.drawing.problem_figures import (
     figures_of,
     labels_of,
 )
-from swarmstart.cases.drawing.slack import slacks
+from swarmstart.cases.drawing.slack import Slack, slack_figure, slacks
 from swarmstart.ocp import (
     Bounds,
     Decision,
@@ -213,6 +213,19 @@ def test_slack_is_the_distance_to_the_limit_before_and_after_each_control_jump()
     assert wall.get_label() == "kept at the end"
     assert [tick.get_text() for tick in at_end.get_yticklabels()] == ["goal", "wall"]
     assert at_end.get_title() == "end conditions, at 2 s"
+
+
+def test_an_end_condition_with_slack_is_kept_on_one_side_only() -> None:
+    rows = [
+        Slack(
+            name=f"{value}", times=np.array([2.0]), values=np.array([value]),
+            tolerance=0.5, is_equality=False, is_terminal=True,
+        )
+        for value in (4.0, -0.4, -4.0)
+    ]  # fmt: skip
+    (axes,) = slack_figure(rows).axes
+    points = [line.get_label() for line in axes.lines if line.get_marker() != "None"]
+    assert points == [*2 * ["kept at the end"], "broken at the end"]
 
 
 def test_slack_counts_signals_from_when_the_plan_was_made() -> None:

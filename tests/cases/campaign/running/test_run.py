@@ -10,6 +10,7 @@ import pytest
 import swarmstart as ss
 from swarmstart.cases.campaign.running.run import run
 from swarmstart.cases.format.scenario import read_document, resolve
+from swarmstart.ocp.common import Paragraph
 
 
 @pytest.mark.parametrize(
@@ -28,8 +29,9 @@ def test_sets_that_are_not_certified_are_named_in_the_status(
     resolved = resolve(
         read_document("formation_v"), variant=variant, assignments=assignments
     )
-    said = run(resolved, seed=0).status
-    assert said.endswith("terminal sets are not certified") == is_said
+    finished = run(resolved, seed=0)
+    assert finished.status.endswith("terminal sets are not certified") == is_said
+    assert (Paragraph.NOT_CERTIFIED in finished.ended.paragraphs) == is_said
 
 
 def test_progress_of_one_plan_says_solving_from_the_beginning() -> None:

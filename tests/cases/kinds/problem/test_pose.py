@@ -14,6 +14,7 @@ from swarmstart.cases.kinds.problem.stated.members import ProblemPosed
 from swarmstart.cases.record.record import Recording
 from swarmstart.cases.record.results import load
 from swarmstart.ocp import Start, Trajectory
+from swarmstart.ocp.common import Paragraph
 from swarmstart.tests.cases.kinds.problem.conftest import (
     PENDULUM,
     scenario_of,
@@ -327,9 +328,12 @@ def test_vehicles_that_plan_alone_have_a_set_and_a_certificate_each() -> None:
 def test_a_plan_for_another_system_than_the_simulated_one_is_said_to_be_one() -> None:
     short = PENDULUM + "budget: {evaluations: 500}\n"
     pushed = stated(short + "plant: {disturbance: {speed: 1}}")
-    assert "the simulated system is another" in run(pushed, seed=0).status
-    alone = stated(short)
-    assert "another" not in run(alone, seed=0).status
+    finished = run(pushed, seed=0)
+    assert "the simulated system is another" in finished.status
+    assert Paragraph.OTHER_SYSTEM in finished.ended.paragraphs
+    alone = run(stated(short), seed=0)
+    assert "another" not in alone.status
+    assert Paragraph.OTHER_SYSTEM not in alone.ended.paragraphs
 
 
 def test_stiff_problem_is_planned_verified_and_simulated_by_stiff_steps() -> None:
