@@ -204,7 +204,8 @@ def _require_plain(loop: RecedingHorizon) -> None:
         "its plans become shorter (until): a C file plans over one length": loop.until
         is not None,
         "its controls are linear between knots: hold them": stated.has_knots,
-        "its states are counted from near: state it in such coordinates": bool(
+        "a state of it is far from zero: state the problem in its distance from a "
+        "number near it": bool(
             planner.lowered.origin.any()
         ),
         "it is an ensemble: export the problem of one member": stated.risk is not None,

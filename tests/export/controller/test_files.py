@@ -151,7 +151,7 @@ def _of_time() -> ss.RecedingHorizon:
         (_knots, "linear between knots: hold them"),
         (_checks, "constraints within an interval: take checks=1"),
         (_of_one_interval, "one interval: take two or more"),
-        (_from_near, "counted from near"),
+        (_from_near, "far from zero"),
         (_of_time, "a feature that a C file has not"),
     ],
 )
