@@ -15,7 +15,7 @@ from swarmstart.tests.adversary.claims import claimed
 from swarmstart.tests.adversary.judge import judge
 from swarmstart.tests.adversary.problems import aliases, between_checks, origins
 
-COUNT, PARTS = 30, 3
+PARTS, EACH = 3, 10
 BACKENDS = ("auto", "casadi")
 LEAST_SHARE = 0.8
 
@@ -25,9 +25,9 @@ def test_no_claim_is_false_and_most_answers_are_right(
     cases: list[Case], part: int
 ) -> None:
     counted = [case for case in cases if case.is_counted]
-    seeded = chosen(counted, COUNT, rng=np.random.default_rng(0))
+    seeded = chosen(counted, PARTS * EACH, rng=np.random.default_rng(0))
     false, solvable, missed = [], 0, []
-    for number, case in list(enumerate(seeded))[part::PARTS]:
+    for number, case in list(enumerate(seeded))[part * EACH : (part + 1) * EACH]:
         stated = in_units(case, UNITS[number % len(UNITS)])
         backend = BACKENDS[number % len(BACKENDS)]
         verdict = judge(stated.truth, claimed(stated, backend=backend))
