@@ -160,11 +160,13 @@ def _rows(content: Mapping[str, Any], count: int) -> list[SpreadRow]:
     kind = str(content.get("kind") or "")
     known = dict(words_of(kind).measures)
     meanings = {**known, **dict(content.get("own_measures") or {})}
+    are_plans = any(v is not None for v in content["measures"].get("confirmed", ()))
+    left_out = words_of(kind).of_closed_loops if are_plans else ()
     rows = []
     for name, values in list(content["measures"].items())[:MOST_ROWS]:
         if not isinstance(values, list) or len(values) != count:
             raise ValueError(f"{name}: {count} values expected, one a seed")
-        if any(isinstance(value, list) for value in values):
+        if name in left_out or any(isinstance(value, list) for value in values):
             continue  # A list a seed has no lowest and highest.
         meaning = str(meanings.get(name, ""))
         rows.append(

@@ -531,6 +531,13 @@ def test_a_page_of_seeds_says_what_went_wrong_and_in_which_seeds() -> None:
     assert '<p class="bad">4 runs' in html
 
 
+def test_seeds_of_single_plans_have_no_measures_of_closed_loops() -> None:
+    loop = {"cost": [1, 2, 3, 4], "linear_steps": [0] * 4, "confirmed": [None] * 4}
+    plans = loop | {"confirmed": [1, 0, 1, 1]}
+    assert "linear_steps" in seeds_page(seeds(kind="problem", measures=loop))
+    assert "linear_steps" not in seeds_page(seeds(kind="problem", measures=plans))
+
+
 def test_a_page_of_seeds_says_how_the_runs_ended() -> None:
     good = "simulated to the end; the plan is fine: stationary"
     status = [good, "simulated to the end; no answer", None, good]
