@@ -193,7 +193,8 @@ def epsilon_level(
             0.2.
         control: Fraction of the budget after which the level is the tolerance, in
             (0, 1].
-        power: How fast the level falls, at least 0.
+        power: Exponent c of the level, at least 0: the larger it is, the faster the
+            level falls.
         adaptive: Whether the level is at most the quantile of the last generation. If
             False, it depends on the budget alone, as published.
 

@@ -6,9 +6,9 @@ the mean taken over the variables that are not fixed,
     sqrt(mean_d ((a_d - b_d) / w_d)^2) < radius
 
 An archive keeps a limited number of points, the best of each basin. A new point that is
-better than a member near it replaces this member and every other member near it. These
-basins are not the basins of attraction of a local solver: two points of the archive may
-lead a solver to the same optimum.
+better than every member near it replaces all of them; a point that is not is dropped.
+These basins are not the basins of attraction of a local solver: two points of the
+archive may lead a solver to the same optimum.
 """
 
 from typing import NamedTuple

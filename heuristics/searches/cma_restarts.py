@@ -117,7 +117,7 @@ def write_record(
 def has_ended(
     order: RunningOrder, state: Distribution, size: int, sigma_0: float
 ) -> bool:
-    """Return whether any criterion of the module's head holds.
+    """Return whether any criterion of the module's docstring holds.
 
     Args:
         order: The order, for Stagnation.

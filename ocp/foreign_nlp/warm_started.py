@@ -112,7 +112,9 @@ class WarmStartReport:
 
 
 class WarmStartedSolver:
-    """Solver of an Opti or a CasADi NLP from two starts; made by `warm_start`.
+    """Solver of an Opti or a CasADi NLP, made by `warm_start`.
+
+    It tries the user's own start and a searched one, and keeps the better answer.
 
     Attributes:
         report: Report of the last `solve`; None before the first.

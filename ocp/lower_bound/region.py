@@ -279,7 +279,7 @@ class Filter:
         self._latest = latest
 
     def excludes(self, lower: Array, upper: Array) -> Mask:
-        """Return which boxes no cheaper trajectory passes through, shape (m,)."""
+        """Return which boxes no trajectory below the known cost enters, shape (m,)."""
         return self._margin.bounds(self._parameters, lower, upper).low > 0
 
     def keeps(self, points: Array) -> Mask:

@@ -258,8 +258,8 @@ class Shooting(Rebuilt):
     def begin(self) -> ca.Function:
         """Function (x, p, s) -> (cost, violation) at the start of the horizon.
 
-        p is as in the module's head. The violation is that of the rows that are checked
-        at a decided start.
+        p is `parameters` of the module's docstring. The violation is that of the rows
+        that are checked at a decided start.
         """
         return _begin(self)
 
@@ -272,8 +272,8 @@ class Shooting(Rebuilt):
     def terminal(self) -> ca.Function:
         """Function (x, p, s) -> (cost, violation) at the end of the horizon.
 
-        p is as in the module's head. The violation is infinite if a state is not
-        finite.
+        p is `parameters` of the module's docstring. The violation is infinite if a
+        state is not finite.
         """
         return _terminal(self.problem)
 

@@ -149,7 +149,7 @@ class _Lanes:
         return answers, self.found.add(answers)
 
     def point(self, answers: LaneAnswers, lane: int) -> Array:
-        """Return the point of the space that represents an answer."""
+        """Return the point of the search space that stands for the answer of a lane."""
         decided = answers.starts[:, lane]
         start = started(self.found.solver.problem, self._state, decided)
         return self._space.encoded(answers.controls[:, :, lane], start)
@@ -213,7 +213,7 @@ class RandomStarts(_Lanes):
 
     @property
     def ended(self) -> bool:
-        """True if hardly an optimum is left unseen."""
+        """True if the upper estimate of the share unseen is below the setting."""
         counts = [one.count for one in self.found.optima]
         return unseen_share(counts).most < self._settings.unseen
 

@@ -58,7 +58,7 @@ class Knots:
 
     @property
     def states(self) -> ca.SX:
-        """Both states, one after the other, shape (2 nu, 1)."""
+        """The states `now` and `first`, one after the other, shape (2 nu, 1)."""
         return ca.vertcat(self.now, self.first)
 
     def rates(self, controls: ca.SX, dt: float) -> ca.SX:

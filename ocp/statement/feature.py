@@ -1,4 +1,8 @@
-"""Feature: a part of a statement that a rewrite removes; see rewrites/rewrite.py."""
+"""Features: parts of a problem that are given as objects, such as a transport delay.
+
+Before the solution, a rewrite turns the problem into one without the feature
+(`rewrites/rewrite.py`).
+"""
 
 from collections.abc import Mapping, Sequence
 from typing import Any

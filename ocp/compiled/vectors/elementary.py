@@ -105,7 +105,10 @@ def exp_of_sum(ir: VectorIR, x: str, rest: str | None) -> str:
 def reduced_exponent(
     ir: VectorIR, x: str, limits: tuple[float, float]
 ) -> tuple[str, str]:
-    """Return r and k with x = k ln 2 + r, |r| <= ln 2 / 2, of x within limits."""
+    """Return r and the whole number k with x = k ln 2 + r and |r| <= ln 2 / 2.
+
+    x is clipped to the limits first.
+    """
     for condition, limit in zip(("olt", "ogt"), limits, strict=True):
         bound = ir.constant(limit)
         x = ir.select(ir.compare(condition, x, bound), bound, x)

@@ -64,7 +64,7 @@ WEIGHTS = '!0 = !{!"branch_weights", i32 1, i32 100000}'
 
 
 class Function(NamedTuple):
-    """A function of vectors, made beside the kernel.
+    """A function of vectors, written once into the kernel's module and called there.
 
     Attributes:
         text: LLVM IR of the function.
@@ -83,7 +83,7 @@ class Module:
         has_scale: Whether the processor multiplies by powers of two in one instruction
             (AVX-512's vscalef).
         declarations: Declarations of functions from elsewhere.
-        functions: The functions made beside the kernel, by name.
+        functions: The functions of vectors that the kernel calls, by name.
     """
 
     has_scale: bool = False
