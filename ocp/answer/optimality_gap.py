@@ -44,7 +44,7 @@ _WHOLE = 1.0
 )
 @dataclass(frozen=True, kw_only=True, slots=True)
 class OptimalityGap:
-    """Bound of the optimum, or the reason why there is none, next to an answer.
+    """Bound of the optimum, or why there is none, compared with the cost of an answer.
 
     Attributes:
         kind: Kind of the bound, which says whether it is proven.

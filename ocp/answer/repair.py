@@ -2,7 +2,8 @@
 
 The constraint is tightened by the measured excess, and the problem is solved again from
 the answer. The measured excess is that of the path (path.py). For a separation along
-segments it is also the amount by which the chords cut, since an NLP sees points only.
+segments it is also the amount by which the straight lines between the checks come too
+near, since an NLP sees the checks only.
 """
 
 import math

@@ -282,7 +282,7 @@ def data_names(core: Lowered, by: Sequence[Data]) -> tuple[str, ...]:
 
     Args:
         core: The problem with its core.
-        by: Data that are asked for.
+        by: "x0" or "parameters", as in `Solution.sensitivity`.
     """
     return tuple(name for name, _ in _places(core, by))
 

@@ -6,9 +6,10 @@ a step ten times finer, and
 
     cost        may differ by `tolerance` of the integral of |stage cost| plus
                 |terminal cost|
-    end state   each may differ by `tolerance` of its scale: the larger one of its range
-                along the path and the width of its bounds, and by rounding; of an
-                answer that is judged interval by interval, the sum over the intervals
+    end state   each state may differ by `tolerance` of its scale (the larger one of its
+                range along the path and the width of its bounds), and by rounding; if
+                an answer is judged interval by interval, the differences of all
+                intervals are added
     constraints may be broken by `path_tolerance` of their scale, anywhere on the path
 
 or the answer is not confirmed. A confirmed answer is called a local optimum if an NLP
@@ -108,7 +109,9 @@ _NOTHING_MOVES = 1e-9
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class LocalOptimum:
-    """A local optimum that lanes found, to first order, before the polish.
+    """A local optimum that a solve in lanes found; it is not polished yet.
+
+    The solve has tested the first-order conditions.
 
     Attributes:
         cost: Its cost, with the sign as the problem states it.
@@ -199,10 +202,10 @@ class Solution(Presented):
         member_costs: Costs of the members of an ensemble on the problem's own grid,
             shape (M,); empty for any other problem.
         bound: Bound of the optimal cost, if `solve` was asked for one.
-        repair: Account of the repair; None: there was nothing to repair, or `solve` was
-            asked not to.
-        restarts: Account of the restarts that decided whether a point whose curvature
-            is flat is an optimum; None: there were none.
+        repair: Report on the repair; None: there was nothing to repair, or `solve` was
+            asked not to repair.
+        restarts: Report on the restarts that decided whether a point with flat
+            curvature is an optimum; None: there were no restarts.
     """
 
     status: SolutionStatus
@@ -527,7 +530,7 @@ def verified(
         plan: The plan.
         x0: Initial state, shape (nx,).
         known: Values of the parameters and signals.
-        tolerance: Tolerance of the comparison; see the module's head.
+        tolerance: Tolerance of the comparison; see the module's docstring.
         advised: Whether to look for the fastest mode along a path that is not
             confirmed, for advice; this takes most of the time for a small problem.
 

@@ -157,7 +157,7 @@ class Solutions(Presenting):
 
     @property
     def end_difference(self) -> Array:
-        """Largest difference of a state's end on the finer path, by its scale, (M,)."""
+        """Largest difference of an end state on the finer path, by its scale, (M,)."""
         return self.core_answers.end_difference
 
     @property
@@ -276,8 +276,8 @@ class Solutions(Presenting):
         An answer has no multipliers of its own. They are computed by least squares from
         the first-order conditions with its active limits. If they satisfy the
         conditions, nothing is solved again. Otherwise the answer is first polished by
-        the NLP solver, from itself and without margins: it has margins at its limits,
-        or comes from a polish by collocation.
+        the NLP solver, from itself and without margins. This is needed for an answer
+        with margins at its limits, or from a polish by collocation.
 
         Args:
             by: As in `Solution.sensitivity`.
@@ -450,7 +450,7 @@ class SolveManyInterrupted(Sendable, KeyboardInterrupt):
 def counted_near(
     problem: OptimalControlProblem, data: InstanceData
 ) -> OptimalControlProblem:
-    """Return a problem whose states far from zero are counted from a typical start.
+    """Return a problem with a typical start subtracted from states far from zero.
 
     Args:
         problem: The problem.

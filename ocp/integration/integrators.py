@@ -52,8 +52,8 @@ class Method:
         step: Function (r, x, t, h) -> x after one step.
         order: Order of convergence.
         evaluations: Number of evaluations of r in a step.
-        growth: Coefficients of R(z), from z^0 on, by which a mode x' = lambda x changes
-            in a step, z = h lambda; empty: a stable mode decays at any step length
+        growth: Coefficients of R(z), from z^0 on; a step of length h multiplies a mode
+            x' = lambda x by R(h lambda). Empty: a stable mode decays at any step length
             (implicit).
         stable: Recommended largest |h lambda|, inside the stable region with a margin.
     """

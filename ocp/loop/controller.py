@@ -390,7 +390,7 @@ class RecedingHorizon:
 
     @checked(refused, plan=of_kind(Plan, "a Plan"))
     def flown(self, plan: Plan) -> Array:
-        """Return the controls or knots of a plan that one plant receives."""
+        """Return the controls or knots of a plan, for one member of an ensemble."""
         stated, lowered = self.planner.stated, self.planner.lowered
         return lowered.knots(plan.controls, plan.x0)[: stated.flown_controls]
 
@@ -431,8 +431,8 @@ class RecedingHorizon:
 
         Args:
             time: Time since the start [s].
-            seen: Signal rows that follow the reference's, each (k, nodes): plans of
-                others.
+            seen: Further signals, after those of the reference, each of shape (k,
+                nodes): plans of other agents.
             length: Expected length of the plan [s]; None: the horizon, or the guess of
                 a free one.
         """

@@ -135,7 +135,7 @@ class PhasedHorizon:
 
     @checked(refused, x0=reals())
     def start(self, x0: ArrayLike) -> Array:
-        """Return the plant's initial state from one of the first phase.
+        """Return the plant's initial state from an initial state of the first phase.
 
         Args:
             x0: State of the first phase, shape (nx of that phase,).

@@ -46,7 +46,7 @@ from swarmstart.ocp.system.separation import label
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Multipliers:
-    """Multipliers of an answer; signs and sums are explained in the module's head.
+    """Multipliers of an answer; the module's docstring explains signs and sums.
 
     Attributes:
         costates: Costates at the ends of the intervals, shape (nx, N) [cost / unit of a

@@ -225,7 +225,7 @@ def smoothed(
     Args:
         problem: The problem.
         sizes: Size of each kink, as `kink_sizes` returns them.
-        part: Factor delta of the module's head.
+        part: Factor delta of the module's docstring.
     """
     kinked = _Kinked(problem)
     found = kinked.rewritten([part * size for size in sizes])

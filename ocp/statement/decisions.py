@@ -167,7 +167,8 @@ def integer_numbers(
     Args:
         given: Numbers or names of controls.
         names: Names of all controls.
-        limits: Lower and upper bounds of all controls, each (nu,), by their role.
+        limits: Lower and upper bounds of all controls, each (nu,), or None, by name of
+            the bounds for messages.
 
     Raises:
         InvalidProblemError: If there is no such control, or its bounds are not whole

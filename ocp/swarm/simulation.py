@@ -1,6 +1,7 @@
 """Simulation of a swarm: vehicles that follow their plans exactly, and the links.
 
-The same vehicles behind a `Plant`, also a disturbed one: controller.py.
+In controller.py the same vehicles run in a closed loop with a `Plant`, which may be
+disturbed.
 """
 
 from __future__ import annotations

@@ -74,7 +74,8 @@ class Path:
         controls: Controls between them, each (nu,).
         gains: Gains K on the deviation from the state at the beginning of each step,
             each (nu, nx).
-        bulges: Distances from the chords between them [m].
+        bulges: Largest distances of the path from the chords between successive states
+            [m].
         rest: End of the plan.
     """
 

@@ -1,4 +1,4 @@
-"""Lines of LLVM IR on vectors of numbers, one lane an individual, and loops over them.
+"""Lines of LLVM IR on vectors, whose lanes each hold one individual, and loops.
 
 A value is the name of a register or the text of a constant; a mask is a vector of bits.
 The formats are the two of IEEE 754 that kernels compute in. Nothing is reordered or

@@ -90,7 +90,7 @@ class Motion:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Cells:
-    """N parts of moving faces; see the module's head.
+    """N parts of moving faces; see the module's docstring.
 
     Attributes:
         times: t_a and t_b.
