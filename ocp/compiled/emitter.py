@@ -28,7 +28,7 @@ from swarmstart.tape import Node, Tape, TapeBuilder
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Ticks:
-    """Steps of adaptive length from check to check; see ocp/integration/rodas.py.
+    """Steps of adaptive length between checks; a tick tries one (integration/rodas.py).
 
     Attributes:
         tick: Function (z, u, p, s) -> z after one tick, s flat over both ends of a

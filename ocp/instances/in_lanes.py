@@ -111,7 +111,7 @@ class InLanes:
     def with_margins(
         self, core: OptimalControlProblem, instances: Instances
     ) -> "InLanes | None":
-        """Return a solver with margins, whose answers are judged without; or None.
+        """Return a solver with margins, whose answers are judged without them; or None.
 
         None if lanes do not support the problem with margins.
 

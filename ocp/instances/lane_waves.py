@@ -1,4 +1,4 @@
-"""Waves of solves of many instances in lanes.
+"""Waves: the rounds in which many instances are solved in lanes.
 
     starts       every instance from its first start, the answer verified
     margins      answers that break a limit between the checks and would be the
@@ -75,8 +75,8 @@ class LaneWaves:
         """Solve all instances; return the number of those that were drawn last.
 
         At these the other starts found nothing cheaper, so that they were not tried at
-        the other instances. Only drawn instances that had an answer before count. 0: no
-        start was left out in this way.
+        the other instances. Of the drawn instances, only those that had an answer
+        before are counted. 0: no start was left out in this way.
 
         Args:
             count: Number of starts of each instance; None: as in `solve_many`.

@@ -130,9 +130,9 @@ class OneByOne:
         """Return the derivatives of answers, or the errors that say why there are none.
 
         An answer that satisfies the first-order conditions of the NLP is not solved
-        again. Any other answer is first polished from itself, without repair. It may
-        have margins at its limits, which the NLP does not have, or be made by
-        collocation, whose variables it does not keep.
+        again. Any other answer is first polished from itself, without repair. Such an
+        answer may have margins at its limits, which the NLP does not have, or come from
+        collocation, whose inner variables are not stored.
 
         Args:
             answers: Confirmed answers.

@@ -95,9 +95,10 @@ def promises(
 
         V_i - V_k = (lam_i + lam_k)' (x_i - x_k) / 2
 
-    If V_i is larger, their optima differ, and the difference is half the sum of what
-    the neighbour's optimum gains at both. A gain counts from `CHEAPER` of the cost on,
-    and from `_CURVED` of the terms of second order, (lam_i - lam_k)' (x_i - x_k).
+    If V_i is larger, their optima differ, and the excess is half the sum of the gains
+    of the neighbour's optimum at i and at k. A gain counts if it is at least `CHEAPER`
+    times the cost, and at least `_CURVED` times the terms of second order, (lam_i -
+    lam_k)' (x_i - x_k).
 
     Args:
         core: The core.
@@ -154,7 +155,8 @@ def starts_from(
 def random_start(core: OptimalControlProblem, seed: Sequence[int]) -> Start | None:
     """Return random controls and decisions, the same for all instances.
 
-    None if the problem has nothing to draw. The initial state has decisions only.
+    None if the problem has nothing to draw. In the initial state only decided entries
+    are set; the others are NaN.
 
     Args:
         core: The core.
@@ -179,7 +181,7 @@ def at_instances(
         core: The core.
         instances: Data of all instances.
         chosen: Numbers of the instances.
-        start: The start; its initial state has decisions only.
+        start: The start; in its initial state only decided entries are used.
     """
     drawn = np.full(core.model.nx, np.nan) if start.x0 is None else start.x0
     decided = _decided(core, drawn)

@@ -4,9 +4,10 @@ The values are those of the problem's own grid and of a path ten times finer, in
 code for all instances (rollout/paths_at_once.py). An answer that is confirmed is called
 FEASIBLE: whether it is a local optimum is not asked here.
 
-Each answer is judged by the natural sizes of its own instance, as `verified` does: by
-sizes in common, a small instance could break a limit unseen, and a large one would seem
-to break what it keeps. These sizes are needed only if something is broken or differs.
+Each answer is judged by the natural sizes of its own instance, as `verified` does: with
+common sizes, a small instance could break a limit unnoticed, and a large one would seem
+to break a limit that it keeps. These sizes are needed only if something is broken or
+differs.
 """
 
 from dataclasses import dataclass

@@ -145,7 +145,7 @@ def small_interior(
 def compile_interior(
     places: Places, *, own_signals: bool, tolerance: float, most: int, longest: int
 ) -> Interior[Kernel]:
-    """Return the machine code of a problem's kernels; arguments as above.
+    """Return the machine code of a problem's kernels; see `written_interior`.
 
     Raises:
         UnknownOperationError: If a function has an operation that is not compiled.

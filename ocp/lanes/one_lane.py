@@ -47,8 +47,8 @@ class OneLane:
         least_unit: Least unit of the cost, and least size of a start's cost that is
             taken for it.
         steps: The steps of the integrator.
-        pull: Costate behind the last step of an interval; None: that after the
-            interval.
+        pull: Function for the costate after the last step of an interval, before any
+            jump; None: it is the costate after the interval.
     """
 
     kernels: Mapping[str, Written]

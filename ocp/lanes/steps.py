@@ -7,8 +7,8 @@ of its own, and what is held over an interval of the problem is a state v:
     x' = f(x, v),   v' = 0 within a step,   v(0) in the bounds of u
     v+ = u where an interval of the problem begins, else v+ = v
 
-The steps and the costs are the problem's own. Path constraints are kept after each
-step, which the problem asks for at its checks only, so that an optimum may cost more.
+The steps and the costs are the problem's own. Path constraints must hold after each
+step, whereas the problem requires them at its checks only; so an optimum may cost more.
 """
 
 from dataclasses import dataclass, replace

@@ -53,8 +53,8 @@ class Path:
         outputs: Outputs of the model at these times, with the control held from each
             time on, shape (ny, n).
         cost: Cost along the path; multiplied by -1 if it is maximised.
-        magnitude: Integral of |stage cost| plus |terminal cost|; a cost in which a
-            state stands alone is counted from its value at the start.
+        magnitude: Integral of |stage cost| plus |terminal cost|; of a cost in which a
+            state stands alone, its value at the start is subtracted first.
         outside: Constraints that the start breaks.
         broken: The worst excess of each constraint row, the worst first.
         kinks: Names of the kinks and jumps that the path touches.

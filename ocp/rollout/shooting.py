@@ -211,10 +211,10 @@ class Shooting(Rebuilt):
     def stage(self) -> ca.Function:
         """Function of one control interval; whole numbers are rounded in it.
 
-        (x, u, p, S) -> (states, cost, violation), with p as in the module's head, S the
-        signals at the nodes of the interval, shape (ns, checks + 1), and the states
-        after each check, shape (nx, checks). With step size control, it is a function
-        of calls, not an SX function.
+        (x, u, p, S) -> (states, cost, violation), with p as in the module's docstring,
+        S the signals at the nodes of the interval, shape (ns, checks + 1), and the
+        states after each check, shape (nx, checks). With step size control, it is a
+        function of calls, not an SX function.
         """
         if self.problem.is_adaptive:
             return adaptive_stage(self.problem, self.tick, _closing(self))

@@ -105,7 +105,7 @@ class _Found:
         return max(round(taken * self.solver.rollouts_per_iteration), 1)
 
     def account(self, x0: ArrayLike, known: Known, *, random: bool) -> Lanes:
-        """Return the account of the lanes.
+        """Return the results of the lanes.
 
         Args:
             x0: Initial state of the core, shape (nx,).
@@ -169,7 +169,7 @@ class Members(_Lanes):
         return self.found.solves
 
     def account(self) -> Lanes:
-        """Return the account of the lanes."""
+        """Return the results of the lanes."""
         return self.found.account(self._state, self._task.known, random=False)
 
     def __call__(self, members: Array) -> Improved:
@@ -208,12 +208,12 @@ class RandomStarts(_Lanes):
         return self.found.each
 
     def account(self) -> Lanes:
-        """Return the account of the lanes."""
+        """Return the results of the lanes."""
         return self.found.account(self._state, self._task.known, random=True)
 
     @property
     def ended(self) -> bool:
-        """True if the upper estimate of the share unseen is below the setting."""
+        """True if the upper estimate of the unseen share is below its limit."""
         counts = [one.count for one in self.found.optima]
         return unseen_share(counts).most < self._settings.unseen
 

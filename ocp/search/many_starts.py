@@ -12,13 +12,13 @@
     again      the NLP solver once more from the best answer with its own settings, if
                it had been kept near its start, so that it can leave a saddle point
 
-If cold starts and lanes agree, a search that is to decide has nothing to decide, and
-is left out, and of the lanes' optima the best is polished. They agree if all cold
-starts lead to the cheapest optimum of the lanes, and hardly an optimum is unseen.
+Cold starts and lanes agree if all cold starts lead to the cheapest optimum of the
+lanes, and hardly any optimum is unseen. Then a search with `when="undecided"` is left
+out, and of the lanes' optima only the best is polished.
 
 The answer is never worse than the result of any single start. Of answers that agree to
 1e-6, the one from the first kind of start is taken. Features that lanes do not support
-(blocks, stiff models) are left to the NLP solver, and the account says so.
+(blocks, stiff models) are left to the NLP solver, and the report on the starts says so.
 """
 
 from collections import Counter
@@ -450,8 +450,8 @@ class _Tries:
 def agree(cold: Sequence[Tried], lanes: Lanes | None) -> bool:
     """Return whether cold starts lead to the cheapest optimum of the lanes.
 
-    All feasible results must, and there must be at least one. The lanes must also have
-    seen nearly all optima that such starts end in.
+    All feasible results must do so, and there must be at least one. The lanes must also
+    have seen nearly all optima that such starts end in.
 
     Args:
         cold: Results of the cold starts.

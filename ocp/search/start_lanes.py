@@ -194,7 +194,7 @@ class StartLanes:
         ]
 
     def account(self, solved: Solved) -> Lanes:
-        """Return the account of lanes."""
+        """Return the results of the lanes."""
         answers = solved.answers
         at = solved.x0, solved.known
         optima = self._solver.optima(answers, *at)

@@ -44,7 +44,7 @@ class Feature:
 
 
 def features_given(given: object) -> tuple[Feature, ...]:
-    """Return the features of a statement, checked.
+    """Return the features given for a problem, checked.
 
     Raises:
         InvalidProblemError: If `features` is not a list of features.

@@ -31,8 +31,8 @@ will. A vehicle may forget all but its committed plan and the number of its next
 candidate, since candidates may always be withdrawn. It may also fall silent for ever;
 unless it has committed to its final plan, the others then keep their committed plans.
 The plan of a vehicle that leaves counts as clear of every plan (`GONE` in plans.py).
-What is needed: all vehicles are known, they agree on the time,
-no number of a candidate is used twice, and a message is what its sender sent.
+What is needed: all vehicles are known, they agree on the time, no number of a candidate
+is used twice, and a message is what its sender sent.
 
 Source of the parts: Tordesillas and How (2022), MADER, IEEE Transactions on Robotics
 38, and Kondo et al. (2023), Robust MADER, ICRA (checks against committed plans and

@@ -270,7 +270,7 @@ class VectorIR:
     def beside(
         self, name: str, make: Callable[..., Sequence[str]], *arguments: str
     ) -> list[str]:
-        """Call a function of vectors that is written once beside this one.
+        """Call a function of vectors that is written once in the same module.
 
         Args:
             name: Name of the function in the module.

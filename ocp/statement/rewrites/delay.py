@@ -146,7 +146,7 @@ class TransportDelay(Rewrite):
     def start(
         self, problem: OptimalControlProblem, x0: Array, previous: ArrayLike | None
     ) -> Array:
-        """Return the values of each control before the horizon, the last one first."""
+        """Return each control's values before the horizon, the latest first."""
         del x0
         counts = self._intervals(problem)
         before = controls_before(problem, previous, max(n for _, n in counts))
