@@ -472,9 +472,9 @@ class Planner(Called):
                 clipped to the bounds; None: no candidates. They come first in its first
                 population.
             near: Whether the guess is an earlier answer, which a polish without a
-                search stays near. The plan is then made without search and lanes,
-                unless that fails or the search has `when="always"` (docs/answers.md,
-                "Closed loop: one warm polish a step").
+                search stays near. In this case the plan is made without search and
+                lanes, unless the polish fails or the search has `when="always"`
+                (docs/answers.md, "Closed loop: one warm polish a step").
             last_cost: Cost of the earlier answer; None if not known.
             in_loop: Whether later plans will start from this one. It is then also made
                 without search and lanes, and the better plan is kept.

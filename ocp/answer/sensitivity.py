@@ -9,8 +9,8 @@ NLP (transcription.py) are their parameters:
 
 W is the Hessian of the Lagrangian, A the Jacobian of the active rows. Variables at a
 bound stay there. The derivative of the cost is that of the Lagrangian. Derivatives by q
-are central differences of exact derivatives, so their relative error is some 1e-9; the
-rest is the accuracy of the answer.
+are central differences of exact derivatives, so their relative error is some 1e-9, to
+which the error of the answer is added.
 
 Source: Fiacco (1976), Sensitivity analysis for nonlinear programming using penalty
 methods, Mathematical Programming 10; Nocedal and Wright (2006), section 16.2.
@@ -133,7 +133,7 @@ class Sensitivities:
         Args:
             found: Number of an instance -> the derivatives of its answer.
             reasons: Number of each other instance -> why it has no derivatives.
-            core: The problem with its core.
+            core: The problem as stated and as rewritten (core).
             by: Data to differentiate by.
         """
         stated, names, M = core.stated, data_names(core, by), len({*found, *reasons})
@@ -172,7 +172,7 @@ def require_data(core: Lowered) -> None:
     """Raise unless an answer to the problem can be differentiated by its data.
 
     Args:
-        core: The problem with its core.
+        core: The problem as stated and as rewritten (core).
 
     Raises:
         NoSensitivityError: If the problem is an ensemble.
@@ -188,8 +188,8 @@ def sensitivity_of(
 
     Args:
         point: The answer as a point of the NLP; None if no NLP solver converged to it.
-        core: The problem with its core.
-        controls: Controls of the core, shape (nu, N).
+        core: The problem as stated and as rewritten (core).
+        controls: Controls of the rewritten problem (core), shape (nu, N).
         by: Data to differentiate by.
 
     Raises:
@@ -214,7 +214,7 @@ def sensitivities_of(
 
     Args:
         points: The answers as stationary points of one or several NLPs.
-        core: The problem with its core.
+        core: The problem as stated and as rewritten (core).
         controls: Controls of the core of each, shape (nu, N).
         by: Data to differentiate by.
 
@@ -281,7 +281,7 @@ def data_names(core: Lowered, by: Sequence[Data]) -> tuple[str, ...]:
     """Return the names of the data of a problem.
 
     Args:
-        core: The problem with its core.
+        core: The problem as stated and as rewritten (core).
         by: "x0" or "parameters", as in `Solution.sensitivity`.
     """
     return tuple(name for name, _ in _places(core, by))

@@ -374,7 +374,8 @@ class Solution(Presented):
 
         Args:
             time: Time after the start [s]; states and controls are those of the finer
-                path then. Delayed controls are those that the model receives then.
+                path at that time. Delayed controls are those that the model receives at
+                that time.
 
         Raises:
             InvalidProblemError: If the time is outside of the horizon.
@@ -838,7 +839,7 @@ def end_differences(
     added.
 
     Args:
-        problem: The core.
+        problem: The rewritten problem (core).
         plan: The plan.
         path: Its finer path.
 
@@ -855,7 +856,7 @@ def end_scales(problem: OptimalControlProblem, reach: Array) -> Array:
     """Return the scales of differences between states at the end.
 
     Args:
-        problem: The core.
+        problem: The rewritten problem (core).
         reach: Natural size of each state along the path, shape (nx,) or (nx, n).
     """
     lower, upper = problem.state_limits

@@ -93,8 +93,8 @@ class InLanes:
 
     Attributes:
         planner: Planner of the problem.
-        core: The core that the lanes solve: that of the problem, or with other checks
-            and margins.
+        core: The problem after all rewrites (core), as the lanes solve it: possibly
+            with other checks and margins.
         lanes: The lanes.
         paths: Verification of many answers at once; None: one by one.
         each: Verification one by one.

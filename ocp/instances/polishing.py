@@ -53,7 +53,7 @@ class Group(NamedTuple):
 
 
 class Answered(NamedTuple):
-    """Answer of the core to one instance.
+    """Answer to one instance of the rewritten problem (core).
 
     Attributes:
         controls: Shape (nu, N).
@@ -169,8 +169,8 @@ class OneByOne:
         """Return the polished, verified and improved answer to one instance.
 
         Args:
-            x0: Initial state of the core, shape (nx,).
-            known: Known data of the core.
+            x0: Initial state of the rewritten problem (core), shape (nx,).
+            known: Known data of the rewritten problem (core).
             start: Start of the NLP solver; None as in `polished`.
             near: Whether the start is an answer that the solver should stay near.
         """

@@ -27,13 +27,13 @@ _CURVED = 0.2
 
 
 class Neighbours:
-    """Distances between the instances of a core."""
+    """Distances between the instances of a rewritten problem (core)."""
 
     def __init__(self, core: OptimalControlProblem, instances: Instances) -> None:
         """Scale the data of all instances.
 
         Args:
-            core: The core.
+            core: The rewritten problem (core).
             instances: Data of all instances.
         """
         rows = np.vstack([*instances])
@@ -101,7 +101,7 @@ def promises(
     lam_k)' (x_i - x_k).
 
     Args:
-        core: The core.
+        core: The rewritten problem (core).
         instances: Data of all instances.
         answers: Answers to these instances.
         around: Numbers of each instance's neighbours, -1 if there are fewer.
@@ -136,7 +136,7 @@ def starts_from(
     """Return answers of neighbours as starts of some instances.
 
     Args:
-        core: The core.
+        core: The rewritten problem (core).
         instances: Data of all instances.
         answers: Answers to these instances.
         chosen: Numbers of the instances, shape (n,).
@@ -159,7 +159,7 @@ def random_start(core: OptimalControlProblem, seed: Sequence[int]) -> Start | No
     are set; the others are NaN.
 
     Args:
-        core: The core.
+        core: The rewritten problem (core).
         seed: Seed of the random controls.
     """
     if not core.model.nu:
@@ -178,7 +178,7 @@ def at_instances(
     """Return one start for some instances, each with its own initial state.
 
     Args:
-        core: The core.
+        core: The rewritten problem (core).
         instances: Data of all instances.
         chosen: Numbers of the instances.
         start: The start; in its initial state only decided entries are used.
@@ -197,7 +197,7 @@ def with_decisions_of(
     """Return instances with the decisions about the start of others.
 
     Args:
-        core: The core.
+        core: The rewritten problem (core).
         instances: Instances.
         x0: Initial states of as many others, shape (nx, n).
     """

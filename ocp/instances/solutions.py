@@ -91,7 +91,7 @@ class Solutions(Presenting):
             instances; 0: no start was left out in this way.
         invalid: Reason why an instance is invalid, by its number.
         seconds: Wall time of the solves [s].
-        core_answers: The answers in the terms of the problem's core.
+        core_answers: The answers in the terms of the rewritten problem (core).
         how: Settings of the solves.
 
     Example:

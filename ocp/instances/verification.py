@@ -35,7 +35,7 @@ from swarmstart.ocp.statement.problem import OptimalControlProblem
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FinePaths:
-    """Verifies the controls of many instances of a core at once.
+    """Verifies the controls of many instances of a rewritten problem (core) at once.
 
     Attributes:
         paths: The compiled paths.
@@ -152,7 +152,7 @@ def _judged(
     """Return the status of each answer, as `_judged` of answer/solution.py does.
 
     Args:
-        problem: The core.
+        problem: The rewritten problem (core).
         data: The instances with their controls.
         grid: Roll-outs on the problem's own grid.
         path: Values of the finer paths.

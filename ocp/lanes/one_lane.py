@@ -78,7 +78,7 @@ def one_lane(  # noqa: PLR0913 - a problem, and how exactly it is solved
 
     Args:
         shooting: The functions of the problem.
-        x0: Initial state of the core, shape (nx,).
+        x0: Initial state of the rewritten problem (core), shape (nx,).
         known: Parameters and signals of the core.
         most: Largest number of steps.
         longest: Largest number of instructions of an interval's part of a kernel.

@@ -73,7 +73,7 @@ def is_divisible(problem: OptimalControlProblem) -> bool:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Steps:
-    """A core with an interval for each step, and conversions to it and back.
+    """A core (rewritten problem) with an interval for each step, and conversions.
 
     Attributes:
         whole: The core with the intervals that were stated.

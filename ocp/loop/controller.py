@@ -634,7 +634,7 @@ def plan_of_step(
 
     Args:
         planner: The planner.
-        state: State of the core, shape (nx,).
+        state: State of the rewritten problem (core), shape (nx,).
         known: Parameters and signals of the plan.
         shifted: Controls of the shifted last plan, shape (nu, N); None at the start.
         within: As in `RecedingHorizon`.

@@ -192,7 +192,7 @@ def _of_starts(core: OptimalControlProblem, multipliers: Array) -> dict[str, flo
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Duals:
-    """Multipliers of an NLP's rows and bounds, in the units of the core.
+    """Multipliers of an NLP's rows and bounds, in the units of the rewritten problem.
 
     Attributes:
         rows: Multipliers of the rows, shape (ng,).

@@ -64,8 +64,8 @@ class Start(NamedTuple):
             the NLP is scaled.
         carried: Multipliers of an earlier answer, from which a polish starts; None
             without them.
-        decided: Decisions of an earlier answer about the start of the core's states, by
-            their names: a free end time, parameters.
+        decided: Decisions of an earlier answer about the start of the rewritten
+            problem's states, by their names: a free end time, parameters.
 
     Example:
         >>> import casadi as ca, numpy as np

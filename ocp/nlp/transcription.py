@@ -105,7 +105,7 @@ class NonlinearProgram(Rebuilt):
 
     @property
     def problem(self) -> OptimalControlProblem:
-        """The core of the problem."""
+        """The problem after all rewrites (core)."""
         return self.shooting.problem
 
     @property

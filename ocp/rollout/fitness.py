@@ -525,7 +525,7 @@ def core_known(lowered: Lowered, known: Known) -> Known:
     """Convert the known data of a stated problem to those of its core.
 
     Args:
-        lowered: The problem with its core.
+        lowered: The problem as stated and as rewritten (core).
         known: The known data of the stated problem.
     """
     return Known(*lowered.known(known.parameters, known.signals, known.time))

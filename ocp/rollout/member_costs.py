@@ -28,8 +28,7 @@ def member_costs(
     Args:
         shooting: The functions of the ensemble's problem.
         controls: Controls, shape (nu, N).
-        x0: Initial state of the core, that is, of the problem after all rewrites, shape
-            (nx,).
+        x0: Initial state of the problem after all rewrites (core), shape (nx,).
         parameters: Parameters of the core, shape (np,).
         signals: Signals of the core at the nodes, shape (ns, nodes).
     """

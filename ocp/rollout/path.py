@@ -48,7 +48,7 @@ class Path:
     Attributes:
         times: Times of the fine steps, shape (n,) [s].
         states: States at these times, shape (nx, n): the problem's own, then those that
-            its core adds, such as a free end time.
+            rewrites add, such as a free end time.
         controls: Controls held from each time to the next, shape (nu, n - 1).
         outputs: Outputs of the model at these times, with the control held from each
             time on, shape (ny, n).

@@ -76,7 +76,7 @@ class Shooting(Rebuilt):
 
     @property
     def problem(self) -> OptimalControlProblem:
-        """The core of the problem."""
+        """The problem after all rewrites (core)."""
         return self.lowered.core
 
     @cached_property

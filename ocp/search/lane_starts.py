@@ -45,7 +45,7 @@ class Task:
     """Task of one search.
 
     Attributes:
-        x0: Initial state of the core, shape (nx,).
+        x0: Initial state of the rewritten problem (core), shape (nx,).
         known: Values of the parameters and signals.
         objective: Population -> cost and violation.
         order: Order of individuals.
@@ -108,7 +108,7 @@ class _Found:
         """Return the results of the lanes.
 
         Args:
-            x0: Initial state of the core, shape (nx,).
+            x0: Initial state of the rewritten problem (core), shape (nx,).
             known: Values of the parameters and signals.
             random: Whether the starts were a random sample, which allows an estimate.
         """

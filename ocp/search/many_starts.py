@@ -160,7 +160,7 @@ class ManyStarts:
             guess: The user's guess, if there is one.
             search: Function that runs the search and returns its points, the best
                 first; None without a search.
-            x0: Initial state of the core, shape (nx,).
+            x0: Initial state of the rewritten problem (core), shape (nx,).
             known: Values of the parameters and signals.
             rng: Source of all randomness.
             may_agree: Whether the search is left out if cold starts and lanes agree.

@@ -70,7 +70,7 @@ def side_by_side(
     """Return the controls (nu, N, n) and initial decisions (ny, n) of n starts.
 
     Args:
-        problem: A core.
+        problem: A rewritten problem (core).
         starts: Starts, at least one.
         x0: Initial state for starts without one of their own, shape (nx,).
     """

@@ -63,7 +63,7 @@ class Solved:
     """Answers that lanes found from the starts of one problem.
 
     Attributes:
-        x0: Initial state of the core, shape (nx,).
+        x0: Initial state of the rewritten problem (core), shape (nx,).
         known: Values of the parameters and signals.
         answers: Those from random starts, then those from variations.
         random: Number of the answers from random starts.
@@ -117,7 +117,7 @@ class StartLanes:
 
         Args:
             starts: Further starts, at least one.
-            x0: Initial state of the core, shape (nx,).
+            x0: Initial state of the rewritten problem (core), shape (nx,).
             known: Values of the parameters and signals.
             n: Number of random starts.
             rng: Source of all randomness.

@@ -65,7 +65,7 @@ class Rest:
 
 @dataclass(kw_only=True, slots=True, eq=False)
 class Path:
-    """Path along a plan and its rest; it is extended when needed.
+    """Path along a plan, then by the linear law; it is extended when needed.
 
     Attributes:
         first: Step of the first state.
@@ -151,7 +151,7 @@ class Body:
         return float(np.sqrt(level * self._reach) * (1.0 + ROUNDING))
 
     def rest_of(self, state: Array) -> Rest:
-        """Return the rest of a plan that ends in a given state.
+        """Return the rest, in which a plan with this last state ends.
 
         Raises:
             NoRestError: If the state is in no certified set.

@@ -5,9 +5,9 @@
 
 x: states (nx,), u: controls (nu,), p: parameters (np,), constant over a horizon, s:
 signals (ns,), known over time and linear between the nodes, t: time [s]. A
-discrete-time model has an update only: `next_state`. A model with both jumps from
-interval to interval: a state that remembers the last control, a rocket stage that is
-dropped.
+discrete-time model has an update only: `next_state`. A model with an ode and an update
+jumps at the ends of intervals: a state that remembers the last control, a rocket stage
+that is dropped.
 """
 
 from __future__ import annotations
@@ -115,8 +115,8 @@ class Model(Expressed):
             "txup"; if empty, the arguments are recognised by their names, else by their
             number.
         symbol_map: The MX symbols and their SX symbols; extended by the model.
-        elimination: The algebraic variables as expressions; made by the model. Only the
-            core of a problem is given the one of its stated model.
+        elimination: The algebraic variables as expressions; made by the model. Only a
+            rewritten problem (core) is given that of its stated model.
 
     Raises:
         InvalidProblemError: If shapes do not match, a symbol is expected but an

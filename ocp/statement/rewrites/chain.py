@@ -66,7 +66,7 @@ class _Link:
 
         Args:
             x0: Initial state of the core.
-            controls: Controls of the core, shape (nu, N).
+            controls: Controls of the rewritten problem (core), shape (nu, N).
             at: Times, in intervals since the start, shape (n,).
 
         Returns:
@@ -77,7 +77,7 @@ class _Link:
 
 @dataclass(frozen=True, eq=False)
 class Lowered:
-    """A stated problem with its core.
+    """A stated problem with its core, the problem after all rewrites.
 
     Attributes:
         stated: The problem as the user stated it.
@@ -239,7 +239,7 @@ class Lowered:
         """Return controls as the problem states them: held ones, or knots.
 
         Args:
-            controls: Controls of the core, shape (nu, N).
+            controls: Controls of the rewritten problem (core), shape (nu, N).
             x0: Initial state of the core.
 
         Returns:
@@ -253,7 +253,7 @@ class Lowered:
         """Return the controls that the model's equations receive; None: the same ones.
 
         Args:
-            controls: Controls of the core, shape (nu, N).
+            controls: Controls of the rewritten problem (core), shape (nu, N).
             x0: Initial state of the core.
 
         Returns:
@@ -270,7 +270,7 @@ class Lowered:
 
         Args:
             x0: Initial state of the core.
-            controls: Controls of the core, shape (nu, N).
+            controls: Controls of the rewritten problem (core), shape (nu, N).
             at: Times, in intervals since the start, shape (n,).
 
         Returns:
@@ -286,7 +286,7 @@ class Lowered:
         Args:
             states: States of the stated problem, shape (nx, nodes), with or without
                 those that the core adds.
-            controls: Controls of the core, shape (nu, N).
+            controls: Controls of the rewritten problem (core), shape (nu, N).
             x0: Initial state of the core.
         """
         given = np.asarray(states, dtype=np.float64)

@@ -1,6 +1,6 @@
 """Free end time T: a decided parameter; rates and stage cost are multiplied by T.
 
-The horizon is 1 then. Source: the time transformation t = T tau of any text on direct
+The new horizon is 1. Source: the time transformation t = T tau of any text on direct
 methods, such as Betts (2010), Practical Methods for Optimal Control, 4.
 """
 

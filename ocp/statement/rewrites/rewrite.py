@@ -83,7 +83,7 @@ class Rewrite(Feature, ABC):
         Args:
             problem: Problem before this rewrite.
             start: Their initial values, shape (k,).
-            controls: Controls of the core, shape (nu, N).
+            controls: Controls of the rewritten problem (core), shape (nu, N).
             at: Times, in intervals since the start, shape (n,).
 
         Returns:
@@ -121,7 +121,7 @@ class Rewrite(Feature, ABC):
 
         Args:
             start: Initial values of the appended states, shape (k,).
-            controls: Controls of the core, shape (nu, N).
+            controls: Controls of the rewritten problem (core), shape (nu, N).
         """
         del start
         return controls
@@ -134,7 +134,7 @@ class Rewrite(Feature, ABC):
         Args:
             problem: Problem before this rewrite.
             start: Initial values of the appended states, shape (k,).
-            controls: Controls of the core, shape (nu, N).
+            controls: Controls of the rewritten problem (core), shape (nu, N).
         """
         del problem, start
         return controls
