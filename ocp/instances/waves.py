@@ -29,7 +29,7 @@ class Ended(NamedTuple):
     """Result of the solves of all instances.
 
     Attributes:
-        is_whole: Whether they were not interrupted.
+        is_whole: Whether all solves were finished, without an interruption.
         sampled: Number of instances drawn at random at which other starts in lanes
             found nothing cheaper, so that these starts were not tried at the other
             instances; 0: no start was left out in this way.

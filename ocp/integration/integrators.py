@@ -12,8 +12,8 @@ If controls jump, the fast modes of a stiff model leave their equilibrium, and a
 longer step damps them without resolving them. A cost of 1000 x^2 of such a state would
 be missed, or counted for the whole step. So the first stiff step after a jump is taken
 in five parts, each four times as long as the one before. Modes with decay rates up to
-some thousand times 1 / step are then resolved to 1e-4 (RODAS4 with four steps, a fast
-equilibrium of two states; 4e-2 without the parts).
+some thousand times 1 / step are then resolved to 1e-4, and without the parts only to
+4e-2 (measured with four steps of RODAS4 and a fast equilibrium of two states).
 """
 
 from collections.abc import Callable

@@ -93,7 +93,7 @@ class LaneSolver:
                 `problem.free_starts`; None means those of x0.
             states: Guess of the states between intervals, shape (nx, N + 1, n); None:
                 those that the controls lead to, and, if a lane then ends with broken
-                constraints, states that stay at the first one.
+                constraints, states that stay at the initial one.
             known: Values of the parameters and signals.
 
         Raises:

@@ -241,7 +241,7 @@ class RecedingHorizon:
         carries: Whether a polish also starts from the multipliers of the last plan. Set
             it to False if the meaning of the signals changes from plan to plan. Such a
             polish is stopped after three times the median iterations of the earlier
-            ones, and at least 20; it then begins anew from the usual start.
+            ones, but not before 20; it is then repeated from the usual start.
         within: Limit of the wall time for one plan [s], without loading and compiling.
             At the limit search and polish are stopped, and the best plan so far (by
             violation, then cost) is applied. It is never worse than the shifted last

@@ -89,8 +89,8 @@ class SoftRows:
         problem: The problem.
         lower: Lower limits, shape (m,).
         upper: Upper limits, shape (m,).
-        places: For each row: number of its constraint, counted after those of the path
-            and the end, and its row there.
+        places: For each row: number of its constraint, which comes after those of the
+            path and terminal constraints, and its row there.
     """
 
     def __init__(self, problem: OptimalControlProblem) -> None:

@@ -61,9 +61,10 @@ class Lanes:
     Attributes:
         starts: Number of starts, including those that are not random.
         optima: Distinct local optima, the cheapest first, with their counts.
-        unseen: Estimated share of such starts that would end in an optimum not seen
-            yet. It holds for these starts and this solution method only, not for all
-            optima. None: the starts were not a random sample, so there is no estimate.
+        unseen: Estimated share of further random starts that would end in an optimum
+            not seen yet. It holds for such starts and this solution method only, not
+            for all optima. None: the starts were not a random sample, so there is no
+            estimate.
         iterations: Steps of all lanes together.
         seconds: Wall time [s].
         infeasible: Number of starts that ended at a point that breaks constraints.

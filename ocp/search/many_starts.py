@@ -3,14 +3,16 @@
     cold       the NLP solver from zero controls, from the middle of the bounds and from
                the user's guess
     lanes      local solves from these, from smooth random controls and from states
-               that reach a fixed end; the distinct optima are counted. If they
-               disagree, from variations of these optima, too (start_lanes.py)
+               that reach a fixed end; the distinct optima are counted. If cold
+               starts and lanes disagree, also from variations of these optima
+               (start_lanes.py)
     search     the population search
     polish     the NLP solver from the best three optima of the lanes, from the search's
                points, and from states that lead straight to a fixed end; without optima
                of lanes, from more states that reach it
-    again      the NLP solver once more from the best answer with its own settings, if
-               it had been kept near its start, so that it can leave a saddle point
+    again      the NLP solver once more from the best answer, if its settings had kept
+               it near the start; now with its default settings, so that it can leave a
+               saddle point
 
 Cold starts and lanes agree if all cold starts lead to the cheapest optimum of the
 lanes, and hardly any optimum is unseen. Then a search with `when="undecided"` is left

@@ -1,10 +1,10 @@
 """Team of vehicles of any model that never collide, by committed plans.
 
 Each vehicle follows a plan that it has committed to, and that ends in a certified set.
-It plans anew from the state that this plan leads to one lead later, sees the plans that
-it knows of the others, and proposes a plan that is cheaper than its committed one; the
-rule of `rule.py` decides when it commits to the proposal. So delays and losses of
-messages cost time only.
+It plans anew from the state that this plan reaches after the lead, some steps later. It
+sees the plans that it knows of the others, and proposes a plan that is cheaper than its
+committed one; the rule of `rule.py` decides when it commits to the proposal. So delays
+and losses of messages cost time only.
 
 The planning problem of a vehicle has these signals, each of k rows of a position:
 

@@ -152,9 +152,9 @@ class Swarm:
         distance: Least scaled distance of two vehicles [m].
         scale: Factors of the three axes in all distances, shape (3,).
         acceleration: Largest acceleration along each axis, shape (3,) [m/s^2].
-        speed: Largest speed along each axis, shape (3,) [m/s]; 0: plans keep the
-            coordinate.
-        obstacles: Balls from which a vehicle keeps half the distance, scaled.
+        speed: Largest speed along each axis, shape (3,) [m/s]; 0: plans do not change
+            the coordinate.
+        obstacles: Balls from which a vehicle keeps half of `distance`, scaled.
         turn_rate: Largest turn rate of vehicles that move in the plane, in the
             direction of their heading (unicycles) [rad/s]; the bounds of the first axis
             then hold for the sizes of acceleration and velocity. Infinite for point

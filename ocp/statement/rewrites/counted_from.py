@@ -1,4 +1,4 @@
-"""States counted from a number near them: z = x - c for a state x far from zero.
+"""States with a number near them subtracted: z = x - c for a state x far from zero.
 
     z' = f(z + c, u, p),   z+ = g(z + c, u, p) - c,   z(0) = x(0) - c
 
