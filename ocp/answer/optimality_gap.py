@@ -102,7 +102,7 @@ class OptimalityGap:
 
     @property
     def gap(self) -> float | None:
-        """`apart` divided by |cost|; None also if only the cost is 0."""
+        """`apart` divided by |cost|; None if this is not defined."""
         apart = self.apart
         if apart is None or not (self.cost or apart == 0.0):
             return None

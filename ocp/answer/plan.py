@@ -138,13 +138,13 @@ class Plan:
     Attributes:
         controls: Controls, shape (nu, N).
         states: States at the nodes, shape (nx, nodes).
-        cost: Cost on the problem's evaluator; minimised.
-        violation: Sum of the scaled excesses on the problem's evaluator.
+        cost: Cost by the problem's evaluator (`Fitness`); to be minimised.
+        violation: Sum of the scaled excesses of all constraints, by the same evaluator.
         feasible: Whether the violation is within the problem's tolerance.
         source: Origin of the plan.
         search: Result of the search; `NO_SEARCH` without one.
         evaluations: Evaluations spent, including those of the polish.
-        polish_status: Status of the polish; None without one.
+        polish_status: Status of the polish, the final local solve; None without one.
         start_excess: Largest excess of the start over bounds of states and path
             constraints without controls, relative to their scales; 0: the start keeps
             them.
@@ -413,7 +413,7 @@ def better_plan(
     """Return the better of a searched plan and another, with the effort of both.
 
     Of two feasible plans, the one that a polish has converged to is preferred, unless
-    the other costs much less: the next polish can start from it.
+    the other costs much less: the next polish can start from a converged plan.
 
     Args:
         fitness: The problem's evaluator.

@@ -175,7 +175,7 @@ def _turned(search: SearchSettings) -> SearchSettings:
     watch=WATCH,
 )
 class Planner(Called):
-    """Search and polish of one problem, compiled once.
+    """Search and polish (local solve) of one problem, compiled once.
 
     Except for `posed`, all methods refer to the core of the problem. It is the problem
     itself unless there are decisions besides the controls, or previous controls.
@@ -476,8 +476,8 @@ class Planner(Called):
                 lanes, unless the polish fails or the search has `when="always"`
                 (docs/answers.md, "Closed loop: one warm polish a step").
             last_cost: Cost of the earlier answer; None if not known.
-            in_loop: Whether later plans will start from this one. It is then also made
-                without search and lanes, and the better plan is kept.
+            in_loop: Whether later plans will start from this one. Then this plan is
+                also made without search and lanes, and the better plan is kept.
             is_new: Whether nothing of an earlier answer can be used, as for a horizon
                 of one interval; then a search is made as for a first plan.
             rng: Source of all randomness.

@@ -157,8 +157,9 @@ def tightened(
     Args:
         problem: The problem.
         excesses: Excesses of an answer, or the margins wanted.
-        for_all: Smallest margin of all distances, relative to their scales, since one
-            pair may take the room that another gives up.
+        for_all: Smallest margin of all constraints on distances, relative to their
+            scales, since one pair of vehicles may move into the room that another pair
+            gives up.
     """
     constraints = list(problem.stated)
     if for_all:

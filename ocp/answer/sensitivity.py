@@ -134,7 +134,7 @@ class Sensitivities:
             found: Number of an instance -> the derivatives of its answer.
             reasons: Number of each other instance -> why it has no derivatives.
             core: The problem as stated and as rewritten (core).
-            by: Data to differentiate by.
+            by: "x0" or "parameters", as in `Solution.sensitivity`.
         """
         stated, names, M = core.stated, data_names(core, by), len({*found, *reasons})
         nx, nu, N, n = stated.model.nx, stated.model.nu, stated.intervals, len(names)
@@ -190,7 +190,7 @@ def sensitivity_of(
         point: The answer as a point of the NLP; None if no NLP solver converged to it.
         core: The problem as stated and as rewritten (core).
         controls: Controls of the rewritten problem (core), shape (nu, N).
-        by: Data to differentiate by.
+        by: "x0" or "parameters", as in `Solution.sensitivity`.
 
     Raises:
         NoSensitivityError: If there is no point, or it is no strict minimum whose
@@ -216,7 +216,7 @@ def sensitivities_of(
         points: The answers as stationary points of one or several NLPs.
         core: The problem as stated and as rewritten (core).
         controls: Controls of the core of each, shape (nu, N).
-        by: Data to differentiate by.
+        by: "x0" or "parameters", as in `Solution.sensitivity`.
 
     Raises:
         NoSensitivityError: As `require_data`.

@@ -190,10 +190,11 @@ class Solution(Presented):
             end time as "end time" [s].
         cost: Cost on the problem's own grid, with the sign as the problem states it.
         violation: Summed violation on the problem's own grid, relative to the scales.
-        verified_cost: Cost on the finer path.
-        verified_violation: Sum of the worst excess of each constraint row on the finer
-            path, relative to the scales.
-        path: The finer path, with the constraints that it breaks.
+        verified_cost: Cost by the finer integration.
+        verified_violation: Sum of the worst excess of each constraint row by the finer
+            integration, relative to the scales.
+        path: The finely integrated path, called the finer path, with the constraints
+            that it breaks.
         plan: The plan, with its source and its effort.
         compile_seconds: Wall time of `solve` for loading and compiling machine code
             [s].
@@ -805,7 +806,7 @@ def _differences(
 def allowed_cost(
     magnitude: Numbers, natural: Numbers, tolerance: float = TOLERANCE
 ) -> Numbers:
-    """Return by how much the cost of the finer path may differ.
+    """Return by how much the cost of the finer path may differ from the plan's.
 
     Args:
         magnitude: Integral of |stage cost| plus |terminal cost|; see `Path`.

@@ -140,8 +140,9 @@ def solve(  # noqa: PLR0913 - the whole way in one call
             20,000 evaluations.
         order: Order of individuals in the search; None means `heuristics.default_order`
             with the problem's tolerance.
-        polish: "ipopt" or True, the name of another NLP solver of CasADi, or options of
-            one; None, False or "none" means no polish.
+        polish: Local solve from good starts at the end: "ipopt" or True, the name of
+            another NLP solver of CasADi, or options of one; None, False or "none" means
+            no polish.
         guess: Controls to start from, shape (nu, N), or (nu, N + 1) for linear ones; or
             a Start, which has states for the polish as well. None: no guess.
         known: Parameters and signals, if the problem has any.

@@ -1,4 +1,4 @@
-"""An NLP solved from the user's start and from a searched one; the better is kept.
+"""An NLP solved from the user's start and a searched one; the better answer is kept.
 
 The states are eliminated (elimination.py), a population searches the controls by
 roll-outs (warm_search.py), IPOPT polishes the best distinct points on the expanded NLP,

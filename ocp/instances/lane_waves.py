@@ -55,7 +55,7 @@ would come back in every wave."""
 
 
 class LaneWaves:
-    """Waves of solves of the instances of a problem in lanes."""
+    """The waves in which the instances of a problem are solved in lanes."""
 
     def __init__(self, work: Work, lanes: InLanes) -> None:
         """Keep the work and the lanes.

@@ -170,7 +170,7 @@ class Outcomes:
             chosen: Numbers of the instances, shape (n,).
             found: Answers to these instances.
             solver: The solver.
-            start: What it started from.
+            start: What the solve started from.
         """
         self.attempts[chosen] += 1
         self.answers.iterations[chosen] += found.iterations

@@ -136,7 +136,7 @@ class OneByOne:
 
         Args:
             answers: Confirmed answers.
-            by: Data to differentiate by.
+            by: "x0" or "parameters", as in `Solution.sensitivity`.
         """
         planner = self.planner
         core, held = planner.lowered, planner.problem.integer

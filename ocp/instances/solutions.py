@@ -74,7 +74,9 @@ class Solutions(Presenting):
     """Answers to M instances of one problem, in the order of their initial states.
 
     Index it to get the `Solution` of one instance, which is polished by the NLP solver
-    from the answer here, and verified; iterate over it to get all of them.
+    from the answer here, and verified; iterate over it to get all of them. The finer
+    path of an answer is that of the same controls with ten times as many integration
+    steps.
 
     Attributes:
         problem: The problem as it was given.
@@ -152,12 +154,18 @@ class Solutions(Presenting):
 
     @property
     def excess(self) -> Array:
-        """Worst excess of a constraint on the finer path, by its scale, (M,)."""
+        """Worst excess of a constraint on the finer path, shape (M,).
+
+        It is relative to the constraint's scale.
+        """
         return self.core_answers.excess
 
     @property
     def end_difference(self) -> Array:
-        """Largest difference of an end state on the finer path, by its scale, (M,)."""
+        """Largest difference of an end state on the finer path, shape (M,).
+
+        It is relative to the state's scale.
+        """
         return self.core_answers.end_difference
 
     @property
@@ -210,8 +218,9 @@ class Solutions(Presenting):
     def sampled_line(self) -> str:
         """Sentence about starts that were tried at some instances only, else empty.
 
-        The share of all instances at which they would find something is below 3 / n, at
-        95 %, if they find nothing at n instances (Hanley and Lippman-Hand 1983).
+        If these starts find nothing cheaper at n instances drawn at random, the share
+        of all instances at which they would is below 3 / n, at 95 % confidence (Hanley
+        and Lippman-Hand 1983).
         """
         if not self.sampled:
             return ""

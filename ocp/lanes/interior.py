@@ -1,10 +1,11 @@
 """Many instances of one problem solved at once, by an interior-point method in lanes.
 
 An instance has an initial state, parameters and perhaps signals of its own. Every lane
-is IPOPT's method on a Riccati recursion (interior_kernels.py). Lanes are independent:
-an answer has the same bits whatever the other lanes solve, and for any number of
-threads. Numbers are divided by the sizes of one instance of a call, though: with other
-instances in the call, all numbers and so the last digits of answers may differ.
+runs IPOPT's method with a Riccati recursion (interior_kernels.py). Lanes are
+independent: an answer has the same bits whatever the other lanes solve, and for any
+number of threads. Numbers are divided by the sizes of one instance of a call, though:
+with other instances in the call, all numbers and so the last digits of answers may
+differ.
 
 Some lanes are solved side by side in one memory (blocks.py). Names of an interval: x,
 xa (state after it), u, w (slacks and elastic variables), m and lam (multipliers), z

@@ -2,8 +2,8 @@
 
 The method is IPOPT's: Newton's step on the central path of parameter mu, a filter for
 its length. The system of all intervals is solved from the end to the start by a Riccati
-recursion, whose pivots are positive if and only if the step is one of descent; else
-delta is added to all second derivatives, as much as it takes.
+recursion (the sweep), whose pivots are positive if and only if the step is one of
+descent; else delta is added to all second derivatives, as much as it takes.
 
 Two groups of kernels take turns. A step: `last`, `backward`, `start`, `along`, `aim`. A
 trial of a length: `move`, `trial`, `verdict`, `keep`. Names are rows of the memory of a

@@ -44,8 +44,8 @@ class OneLane:
         sizes: Sizes that numbers are divided by.
         weights: 1 / scale of the rows whose scale depends on the initial state.
         inputs: Number of variables of an interval besides its state.
-        least_unit: Least unit of the cost, and least size of a start's cost that is
-            taken for it.
+        least_unit: Least unit of the cost, and the least size of a start's cost that
+            may become the unit.
         steps: The steps of the integrator.
         pull: Function for the costate after the last step of an interval, before any
             jump; None: it is the costate after the interval.

@@ -44,7 +44,7 @@ def are_short(shooting: Shooting, longest: int) -> bool:
     """Return whether the sweep over a step may be short enough for machine code.
 
     Args:
-        shooting: Functions of the core.
+        shooting: Functions of the rewritten problem (core).
         longest: Largest number of instructions of the sweep.
     """
     problem = shooting.problem

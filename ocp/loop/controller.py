@@ -5,11 +5,11 @@ one. So a run can be stopped, stored and continued.
 
 Receding horizon: at each control instant the planner starts from the last plan, shifted
 by one interval with zero controls appended, and the first control of the new plan is
-applied. (The chapter starts from the unshifted U(t - delta), which does not settle: an
-erratum; `shift=False` does that.)
-If no feasible plan is found, the better of the plan found and the shifted last plan, by
-(violation, cost), is applied, and the plan says so. (Always applying the shifted plan
-can stall: an infeasible plan would be repeated for ever.)
+applied. (The chapter starts from the unshifted U(t - delta), as `shift=False` does. The
+loop then does not settle: an erratum.) If no feasible plan is found, the better of the
+plan found and the shifted last plan, by (violation, cost), is applied; `Plan.source`
+says which. (Always applying the shifted plan can stall: an infeasible plan would be
+repeated for ever.)
 """
 
 from __future__ import annotations

@@ -263,7 +263,7 @@ def terminal_set_of(  # noqa: PLR0913 - what a design rests on, by name
     Args:
         problem: Problem with the dynamics, the bounds and dt.
         at: Reference state, shape (nx,), SI units.
-        weights: Weights Q and R per step, and kappa.
+        weights: Weights Q and R per step, and kappa, as `Weights` explains.
         velocity: Velocity of a reference that moves, shape (nx,), per second, in states
             without bounds on which the dynamics do not depend; None: the reference
             rests.

@@ -189,7 +189,7 @@ class LocalTeam(Called):
             range: Distance within which an agent sees others' plans [m].
             position: Rows of an agent's states that are its position.
             links: Number of links that the problems have signals for. An agent with
-                fewer links gets the position FAR for the rest.
+                fewer links gets the position FAR for the missing ones.
             within: Limit of the wall time for the plan of one agent [s], as in
                 `RecedingHorizon`; None: no limit.
 

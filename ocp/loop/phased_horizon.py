@@ -1,7 +1,7 @@
 """Phases in closed loop: the remaining phases are planned anew every period.
 
-    phase k, for e seconds so far:  decide T, the rest of it, and all later phases
-                                    lower <= T + e <= upper of its horizon
+    phase k, after e seconds in it:  decide T, the time left in it, and all later phases
+                                     lower <= T + e <= upper of its horizon
 
 One problem is built once for each number of remaining phases. A step applies the plan
 for one period. If the phase ends within about that time, the step applies the rest of

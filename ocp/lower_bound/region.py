@@ -55,7 +55,7 @@ class Region:
         Args:
             lower: Lower corners of boxes of (t, x), shape (1 + n, m); further
                 coordinates are ignored.
-            upper: Upper corners.
+            upper: Upper corners, same shape.
         """
         n = self.statement.n
         lower, upper = lower[: 1 + n], upper[: 1 + n]

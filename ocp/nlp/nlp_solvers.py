@@ -16,7 +16,7 @@ equations of motion, the rows D(c) = 0, are shifted to
 
 so that each interval leads to the evaluator's state. The solution of an NLP with these
 rows, started from the answer, is closer to the evaluator by the accuracy of the
-collocation. This is repeated until both agree.
+collocation. This is repeated until NLP and evaluator agree.
 
 Source: Auzinger, Hofstaetter, Kreuzer and Weinmueller (2004), Modified defect
 correction algorithms for ODEs, part I, Numerical Algorithms 36.

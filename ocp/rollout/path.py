@@ -4,10 +4,10 @@ A problem's constraints are required at its nodes only; the path is the actual m
 the model. It is integrated by the classical Runge-Kutta method (by RODAS4 if the
 problem's integrator is "stiff") with ten steps for each step of the problem. Their
 lengths differ: a ripple or a pulse whose period divides the problem's steps would look
-the same to steps of a tenth. All constraints are evaluated at all of these points: at
-the start of each step with its control, and at the end of every interval. If the
-problem uses step size control, the steps between these points have their own lengths,
-at a tolerance ten times smaller.
+the same to equal steps of a tenth. All constraints are evaluated at all of these
+points: at the start of each step with its control, and at the end of every interval. If
+the problem uses step size control, the steps between these points have their own
+lengths, at a tolerance ten times smaller.
 """
 
 from dataclasses import dataclass

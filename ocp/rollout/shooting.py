@@ -354,8 +354,8 @@ class Shooting(Rebuilt):
 
         The time is read a little inside of both ends, so that a function of time that
         jumps there has the value that it has in between. On average over a step the
-        time is not moved, so the error of a smooth function is far below that of a
-        step.
+        time is not moved, so the error of a smooth function is far below the error of
+        the step.
 
         Args:
             ends: Signals at both ends, shape (ns, 1), or (ns, n) of arrays.

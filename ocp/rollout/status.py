@@ -4,8 +4,8 @@ One cause of an answer that is not finite is a mode that is too fast for the ste
 an explicit integrator. A step of length h multiplies a mode e^(lambda t) of the
 linearised model by R(h lambda), whereas the exact factor is e^(h lambda):
 
-    rk4    R(z) = 1 + z + z^2/2 + z^3/6 + z^4/24     stable from -2.785 on, if real
-    euler  R(z) = 1 + z                              from -2 on
+    rk4    R(z) = 1 + z + z^2/2 + z^3/6 + z^4/24     stable for real z >= -2.785
+    euler  R(z) = 1 + z                              for real z >= -2
 
 If a mode decays, Re lambda < 0, but grows from step to step, |R(h lambda)| > 1, the
 computed states explode. The model is stiff if such a mode decays faster than it

@@ -257,8 +257,9 @@ class RandomStarts(_Lanes):
 class PolishStarts:
     """NLP solver from random points, one after another.
 
-    An answer need not be a member of a family of trajectories. For a family the best
-    start is kept instead; from it the planner's own polish reaches the same answer.
+    If the search space is a family of trajectories, an answer need not be a member of
+    it. So the best start is kept instead; from it the planner's own polish reaches the
+    same answer.
     """
 
     def __init__(
@@ -284,7 +285,7 @@ class PolishStarts:
 
     @property
     def each(self) -> float:
-        """Cost of a start, in evaluations; at most one before the first start."""
+        """Mean cost of a start, in evaluations; one before the first start."""
         return max(self._evaluations / self._solves, 1.0) if self._solves else 1.0
 
     def account(self) -> None:

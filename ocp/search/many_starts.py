@@ -11,7 +11,7 @@
                points, and from states that lead straight to a fixed end; without optima
                of lanes, from more states that reach it
     again      the NLP solver once more from the best answer, if its settings had kept
-               it near the start; now with its default settings, so that it can leave a
+               it near the start: now with default settings, so that it can leave a
                saddle point
 
 Cold starts and lanes agree if all cold starts lead to the cheapest optimum of the
@@ -84,7 +84,7 @@ class Answered:
         polished: The answer.
         evaluations: Evaluations of the NLP solver.
         account: Results of all starts.
-        is_searched: Whether there was a search by roll-outs that are reliable.
+        is_searched: Whether a search ran whose roll-outs were reliable.
     """
 
     polished: Polished
@@ -340,7 +340,7 @@ class _Tries:
     Attributes:
         answers: Its answers.
         tried: Account of each answer.
-        is_searched: Whether there was a search by roll-outs that are reliable.
+        is_searched: Whether a search ran whose roll-outs were reliable.
         agree: Whether cold starts and lanes agree, so that less is tried.
     """
 

@@ -265,7 +265,7 @@ def sum_up_rounded(
 def neighbours(
     controls: Array, integer: Sequence[int], limits: tuple[Array, Array]
 ) -> Array:
-    """Return the controls that differ by one unit, or by one moved unit; (k, nu, N)."""
+    """Return controls that differ by a unit, or by a unit moved in time, (k, nu, N)."""
     found = []
     for j in integer:
         for k in range(controls.shape[1]):

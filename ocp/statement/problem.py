@@ -524,7 +524,7 @@ class OptimalControlProblem(Expressed):
     def costs(self) -> tuple[float, Costs]:
         """Return (unit, costs / unit), where the unit is a power of two.
 
-        Costs that differ by a power of two differ in the unit only.
+        Costs that differ by a factor that is a power of two differ in the unit only.
         """
         given = Costs(
             self.stage_cost, self.step_cost, self.initial_cost, self.terminal_cost

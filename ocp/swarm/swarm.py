@@ -75,12 +75,12 @@ def _set(thing: object, **values: object) -> None:
 @checked(refused, radius=a_number(above=0), path=reals(), times=reals())
 @dataclass(frozen=True, init=False, slots=True, eq=False)
 class Obstacle:
-    """Ball that stands, or moves on a known path.
+    """Ball at rest, or moving on a known path.
 
     Attributes:
         radius: Radius of the ball [m].
         path: Positions of its centre, shape (k, 3), between which it moves at constant
-            speed; it stands before the first and after the last [m].
+            speed; it rests before the first and after the last [m].
         times: Times of the positions, rising, shape (k,) [s].
 
     Raises:

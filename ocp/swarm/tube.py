@@ -17,7 +17,7 @@ positions C x stay for ever in a ball about C c,
 Where the path is computed step by step, the tube of a step is its chord, widened by the
 sum of two distances. The first is the largest distance from the chord at m + 1 points
 of the integrator. The second is for the path between these points: (dt / m)^2 / 8 times
-twice the largest second derivative at them.
+twice the largest second derivative at these points.
 
 A plant that differs from the model is led back to the states x_k and controls u_k of
 the path by u = u_k - K_k (x - x_k). The gains are those of the Riccati recursion, which
@@ -286,7 +286,7 @@ def joined(before: Path, made: Path, step: int) -> Path:
     Args:
         before: The path that is followed until `made` begins; it has all states up to
             there.
-        made: The path that is followed then.
+        made: The path that is followed afterwards.
         step: First step of the result.
     """
     kept = slice(step - before.first, made.first - before.first)

@@ -101,9 +101,9 @@ class Model(Expressed):
         time: Symbol of the time [s], shape (1, 1); left out if nothing depends on it.
         state_names: A name for each state; if empty, those of the symbols.
         control_names: A name for each control; if empty, those of the symbols.
-        outputs: Quantities to look at by name, such as {"height": x[1]}: expressions of
-            the same symbols as the ode. Solutions, runs, records and figures have their
-            values; `linearised` has them as the outputs.
+        outputs: Quantities of interest by name, such as {"height": x[1]}: expressions
+            of the same symbols as the ode. Solutions, runs, records and figures have
+            their values; `linearised` has them as the outputs.
         units: Units of states, controls, outputs, parameters and signals by name, such
             as {"height": "m"}: solutions, records and figures show them, and
             `unit_conflicts` compares them. A name may be left out.

@@ -19,10 +19,10 @@ measures it:
     fmod                    0         0
 
 Some arguments are out of range of these methods: angles above 2^30 (2^12 in single
-precision), powers whose base is not positive and normal or whose result is out of
-range (a positive power of 0 is computed here), and quotients in fmod above 2^51 (2^22).
-If a block of individuals has one, the C library is called for it, lane by lane. All
-functions that are not listed above are called in the C library.
+precision), powers whose base is not positive and normal or whose result is out of range
+(a positive power of 0 is computed here), and quotients in fmod above 2^51 (2^22). If a
+block of individuals has such an argument, the C library is called for the block, lane
+by lane. All functions that are not listed above are called in the C library.
 
 Source: W. Cody and W. Waite, Software manual for the elementary functions (1980), range
 reduction; coefficients in coefficients.py. The rest is in exponentials.py.

@@ -1,8 +1,8 @@
 """The answer of `lower_bound`: a number, its kind and its evidence.
 
-The evidence is the facts that a proven bound rests on: polynomials, sets, slacks of the
-proofs. All coordinates are those of a `Statement`: y = (t, x), each state divided by
-its size.
+The evidence consists of the facts that a proven bound rests on: polynomials, sets,
+slacks of the proofs. All coordinates are those of a `Statement`: y = (t, x), each state
+divided by its size.
 
 A step is a polynomial V for which it was proven, on the set S that the steps before it
 leave, that
@@ -20,9 +20,9 @@ trajectory through (t, x) costs at least
 
     C(0, x0) - C(t, x) + G(t, x) - (slack of C) t - (slack of G)(T - t) - end_slack of G
 
-If that exceeds the known cost, no cheaper trajectory passes through (t, x). So the
-bound is min(known, V(0, x0) - slack T - end_slack) of the last step. The bound is valid
-for any number `known`, even if it is not the cost of an answer.
+If this number exceeds the known cost, no cheaper trajectory passes through (t, x). So
+the bound is min(known, V(0, x0) - slack T - end_slack) of the last step. The bound is
+valid for any number `known`, even if it is not the cost of an answer.
 """
 
 from __future__ import annotations
@@ -133,7 +133,7 @@ class LowerBound:
 
         Returns:
             (cost - bound) / |cost|, or (bound - cost) / |cost| if the cost is
-            maximised; NaN if there is no bound; 0 if both are the same.
+            maximised; NaN if there is no bound; 0 if cost and bound are the same.
         """
         if not self.kind.is_bound:
             return float("nan")

@@ -40,8 +40,8 @@ _ROUNDING = 1e-9
 class TransportDelay(Rewrite):
     """Delays with which controls reach the equations of a model.
 
-    The controls before the start are those of `Known(previous=...)`: one column is
-    taken for all intervals before, several are the last ones, the last one last.
+    The controls before the start are those of `Known(previous=...)`: one column stands
+    for all intervals before; several stand for the latest ones, in the order of time.
 
     Attributes:
         seconds: Delay of each control, by its name [s]: a whole number of the
