@@ -267,7 +267,7 @@ class BoundHandled:
     """Base of the settings with a `bound_handling`; refuses its old name `bounds`.
 
     Raises:
-        InvalidSettingsError: If `bounds` is given; that is a keyword of `minimize`.
+        InvalidSettingsError: If `bounds` is given, which is a keyword of `minimize`.
     """
 
     __slots__ = ()

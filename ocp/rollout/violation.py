@@ -16,9 +16,9 @@ row and interval, so that all functions are smooth:
 
     value - e <= upper,    lower <= value + e    at each of these points
 
-The variable e equals the computed e at an optimum, where no e is larger than necessary.
-If w exceeds the multiplier that a hard limit would have, the limit is kept exactly, if
-that is possible.
+The variable e equals the computed e at an optimum, since no e is larger than necessary
+there. If w exceeds the multiplier that a hard limit would have, the limit is kept
+exactly, if that is possible.
 
 Source: Kerrigan and Maciejowski (2000), Soft constraints and exact penalty functions in
 model predictive control.

@@ -3,8 +3,8 @@
 Each vehicle looks for a whole flight to its goal that is clear of what it has heard
 (`seeking.py`), proposes that flight, and follows it once the rule lets the vehicle
 commit to it. Until then it stays in place. A vehicle that finds no flight two times may
-look for a place nearby, or on its way, where it blocks no other; so two vehicles that
-stand on each other's goals can part.
+look for a place nearby, or on its way, in which it blocks no other; so two vehicles
+that stand on each other's goals can part.
 """
 
 from __future__ import annotations
