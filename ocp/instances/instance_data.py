@@ -1,7 +1,7 @@
 """Data of many instances of one problem, as they are given and for the problem's core.
 
 A value that all instances share is repeated without being copied. An instance with
-invalid data is found by its number, with the reason; the others are solved. They are
+invalid data is listed by its number, with the reason; the others are solved. These are
 put into an order that depends on their data only, so that the order in which they are
 given changes no bit of an answer.
 """

@@ -7,8 +7,8 @@ descent; else delta is added to all second derivatives, as much as it takes.
 
 Two groups of kernels take turns. A step: `last`, `backward`, `start`, `along`, `aim`. A
 trial of a length: `move`, `trial`, `verdict`, `keep`. Names are rows of the memory of a
-lane (interior.py); those that begin with "d." are the step, "next." and "aim." what
-follows.
+lane (interior.py); those that begin with "d." are the step, and those with "next." and
+"aim." the new values.
 
 Source: Wächter and Biegler (2006), On the implementation of an interior-point filter
 line-search algorithm for large-scale nonlinear programming; Rao, Wright and Rawlings

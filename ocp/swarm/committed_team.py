@@ -176,9 +176,9 @@ class CommittedTeam(Called):
         Raises:
             InvalidProblemError: If there is not one set for each vehicle, a vehicle
                 watches another or shows no position, its problem has a feature that
-                committed plans do not support, signals or a time in its dynamics, or
-                too few signals for the plans of the others, a silent vehicle is
-                unknown, or two goals are too near.
+                committed plans do not support, its dynamics depend on signals or time,
+                its problem has too few signals for the plans of the others, a silent
+                vehicle is unknown, or two goals are too near.
             UncertifiedSetError: As in `DualMode`.
         """
         n = len(team.agents)
